@@ -1,0 +1,51 @@
+# lightwell: `make demo` runs the main job on a built-in scene, `make test` runs every test. Both set up what they need.
+
+VENV := .venv
+PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
+
+.PHONY: setup demo test test-python test-web viewer lint benchmarks clean
+
+setup: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml
+	@tools/make-venv.sh $(VENV)
+	@echo "lightwell: installing into $(VENV)"
+	@$(PIP) install --no-compile -e .
+	@touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	@$(PIP) install --no-compile -e ".[test]"
+	@touch $@
+
+demo: setup
+	@$(VENV)/bin/lightwell demo
+
+test: test-python test-web
+
+test-python: $(VENV)/.installed-test web/node_modules/.installed
+	$(VENV)/bin/ruff check .
+	@set -e; for room in tests/[a-z]*/ tests/test_*.py; do echo "pytest $$room"; $(VENV)/bin/python -m pytest $$room; done
+
+test-web: web/node_modules/.installed
+	cd web && CHROMIUM="$$(../tools/find-chromium.sh)" npm test
+
+# The web tests and the tests of written assets (gltf-validator) need Node >= 20 and a Chromium.
+web/node_modules/.installed: web/package-lock.json
+	@tools/ensure-node.sh
+	cd web && npm ci --no-audit --no-fund
+	@tools/find-chromium.sh --install >/dev/null
+	@touch $@
+
+# Rebuild the page that ships in the wheel (needs Node; the built page is kept in the repository).
+viewer: web/node_modules/.installed
+	cd web && npm run build
+
+lint: $(VENV)/.installed-test
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+benchmarks: setup
+	$(VENV)/bin/python benchmarks/main_job.py
+
+clean:
+	rm -rf $(VENV) web/node_modules out demo

@@ -1,0 +1,86 @@
+"""The one door to Mitsuba and Dr.Jit: finds LLVM, picks a variant, explains a failure and its cure.
+
+Every other module writes ``from lightwell.backend import dr, mi`` and never imports Mitsuba itself, so that the
+variant is chosen once and before anything else happens.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+# The variants lightwell knows, best first. Both are RGB, single precision and differentiable.
+VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
+
+# Mitsuba 3.9 refuses or aborts with LLVM older than this.
+MINIMUM_LLVM = 17
+
+
+@dataclass(frozen=True)
+class Backend:
+    """What runs the numbers."""
+
+    variant: str
+    """Mitsuba variant, one of ``VARIANTS``."""
+    llvm: str
+    """Path of the LLVM library in use; empty on CUDA or when Dr.Jit found one by itself."""
+    threads: int
+    """Worker threads of Dr.Jit."""
+
+
+def _bundled_llvm() -> str:
+    """Path of the LLVM that the package ``karellen-llvm-core`` put into this environment, or an empty string."""
+    for root in (Path(sys.prefix) / "lib", Path(sys.base_prefix) / "lib"):
+        found = sorted(root.glob("libLLVM.so*"))
+        if found:
+            return str(found[0])
+    return ""
+
+
+def cure() -> str:
+    """One line that says how to get a working backend on this machine."""
+    if sys.platform == "darwin":
+        return "install LLVM with 'brew install llvm' and set DRJIT_LIBLLVM_PATH to its libLLVM.dylib"
+    if sys.platform == "win32":
+        return f"install LLVM >= {MINIMUM_LLVM} from llvm.org and set DRJIT_LIBLLVM_PATH to its LLVM-C.dll"
+    return (
+        "run 'pip install karellen-llvm-core' (Linux x86-64), "
+        f"or install a system LLVM >= {MINIMUM_LLVM} and set DRJIT_LIBLLVM_PATH to its libLLVM.so"
+    )
+
+
+def _select() -> Backend:
+    if not os.environ.get("DRJIT_LIBLLVM_PATH") and (path := _bundled_llvm()):
+        os.environ["DRJIT_LIBLLVM_PATH"] = path
+    try:
+        import drjit
+        import mitsuba
+    except ImportError as error:
+        raise RuntimeError(f"backend: cannot import Mitsuba ({error}); run 'pip install lightwell' again") from error
+
+    wanted = os.environ.get("LIGHTWELL_VARIANT")
+    candidates = (wanted,) if wanted else VARIANTS
+    reasons = []
+    for variant in candidates:
+        if variant not in mitsuba.variants():
+            reasons.append(f"{variant}: not in this Mitsuba, which has {', '.join(mitsuba.variants())}")
+            continue
+        backend = drjit.JitBackend.CUDA if variant.startswith("cuda") else drjit.JitBackend.LLVM
+        if not drjit.has_backend(backend):
+            reasons.append(f"{variant}: no usable {backend.name} on this machine")
+            continue
+        mitsuba.set_variant(variant)
+        mitsuba.set_log_level(mitsuba.LogLevel.Error)
+        llvm = os.environ.get("DRJIT_LIBLLVM_PATH", "") if backend == drjit.JitBackend.LLVM else ""
+        return Backend(variant, llvm, drjit.thread_count())
+    raise RuntimeError(f"backend: no backend works ({'; '.join(reasons)}); {cure()}")
+
+
+ACTIVE = _select()
+
+import drjit as dr  # noqa: E402  (the variant must be chosen first)
+import mitsuba as mi  # noqa: E402
+
+__all__ = ["ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "cure", "dr", "mi"]

@@ -1,0 +1,92 @@
+"""What runs here, and what to do when something does not."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.resources
+import os
+import platform
+import shutil
+import sys
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of ``lightwell doctor``."""
+
+    name: str
+    ok: bool
+    found: str
+    cure: str = ""
+    """What to do when it is not ok, or how to gain more when it is."""
+
+
+def version_of(package: str) -> str:
+    """Installed version of a distribution, or 'missing'."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "missing"
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that can change a number."""
+    packages = ("lightwell", "mitsuba", "drjit", "numpy", "karellen-llvm-core", "scikit-image", "flip-evaluator")
+    return {"python": platform.python_version(), **{name: version_of(name) for name in packages}}
+
+
+def machine() -> str:
+    """The machine in a few words."""
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+
+
+def _backend_checks() -> list[Check]:
+    try:
+        from lightwell import backend
+    except RuntimeError as error:
+        return [Check("backend", False, str(error), "see above")]
+    active = backend.ACTIVE
+    where = f", LLVM {active.llvm}" if active.llvm else ""
+    checks = [Check("backend", True, f"{active.variant}, {active.threads} threads{where}")]
+    checks.append(_arithmetic(backend))
+    if active.variant.startswith("llvm"):
+        note = "a NVIDIA GPU with driver >= 535 is used by itself when there is one"
+        checks.append(Check("gpu", True, "none in use", note))
+    return checks
+
+
+def _arithmetic(backend) -> Check:
+    """Compile and run one small kernel: an LLVM that loads may still be unable to generate code."""
+    try:
+        total = backend.dr.sum(backend.dr.square(backend.dr.arange(backend.mi.Float, 10)))
+        ok = abs(float(total[0]) - 285.0) < 1e-3
+        return Check(
+            "kernel", ok, "a test kernel ran" if ok else f"a test kernel gave {total}, expected 285", backend.cure()
+        )
+    except Exception as error:  # any failure of the compiler is the finding itself
+        return Check("kernel", False, f"a test kernel failed: {error}", backend.cure())
+
+
+def _viewer_check() -> Check:
+    page = importlib.resources.files("lightwell") / "viewer" / "index.html"
+    if page.is_file():
+        return Check("viewer", True, f"built page, {len(page.read_bytes()) // 1024} KiB")
+    return Check("viewer", False, "the built page is missing", "run 'make viewer' (needs Node >= 20) or reinstall")
+
+
+def _disk_check() -> Check:
+    free = shutil.disk_usage(".").free / 2**30
+    return Check("disk", free > 2, f"{free:.1f} GiB free here", "a bake writes up to 3 GiB of samples; free some space")
+
+
+def checks() -> list[Check]:
+    """All findings, the most important first."""
+    python_ok = sys.version_info >= (3, 10)
+    python = Check("python", python_ok, platform.python_version(), "lightwell needs Python >= 3.10")
+    return [python, *_backend_checks(), _viewer_check(), _disk_check()]
+
+
+def report() -> dict:
+    """Everything as JSON-ready data."""
+    return {"machine": machine(), "versions": versions(), "checks": [asdict(check) for check in checks()]}
