@@ -1,0 +1,122 @@
+"""Builds a ``Scene`` from its records: the one place where meshes, materials and lights become a Mitsuba scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import mi
+from lightwell.scenes.assemble_bsdf import Bsdfs, textures, uv_set
+from lightwell.scenes.assemble_lights import area_light, punctual
+from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh
+from lightwell.scenes.errors import SceneError
+from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
+
+
+def assemble(
+    name: str,
+    meshes: Sequence[Mesh],
+    materials: Sequence[Material],
+    lights: Sequence[Light] = (),
+    cameras: Sequence[Camera] = (),
+    warnings: Sequence[str] = (),
+    source: str = "",
+    digest: str = "",
+    environment: Any = None,
+    *,
+    bsdfs: Sequence[Any] | None = None,
+    area_lights: Sequence[Any] | None = None,
+    emitters: Sequence[Any] = (),
+) -> Scene:
+    """A ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
+
+    Triangles without area are dropped (with a warning), so ``Scene.meshes`` may differ from ``meshes``. A surface whose
+    material is emissive becomes an area light that shines to its front, or to both sides if it is double-sided.
+
+    Parameters
+    ----------
+    name:            how messages call the scene
+    environment:     a Mitsuba emitter, or the dictionary of one, that surrounds the scene
+    bsdfs:           per mesh, a Mitsuba BSDF to use in place of the one made from its material, or None
+    area_lights:     per mesh, a Mitsuba area emitter to use in place of the one made from its material, or None
+    emitters:        further Mitsuba emitters, used as they are
+    """
+    found = list(warnings)
+    warn = found.append
+    kept = _kept(name, meshes, len(materials), warn)
+    factory = Bsdfs(list(materials), warn)
+    description: dict[str, Any] = {"type": "scene"}
+    records: list[Mesh] = []
+    for number, mesh in kept:
+        own_bsdf = bsdfs[number] if bsdfs is not None else None
+        own_light = area_lights[number] if area_lights is not None else None
+        record, shape = _shape(mesh, materials[mesh.material], factory, own_bsdf, own_light)
+        description[f"mesh_{len(records):06d}"] = shape
+        records.append(record)
+    _add_emitters(description, lights, environment, emitters, warn)
+    built = mi.load_dict(description, optimize=False)
+    return Scene(
+        name=name,
+        meshes=records,
+        materials=list(materials),
+        mi=built,
+        lights=list(lights),
+        cameras=list(cameras),
+        warnings=list(dict.fromkeys(found)),
+        source=source,
+        digest=digest,
+    )
+
+
+def _kept(name: str, meshes: Sequence[Mesh], material_count: int, warn) -> list[tuple[int, Mesh]]:
+    """(index in ``meshes``, cleaned mesh) of every mesh that has a triangle."""
+    whole = [checked(name, mesh, material_count) for mesh in meshes]
+    points = [m.positions for m in whole if len(m.positions)]
+    low, high = (
+        (np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0))
+        if points
+        else (0, 0)
+    )
+    extent = float(np.max(np.subtract(high, low, dtype=np.float64), initial=0.0))
+    cleaned = [(i, clean(name, mesh, extent, warn)) for i, mesh in enumerate(whole)]
+    kept = [(i, mesh) for i, mesh in cleaned if mesh is not None]
+    if not kept:
+        raise SceneError(f"scene '{name}': has no triangles; a scene needs at least one surface, export its meshes too")
+    return kept
+
+
+def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf, own_light):
+    """The record with its emission filled in, and its Mitsuba mesh."""
+    uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
+    colors = None
+    if mesh.colors is not None:
+        # The product with a texture's factor is made in the texture; without a texture it is made here.
+        factor = 1 if material.base_color_texture is not None else np.float32(material.base_color[:3])
+        colors = mesh.colors[:, :3] * factor
+    if own_bsdf is None:
+        mirrored = mirrored_uv(mesh, uv)
+        own_bsdf = factory(mesh.material, colors=colors is not None, mirrored=mirrored)
+        # Mitsuba invents coordinates for a mesh without any; viewers sample the texture at (0, 0).
+        if uv is None and textures(material):
+            uv = np.zeros((len(mesh.positions), 2), np.float32)
+    if own_light is None and max(material.emissive) > 0:
+        own_light, emission = area_light(material)
+        mesh = replace(mesh, emission=emission)
+    shape = mitsuba_mesh(mesh, own_bsdf, emitter=own_light, uv=uv, colors=colors)
+    return mesh, shape
+
+
+def _add_emitters(description: dict, lights: Sequence[Light], environment, emitters, warn) -> None:
+    for i, light in enumerate(lights):
+        if light.range is not None:
+            warn(
+                f"light '{light.name or i}': its range of {light.range:g} m is ignored; light falls off with distance²"
+            )
+        description[f"light_{i:06d}"] = punctual(light)
+    for i, emitter in enumerate(emitters):
+        description[f"emitter_{i:06d}"] = emitter
+    if environment is not None:
+        description["environment"] = environment

@@ -1,0 +1,117 @@
+"""Meshes of the records: checked, cleaned, and as Mitsuba meshes. V vertices, T triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from lightwell.backend import mi
+from lightwell.scenes.errors import SceneError
+from lightwell.scenes.scene import Mesh
+
+# A triangle smaller than this fraction of the squared extent of the scene has no usable normal in single precision.
+SMALLEST_AREA = 1e-14
+
+
+def clean(scene: str, mesh: Mesh, extent: float, warn: Callable[[str], None]) -> Mesh | None:
+    """``mesh`` without triangles of zero area and with unit normals; None when no triangle is left."""
+    good = mesh.triangle_areas > SMALLEST_AREA * extent**2
+    if not good.all():
+        warn(f"mesh '{mesh.name}': dropped {int((~good).sum())} of {len(good)} triangles, which have no area")
+    if not good.any():
+        return None
+    mesh = replace(mesh, indices=np.ascontiguousarray(mesh.indices[good]))
+    return mesh if mesh.normals is None else replace(mesh, normals=_unit_normals(mesh))
+
+
+def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
+    """``mesh`` with contiguous arrays of the documented types; raises SceneError when it makes no sense."""
+
+    def fail(what: str):
+        raise SceneError(f"scene '{scene}': mesh '{mesh.name}' {what}")
+
+    count = len(mesh.positions)
+    shapes = {"positions": 3, "normals": 3, "uv0": 2, "uv1": 2, "colors": 4}
+    arrays = {}
+    for name, width in shapes.items():
+        if (values := getattr(mesh, name)) is None:
+            continue
+        values = np.ascontiguousarray(values, np.float32)
+        if values.shape != (count, width):
+            fail(f"has {name} of shape {list(values.shape)}, expected {[count, width]}; export it again")
+        if not np.isfinite(values).all():
+            fail(f"has {name} that are not finite numbers; repair the mesh and export it again")
+        arrays[name] = values
+    indices = np.ascontiguousarray(mesh.indices, np.uint32)
+    if indices.ndim != 2 or indices.shape[1:] != (3,):
+        fail(f"has indices of shape {list(indices.shape)}, expected [triangles, 3]; export it again")
+    if indices.size and indices.max() >= count:
+        fail(f"names vertex {int(indices.max())} but has {count} vertices; export it again")
+    if not 0 <= mesh.material < material_count:
+        fail(f"names material {mesh.material} but the scene has {material_count}; export it again")
+    return replace(mesh, indices=indices, **arrays)
+
+
+def _unit_normals(mesh: Mesh) -> np.ndarray:
+    """[V, 3] normals of length 1; where the given one has no length, that of the triangles around the vertex."""
+    length = np.linalg.norm(mesh.normals, axis=-1, keepdims=True)
+    if (bad := length[:, 0] < 1e-6).any():
+        around = smooth_normals(mesh.positions, mesh.indices)
+        return np.where(bad[:, None], around, mesh.normals / np.maximum(length, 1e-6)).astype(np.float32)
+    return (mesh.normals / length).astype(np.float32)
+
+
+def smooth_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
+    """[V, 3] float32 unit normals: the area-weighted mean over the triangles around each vertex."""
+    a, b, c = (positions[indices[:, k]].astype(np.float64) for k in range(3))
+    face = np.cross(b - a, c - a)
+    total = np.zeros((len(positions), 3))
+    for k in range(3):
+        np.add.at(total, indices[:, k], face)
+    length = np.linalg.norm(total, axis=-1, keepdims=True)
+    up = np.array([0.0, 1.0, 0.0])
+    return np.where(length > 0, total / np.where(length > 0, length, 1), up).astype(np.float32)
+
+
+def mirrored_uv(mesh: Mesh, uv: np.ndarray | None) -> bool:
+    """Whether most of the surface shows its texture as in a mirror (seen from the front)."""
+    if uv is None:
+        return False
+    a, b, c = (uv[mesh.indices[:, k]].astype(np.float64) for k in range(3))
+    # v points down, so an unmirrored triangle that turns left in space turns right in (u, v).
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return float((np.sign(turn) * mesh.triangle_areas).sum()) > 0
+
+
+def mitsuba_mesh(mesh: Mesh, bsdf, *, emitter=None, uv: np.ndarray | None = None, colors: np.ndarray | None = None):
+    """``mi.Mesh`` of a record; same vertices, same triangles, same order.
+
+    ``uv`` [V, 2] is the one set that Mitsuba sees, ``colors`` [V, 3] the attribute ``vertex_color``.
+    """
+    props = mi.Properties()
+    props["bsdf"] = bsdf
+    if emitter is not None:
+        props["emitter"] = emitter
+    if mesh.normals is None:
+        props["face_normals"] = True
+    result = mi.Mesh(
+        mesh.name,
+        len(mesh.positions),
+        len(mesh.indices),
+        props=props,
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=uv is not None,
+    )
+    params = mi.traverse(result)
+    params["vertex_positions"] = mi.Float(mesh.positions.ravel())
+    params["faces"] = mi.UInt32(mesh.indices.ravel())
+    if mesh.normals is not None:
+        params["vertex_normals"] = mi.Float(mesh.normals.ravel())
+    if uv is not None:
+        params["vertex_texcoords"] = mi.Float(uv.ravel())
+    params.update()
+    if colors is not None:
+        result.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel())
+    return result

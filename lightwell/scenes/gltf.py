@@ -1,0 +1,218 @@
+"""glTF 2.0 and GLB files as a ``Scene``.
+
+Read: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and KHR_mesh_quantization,
+Draco and meshopt compression, metallic-roughness materials with the extensions named in ``gltf_materials``,
+KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest. Not read, with a
+warning: animations, morph targets, points and lines, orthographic cameras. A file that needs another extension is
+refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.scenes.assemble import assemble
+from lightwell.scenes.gltf_accessors import Accessors
+from lightwell.scenes.gltf_container import Document
+from lightwell.scenes.gltf_geometry import DRACO, MOST_VERTICES, Geometry, placed
+from lightwell.scenes.gltf_images import Textures
+from lightwell.scenes.gltf_json import Place
+from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
+from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
+from lightwell.scenes.gltf_skins import joint_matrices, skinned
+from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
+
+KNOWN_EXTENSIONS = READ | {
+    DRACO,
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_lights_punctual",
+    "EXT_texture_webp",
+}
+# Extensions that change nothing about light and are passed over in silence.
+HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
+
+
+def load_gltf(path: str | Path) -> Scene:
+    """The scene in a .gltf or .glb file; raises SceneError with one line that says what is wrong and the cure."""
+    path = Path(path)
+    reader = _Reader(Document(path))
+    reader.read()
+    return assemble(
+        path.name,
+        reader.meshes,
+        reader.materials,
+        lights=reader.lights,
+        cameras=reader.cameras,
+        warnings=reader.warnings,
+        source=str(path),
+        digest=reader.document.digest,
+    )
+
+
+class _Reader:
+    """Walks the nodes of one document and collects the records."""
+
+    def __init__(self, document: Document):
+        self.document = document
+        self.meshes: list[Mesh] = []
+        self.materials: list[Material] = []
+        self.lights: list[Light] = []
+        self.cameras: list[Camera] = []
+        self.warnings: list[str] = []
+        accessors = self._accessors = Accessors(document)
+        self._geometry = Geometry(document, accessors, self.warnings.append)
+        self._textures = Textures(document, accessors, self.warnings.append)
+        # Index into ``materials`` of each of the file's materials that is used; None stands for none.
+        self._material_of: dict[int | None, int] = {}
+        self._vertices = 0
+        # World matrix of every node in the scene, by index.
+        self._worlds: dict[int, np.ndarray] = {}
+
+    def read(self) -> None:
+        """Fill the lists."""
+        self._check_extensions()
+        nodes = list(placed_nodes(self.document))
+        self._worlds = {node.index: node.matrix for node in nodes}
+        for node in nodes:
+            self._add_meshes(node)
+            self._add_camera(node)
+            self._add_light(node)
+        if not self.meshes:
+            self.document.fail("has no triangles in its default scene", "export its meshes too")
+        if self.document.count("animations"):
+            self.warnings.append("animations are ignored; the scene is loaded at rest")
+
+    def _check_extensions(self) -> None:
+        root = self.document.root
+        for name in root.items("extensionsRequired"):
+            if name not in KNOWN_EXTENSIONS:
+                root.fail(
+                    f"requires the extension '{str(name)[:60]}', which lightwell does not read", "export without it"
+                )
+        for name in root.items("extensionsUsed"):
+            known = name in KNOWN_EXTENSIONS | HARMLESS_EXTENSIONS
+            if not known and not str(name).startswith(("KHR_materials_", "EXT_materials_")):
+                self.warnings.append(f"the extension '{str(name)[:60]}' is ignored")
+
+    def _add_meshes(self, node: PlacedNode) -> None:
+        number = node.place.index("mesh", self.document.count("meshes"), "mesh")
+        if number is None:
+            return
+        primitives, joints = self._geometry.mesh(number), self._joints(node)
+        self._vertices += sum(len(p.positions) for p in primitives)
+        if self._vertices > MOST_VERTICES:
+            self.document.fail(f"its instances have more than {MOST_VERTICES} vertices", "split the scene")
+        for i, primitive in enumerate(primitives):
+            name = node.name if len(primitives) == 1 else f"{node.name}.{i}"
+            with np.errstate(all="ignore"):
+                if joints is not None and primitive.joints is not None and primitive.weights is not None:
+                    arrays = skinned(self.document, primitive, joints)
+                else:
+                    arrays = placed(primitive, node.matrix)
+            if not np.isfinite(arrays["positions"]).all():
+                node.place.fail("moves its mesh so far that its vertices are not finite")
+            material = self._material(primitive.material, name)
+            if _is_outline(self.materials[material]):
+                self.warnings.append(
+                    f"material '{self.materials[material].name}': a drawn outline, which only culling makes; "
+                    "its meshes are left out because they would enclose the scene"
+                )
+                continue
+            unchanged = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
+            self.meshes.append(Mesh(name, material=material, **arrays, **unchanged))
+
+    def _joints(self, node: PlacedNode) -> np.ndarray | None:
+        """[J, 4, 4] matrices of the joints that hold a node's mesh, or None when it has no skin."""
+        skin = node.place.index("skin", self.document.count("skins"), "skin")
+        if skin is None:
+            return None
+        joints = joint_matrices(self.document, self._accessors, skin, self._worlds)
+        if joints is None:
+            self.warnings.append(f"node '{node.name}': a joint of its skin is not in the scene; the skin is ignored")
+        return joints
+
+    def _material(self, number: int | None, mesh: str) -> int:
+        if number not in self._material_of:
+            self._material_of[number] = len(self.materials)
+            if number is None:
+                self.warnings.append(f"mesh '{mesh}': has no material; it is shown as a white wall (albedo 0.8)")
+                self.materials.append(WITHOUT_MATERIAL)
+            else:
+                place = self.document.item("materials", number)
+                self.materials.append(read_material(place, self._textures, self.warnings.append))
+        return self._material_of[number]
+
+    def _add_camera(self, node: PlacedNode) -> None:
+        number = node.place.index("camera", self.document.count("cameras"), "camera")
+        if number is None:
+            return
+        place = self.document.item("cameras", number)
+        lens = place.place("perspective")
+        if lens is None:
+            self.warnings.append(f"camera '{node.name}': only perspective cameras are loaded")
+            return
+        matrix = node.matrix
+        position, forward, up = matrix[:3, 3], -_direction(matrix[:3, 2]), _direction(matrix[:3, 1])
+        self.cameras.append(
+            Camera(
+                position=tuple(position.tolist()),
+                target=tuple((position + forward).tolist()),
+                up=tuple(up.tolist()),
+                fov_y=min(max(math.degrees(lens.number("yfov", low=0)), 1e-3), 179.0),
+                name=node.name,
+            )
+        )
+
+    def _add_light(self, node: PlacedNode) -> None:
+        extension = node.place.extension("KHR_lights_punctual")
+        if extension is None:
+            return
+        shared = self.document.root.extension("KHR_lights_punctual")
+        lights = shared.items("lights") if shared else []
+        number = extension.index("light", len(lights), "light")
+        if number is None:
+            extension.fail("has no light")
+        light = _light(Place(self.document.scene, f"light {number}", lights[number]))
+        self.lights.append(
+            replace(
+                light,
+                name=light.name or node.name,
+                position=tuple(node.matrix[:3, 3].tolist()),
+                direction=tuple((-_direction(node.matrix[:3, 2])).tolist()),
+            )
+        )
+
+
+def _is_outline(material: Material) -> bool:
+    """Whether a material is that of an inverted hull, the shell around a model whose back faces are never drawn."""
+    return "outline" in material.name.lower() and not material.double_sided
+
+
+def _direction(vector: np.ndarray) -> np.ndarray:
+    """[3] unit; +Z when ``vector`` has no length."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if 0 < length < math.inf else np.array([0.0, 0.0, 1.0])
+
+
+def _light(place: Place) -> Light:
+    kind = place.text("type")
+    if kind not in ("point", "spot", "directional"):
+        place.fail(f"has type '{kind[:20]}', expected point, spot or directional")
+    spot = place.need("spot") if kind == "spot" else Place(place.scene, place.what, {})
+    outer = spot.number("outerConeAngle", math.pi / 4, low=0)
+    return Light(
+        kind=kind,
+        name=place.text("name", ""),
+        color=tuple(max(c, 0.0) for c in place.numbers("color", 3, (1.0, 1.0, 1.0))),
+        intensity=place.number("intensity", 1.0, low=0),
+        range=place.number("range", low=0) if "range" in place else None,
+        inner_cone=min(spot.number("innerConeAngle", 0.0, low=0), outer),
+        outer_cone=min(max(outer, 1e-3), math.pi / 2),
+    )

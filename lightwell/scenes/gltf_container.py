@@ -1,0 +1,157 @@
+"""The outside of a glTF file: GLB chunks, the JSON document, buffers and the files they name."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import struct
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from lightwell.scenes.errors import SceneError
+from lightwell.scenes.gltf_json import CURE, Place
+
+GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
+# Nothing that a person models is larger; a larger external file is not read.
+LARGEST_FILE = 8 * 2**30
+
+
+class Document:
+    """An opened glTF file: its JSON root, its lists and its bytes."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.scene = path.name
+        self._hash = hashlib.sha256()
+        data = self._read(path)
+        json_bytes, self._binary = self._split(data)
+        self.root = Place(self.scene, "the glTF document", self._parse(json_bytes))
+        self._buffers: dict[int, bytes] = {}
+        self._files: dict[Path, bytes] = {}
+        self._check_version()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the file and over every external file that was read, in the order of reading."""
+        return self._hash.hexdigest()
+
+    def count(self, key: str) -> int:
+        """Length of a top-level list."""
+        return len(self.root.items(key))
+
+    def item(self, key: str, index: int) -> Place:
+        """Entry ``index`` of a top-level list, called for instance ``accessor 7``."""
+        names = {"meshes": "mesh"}
+        what = names.get(key, key[:-1])
+        values = self.root.items(key)
+        if not 0 <= index < len(values):
+            self.fail(f"{what} {index} is named, but there are {len(values)}")
+        return Place(self.scene, f"{what} {index}", values[index])
+
+    def fail(self, problem: str, cure: str = CURE):
+        """Raise a SceneError about the file."""
+        raise SceneError(f"scene '{self.scene}': {problem}; {cure}")
+
+    def buffer(self, index: int) -> bytes:
+        """Bytes of a buffer."""
+        if index not in self._buffers:
+            place = self.item("buffers", index)
+            length = place.integer("byteLength", low=1)
+            if "uri" in place:
+                data = self.resource(place, place.text("uri"))
+            elif index == 0 and self._binary is not None:
+                data = self._binary
+            else:
+                place.fail("has neither a uri nor a binary chunk in this file")
+            if len(data) < length:
+                place.fail(f"has {len(data)} bytes, but says {length}")
+            self._buffers[index] = data[:length]
+        return self._buffers[index]
+
+    def resource(self, place: Place, uri: str) -> bytes:
+        """Bytes of a data URI, or of a file in the folder of the glTF file or below it."""
+        if uri.startswith("data:"):
+            return self._data_uri(place, uri)
+        if "://" in uri or uri.startswith("file:"):
+            place.fail(f"names '{uri[:60]}'", "only files beside the glTF file are read; download it and export again")
+        folder = self.path.parent.resolve()
+        try:
+            target = (folder / unquote(uri)).resolve()
+            inside, exists = target.is_relative_to(folder), target.is_file()
+        except (OSError, ValueError):
+            place.fail(f"names the unusable path '{uri[:60]!r}'")
+        if not inside:
+            place.fail(f"names '{uri[:60]}' outside the folder of the file", "move it beside the file and export again")
+        if not exists:
+            place.fail(f"names the file '{uri[:60]}', which is missing", "put it beside the glTF file")
+        if target not in self._files:
+            self._files[target] = self._read(target)
+        return self._files[target]
+
+    def _read(self, path: Path) -> bytes:
+        try:
+            if (size := path.stat().st_size) > LARGEST_FILE:
+                self.fail(f"'{path.name}' has {size} bytes, more than {LARGEST_FILE}", "split the scene")
+            data = path.read_bytes()
+        except OSError as error:
+            reason = error.strerror or error
+            raise SceneError(f"scene '{self.scene}': cannot read '{path}' ({reason}); check the path") from error
+        self._hash.update(data)
+        return data
+
+    def _data_uri(self, place: Place, uri: str) -> bytes:
+        head, comma, body = uri.partition(",")
+        if not comma:
+            place.fail("has a data URI without a comma")
+        try:
+            if head.endswith(";base64"):
+                return base64.b64decode(unquote(body), validate=True)
+            return unquote(body, encoding="latin-1").encode("latin-1")
+        except (binascii.Error, ValueError):
+            place.fail("has a data URI that is not valid base64")
+
+    def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
+        """JSON bytes and the binary chunk, if any."""
+        if len(data) < 4 or struct.unpack_from("<I", data)[0] != GLB_MAGIC:
+            if self.path.suffix.lower() == ".glb":
+                self.fail("does not begin with 'glTF', so it is no GLB file")
+            return data, None
+        if len(data) < HEADER_BYTES + CHUNK_HEADER_BYTES:
+            self.fail(f"has {len(data)} bytes, too few for a GLB header")
+        _, version, length = struct.unpack_from("<III", data)
+        if version != 2:
+            self.fail(f"is GLB version {version}, expected 2", "convert it to glTF 2.0")
+        if length > len(data):
+            self.fail(f"has {len(data)} bytes, but its header says {length}")
+        return self._chunks(data[:length])
+
+    def _chunks(self, data: bytes) -> tuple[bytes, bytes | None]:
+        chunks: list[tuple[int, bytes]] = []
+        offset = HEADER_BYTES
+        while offset + CHUNK_HEADER_BYTES <= len(data):
+            length, kind = struct.unpack_from("<II", data, offset)
+            offset += CHUNK_HEADER_BYTES
+            if offset + length > len(data):
+                self.fail(f"chunk {len(chunks)} reads bytes {offset}..{offset + length} of a file of {len(data)}")
+            chunks.append((kind, data[offset : offset + length]))
+            offset += length
+        if not chunks or chunks[0][0] != JSON_CHUNK:
+            self.fail("its first GLB chunk is not JSON")
+        binary = next((bytes_ for kind, bytes_ in chunks[1:] if kind == BINARY_CHUNK), None)
+        return chunks[0][1], binary
+
+    def _parse(self, data: bytes) -> Any:
+        try:
+            return json.loads(data.decode("utf-8-sig"))
+        except (ValueError, RecursionError) as error:
+            reason = str(error).splitlines()[0]
+            raise SceneError(f"scene '{self.scene}': its JSON cannot be read ({reason}); {CURE}") from error
+
+    def _check_version(self) -> None:
+        version = self.root.need("asset").text("version")
+        if version.split(".")[0] != "2":
+            self.fail(f"is glTF version '{version[:10]}', expected 2.0", "convert it to glTF 2.0")

@@ -1,0 +1,181 @@
+"""Primitives of a glTF file as arrays in the mesh's own space. V vertices, T triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.scenes.gltf_accessors import LARGEST_ARRAY, Accessors, as_floats
+from lightwell.scenes.gltf_container import Document
+from lightwell.scenes.gltf_json import Place
+
+MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips"}
+TRIANGLES, STRIP, FAN = 4, 5, 6
+DRACO = "KHR_draco_mesh_compression"
+# Attributes that are read, and how many components they may have.
+ATTRIBUTES = {
+    "POSITION": (3,),
+    "NORMAL": (3,),
+    "TEXCOORD_0": (2,),
+    "TEXCOORD_1": (2,),
+    "COLOR_0": (3, 4),
+    "JOINTS_0": (4,),
+    "WEIGHTS_0": (4,),
+}
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """Triangles of one material before they are placed in the world."""
+
+    positions: np.ndarray
+    """[V, 3] float32."""
+    indices: np.ndarray
+    """[T, 3] uint32."""
+    normals: np.ndarray | None
+    uv0: np.ndarray | None
+    uv1: np.ndarray | None
+    colors: np.ndarray | None
+    """[V, 4] float32 linear."""
+    material: int | None
+    """Index into the file's materials."""
+    joints: np.ndarray | None = None
+    """[V, 4] whole numbers, indices into the skin's joints."""
+    weights: np.ndarray | None = None
+    """[V, 4] float32."""
+
+
+class Geometry:
+    """Reads each primitive once, however often it is placed."""
+
+    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
+        self._document, self._accessors, self._warn = document, accessors, warn
+        self._meshes: dict[int, list[Primitive]] = {}
+
+    def mesh(self, index: int) -> list[Primitive]:
+        """The triangle primitives of a mesh."""
+        if index not in self._meshes:
+            place = self._document.item("meshes", index)
+            place.what = f"mesh {index}"
+            found = [
+                self._primitive(Place(place.scene, f"mesh {index} primitive {i}", value))
+                for i, value in enumerate(place.items("primitives"))
+            ]
+            self._meshes[index] = [primitive for primitive in found if primitive is not None]
+        return self._meshes[index]
+
+    def _primitive(self, place: Place) -> Primitive | None:
+        mode = place.integer("mode", TRIANGLES)
+        if mode in MODES:
+            self._warn(f"{place.what}: {MODES[mode]} are skipped, only triangles are loaded")
+            return None
+        if mode not in (TRIANGLES, STRIP, FAN):
+            place.fail(f"has mode {mode}, expected 0..6")
+        if "targets" in place:
+            self._warn(f"{place.what}: morph targets are ignored")
+        draco = place.extension(DRACO)
+        arrays, corners = self._draco(place, draco) if draco else self._plain(place)
+        if "POSITION" not in arrays:
+            self._warn(f"{place.what}: has no positions and is skipped")
+            return None
+        return self._checked(place, arrays, triangles(corners, mode if draco is None else TRIANGLES))
+
+    def _plain(self, place: Place) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        attributes = place.need("attributes")
+        arrays = {}
+        for name in ATTRIBUTES:
+            number = attributes.index(name, self._document.count("accessors"), "accessor")
+            if number is not None:
+                arrays[name] = self._accessors.floats(number)
+        number = place.index("indices", self._document.count("accessors"), "accessor")
+        if number is not None:
+            corners = self._accessors.read(number)
+            if corners.dtype.kind != "u" or corners.shape[1] != 1:
+                place.fail(f"has indices in accessor {number} that are not unsigned whole numbers")
+            return arrays, corners[:, 0].astype(np.uint32)
+        return arrays, np.arange(len(arrays.get("POSITION", ())), dtype=np.uint32)
+
+    def _draco(self, place: Place, draco: Place) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        import DracoPy
+
+        number = draco.index("bufferView", self._document.count("bufferViews"), "bufferView")
+        if number is None:
+            draco.fail("has no bufferView")
+        try:
+            mesh = DracoPy.decode(bytes(self._accessors.view(number, draco)))
+            faces = np.asarray(mesh.faces, np.uint32).reshape(-1)
+        except Exception as error:  # the decoder has many ways to refuse a damaged buffer
+            if isinstance(error, (KeyboardInterrupt, SystemExit)):
+                raise
+            draco.fail(f"cannot be decompressed ({str(error).splitlines()[0] if str(error) else type(error).__name__})")
+        ids, attributes = draco.need("attributes"), place.need("attributes")
+        arrays = {}
+        for name in ATTRIBUTES:
+            if name in ids:
+                arrays[name] = self._draco_attribute(mesh, ids, attributes, name)
+        return arrays, faces
+
+    def _draco_attribute(self, mesh, ids: Place, attributes: Place, name: str) -> np.ndarray:
+        wanted = ids.integer(name)
+        found = mesh.get_attribute_by_unique_id(wanted)
+        values = None if found is None else np.asarray(found["data"])
+        if values is None or values.ndim != 2:
+            ids.fail(f"names attribute {wanted} for {name}, which the compressed data lacks")
+        number = attributes.index(name, self._document.count("accessors"), "accessor")
+        normalized = number is not None and self._document.item("accessors", number).flag("normalized")
+        return as_floats(values, normalized)
+
+    def _checked(self, place: Place, arrays: dict[str, np.ndarray], indices: np.ndarray) -> Primitive:
+        positions = arrays["POSITION"]
+        count = len(positions)
+        for name, values in arrays.items():
+            if len(values) != count or values.shape[1] not in ATTRIBUTES[name]:
+                wanted = " or ".join(map(str, ATTRIBUTES[name]))
+                place.fail(f"has {name} of shape {list(values.shape)}, expected [{count}, {wanted}]")
+            if not np.isfinite(values).all():
+                place.fail(f"has {name} that are not finite numbers", "repair the mesh and export it again")
+        if indices.size and int(indices.max()) >= count:
+            place.fail(f"names vertex {int(indices.max())}, but has {count}")
+        material = place.index("material", self._document.count("materials"), "material")
+        colors = arrays.get("COLOR_0")
+        if colors is not None and colors.shape[1] == 3:
+            colors = np.concatenate([colors, np.ones((count, 1), np.float32)], axis=1)
+        optional = (arrays.get(n) for n in ("NORMAL", "TEXCOORD_0", "TEXCOORD_1"))
+        joints, weights = arrays.get("JOINTS_0"), arrays.get("WEIGHTS_0")
+        return Primitive(positions, indices, *optional, colors, material, joints, weights)
+
+
+def triangles(corners: np.ndarray, mode: int) -> np.ndarray:
+    """[T, 3] uint32 triangles of a list of vertices in the modes TRIANGLES, STRIP and FAN."""
+    if mode == TRIANGLES:
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    count = max(len(corners) - 2, 0)
+    first = np.arange(count)
+    if mode == FAN:
+        return np.stack([corners[first + 1], corners[first + 2], np.broadcast_to(corners[:1], count)], axis=-1)
+    odd = first % 2
+    return np.stack([corners[first], corners[first + 1 + odd], corners[first + 2 - odd]], axis=-1)
+
+
+def placed(primitive: Primitive, matrix: np.ndarray) -> dict[str, np.ndarray | None]:
+    """Positions, normals and indices of ``primitive`` after the 4x4 ``matrix``; a mirroring one turns the winding."""
+    linear = matrix[:3, :3]
+    positions = primitive.positions @ linear.T + matrix[:3, 3]
+    # The cofactor matrix transforms normals, and exists even when the matrix flattens the mesh.
+    cofactor = np.stack(
+        [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])]
+    )
+    mirrored = np.linalg.det(linear) < 0
+    normals = None
+    if primitive.normals is not None:
+        normals = primitive.normals @ (-cofactor if mirrored else cofactor).T
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        normals = (normals / np.where(length > 0, length, 1)).astype(np.float32)
+    indices = primitive.indices[:, [0, 2, 1]] if mirrored else primitive.indices
+    return {"positions": positions.astype(np.float32), "normals": normals, "indices": indices}
+
+
+# Vertices that all placed meshes together may have (positions, normals and coordinates take about 40 bytes each).
+MOST_VERTICES = LARGEST_ARRAY // 16

@@ -1,0 +1,118 @@
+"""Textures of a glTF file: pictures decoded once, WebP rewritten as PNG or JPEG, samplers and texture transforms."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from lightwell.scenes.gltf_accessors import Accessors
+from lightwell.scenes.gltf_container import Document
+from lightwell.scenes.gltf_json import Place
+from lightwell.scenes.scene import Image, Texture
+
+WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
+# The magnification filter NEAREST; all others are bilinear here.
+NEAREST = 9728
+# Quality of the JPEG that takes the place of a lossy WebP; high, because the picture has lost once already.
+JPEG_QUALITY = 95
+# More pixels than any texture of a real scene; a small file can unpack to more.
+MOST_PIXELS = 16384 * 16384
+
+
+class Textures:
+    """Reads texture references; a picture that cannot be read is a warning and counts as absent."""
+
+    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
+        self._document, self._accessors, self._warn = document, accessors, warn
+        self._images: dict[int, Image | None] = {}
+
+    def read(self, owner: Place, key: str) -> Texture | None:
+        """The texture that ``owner`` names under ``key``."""
+        reference = owner.place(key)
+        if reference is None:
+            return None
+        number = reference.index("index", self._document.count("textures"), "texture")
+        if number is None:
+            reference.fail("has no index")
+        place = self._document.item("textures", number)
+        image = self._source(place)
+        if image is None:
+            return None
+        transform, uv_set = _transform(reference)
+        if uv_set > 1:
+            self._warn(f"{reference.what}: uses TEXCOORD_{uv_set}; only 0 and 1 are loaded, 0 is used")
+            uv_set = 0
+        return Texture(image, *self._sampler(place), uv_set=uv_set, transform=transform)
+
+    def _sampler(self, place: Place) -> tuple[tuple[str, str], bool]:
+        number = place.index("sampler", self._document.count("samplers"), "sampler")
+        if number is None:
+            return ("repeat", "repeat"), False
+        sampler = self._document.item("samplers", number)
+        wrap = tuple(WRAPS.get(sampler.integer(key, 10497)) for key in ("wrapS", "wrapT"))
+        if None in wrap:
+            sampler.fail("has an unknown wrap mode, expected 33071, 33648 or 10497")
+        return wrap, sampler.integer("magFilter", 9729) == NEAREST
+
+    def _source(self, place: Place) -> Image | None:
+        webp = place.extension("EXT_texture_webp")
+        holder = webp if webp is not None and "source" in webp else place
+        number = holder.index("source", self._document.count("images"), "image")
+        if number is None:
+            self._warn(f"{place.what}: has no picture that lightwell reads (PNG, JPEG, WebP); the factor alone is used")
+            return None
+        if number not in self._images:
+            self._images[number] = self._image(number)
+        return self._images[number]
+
+    def _image(self, number: int) -> Image | None:
+        place = self._document.item("images", number)
+        name = place.text("name", "") or f"image {number}"
+        data = self._bytes(place)
+        try:
+            image = encoded_image(name, data)
+            image.pixels  # noqa: B018  decode now, so that damage is found here
+            return image
+        except Exception as error:  # Pillow's readers have many ways to refuse a damaged picture
+            self._warn(f"{place.what} ('{name}'): cannot be decoded ({error}); the factor alone is used")
+            return None
+
+    def _bytes(self, place: Place) -> bytes:
+        if "bufferView" in place:
+            view = place.index("bufferView", self._document.count("bufferViews"), "bufferView")
+            return bytes(self._accessors.view(view, place))
+        return self._document.resource(place, place.text("uri"))
+
+
+def encoded_image(name: str, data: bytes) -> Image:
+    """An ``Image`` of encoded bytes: PNG and JPEG stay as they are, all else is encoded again."""
+    with PillowImage.open(io.BytesIO(data)) as picture:
+        if picture.width * picture.height > MOST_PIXELS:
+            raise ValueError(f"{picture.width}x{picture.height} pixels are too many")
+        if picture.format in ("PNG", "JPEG"):
+            return Image(name, data, f"image/{picture.format.lower()}")
+        lossy = picture.format == "WEBP" and data[12:16] != b"VP8L" and not picture.has_transparency_data
+        out = io.BytesIO()
+        if lossy:
+            picture.convert("RGB").save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
+        else:
+            picture.convert("RGBA" if picture.has_transparency_data else "RGB").save(out, "PNG")
+    return Image(name, out.getvalue(), "image/jpeg" if lossy else "image/png")
+
+
+def _transform(reference: Place) -> tuple[tuple[tuple[float, ...], ...] | None, int]:
+    """3x3 matrix of KHR_texture_transform (None for none) and the coordinate set."""
+    uv_set = reference.integer("texCoord", 0)
+    extension = reference.extension("KHR_texture_transform")
+    if extension is None:
+        return None, uv_set
+    (x, y), (su, sv) = extension.numbers("offset", 2, (0.0, 0.0)), extension.numbers("scale", 2, (1.0, 1.0))
+    angle = extension.number("rotation", 0.0)
+    c, s = math.cos(angle), math.sin(angle)
+    matrix = np.array([[c * su, s * sv, x], [-s * su, c * sv, y], [0, 0, 1]])
+    rows = tuple(tuple(float(v) for v in row) for row in matrix)
+    return (None if np.array_equal(matrix, np.eye(3)) else rows), extension.integer("texCoord", uv_set)

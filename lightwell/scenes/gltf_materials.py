@@ -1,0 +1,138 @@
+"""Materials of a glTF file as ``Material`` records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from lightwell.scenes.gltf_images import Textures
+from lightwell.scenes.gltf_json import Place
+from lightwell.scenes.scene import Material
+
+# A microfacet lobe below this roughness is so narrow that a path tracer finds lights through it only by luck.
+NEAR_DELTA_ROUGHNESS = 0.1
+# Primitives without a material: a white wall. (glTF's own default, a white metal, would hardly reflect diffusely.)
+WITHOUT_MATERIAL = Material("without material", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0, roughness=1.0)
+# Reflectance at normal incidence above which a specular-glossiness material counts as metal.
+METAL_F0 = 0.25
+
+# Material extensions that are read, as a whole or in part.
+READ = {
+    f"KHR_materials_{name}"
+    for name in (
+        "emissive_strength transmission ior clearcoat sheen specular unlit volume pbrSpecularGlossiness".split()
+    )
+}
+
+
+def read_material(place: Place, textures: Textures, warn: Callable[[str], None]) -> Material:
+    """The record of one material; ``warn`` is told what it cannot say."""
+    name = place.text("name", "") or place.what
+    lost: list[str] = []
+    material = _metallic_roughness(place, name, textures)
+    if (glossy := place.extension("KHR_materials_pbrSpecularGlossiness")) is not None:
+        material = _specular_glossiness(glossy, material, textures)
+        lost.append("specular-glossiness is converted to metallic-roughness approximately")
+    material = _surface(place, material, textures)
+    material = _extensions(place, material, lost)
+    ignored = sorted(n for n in _material_extensions(place) if n not in READ)
+    lost += [f"{n} is ignored" for n in ignored]
+    for what in lost:
+        warn(f"material '{name}': {what}")
+    near = material.roughness < NEAR_DELTA_ROUGHNESS and (material.metallic > 0.5 or material.transmission > 0)
+    return replace(material, delta=near, approximate="; ".join(lost))
+
+
+def _material_extensions(place: Place) -> list[str]:
+    extensions = place.place("extensions")
+    return [n for n in extensions.value if n.startswith(("KHR_materials_", "EXT_materials_"))] if extensions else []
+
+
+def _unit(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
+
+
+def _metallic_roughness(place: Place, name: str, textures: Textures) -> Material:
+    pbr = place.place("pbrMetallicRoughness")
+    if pbr is None:
+        return Material(name)
+    return Material(
+        name,
+        base_color=tuple(map(_unit, pbr.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)))),
+        base_color_texture=textures.read(pbr, "baseColorTexture"),
+        metallic=_unit(pbr.number("metallicFactor", 1.0)),
+        roughness=_unit(pbr.number("roughnessFactor", 1.0)),
+        metallic_roughness_texture=textures.read(pbr, "metallicRoughnessTexture"),
+    )
+
+
+def _specular_glossiness(glossy: Place, material: Material, textures: Textures) -> Material:
+    diffuse = glossy.numbers("diffuseFactor", 4, (1.0, 1.0, 1.0, 1.0))
+    specular = glossy.numbers("specularFactor", 3, (1.0, 1.0, 1.0))
+    texture = textures.read(glossy, "diffuseTexture")
+    metal = "specularGlossinessTexture" not in glossy and max(specular) > METAL_F0 and max(specular) > max(diffuse[:3])
+    return replace(
+        material,
+        base_color=tuple(map(_unit, (*specular, diffuse[3]) if metal else diffuse)),
+        base_color_texture=None if metal else texture,
+        metallic=1.0 if metal else 0.0,
+        roughness=1.0 - _unit(glossy.number("glossinessFactor", 1.0)),
+        metallic_roughness_texture=None,
+    )
+
+
+def _surface(place: Place, material: Material, textures: Textures) -> Material:
+    strength = place.extension("KHR_materials_emissive_strength")
+    factor = strength.number("emissiveStrength", 1.0, low=0) if strength else 1.0
+    emissive = tuple(max(c, 0.0) * factor for c in place.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)))
+    if not all(map(math.isfinite, emissive)):
+        place.fail("has an emissive strength that is not finite")
+    mode = place.text("alphaMode", "OPAQUE")
+    if mode not in ("OPAQUE", "MASK", "BLEND"):
+        place.fail(f"has alphaMode '{mode[:20]}', expected OPAQUE, MASK or BLEND")
+    normal = place.place("normalTexture")
+    return replace(
+        material,
+        normal_texture=textures.read(place, "normalTexture"),
+        normal_scale=normal.number("scale", 1.0) if normal else 1.0,
+        emissive=emissive,
+        emissive_texture=textures.read(place, "emissiveTexture") if max(emissive) > 0 else None,
+        alpha_mode=mode,
+        alpha_cutoff=place.number("alphaCutoff", 0.5),
+        double_sided=place.flag("doubleSided"),
+    )
+
+
+def _extensions(place: Place, material: Material, lost: list[str]) -> Material:
+    def of(name: str) -> Place:
+        return place.extension(f"KHR_materials_{name}") or Place(place.scene, place.what, {})
+
+    for name in ("transmission", "clearcoat", "sheen", "specular", "volume"):
+        lost.extend(f"the {key} is ignored" for key in of(name).value if key.endswith("Texture"))
+    transmission, volume, clearcoat = of("transmission"), of("volume"), of("clearcoat")
+    if "attenuationColor" in volume and min(volume.numbers("attenuationColor", 3)) < 1:
+        lost.append("the absorption in its volume is ignored")
+    return replace(
+        material,
+        transmission=_unit(transmission.number("transmissionFactor", 0.0)),
+        thickness=volume.number("thicknessFactor", 0.0, low=0),
+        ior=_ior(of("ior"), of("specular"), material, lost),
+        clearcoat=_unit(clearcoat.number("clearcoatFactor", 0.0)),
+        clearcoat_roughness=_unit(clearcoat.number("clearcoatRoughnessFactor", 0.0)),
+        sheen=_unit(max(of("sheen").numbers("sheenColorFactor", 3, (0.0, 0.0, 0.0)))),
+        unlit=place.extension("KHR_materials_unlit") is not None,
+    )
+
+
+def _ior(place: Place, specular: Place, material: Material, lost: list[str]) -> float:
+    """Index of refraction whose reflectance at normal incidence is that of ``ior`` times the specular factor."""
+    ior = place.number("ior", 1.5)
+    ior = max(ior, 1.0) if ior > 0 else 1.5
+    factor = _unit(specular.number("specularFactor", 1.0))
+    if min(specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))) < 1:
+        lost.append("the colour of its specular reflection is ignored")
+    if factor == 1:
+        return ior
+    root = math.sqrt(factor) * (ior - 1) / (ior + 1)
+    return (1 + root) / (1 - root)

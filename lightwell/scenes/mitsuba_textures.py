@@ -1,0 +1,98 @@
+"""Textures of a Mitsuba scene as records: a bitmap's file, a checkerboard as a tiny picture, else the mean colour."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from lightwell.backend import mi
+from lightwell.scenes.gltf_images import encoded_image
+from lightwell.scenes.mitsuba_graph import Graph, Node
+from lightwell.scenes.scene import Image, Texture
+
+
+def linear_to_srgb8(linear: np.ndarray) -> np.ndarray:
+    """uint8 sRGB code of linear values, clipped to [0, 1], any shape."""
+    linear = np.clip(linear, 0, 1)
+    encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (encoded * 255 + 0.5).astype(np.uint8)
+
+
+def png(name: str, pixels: np.ndarray) -> Image:
+    """A PNG of [height, width, 3 or 4] uint8."""
+    out = io.BytesIO()
+    PillowImage.fromarray(pixels).save(out, "PNG")
+    return Image(name, out.getvalue(), "image/png")
+
+
+class Pictures:
+    """Reads texture nodes, each picture once."""
+
+    def __init__(self, graph: Graph, warn: Callable[[str], None]):
+        self._graph, self._warn = graph, warn
+        self._images: dict[tuple, Image] = {}
+
+    def read(self, node: Node, *, raw: bool = False) -> Texture | None:
+        """The texture of a node, or None when a picture cannot show it. ``raw``: the values are no colours."""
+        if node.plugin == "bitmap":
+            image = self._bitmap(node, raw)
+            wrap = node.get("wrap_mode", "repeat")
+            nearest = node.get("filter_type", "bilinear") == "nearest"
+            return image and Texture(image, (wrap, wrap), nearest, transform=self._transform(node))
+        if node.plugin == "checkerboard":
+            first, second = self.mean(node, "color0"), self.mean(node, "color1")
+            pixels = linear_to_srgb8(np.array([[first, second], [second, first]]))
+            return Texture(png(node.name, pixels), nearest=True, transform=self._transform(node))
+        return None
+
+    def mean(self, node: Node, key: str | None = None) -> np.ndarray:
+        """[3] mean colour of a texture node, or of its parameter ``key``."""
+        if key is not None:
+            child = self._graph.child(node, key)
+            if child is not None:
+                return self.mean(child)
+            params = mi.traverse(self._graph.make(node))
+            return _three(params[f"{key}.value"]) if f"{key}.value" in params else np.full(3, 0.5)
+        made = self._graph.make(node)
+        params = mi.traverse(made)
+        for name in ("value", "data"):
+            if name in params:
+                values = np.array(params[name], np.float64)
+                return _three(values.reshape(-1, values.shape[-1]).mean(axis=0) if name == "data" else values)
+        return _three(np.array(made.mean()))
+
+    def _transform(self, node: Node) -> tuple[tuple[float, ...], ...] | None:
+        params = mi.traverse(self._graph.make(node))
+        matrix = np.array(params["to_uv"].matrix, np.float64).reshape(3, 3)
+        return None if np.array_equal(matrix, np.eye(3)) else tuple(tuple(map(float, row)) for row in matrix)
+
+    def _bitmap(self, node: Node, raw: bool) -> Image | None:
+        name, linear = node.get("filename"), bool(node.get("raw", False))
+        key = (name or node.index, linear and not raw)
+        if key not in self._images:
+            self._images[key] = self._encoded(node, name, linear, raw)
+        return self._images[key]
+
+    def _encoded(self, node: Node, name: str | None, linear: bool, raw: bool) -> Image:
+        """The file itself where its colours are sRGB-encoded (or plain values are wanted), else an 8-bit copy."""
+        if name is not None and linear == raw:
+            try:
+                return encoded_image(Path(name).name, Path(name).read_bytes())
+            except Exception:  # not a picture that Pillow knows (EXR, HDR); Mitsuba reads it
+                pass
+        pixels = np.array(mi.traverse(self._graph.make(node))["data"], np.float64)
+        pixels = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+        if raw:
+            codes = (np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)
+        else:
+            codes = linear_to_srgb8(pixels)
+        return png(Path(name).stem if name else node.name, codes)
+
+
+def _three(values) -> np.ndarray:
+    values = np.array(values, np.float64).ravel()
+    return np.repeat(values, 3) if values.size == 1 else values[:3]

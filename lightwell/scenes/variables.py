@@ -1,0 +1,314 @@
+"""What may move at run time: the declared light of a baked field, and how it is declared, sampled and stored.
+
+Directions from the scene to the sun are given as azimuth and elevation in degrees: azimuth 0 is north (-Z) and grows
+clockwise seen from above (90 is east, +X; 180 is south, +Z), elevation is the angle above the horizon.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+# The light keeps this part of its box's longest edge away from every surface: nearer, the indirect light is singular.
+CLEARANCE = 0.025
+
+# Elevation that an arc of half a turn (sunrise to sunset) reaches in its middle, degrees: noon of a temperate summer.
+NOON_ELEVATION = 60.0
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """A small light that roams a box. The field is learned for 1 cd of white; intensity and colour are linear."""
+
+    low: tuple[float, float, float]
+    """Smallest corner of the box, metres."""
+    high: tuple[float, float, float]
+    """Largest corner of the box, metres."""
+    clearance: float
+    """Distance that the light keeps from every surface, metres."""
+    radius: float = 0.0
+    """Radius of the emitting sphere, metres; 0 is a point."""
+    name: str = "light"
+    kind: str = "point"
+
+    def sample(self, u: np.ndarray) -> np.ndarray:
+        """[N, 3] float32 positions, uniform in the box, from numbers ``u`` [N, 3] in [0, 1); geometry is not asked."""
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        return (low + np.asarray(u) * (high - low)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Sun:
+    """A distant light on an arc of directions. The field is learned for 1 lx of white at normal incidence."""
+
+    start: tuple[float, float, float]
+    """Unit direction from the scene to the sun at t = 0."""
+    middle: tuple[float, float, float]
+    """... at t = 1/2; the arc is the circle on the sphere through the three directions."""
+    end: tuple[float, float, float]
+    """... at t = 1."""
+    name: str = "sun"
+    kind: str = "sun"
+
+    def __post_init__(self) -> None:
+        ends = (self.start, self.middle, self.end)
+        if any(np.allclose(ends[k], ends[k - 1], atol=1e-6) for k in range(3)):
+            raise ValueError(f"sun '{self.name}': start, middle and end must differ, got {ends}; declare a longer arc")
+
+    def direction(self, t: float | np.ndarray) -> np.ndarray:
+        """[..., 3] unit directions to the sun at ``t`` in [0, 1]; even speed on each half of the arc."""
+        t = np.clip(np.asarray(t, dtype=np.float64), 0, 1)[..., None]
+        center, radius, other, half, full = self._circle()
+        angle = np.where(t < 0.5, 2 * t * half, half + (2 * t - 1) * (full - half))
+        found = center + np.cos(angle) * radius + np.sin(angle) * other
+        return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+    def sample(self, u: np.ndarray) -> np.ndarray:
+        """[N, 3] float32 directions at the times ``u`` [N] or [N, 1] in [0, 1)."""
+        return self.direction(np.asarray(u).reshape(-1)).astype(np.float32)
+
+    def _circle(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
+        """Centre, two perpendicular radii [3] (the first to ``start``), angles of ``middle`` and ``end`` from it."""
+        start, middle, end = (np.asarray(d, dtype=np.float64) for d in (self.start, self.middle, self.end))
+        axis = np.cross(middle - start, end - middle)
+        axis /= np.linalg.norm(axis)
+        center = axis * (axis @ start)
+        radius = start - center
+        other = np.cross(axis, radius)
+        half, full = (np.arctan2((d - center) @ other, (d - center) @ radius) % (2 * np.pi) for d in (middle, end))
+        return center, radius, other, half, full
+
+
+Variable = PointLight | Sun
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One ``--vary`` option: ``NAME.PARAMETER=VALUE``, understood."""
+
+    name: str
+    """Which light, such as 'light' or 'sun'."""
+    parameter: str
+    """'position', 'radius', 'clearance', 'direction', 'intensity' or 'color'."""
+    values: tuple[float, ...] = ()
+    """box: 6 numbers, arc: 4, radius and clearance: 1; intensity 1 or none, color 3 or none (their first setting)."""
+
+    @property
+    def learned(self) -> bool:
+        """Whether it changes the field; intensity and colour are linear, always variable and never learned."""
+        return self.parameter not in ("intensity", "color")
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How the value of a parameter is written."""
+
+    call: str
+    """Word before the parentheses, or nothing."""
+    names: str
+    """Names of the numbers."""
+    example: str
+    optional: bool = False
+
+
+_FORMS = {
+    "position": _Form("box", "x0,y0,z0,x1,y1,z1", "light.position=box(-1,0.2,-1,1,2,1)"),
+    "radius": _Form("", "metres", "light.radius=0.05"),
+    "clearance": _Form("", "metres", "light.clearance=0.1"),
+    "direction": _Form("arc", "az0,el0,az1,el1", "sun.direction=arc(90,10,270,10)"),
+    "intensity": _Form("", "candela or lux", "light.intensity=20", optional=True),
+    "color": _Form("", "r,g,b", "light.color=1,0.9,0.8", optional=True),
+}
+
+
+def _wrong(text: str, what: str, example: str) -> ValueError:
+    return ValueError(f"vary: '{text}': {what}; write for example {example}")
+
+
+def parse_vary(text: str) -> Declaration:
+    """Read one declaration: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
+    ``sun.direction=arc(az0,el0,az1,el1)``, ``light.intensity`` or ``light.color``."""
+    match = re.fullmatch(r"([A-Za-z_]\w*)\.([a-z]+)(?:=(.*))?", text.strip(), re.DOTALL)
+    if not match:
+        raise _wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example)
+    name, parameter, value = match.groups()
+    if parameter not in _FORMS:
+        raise _wrong(text, f"'{parameter}' cannot vary, only {', '.join(_FORMS)} can", _FORMS["position"].example)
+    values = _numbers(text, _FORMS[parameter], (value or "").strip())
+    _check_range(text, parameter, values)
+    return Declaration(name, parameter, values)
+
+
+def _numbers(text: str, form: _Form, value: str) -> tuple[float, ...]:
+    """The numbers in ``value`` as ``form`` wants them."""
+    if not value and form.optional:
+        return ()
+    body = value
+    if form.call:
+        match = re.fullmatch(rf"{form.call}\s*\((.*)\)", value, re.DOTALL)
+        if not match:
+            raise _wrong(text, f"expected {form.call}({form.names})", form.example)
+        body = match.group(1)
+    words = [w.strip() for w in body.split(",")] if body.strip() else []
+    try:
+        values = tuple(float(w) for w in words)
+    except ValueError:
+        raise _wrong(text, f"'{body}' is not a list of numbers", form.example) from None
+    expected = form.names.count(",") + 1
+    if len(values) != expected:
+        raise _wrong(text, f"expected {expected} numbers ({form.names}), got {len(values)}", form.example)
+    if not np.all(np.isfinite(values)):
+        raise _wrong(text, "every number must be finite", form.example)
+    return values
+
+
+def _check_range(text: str, parameter: str, values: tuple[float, ...]) -> None:
+    example = _FORMS[parameter].example
+    if parameter == "position" and not all(a < b for a, b in zip(values[:3], values[3:])):
+        raise _wrong(text, "the second corner must be larger than the first in x, y and z", example)
+    if parameter == "direction" and any(abs(e) > 90 for e in values[1::2]):
+        raise _wrong(text, "an elevation lies between -90 and 90 degrees", example)
+    if parameter == "direction" and np.allclose(toward(*values[:2]), toward(*values[2:]), atol=1e-4):
+        raise _wrong(text, "the arc starts where it ends", example)
+    if parameter in ("radius", "clearance", "intensity", "color") and any(v < 0 for v in values):
+        raise _wrong(text, f"a {parameter} is not negative", example)
+
+
+def toward(azimuth: float, elevation: float) -> np.ndarray:
+    """[3] unit direction of an azimuth (clockwise from north = -Z) and an elevation, degrees."""
+    az, el = np.radians(azimuth), np.radians(elevation)
+    return np.array([np.cos(el) * np.sin(az), np.sin(el), -np.cos(el) * np.cos(az)])
+
+
+def sun_arc(az0: float, el0: float, az1: float, el1: float, name: str = "sun") -> Sun:
+    """The sun on a daily arc from (az0, el0) to (az1, el1), degrees.
+
+    The azimuth runs straight from az0 to az1 (90 to 270 passes south, 90 to -90 passes north). In the middle the sun
+    stands at the mean azimuth and at the elevation  m + (NOON_ELEVATION - m)⁺ s²,  where m is the mean elevation and
+    s = min(|az1 - az0| / 180, 1): half a turn is a whole day and reaches noon, a short arc is nearly straight.
+    """
+    mean, span = (el0 + el1) / 2, min(abs(az1 - az0) / 180, 1)
+    rise = max(NOON_ELEVATION - mean, 0) * span**2
+    ends = [toward(az0, el0), toward((az0 + az1) / 2, mean + rise), toward(az1, el1)]
+    return Sun(*(_vector(d) for d in ends), name=name)
+
+
+def _vector(values: Sequence[float]) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def default_variable(scene: Scene) -> PointLight:
+    """A point light that may go anywhere in the scene's air: its bounds, drawn in by the clearance.
+
+    The clearance is 2.5 % of the box's longest edge. Along an edge too short for that (a flat scene) the box keeps the
+    middle half. Which of its points are free air is decided when lights are placed.
+    """
+    low, high = scene.bounds
+    inset = np.minimum(CLEARANCE * scene.extent, (high - low) / 4)
+    low, high = low + inset, high - inset
+    return PointLight(_vector(low), _vector(high), clearance=CLEARANCE * float((high - low).max()))
+
+
+def declare(texts: Sequence[str], scene: Scene) -> Variable:
+    """The one variable that the declarations describe; what they leave open comes from ``default_variable``.
+
+    What they leave open comes from the scene's own suggestion (``Scene.vary``) first; a sun replaces it.
+    """
+    found = [d for d in map(parse_vary, texts) if d.learned]
+    suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
+    name = found[0].name if found else ""
+    if all(d.parameter != "direction" for d in found):
+        found = [replace(d, name=name or d.name) for d in suggested] + found
+    names = list(dict.fromkeys(d.name for d in found))
+    if len(names) > 1:
+        raise ValueError(
+            f"vary: one light can move, not {len(names)} ({', '.join(names)}); bake one field per light, they add up"
+        )
+    given = {d.parameter: d.values for d in found}
+    if "direction" in given:
+        if len(given) > 1:
+            raise ValueError(f"vary: '{names[0]}' is a sun, it has a direction only; drop {', '.join(given)} or it")
+        return sun_arc(*given["direction"], name=names[0])
+    return _point_light(given, scene, names[0] if names else "light")
+
+
+def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:
+    """First intensity (None: not declared) and colour of the light: ``light.intensity`` and ``light.color``."""
+    given = {d.parameter: d.values for d in map(parse_vary, texts) if not d.learned and d.values}
+    intensity = given.get("intensity", (None,))[0]
+    return intensity, _vector(given.get("color", (1.0, 1.0, 1.0)))
+
+
+def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -> PointLight:
+    default = default_variable(scene)
+    box = given.get("position", (*default.low, *default.high))
+    _check_place(box, scene, name)
+    edge = max(b - a for a, b in zip(box[:3], box[3:]))
+    clearance = given.get("clearance", (CLEARANCE * edge,))[0]
+    radius = given.get("radius", (0.0,))[0]
+    # A sphere must not dip into the wall that its centre keeps away from.
+    return PointLight(_vector(box[:3]), _vector(box[3:]), max(clearance, radius), radius, name)
+
+
+def _check_place(box: Sequence[float], scene: Scene, name: str) -> None:
+    """A box farther from the scene than the scene is large lights next to nothing."""
+    low, high = scene.bounds
+    if np.any(np.asarray(box[:3]) > high + scene.extent) or np.any(np.asarray(box[3:]) < low - scene.extent):
+        bounds = ",".join(f"{v:g}" for v in (*low, *high))
+        raise ValueError(
+            f"vary: {name}.position=box({','.join(f'{v:g}' for v in box)}) lies far outside the scene, "
+            f"whose bounds are ({bounds}) in metres; move the box into it"
+        )
+
+
+def to_json(
+    variable: Variable,
+    initial: Sequence[float] | None = None,
+    intensity: float = 1.0,
+    color: Sequence[float] = (1.0, 1.0, 1.0),
+) -> dict[str, Any]:
+    """The entry of ``variables`` in the glTF extension (format/FORMAT.md).
+
+    ``initial`` is the first position or direction, by default the middle; ``intensity`` is in candela or lux.
+    """
+    if isinstance(variable, Sun):
+        middle = variable.middle
+        own = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
+    else:
+        middle = variable.sample(np.full((1, 3), 0.5))[0]
+        own = {"low": [float(v) for v in variable.low], "high": [float(v) for v in variable.high]}
+        own |= {"clearance": float(variable.clearance), "radius": float(variable.radius)}
+    first = [float(v) for v in (middle if initial is None else initial)]
+    shown = {"initial": first, "intensity": float(intensity), "color": [float(v) for v in color]}
+    return {"name": variable.name, "kind": variable.kind} | own | shown
+
+
+def from_json(entry: dict[str, Any]) -> Variable:
+    """The variable of an entry written by ``to_json``."""
+    name, kind = entry.get("name", "?"), entry.get("kind")
+    makers = {"point": _point_from_json, "sun": _sun_from_json}
+    if kind not in makers:
+        raise ValueError(f"variable '{name}': kind is {kind!r}, expected 'point' or 'sun'; write the asset again")
+    try:
+        return makers[kind](entry)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"variable '{name}': a {kind} cannot be read ({error!r}); write the asset again") from error
+
+
+def _point_from_json(entry: dict[str, Any]) -> PointLight:
+    clearance, radius = float(entry["clearance"]), float(entry.get("radius", 0))
+    return PointLight(_vector(entry["low"]), _vector(entry["high"]), clearance, radius, entry["name"])
+
+
+def _sun_from_json(entry: dict[str, Any]) -> Sun:
+    return Sun(*(_vector(entry[key]) for key in ("start", "middle", "end")), name=entry["name"])

@@ -1,0 +1,124 @@
+"""Cameras that find something to look at: eyes in free air, directions with depth and variety, few rays lost."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import qmc
+
+from .free_air import FreeAir, free_air
+from .scene import Camera, Scene
+from .variables import PointLight, Variable
+
+# Eyes keep this part of the scene's longest edge from surfaces, halved where that leaves too little room.
+EYE_CLEARANCE = 0.05
+HALVINGS = 5
+
+# Eyes tried per camera wanted (at least LEAST_EYES), looks tried per eye, rays per look.
+EYES_PER_CAMERA, LEAST_EYES, LOOKS, GRID = 6, 64, 12, (8, 6)
+
+FOV_Y = 60.0
+
+# Looks go from this far below to this far above the horizon, degrees.
+PITCH = (-28.0, 14.0)
+
+# A look loses when more than this part of it escapes, or shows back faces, or things nearer than NEAR of the extent.
+ESCAPING, BACK, CLOSE, NEAR = 0.3, 0.05, 0.2, 0.08
+
+# Cameras nearer than this (eye distance relative to the extent, plus a third of the change of direction) compete.
+APART = 0.4
+
+
+def camera_frame(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors [3]: right, up and forward of a camera."""
+    forward = np.asarray(camera.target, dtype=np.float64) - np.asarray(camera.position)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, forward), forward
+
+
+def view_directions(camera: Camera, width: int, height: int) -> np.ndarray:
+    """[width * height, 3] unit directions through the pixels of a small picture, row by row from the top."""
+    right, up, forward = camera_frame(camera)
+    half = np.tan(np.radians(camera.fov_y) / 2)
+    y, x = np.meshgrid(1 - 2 * (np.arange(height) + 0.5) / height, np.arange(width) + 0.5, indexing="ij")
+    x = (2 * x / width - 1) * width / height
+    ways = forward + half * (x[..., None] * right + y[..., None] * up)
+    return (ways / np.linalg.norm(ways, axis=-1, keepdims=True)).reshape(-1, 3)
+
+
+def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, authored: bool = False) -> list[Camera]:
+    """``count`` different cameras with a field of view of 60 degrees; with ``authored`` the scene's own come first.
+
+    A look is worth its mean depth, the variety of its depths and the number of surfaces in it.
+    """
+    own = list(scene.cameras)[:count] if authored else []
+    if len(own) == count:
+        return own
+    air, random = free_air(scene), np.random.default_rng(np.random.SeedSequence([seed, 17]))
+    eyes = _eyes(scene, variable, max(LEAST_EYES, EYES_PER_CAMERA * count), random)
+    looks = [camera for eye in eyes for camera in _looks(eye, scene.extent, random)]
+    chosen = _spread(looks, _worth(air, looks, scene.extent), count - len(own), scene.extent)
+    return own + [
+        Camera(looks[k].position, looks[k].target, fov_y=FOV_Y, name=f"view {n + 1}") for n, k in enumerate(chosen)
+    ]
+
+
+def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Generator) -> np.ndarray:
+    """[<= count, 3] points in free air in and around the light's box, as far from surfaces as there is room."""
+    low, high = scene.bounds
+    if isinstance(variable, PointLight):
+        # Look where the light can be: its box and a tenth of the scene around it.
+        margin = 0.1 * (high - low)
+        low = np.maximum(low, np.asarray(variable.low) - margin)
+        high = np.minimum(high, np.asarray(variable.high) + margin)
+    points = low + qmc.Sobol(3, scramble=True, seed=random).random(2048) * (high - low)
+    air = free_air(scene)
+    for halving in range(HALVINGS):
+        free = points[air.accepts(points, EYE_CLEARANCE * scene.extent / 2**halving)]
+        if len(free) >= count:
+            return free[:count]
+    if len(free) == 0:
+        raise ValueError(f"cameras: no eye fits into the free air of scene '{scene.name}'; add a camera to the scene")
+    return free
+
+
+def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[Camera]:
+    """Cameras at ``eye`` that look around: even azimuths from a random start, random pitches."""
+    azimuth = 2 * np.pi * (np.arange(LOOKS) + random.random()) / LOOKS
+    pitch = np.radians(random.uniform(*PITCH, LOOKS))
+    ways = np.stack([np.cos(pitch) * np.sin(azimuth), np.sin(pitch), -np.cos(pitch) * np.cos(azimuth)], axis=1)
+    position = tuple(float(v) for v in eye)
+    return [Camera(position, tuple(float(v) for v in eye + 0.25 * extent * w), fov_y=FOV_Y) for w in ways]
+
+
+def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
+    """[K] how much there is to see in each look."""
+    rays = GRID[0] * GRID[1]
+    directions = np.concatenate([view_directions(camera, *GRID) for camera in looks])
+    origins = np.repeat([camera.position for camera in looks], rays, axis=0)
+    hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
+    depth = np.where(hit, np.clip(distance, 1e-3 * extent, extent) / extent, 0)
+    # Rays that escape have no depth: they count neither for nor against its variety.
+    log_depth = np.ma.masked_array(np.log(np.where(hit, depth, 1)), mask=~hit)
+    kinds = np.sort(np.where(hit, shape, shape.max() + 1), axis=1)
+    surfaces = 1 + (np.diff(kinds, axis=1) > 0).sum(axis=1)
+    worth = depth.mean(axis=1) + 0.3 * log_depth.std(axis=1).filled(0) + 0.08 * np.log2(surfaces)
+    for part, allowed in (((~hit), ESCAPING), (back, BACK), (hit & (depth < NEAR), CLOSE)):
+        worth = worth - 4 * np.maximum(part.mean(axis=1) - allowed, 0)
+    return worth
+
+
+def _spread(looks: list[Camera], worth: np.ndarray, count: int, extent: float) -> list[int]:
+    """Indices of ``count`` looks, greedily: the most worth among those unlike the ones already chosen."""
+    eyes = np.array([c.position for c in looks]) / extent
+    ways = np.array([c.target for c in looks]) / extent - eyes
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    value = worth - worth.min() + 1e-6
+    chosen: list[int] = []
+    for _ in range(min(count, len(looks))):
+        best = int(np.argmax(value))
+        chosen.append(best)
+        apart = np.linalg.norm(eyes - eyes[best], axis=1) + np.linalg.norm(ways - ways[best], axis=1) / 3
+        value = value * (1 - np.exp(-((apart / APART) ** 2)))
+    return chosen
