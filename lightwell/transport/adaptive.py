@@ -1,0 +1,181 @@
+"""Where a fit is still wrong: new samples where the residual is large (specification 2.4).
+
+A field is fitted, its squared relative residual is measured on fresh samples, and the next round takes half of its
+samples area-uniformly and half with the density
+
+    p(x, l) ∝ sqrt(r(cell of x, cell of l)),   r = mean of (f - a)(f - b) / (f² + ε²)
+
+f the prediction, a and b the two half means of a sample: (f - a)(f - b) is the squared residual minus the variance of
+the Monte Carlo mean, so noise alone draws no samples. Cells are (object, cube of space) and cubes of light positions; a
+cell with few samples leans on its object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.queries import frames
+from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.surface import SurfaceDraw, draw_surface
+
+Predict = Callable[[Query], np.ndarray]
+"""Outgoing indirect radiance [N, 3] of a fitted field, reflectance included: what ``Samples.radiance`` holds."""
+
+# Cubes along the scene's longest edge, and along each axis of the light's box.
+SPACE_CELLS, LIGHT_CELLS = 24, 4
+# A cell's residual is averaged with this many imaginary samples of what it belongs to.
+PRIOR_SAMPLES = 4.0
+# ε of the relative residual: this share of the mean radiance (ε₂ = 0.05 in a unit of four means; specification 3.1).
+EPSILON = 0.2
+# Share of new samples that stay area-uniform.
+UNIFORM_SHARE = 0.5
+# Surface points offered per new sample, and lights offered in all.
+POOL, LIGHT_POOL = 2, 4096
+
+
+@dataclass(frozen=True)
+class ResidualDensity:
+    """Root mean square relative residual by cell; look it up with a call."""
+
+    origin: np.ndarray
+    """[3] corner of the first cube of space."""
+    size: float
+    """Edge of a cube of space, metres."""
+    light_low: np.ndarray
+    """[3] corner of the first light cell."""
+    light_size: np.ndarray
+    """[3] edges of a light cell."""
+    object_root: np.ndarray
+    """[M] √r of whole objects."""
+    space_keys: np.ndarray
+    """Sorted keys of the (object, cube) cells that have samples ..."""
+    roots: np.ndarray
+    """[cells + 1, LIGHT_CELLS³] ... and their √r by light cell; the last row is unused."""
+
+    def __call__(self, position: np.ndarray, shape: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """√r at [N] surface points with their lights."""
+        return self.table(position, shape)[np.arange(len(position)), self.light_cell(light)]
+
+    def table(self, position: np.ndarray, shape: np.ndarray) -> np.ndarray:
+        """[N, LIGHT_CELLS³] √r at surface points, for every light cell."""
+        key = space_key(position, shape, self.origin, self.size)
+        row = np.searchsorted(self.space_keys, key)
+        known = self.space_keys[np.minimum(row, len(self.space_keys) - 1)] == key
+        whole = np.broadcast_to(self.object_root[shape][:, None], (len(key), self.roots.shape[1]))
+        return np.where(known[:, None], self.roots[np.where(known, row, -1)], whole)
+
+    def light_cell(self, light: np.ndarray) -> np.ndarray:
+        """[N] index of the light cell of each light."""
+        cell = np.clip(((light - self.light_low) / self.light_size).astype(int), 0, LIGHT_CELLS - 1)
+        return (cell[:, 0] * LIGHT_CELLS + cell[:, 1]) * LIGHT_CELLS + cell[:, 2]
+
+
+def space_key(position: np.ndarray, shape: np.ndarray, origin: np.ndarray, size: float) -> np.ndarray:
+    """[N] int64 name of the (object, cube of space) cell of each point."""
+    side = SPACE_CELLS + 1
+    cell = np.clip(((position - origin) / size).astype(np.int64), 0, SPACE_CELLS)
+    return ((shape.astype(np.int64) * side + cell[:, 0]) * side + cell[:, 1]) * side + cell[:, 2]
+
+
+def relative_residual(prediction: np.ndarray, samples: Samples) -> np.ndarray:
+    """[N] squared relative residual minus its Monte Carlo variance; single values may be negative."""
+    epsilon = EPSILON * float(np.average(samples.radiance.mean(axis=1), weights=samples.weight))
+    f = np.asarray(prediction, np.float64)
+    return ((f - samples.half_a) * (f - samples.half_b) / (f * f + epsilon * epsilon)).mean(axis=1)
+
+
+def residual_density(scene: Scene, samples: Samples, prediction: np.ndarray) -> ResidualDensity:
+    """The density of new samples from the residual of a prediction [N, 3] at samples."""
+    r = relative_residual(prediction, samples)
+    position, light = (np.asarray(a, np.float64) for a in (samples.query.position, samples.query.light))
+    origin, size = scene.bounds[0], scene.extent / SPACE_CELLS
+    light_low = light.min(axis=0)
+    light_size = np.maximum((light.max(axis=0) - light_low) / LIGHT_CELLS, 1e-9)
+    meshes = len(scene.meshes)
+    everywhere = max(float(np.average(r, weights=samples.weight)), 0.0)
+    objects = _shrunk(r, samples.shape.astype(np.int64), meshes, np.full(meshes, everywhere))
+    keys, space = np.unique(space_key(position, samples.shape, origin, size), return_inverse=True)
+    owner = keys // (SPACE_CELLS + 1) ** 3
+    spaces = _shrunk(r, space, len(keys), objects[owner])
+    empty = ResidualDensity(origin, size, light_low, light_size, objects, keys, np.zeros((1, LIGHT_CELLS**3)))
+    cell = space * LIGHT_CELLS**3 + empty.light_cell(light)
+    cells = _shrunk(r, cell, len(keys) * LIGHT_CELLS**3, np.repeat(spaces, LIGHT_CELLS**3))
+    roots = np.sqrt(np.concatenate([cells, np.zeros(LIGHT_CELLS**3)])).reshape(-1, LIGHT_CELLS**3)
+    return ResidualDensity(origin, size, light_low, light_size, np.sqrt(objects), keys, roots)
+
+
+def _shrunk(r: np.ndarray, cell: np.ndarray, cells: int, prior: np.ndarray) -> np.ndarray:
+    """[cells] mean of r per cell, averaged with the prior, never negative."""
+    total, count = np.bincount(cell, r, cells), np.bincount(cell, minlength=cells)
+    return np.maximum((total + PRIOR_SAMPLES * prior) / (count + PRIOR_SAMPLES), 0.0)
+
+
+def refine(
+    scene: Scene,
+    variable: Variable,
+    samples: Samples,
+    predict: Predict,
+    count: int,
+    seed: int,
+    *,
+    lights_fn: Callable[[int, int], np.ndarray] | None = None,
+    is_open: bool | None = None,
+) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
+    """Where to take ``count`` new samples: points, lights [count, 3] and weights [count] (1 / relative density).
+
+    samples     Fresh samples (not those of the fit), on which ``predict`` is judged.
+    lights_fn   (count, seed) -> lights; None: ``sample_lights`` of the variable.
+
+
+    Pass the three on to ``collect``; a loss with these weights keeps the meaning of the uniform one.
+    """
+    density = residual_density(scene, samples, predict(samples.query))
+    point_seed, light_seed, mix_seed = (int(s) for s in np.random.SeedSequence([seed, 3]).generate_state(3))
+    pool = draw_surface(scene, POOL * count, point_seed, is_open=is_open)
+    lights = np.asarray((lights_fn or _default_lights(scene, variable))(LIGHT_POOL, light_seed), np.float32)
+    return mixture(scene, density, pool, lights, count, mix_seed)
+
+
+def mixture(
+    scene: Scene, density: ResidualDensity, pool: SurfaceDraw, lights: np.ndarray, count: int, seed: int
+) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
+    """Half of ``count`` samples as the pool offers them, half by the density; weights 1 / density of the sum."""
+    rng = np.random.default_rng(seed)
+    position = frames(scene, pool.points)[0]
+    table = density.table(position, pool.points.shape)  # [P, cells]
+    cell = density.light_cell(lights)
+    by_cell = np.bincount(cell, minlength=table.shape[1]) / len(lights)
+    # Odds of (point, light cell): its weight undoes the floors of the pool, so that 1 means area-uniform.
+    odds = table * by_cell * (pool.weight / pool.weight.mean())[:, None]
+    mean = odds.sum() / len(table)
+    uniform = count if mean == 0 else round(UNIFORM_SHARE * count)
+    point = rng.permutation(len(table))[:uniform]
+    light = rng.integers(0, len(lights), uniform)
+    if uniform < count:
+        flat = np.searchsorted(np.cumsum(odds.ravel()), rng.random(count - uniform) * odds.sum(), side="right")
+        more, wanted = np.divmod(np.minimum(flat, odds.size - 1), table.shape[1])
+        point, light = np.append(point, more), np.append(light, _lights_of_cells(cell, wanted, rng))
+    share = uniform / count
+    extra = density(position[point], pool.points.shape[point], lights[light]) / mean if mean else 0.0
+    relative = share / pool.weight[point] + (1 - share) * extra
+    order = rng.permutation(count)
+    return pool.points[point[order]], lights[light[order]], (1 / relative)[order].astype(np.float32)
+
+
+def _lights_of_cells(cell: np.ndarray, wanted: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A random light of each wanted cell."""
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], wanted, side="left")
+    last = np.searchsorted(cell[order], wanted, side="right")
+    return order[first + (rng.random(len(wanted)) * (last - first)).astype(int)]
+
+
+def _default_lights(scene: Scene, variable: Variable) -> Callable[[int, int], np.ndarray]:
+    from lightwell.scenes.placing import sample_lights
+
+    return lambda count, seed: sample_lights(scene, variable, count, seed)

@@ -1,0 +1,262 @@
+"""Which points see air: the rejection of surfaces that nothing can light or look at.
+
+Everything here is independent of the paths: short rays from the points, counted and thrown away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
+from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.queries import frames
+from lightwell.transport.radiance import random_streams
+from lightwell.transport.reach import reached, witnesses
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.tables import shape_index, shape_lookup, tables
+
+# Cosine-distributed rays per point (specification 2.5).
+RAYS = 32
+# Largest share of rays that may first meet the wrong side of a surface.
+WRONG_SHARE = 0.25
+# Share of rays that meet something nearer than TOUCH x extent when a point is covered by another surface.
+COVERED_SHARE = 0.95
+TOUCH = 1e-3
+# Surfaces nearer than this x extent lie in the same plane: some rounding errors of single precision.
+SAME_PLANE = 3e-6
+# Surfaces that a parity ray passes at most.
+CROSSINGS = 32
+# ... and surfaces of one plane that the touching test looks at.
+COPLANAR = 4
+# Rays that leave the scene from points inside its bounds, below which the scene counts as a room.
+ROOM_ESCAPE = 1 / 3
+# Points and rays per point of the test for a room.
+ROOM_POINTS, ROOM_RAYS = 128, 64
+# Rejection rays of one launch.
+LAUNCH = 1 << 21
+
+
+@dataclass
+class Rejection:
+    """Why candidate points were dropped; counts add up over calls."""
+
+    candidates: int = 0
+    covered: int = 0
+    """Something touches the surface there."""
+    back_faces: int = 0
+    """More than a quarter of the view is the inside of solids or surfaces that neither reflect nor transmit."""
+    inside: int = 0
+    """The point lies inside closed geometry, or on a side that has no BSDF."""
+    outside: int = 0
+    """The point is on the outside of a room."""
+    unreachable: int = 0
+    """No walk of light from there finds a camera, a lamp or the sky (``lightwell.transport.reach``)."""
+
+    @property
+    def dropped(self) -> int:
+        """All of them."""
+        return self.covered + self.back_faces + self.inside + self.outside + self.unreachable
+
+    def add(self, other: Rejection) -> None:
+        """Add the counts of another run."""
+        for f in fields(self):
+            setattr(self, f.name, getattr(self, f.name) + getattr(other, f.name))
+
+    def __str__(self) -> str:
+        return (
+            f"{self.dropped} of {self.candidates} candidate points dropped: "
+            f"{self.covered} covered, {self.inside} inside, "
+            f"{self.back_faces} facing insides, {self.outside} outside the room, {self.unreachable} unreachable"
+        )
+
+
+def reject(
+    scene: Scene,
+    points: SurfacePoints,
+    *,
+    is_open: bool | None = None,
+    seed: int = 0,
+    report: Rejection | None = None,
+) -> np.ndarray:
+    """[N] bool: whether a point, on the side of its view, sees air (specification 2.5).
+
+    is_open   Outdoor scene: keep sides that see nothing but the sky. None: measure (see ``room``).
+    report    Counts of what was dropped, by reason.
+    """
+    is_open = not room(scene) if is_open is None else is_open
+    rows = np.flatnonzero(own_side(scene, points, frames(scene, points)[2]))
+    keep = np.zeros(len(points), bool)
+    keep[rows] = True
+    found = Rejection(candidates=len(points), inside=len(points) - len(rows))
+    near, wrong, escaped = _shares(scene, points[rows], seed)
+    inside, facing = _inside(scene, points[rows])
+    reasons = {
+        "covered": (near >= COVERED_SHARE) | facing,
+        "inside": inside,
+        "back_faces": wrong > WRONG_SHARE,
+        "outside": (wrong + escaped > 1 - 0.5 / RAYS) & (not is_open),
+    }
+    for reason, mask in reasons.items():
+        setattr(found, reason, getattr(found, reason) + int((mask & keep[rows]).sum()))
+        keep[rows[mask]] = False
+    # The walks are for those that passed: a hidden side is the most expensive to tell.
+    rows = np.flatnonzero(keep)
+    hidden = rows[~reached(scene, points[rows], _witnesses(scene), is_open, seed)]
+    keep[hidden] = False
+    found.unreachable = len(hidden)
+    if report is not None:
+        report.add(found)
+    return keep
+
+
+def room(scene: Scene) -> bool:
+    """Whether the scene is a room rather than an outdoor place: most rays from points within it meet a surface."""
+    if "_is_room" not in scene.__dict__:
+        scene.__dict__["_is_room"] = _escape_share(scene) < ROOM_ESCAPE
+    return scene.__dict__["_is_room"]
+
+
+def _escape_share(scene: Scene) -> float:
+    """Share of rays that leave the scene from points in the inner 80 % of its bounds."""
+    lane = dr.arange(mi.UInt32, ROOM_POINTS * ROOM_RAYS)
+    rng = random_streams(mi.UInt32(0), lane // ROOM_RAYS, mi.UInt32(0))
+    low, high = (mi.ScalarPoint3f(list(b)) for b in scene.bounds)
+    u = mi.Vector3f(rng.next_float32(), rng.next_float32(), rng.next_float32())
+    origin = mi.Point3f(low) + (0.1 + 0.8 * u) * mi.Vector3f(high - low)
+    rng = random_streams(mi.UInt32(1), lane, mi.UInt32(0))
+    d = mi.warp.square_to_uniform_sphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
+    return 1 - float(dr.mean(dr.select(scene.mi.ray_test(mi.Ray3f(origin, d)), 1.0, 0.0))[0])
+
+
+def _witnesses(scene: Scene) -> np.ndarray:
+    """[K, 3] cameras and lamps that stand in the air: at most half of what they see are wrong sides."""
+    if "_witnesses" not in scene.__dict__:
+        places = witnesses(scene)
+        lane = dr.arange(mi.UInt32, len(places) * ROOM_RAYS)
+        if len(places):
+            rng = random_streams(mi.UInt32(2), lane, mi.UInt32(0))
+            d = mi.warp.square_to_uniform_sphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
+            ray = mi.Ray3f(dr.gather(mi.Point3f, upload(mi.Point3f, places), lane // ROOM_RAYS), d)
+            pi = scene.mi.ray_intersect_preliminary(ray)
+            right = ~pi.is_valid() | _right_side(scene, _sides(scene), pi, ray)
+            places = places[np.array(right, bool).reshape(-1, ROOM_RAYS).mean(axis=1) >= 0.5]
+        scene.__dict__["_witnesses"] = places
+    return scene.__dict__["_witnesses"]
+
+
+def _sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
+    """Per mesh, whether its front and its back are sides that air can touch."""
+    t = tables(scene)
+    front = (t.front & (t.air != -1)) | t.transmissive
+    back = (t.back & (t.air != 1)) | t.transmissive
+    return mi.Bool(front), mi.Bool(back)
+
+
+def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shares of the cosine rays that hit within touch, hit a wrong side, and leave the scene: each [N]."""
+    device, sides = DevicePoints(points), _sides(scene)
+    touch = dr.opaque(mi.Float, TOUCH * scene.extent)
+    found = np.zeros((3, len(points)), np.float32)
+    batch = LAUNCH // RAYS
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        lane = dr.arange(mi.UInt32, count * RAYS)
+        row = dr.opaque(mi.UInt32, start) + lane // RAYS
+        si = gather_interaction(scene, device, row)
+        rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), row, lane % RAYS)
+        d = mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
+        ray = si.spawn_ray(mi.Frame3f(_viewed(si, device, row)).to_world(d))
+        pi = scene.mi.ray_intersect_preliminary(ray)
+        hit = pi.is_valid()
+        wrong = hit & ~_right_side(scene, sides, pi, ray)
+        masks = (hit & (pi.t < touch), wrong, ~hit)
+        values = [dr.select(m, mi.Float(1), 0) for m in masks]
+        dr.eval(values)
+        found[:, start : start + count] = [np.array(dr.block_sum(v, RAYS)) / RAYS for v in values]
+    return found[0], found[1], found[2]
+
+
+def _viewed(si, device: DevicePoints, row) -> mi.Vector3f:
+    """Geometric normal on the viewer's side."""
+    view = dr.gather(mi.Vector3f, device.view, row)
+    return mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
+
+
+def _right_side(scene: Scene, sides, pi, ray) -> mi.Bool:
+    """Whether a ray met a side that air can touch."""
+    si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
+    mesh = shape_index(shape_lookup(scene), pi.shape)
+    front = dr.gather(mi.Bool, sides[0], mesh, pi.is_valid())
+    back = dr.gather(mi.Bool, sides[1], mesh, pi.is_valid())
+    return dr.select(dr.dot(si.n, ray.d) < 0, front, back)
+
+
+def own_side(scene: Scene, points: SurfacePoints, normals: np.ndarray) -> np.ndarray:
+    """[N] bool: whether the viewed side can be lit at all: it has a BSDF and is not the inside of a closed mesh.
+
+    normals   [N, 3] geometric normals on the front of the triangles.
+    """
+    t = tables(scene)
+    front = (normals * points.view).sum(-1) > 0
+    lit_front, lit_back = t.front & (t.air != -1), t.back & (t.air != 1)
+    return np.where(front, lit_front[points.shape], lit_back[points.shape])
+
+
+def _inside(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray]:
+    """[N] bool, twice: inside a solid (rays along +n and -n both leave it), and face to face with another surface."""
+    device = DevicePoints(points)
+    row = dr.arange(mi.UInt32, len(points))
+    si = gather_interaction(scene, device, row)
+    n = _viewed(si, device, row)
+    lookup, volume = shape_lookup(scene), mi.Int32(tables(scene).volume.astype(np.int32))
+    origin = si.spawn_ray(n).o
+    inside = (_leaving(scene.mi, lookup, volume, origin, n) > 0) & (_leaving(scene.mi, lookup, volume, origin, -n) > 0)
+    shape = dr.gather(mi.UInt32, device.shape, row)
+    triangle = dr.gather(mi.UInt32, device.triangle, row)
+    facing = _face_to_face(scene.mi, lookup, si.p, n, shape, triangle, dr.opaque(mi.Float, SAME_PLANE * scene.extent))
+    dr.eval(inside, facing)
+    return np.array(inside, bool).reshape(-1), np.array(facing, bool).reshape(-1)
+
+
+@dr.syntax
+def _face_to_face(geometry, lookup, p, n, shape, triangle, reach):
+    """Whether a triangle of the opposite direction lies in the same plane: two bodies that touch."""
+    found = dr.full(mi.Bool, False, dr.width(p))
+    ray = mi.Ray3f(p + reach * n, -n)
+    ray.maxt = 2 * reach
+    crossed = mi.UInt32(0)
+    active = dr.full(mi.Bool, True, dr.width(p))
+    while active:
+        pi = geometry.ray_intersect_preliminary(ray, active=active)
+        active &= pi.is_valid()
+        si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal, active)
+        other = (shape_index(lookup, pi.shape) != shape) | (pi.prim_index != triangle)
+        found |= active & other & (dr.dot(si.n, n) < 0)
+        ray.maxt = ray.maxt - pi.t - 0.01 * reach
+        ray.o = ray(pi.t + 0.01 * reach)
+        crossed += 1
+        active &= (crossed < COPLANAR) & (ray.maxt > 0)
+    return found
+
+
+@dr.syntax
+def _leaving(geometry, lookup, volume, origin, d):
+    """Number of solids that a ray leaves minus those that it enters."""
+    count = mi.Int32(0)
+    ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(d))
+    crossed = mi.UInt32(0)
+    active = dr.full(mi.Bool, True, dr.width(origin))
+    while active:
+        pi = geometry.ray_intersect_preliminary(ray, active=active)
+        active &= pi.is_valid()
+        si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal, active)
+        out = dr.select(dr.dot(si.n, ray.d) > 0, mi.Int32(1), mi.Int32(-1))
+        sign = dr.gather(mi.Int32, volume, shape_index(lookup, pi.shape), active)
+        count += dr.select(active, out * sign, 0)
+        ray = si.spawn_ray(ray.d)
+        crossed += 1
+        active &= crossed < CROSSINGS
+    return count

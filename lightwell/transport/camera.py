@@ -1,0 +1,220 @@
+"""What a camera sees: G-buffers, truth at the pixel centres, and plain path-traced pictures.
+
+Notation: H x W pixels, row-major, first row at the top.
+"""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.interactions import upload
+from lightwell.transport.radiance import (
+    LAUNCH,
+    MAX_DEPTH,
+    RR_DEPTH,
+    PathReport,
+    direct,
+    indirect,
+    random_streams,
+    static,
+    trace,
+)
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sources import Emitters, declared
+from lightwell.transport.tables import shape_index, shape_lookup
+
+# Surfaces that let light straight through with more than this share are cut away, as a rasteriser does (glTF MASK).
+CUTOUT = 0.5
+# Cut-away surfaces that a camera ray passes at most.
+CUTOUTS = 16
+
+
+class Truth(TypedDict):
+    """The reference of one view under a white unit light; [H, W, 3] float32 unless said otherwise."""
+
+    points: SurfacePoints
+    """H * W points; rows outside the mask are meaningless."""
+    mask: np.ndarray
+    """[H, W] bool: pixels that show a surface."""
+    indirect_a: np.ndarray
+    """Indirect radiance at the pixel centre, mean over the first half of the paths."""
+    indirect_b: np.ndarray
+    """... over the second, independent half."""
+    direct: np.ndarray
+    """Direct radiance of the declared light at the pixel centre."""
+    emission: np.ndarray
+    """Emission seen directly, the environment where no surface is."""
+
+
+def gbuffer(
+    scene: Scene, camera: Camera, width: int, height: int, seed: int | None = None
+) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
+    """Points seen through each pixel, whether there is one [H*W], and emission seen directly [H*W, 3].
+
+    seed   None: through the pixel centres; else a random place in each pixel.
+    """
+    pixel = dr.arange(mi.UInt32, width * height)
+    offset = mi.Point2f(0.5)
+    if seed is not None:
+        rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), pixel, mi.UInt32(0))
+        offset = mi.Point2f(rng.next_float32(), rng.next_float32())
+    ray = camera_rays(camera, width, height, pixel, offset)
+    pi, ray = _first_surface(scene.mi, ray)
+    si = pi.compute_surface_interaction(ray)
+    emission = dr.select(dr.isfinite(ray.d.x), si.emitter(scene.mi).eval(si), 0)
+    hit = pi.is_valid()
+    shape = dr.select(hit, shape_index(shape_lookup(scene), pi.shape), 0)
+    triangle = dr.select(hit, pi.prim_index, 0)
+    uv = dr.select(hit, pi.prim_uv, 0)
+    dr.eval(shape, triangle, uv, ray.d, hit, emission)
+    points = SurfacePoints(np.array(shape), np.array(triangle), _rows(uv), -_rows(ray.d))
+    return points, np.array(hit, bool), _rows(emission)
+
+
+def truth_image(
+    scene: Scene,
+    camera: Camera,
+    light: np.ndarray,
+    variable: Variable,
+    width: int,
+    height: int,
+    paths: int,
+    seed: int = 0,
+    *,
+    max_depth: int = MAX_DEPTH,
+    report: PathReport | None = None,
+) -> Truth:
+    """Direct and indirect radiance at the surface points of the pixel centres, for a white light of 1 cd (1 lx).
+
+    A field evaluated at the same points is compared like with like: nothing is filtered.
+
+    light   [3] position of the declared light (direction to the sun).
+    paths   Paths per pixel, even; each half gets half of them.
+    """
+    points, mask, emission = gbuffer(scene, camera, width, height)
+    seen = np.flatnonzero(mask)
+    a, b = indirect(scene, points[seen], light, variable, paths, seed, max_depth=max_depth, report=report)
+    lit = direct(scene, points[seen], light, variable, paths, seed + 1)
+
+    def image(values: np.ndarray) -> np.ndarray:
+        full = np.zeros((height * width, 3), np.float32)
+        full[seen] = values
+        return full.reshape(height, width, 3)
+
+    return Truth(
+        points=points,
+        mask=mask.reshape(height, width),
+        indirect_a=image(a),
+        indirect_b=image(b),
+        direct=image(lit),
+        emission=emission.reshape(height, width, 3),
+    )
+
+
+def static_image(
+    scene: Scene, camera: Camera, width: int, height: int, paths: int, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Light of the scene's own emitters at the pixel centres, without emission seen directly: two halves [H, W, 3]."""
+    points, mask, _ = gbuffer(scene, camera, width, height)
+    images = np.zeros((2, height * width, 3), np.float32)
+    images[:, mask] = static(scene, points[np.flatnonzero(mask)], paths, seed)
+    a, b = images.reshape(2, height, width, 3)
+    return a, b
+
+
+def total_image(
+    scene: Scene,
+    camera: Camera,
+    light: np.ndarray,
+    variable: Variable,
+    width: int,
+    height: int,
+    spp: int,
+    seed: int = 0,
+    *,
+    intensity: float = 1.0,
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    with_static: bool = False,
+    max_depth: int = MAX_DEPTH,
+) -> np.ndarray:
+    """A path-traced picture [H, W, 3] float32: emission + direct + indirect light, antialiased with a box filter.
+
+    light         [3] position of the declared light (direction to the sun); it shines ``intensity * color``.
+    spp           Paths per pixel.
+    with_static   Let the scene's own emitters shine too.
+    """
+    pixels = width * height
+    tint = upload(mi.Color3f, intensity * np.asarray([color]))
+    source = upload(mi.Vector3f, np.asarray(light, np.float32).reshape(1, 3))
+    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, RR_DEPTH)]
+    with_static = with_static and scene.has_static_light
+    total = np.zeros((pixels, 3), np.float64)
+    for start, count, done, block in _launches(pixels, spp):
+        first, skip, size = (dr.opaque(mi.UInt32, v) for v in (start, done, block))
+        lane = dr.arange(mi.UInt32, count * block)
+        pixel = first + lane // size
+        rng = random_streams(settings[0], pixel, skip + lane % size)
+        ray = camera_rays(camera, width, height, pixel, mi.Point2f(rng.next_float32(), rng.next_float32()))
+        si = scene.mi.ray_intersect(ray)
+        L = si.emitter(scene.mi).eval(si)
+        L += tint * trace(scene.mi, si, declared(variable, source), rng, *settings[1:], True)
+        if with_static:
+            L += trace(scene.mi, si, Emitters(), rng, *settings[1:], True)
+        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        dr.eval(L)
+        total[start : start + count] += _rows(dr.block_sum(L, block))
+    return (total / spp).reshape(height, width, 3).astype(np.float32)
+
+
+def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offset: mi.Point2f) -> mi.Ray3f:
+    """Pinhole rays through pixels at ``offset`` in [0, 1)² from their top left corner."""
+    forward = np.subtract(camera.target, camera.position, dtype=np.float64)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    half = np.tan(np.radians(camera.fov_y) / 2)
+    axes = [upload(mi.Vector3f, a[None]) for a in (right * half * width / height, up * half, forward)]
+    w, h = dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height)
+    x = 2 * (mi.Float(pixel % w) + offset.x) / w - 1
+    y = 1 - 2 * (mi.Float(pixel // w) + offset.y) / h
+    d = dr.normalize(axes[0] * x + axes[1] * y + axes[2])
+    return mi.Ray3f(upload(mi.Point3f, np.asarray([camera.position])), d)
+
+
+@dr.syntax
+def _first_surface(geometry, ray):
+    """The first surface that is not cut away, and the ray that finds it."""
+    ray = mi.Ray3f(ray)
+    pi = geometry.ray_intersect_preliminary(ray, coherent=True)
+    passed = mi.UInt32(0)
+    active = pi.is_valid()
+    while active:
+        si = pi.compute_surface_interaction(ray, mi.RayFlags.All, active)
+        active &= dr.mean(si.bsdf().eval_null_transmission(si, active)) > CUTOUT
+        active &= passed < CUTOUTS
+        if active:
+            ray = si.spawn_ray(ray.d)
+            pi = geometry.ray_intersect_preliminary(ray, active=active)
+        active &= pi.is_valid()
+        passed += 1
+    return pi, ray
+
+
+def _launches(pixels: int, spp: int):
+    """(first pixel, pixels, first path, paths) of each launch."""
+    block = min(spp, LAUNCH)
+    batch = max(1, LAUNCH // block)
+    for start in range(0, pixels, batch):
+        for done in range(0, spp, block):
+            yield start, min(batch, pixels - start), done, min(block, spp - done)
+
+
+def _rows(vector) -> np.ndarray:
+    """[N, C] float32 rows of a Dr.Jit vector."""
+    return np.ascontiguousarray(np.array(vector).T, np.float32)

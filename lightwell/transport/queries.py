@@ -1,0 +1,64 @@
+"""From surface points to what a field may know of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.scenes.scene import Scene
+from lightwell.transport.samples import Query, SurfacePoints
+
+# Smallest reflectance by which a learned value is multiplied (format/FORMAT.md).
+SMALLEST_REFLECTANCE = 1e-3
+# Interpolated normals shorter than this (opposite vertex normals) have no direction; the geometric one is used.
+SHORTEST_NORMAL = 1e-6
+
+
+def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
+    """The named inputs of a shading graph at N points. ``light`` is [N, 3] or [3]."""
+    from lightwell.scenes.materials import surface_lookup
+
+    reflectance, roughness, metallic = surface_lookup(scene, points.shape, points.triangle, points.barycentric)
+    position, normal, flat = frames(scene, points)
+    view = np.asarray(points.view, np.float32)
+    # The side is that of the triangle, not of the interpolated normal: it must not switch inside a silhouette triangle.
+    turned = (dot(flat, view) < 0) != (dot(flat, normal) < 0)
+    normal = np.where(turned, -normal, normal)
+    return Query(
+        position=position,
+        normal=normal,
+        view=view,
+        light=np.array(np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))),
+        reflectance=np.maximum(np.asarray(reflectance, np.float32), SMALLEST_REFLECTANCE),
+        roughness=np.asarray(roughness, np.float32).reshape(-1, 1),
+        metallic=np.asarray(metallic, np.float32).reshape(-1, 1),
+    )
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Row-wise dot product, [N, 1]."""
+    return (a * b).sum(-1, keepdims=True)
+
+
+def frames(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, unit interpolated vertex normals (geometric where a mesh has none) and unit geometric normals.
+
+    Each is [N, 3] float32; geometric normals are on the front of the triangles.
+    """
+    position, normal, flat = np.zeros((3, len(points), 3), np.float32)
+    for index in np.unique(points.shape):
+        rows = np.flatnonzero(points.shape == index)
+        mesh = scene.meshes[index]
+        corners = mesh.indices[points.triangle[rows]]
+        b1, b2 = np.asarray(points.barycentric[rows], np.float64).T
+        weights = np.stack([1 - b1 - b2, b1, b2], axis=-1)[..., None]
+        vertices = mesh.positions[corners].astype(np.float64)
+        position[rows] = (weights * vertices).sum(axis=1)
+        flat[rows] = _unit(np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
+        smooth = flat[rows] if mesh.normals is None else (weights * mesh.normals[corners]).sum(axis=1)
+        usable = np.linalg.norm(smooth, axis=-1, keepdims=True) > SHORTEST_NORMAL
+        normal[rows] = _unit(np.where(usable, smooth, flat[rows]))
+    return position, normal, flat
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-30)

@@ -1,0 +1,275 @@
+"""Radiance queries: what leaves a surface point towards the eye, path-traced with a light of its own for every point.
+
+Notation: N points, P paths per half. One lane is one path; two independent halves of P paths belong to each point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sources import Emitters, declared
+from lightwell.transport.tables import tables
+
+# Longest path, counted as Mitsuba does (2 = direct light). In a closed room of albedo 0.8 longer ones hold 0.1 %.
+MAX_DEPTH = 32
+# Depth from which Russian roulette may end a path; Mitsuba's default.
+RR_DEPTH = 5
+# Largest survival probability of the roulette; Mitsuba's path integrator.
+RR_MAX = 0.95
+# Lanes of one launch: large enough to fill the machine, small enough for a few hundred megabytes.
+LAUNCH = 1 << 20
+
+
+@dataclass
+class PathReport:
+    """What a radiance query did; pass one in to read it afterwards. Counts add up over calls."""
+
+    paths: int = 0
+    """Paths traced."""
+    dropped: int = 0
+    """Paths left out of the means because their value was NaN or infinite."""
+    points: int = 0
+    """Points with a half that had no finite path; their mean is NaN."""
+
+
+@dr.syntax
+def trace(scene, si, source, rng, max_depth, rr_depth, include_direct: bool):
+    r"""Radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one unidirectional path per lane.
+
+    Parameters
+      scene           Mitsuba scene: the geometry and BSDFs.
+      si              Surface interactions where the paths start.
+      source          ``lightwell.transport.sources``: declared light (per lane) or the scene's emitters.
+      rng             PCG32, one stream per lane.
+      max_depth       Longest path in Mitsuba's count (2 = direct light only); opaque.
+      rr_depth        Depth from which Russian roulette may end a path; opaque.
+      include_direct  Count light that reaches ``si`` from the source in a straight line. Otherwise paths that find the
+                      source at their first bounce are dropped, and emitter sampling starts at the second vertex.
+
+    What it does: next-event estimation and BSDF sampling combined by the power heuristic, as Mitsuba's ``path``, from
+    which it differs only in starting on a surface and in the light. Its value is that of ``path`` minus ``direct``.
+
+    What it cannot do: find a point light or the sun through glass or by a mirror (zero-measure paths: caustics are
+    missing, give the light a radius); participating media; polarisation. Shadow rays stop at every surface, alpha masks
+    included, as in ``path``.
+
+    Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling).
+    """
+    ctx = mi.BSDFContext()
+
+    # ------------------- First vertex: the query point -------------------
+
+    L = mi.Spectrum(0)  # Radiance gathered
+    bsdf = si.bsdf()
+    if dr.hint(include_direct, mode="scalar"):
+        L += _light_sample(scene, si, bsdf, source, rng)
+    bsdf_sample, β = bsdf.sample(ctx, si, rng.next_float32(), _next_2d(rng))  # Throughput
+    η = mi.Float(bsdf_sample.eta)  # Product of the indices of refraction
+    ray = si.spawn_ray(si.to_world(bsdf_sample.wo))  # Current ray
+    prev = _vertex(si)  # Vertex the ray comes from
+    bsdf_pdf_prev = mi.Float(bsdf_sample.pdf)  # Density of the ray's direction there
+    bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)  # It came from a delta lobe
+    depth = mi.UInt32(1)  # Surfaces left behind
+    active = dr.max(β) != 0  # Lanes whose path goes on
+
+    while dr.hint(active, label="lightwell radiance"):
+        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        bsdf = si.bsdf(ray)
+
+        # ------------------ The source, met by BSDF sampling ------------------
+
+        if dr.hint(source.hits, mode="scalar"):
+            Le, hit_pdf = source.hit(scene, prev, si, ray, bsdf_delta_prev, active)
+            mis = _power(bsdf_pdf_prev, hit_pdf)
+            L += dr.select(mi.Bool(include_direct) | (depth > 1), β * mis * Le, 0)
+
+        # -------------------------- Emitter sampling --------------------------
+
+        active_next = active & si.is_valid() & (depth + 1 < max_depth)
+        active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        wo_world, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, _next_2d(rng), active_em)
+        active_em &= dr.max(em_weight) > 0
+        active_em &= ~scene.ray_test(shadow, active_em)
+
+        # ------------ BSDF value towards the light, and next direction ------------
+
+        bsdf_value, bsdf_pdf, bsdf_sample, bsdf_weight = bsdf.eval_pdf_sample(
+            ctx, si, si.to_local(wo_world), rng.next_float32(), _next_2d(rng), active_next
+        )
+        mis_em = dr.select(em_delta, 1, _power(em_pdf, bsdf_pdf))
+        L += dr.select(active_em, β * mis_em * bsdf_value * em_weight, 0)
+
+        # ------------------- Update of the loop variables -------------------
+
+        ray = si.spawn_ray(si.to_world(bsdf_sample.wo))
+        β *= bsdf_weight
+        η *= bsdf_sample.eta
+        prev = _vertex(si)
+        bsdf_pdf_prev = bsdf_sample.pdf
+        bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)
+
+        # ------------------------ Stopping criterion ------------------------
+
+        β_max = dr.max(β)
+        survival = dr.minimum(β_max * dr.square(η), RR_MAX)
+        roulette = depth >= rr_depth
+        β[roulette] *= dr.rcp(survival)
+        active = active_next & (β_max != 0) & (~roulette | (rng.next_float32() < survival))
+        depth += 1
+
+    return L
+
+
+def _next_2d(rng) -> mi.Point2f:
+    x = rng.next_float32()
+    return mi.Point2f(x, rng.next_float32())
+
+
+def _power(pdf_a, pdf_b) -> mi.Float:
+    """Power heuristic: weight of a sample drawn with density ``pdf_a`` that ``pdf_b`` could have drawn too."""
+    a2 = dr.square(pdf_a)
+    weight = a2 / dr.fma(pdf_b, pdf_b, a2)
+    return dr.select(dr.isfinite(weight), weight, 0)
+
+
+def _vertex(si) -> mi.Interaction3f:
+    """The part of a surface interaction that emitter densities need."""
+    return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
+
+
+def _light_sample(scene, si, bsdf, source, rng) -> mi.Spectrum:
+    """Direct light of the source at ``si``: one emitter sample with its MIS weight."""
+    wo_world, weight, pdf, delta, shadow = source.sample(scene, si, _next_2d(rng), mi.Bool(True))
+    visible = (dr.max(weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    visible &= ~scene.ray_test(shadow, visible)
+    value, bsdf_pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wo_world), visible)
+    mis = dr.select(delta, 1, _power(pdf, bsdf_pdf))
+    return dr.select(visible, mis * value * weight, 0)
+
+
+def random_streams(seed: mi.UInt32, point: mi.UInt32, path: mi.UInt32) -> mi.PCG32:
+    """One random number stream per (seed, point, path): what a path draws does not depend on how work is chunked."""
+    a, b = mi.sample_tea_32(point, seed)
+    c, d = mi.sample_tea_32(a ^ path, b)
+    return mi.PCG32(1, mi.UInt64(c), mi.UInt64(d))
+
+
+def indirect(
+    scene: Scene,
+    points: SurfacePoints,
+    light: np.ndarray,
+    variable: Variable,
+    paths: int,
+    seed: int,
+    *,
+    max_depth: int = MAX_DEPTH,
+    rr_depth: int = RR_DEPTH,
+    report: PathReport | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indirect radiance leaving ``points`` towards their views, for a white light of 1 cd (1 lx for a sun).
+
+    light     [N, 3] position of the declared point light (direction to the sun), one per point.
+    paths     Paths per point, even; each half gets ``paths / 2``.
+    returns   Two independent means, [N, 3] float32 each. The scene's own emitters do not shine.
+    """
+    light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
+    positions = upload(mi.Vector3f, light)
+
+    def source(row):
+        return declared(variable, dr.gather(mi.Vector3f, positions, row))
+
+    return _means(scene, points, source, paths, seed, max_depth, rr_depth, False, report)
+
+
+def direct(
+    scene: Scene,
+    points: SurfacePoints,
+    light: np.ndarray,
+    variable: Variable,
+    paths: int = 2,
+    seed: int = 0,
+    *,
+    report: PathReport | None = None,
+) -> np.ndarray:
+    """Direct radiance leaving ``points`` towards their views, for a white light of 1 cd (1 lx): [N, 3].
+
+    For a light without radius the value is exact whatever the number of paths.
+    """
+    positions = upload(mi.Vector3f, np.broadcast_to(np.asarray(light, np.float32), (len(points), 3)))
+
+    def source(row):
+        return declared(variable, dr.gather(mi.Vector3f, positions, row))
+
+    a, b = _means(scene, points, source, paths, seed, 2, RR_DEPTH, True, report)
+    return 0.5 * (a + b)
+
+
+def static(
+    scene: Scene,
+    points: SurfacePoints,
+    paths: int,
+    seed: int,
+    *,
+    max_depth: int = MAX_DEPTH,
+    rr_depth: int = RR_DEPTH,
+    report: PathReport | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance leaving ``points`` from the scene's own emitters, direct and indirect; not their own emission."""
+    if not scene.has_static_light:
+        zero = np.zeros((len(points), 3), np.float32)
+        return zero, zero.copy()
+    return _means(scene, points, lambda row: Emitters(), paths, seed, max_depth, rr_depth, True, report)
+
+
+def _means(scene, points, source, paths, seed, max_depth, rr_depth, include_direct, report):
+    """Both half means of all points, launch by launch."""
+    if paths < 2 or paths % 2:
+        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    tables(scene)
+    half = paths // 2
+    device = DevicePoints(points)
+    per_point = min(half, LAUNCH // 2)  # Paths of one half in one launch
+    batch = max(1, LAUNCH // (2 * per_point))  # Points of one launch
+    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, rr_depth)]
+    total = np.zeros((len(points), 2, 3), np.float64)
+    good = np.zeros((len(points), 2), np.int64)
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        for done in range(0, half, per_point):
+            block = min(per_point, half - done)
+            L, ok = _launch(scene, device, source, settings, (start, count, done, block, half), include_direct)
+            total[start : start + count] += np.array(L).T.reshape(count, 2, 3)
+            good[start : start + count] += np.array(ok).reshape(count, 2)
+    if report is not None:
+        report.paths += len(points) * paths
+        report.dropped += int(len(points) * paths - good.sum())
+        report.points += int((good == 0).any(axis=1).sum())
+    means = np.where(good[..., None] > 0, total / np.maximum(good, 1)[..., None], np.nan).astype(np.float32)
+    return means[:, 0], means[:, 1]
+
+
+def _launch(scene, device, source, settings, span, include_direct):
+    """Trace ``block`` paths of both halves for ``count`` points; sums and counts of the finite ones, [count * 2]."""
+    start, count, done, block, half = span
+    seed, max_depth, rr_depth = settings
+    start, done, half, size = (dr.opaque(mi.UInt32, v) for v in (start, done, half, block))
+    lane = dr.arange(mi.UInt32, count * 2 * block)
+    group = lane // size  # point * 2 + half
+    row = start + group // 2
+    rng = random_streams(seed, row, (group & 1) * half + done + lane % size)
+    si = gather_interaction(scene, device, row)
+    L = trace(scene.mi, si, source(row), rng, max_depth, rr_depth, include_direct)
+    ok = dr.all(dr.isfinite(L))
+    L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
+    # Evaluated together and now: block_sum evaluates each of its arguments alone and would trace the paths four times.
+    dr.eval(L, ok)
+    result = dr.block_sum(L, block), dr.block_sum(ok, block)
+    dr.eval(result)
+    return result

@@ -1,0 +1,82 @@
+"""The records that cross from the path tracer to the fields. N samples; NumPy float32 unless said otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """N points on the surfaces of a scene, named by triangle so that they can be rebuilt exactly."""
+
+    shape: np.ndarray
+    """[N] uint32, index into ``Scene.meshes``."""
+    triangle: np.ndarray
+    """[N] uint32, index into that mesh's triangles."""
+    barycentric: np.ndarray
+    """[N, 2] weights of the triangle's second and third vertex."""
+    view: np.ndarray
+    """[N, 3] unit direction from the point to the eye; its side of the surface is the side that is seen."""
+
+    def __len__(self) -> int:
+        return len(self.shape)
+
+    def __getitem__(self, rows) -> SurfacePoints:
+        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class Query:
+    """What a field may know of N surface points: the named inputs of a shading graph (see format/FORMAT.md).
+
+    The arrays may be NumPy [N, C] or, inside Dr.Jit code, tensors [C, N].
+    """
+
+    position: np.ndarray
+    """[N, 3] world, metres."""
+    normal: np.ndarray
+    """[N, 3] unit interpolated vertex normal on the viewer's side (no normal map)."""
+    view: np.ndarray
+    """[N, 3] unit, from the point to the eye."""
+    light: np.ndarray
+    """[N, 3] position of the declared point light, or unit direction to the declared sun."""
+    reflectance: np.ndarray
+    """[N, 3] base colour + 0.04 (1 - metallic), at least 1e-3: what the learned value is multiplied by."""
+    roughness: np.ndarray
+    """[N, 1] glTF roughness."""
+    metallic: np.ndarray
+    """[N, 1]."""
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, rows) -> Query:
+        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N training or test samples of indirect radiance for a white light of 1 cd (1 lx for a sun)."""
+
+    query: Query
+    half_a: np.ndarray
+    """[N, 3] mean over the first half of the paths: indirect radiance towards ``view``, reflectance included."""
+    half_b: np.ndarray
+    """[N, 3] mean over the second, independent half."""
+    weight: np.ndarray
+    """[N] 1 / (density relative to area-uniform sampling), so that a weighted mean estimates the area-uniform mean."""
+    shape: np.ndarray
+    """[N] uint32, index into ``Scene.meshes``."""
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """[N, 3] mean of both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+    def __len__(self) -> int:
+        return len(self.shape)
+
+    def __getitem__(self, rows) -> Samples:
+        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})

@@ -1,0 +1,270 @@
+"""Frozen training samples on disk: light-major shards that resume after a kill and end with the same bytes.
+
+A folder holds ``manifest.json`` (what was asked for) and a folder ``shard_00000`` ... per shard with one ``.npy`` file
+per column and ``counts.json``. A shard is written under a temporary name and renamed: what has its name is whole.
+In a shard, ``points_per_light`` consecutive rows share a light, so that a network of the light runs once per light.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.air import Rejection
+from lightwell.transport.collect import collect
+from lightwell.transport.queries import frames
+from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport
+from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.surface import SurfaceDraw, draw_surface
+
+# Layout of the folder; readers refuse others.
+VERSION = 1
+# Finding points that see air costs as much as tracing their light, so that this many shards draw their points from one
+# pool of POOL_SIZE shards' points. Lights and paths are fresh in every shard.
+POOL_SHARDS, POOL_SIZE = 8, 2
+
+LightsFn = Callable[[int, int], np.ndarray]
+"""(count, seed) -> [count, 3] positions of the light (directions of the sun)."""
+
+Make = Callable[..., tuple[dict[str, np.ndarray], dict]]
+"""(scene, variable, lights_fn, settings, index) -> columns and counts of one shard: ``make_shard`` or one like it."""
+
+
+@dataclass(frozen=True)
+class ShardSettings:
+    """What decides the bytes of a shard, besides the scene and the variable."""
+
+    paths: int = 64
+    """Paths per sample, both halves together; even."""
+    seed: int = 0
+    lights: int = 512
+    """Lights per shard."""
+    points_per_light: int = 128
+    floor: int = 32
+    """Points per visible object and shard at least: 512 in a set of a million samples (specification 2.2)."""
+    max_depth: int = MAX_DEPTH
+    rr_depth: int = RR_DEPTH
+
+    @property
+    def size(self) -> int:
+        """Samples per shard."""
+        return self.lights * self.points_per_light
+
+
+def generate(
+    scene: Scene,
+    variable: Variable,
+    lights_fn: LightsFn | None,
+    folder: str | Path,
+    shards: int,
+    paths: int = 64,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    settings: ShardSettings | None = None,
+    make: Make | None = None,
+) -> PathReport:
+    """Write the shards that ``folder`` lacks; ``load_samples`` reads them. Same scene and settings: same bytes.
+
+    lights_fn   Where the light stands; None: ``sample_lights`` of the variable.
+    make        Makes one shard; None: ``make_shard`` (area-uniform).
+    progress    Called with (shards ready, shards) after each.
+    settings    Sizes and depths; its paths and seed give way to the arguments.
+    returns     Path counts of all shards, those written earlier included.
+    """
+    settings = replace(settings or ShardSettings(), paths=paths, seed=seed)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = manifest(scene, variable, settings)
+    if (folder / "manifest.json").exists():
+        check_manifest(folder, wanted)
+    else:
+        _write_atomically(folder / "manifest.json", json.dumps(wanted, indent=2, sort_keys=True))
+    total = PathReport()
+    for index in range(shards):
+        if not _shard(folder, index).exists():
+            _write_shard(folder, index, *(make or make_shard)(scene, variable, lights_fn, settings, index))
+        counts = json.loads((_shard(folder, index) / "counts.json").read_text())
+        for name in asdict(total):
+            setattr(total, name, getattr(total, name) + counts["paths"][name])
+        if progress is not None:
+            progress(index + 1, shards)
+    return total
+
+
+def make_shard(
+    scene: Scene,
+    variable: Variable,
+    lights_fn: LightsFn | None,
+    settings: ShardSettings,
+    index: int,
+    *,
+    own_light: bool = False,
+) -> tuple[dict[str, np.ndarray], dict]:
+    """The columns of one shard and its counts; depends on nothing but its arguments, so any machine may make it.
+
+    own_light   Gather the light of the scene's own emitters instead of the declared light's.
+    """
+    seed, light_seed, path_seed = shard_seeds(settings, index)
+    pool = surface_pool(scene, settings, index // POOL_SHARDS)
+    rows = np.random.default_rng(seed).permutation(len(pool.points))[: settings.size]
+    lights = (lights_fn or default_lights(scene, variable))(settings.lights, light_seed)
+    light = np.repeat(np.asarray(lights, np.float32), settings.points_per_light, axis=0)
+    points, weight = pool.points[rows], pool.weight[rows]
+    return shard_columns(
+        scene, variable, points, light, weight, settings, path_seed, pool.rejection, own_light=own_light
+    )
+
+
+def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceDraw:
+    """Pool ``number`` of surface points, shared by area-uniform and adaptive shards; kept with the scene."""
+    pools = scene.__dict__.setdefault("_surface_pools", {})
+    key = (number, settings)
+    if key not in pools:
+        seed = int(np.random.SeedSequence([settings.seed, number, 1]).generate_state(1)[0])
+        pools[key] = draw_surface(scene, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
+    return pools[key]
+
+
+def shard_seeds(settings: ShardSettings, index: int) -> tuple[int, int, int]:
+    """Seeds of the points, the lights and the paths of one shard."""
+    return tuple(int(s) for s in np.random.SeedSequence([settings.seed, index]).generate_state(3))
+
+
+def shard_columns(
+    scene: Scene,
+    variable: Variable,
+    points: SurfacePoints,
+    light: np.ndarray,
+    weight: np.ndarray,
+    settings: ShardSettings,
+    seed: int,
+    rejection: Rejection,
+    *,
+    own_light: bool = False,
+) -> tuple[dict[str, np.ndarray], dict]:
+    """Trace the points of a shard; returns its columns and counts."""
+    report = PathReport()
+    depths = {"max_depth": settings.max_depth, "rr_depth": settings.rr_depth}
+    samples = collect(
+        scene,
+        variable,
+        points,
+        light,
+        settings.paths,
+        seed,
+        weight=weight,
+        own_light=own_light,
+        report=report,
+        **depths,
+    )
+    columns = {name: getattr(samples.query, name) for name in Query.__dataclass_fields__}
+    columns |= {name: getattr(samples, name) for name in ("half_a", "half_b", "weight", "shape")}
+    columns |= {"triangle": points.triangle, "barycentric": points.barycentric}
+    columns["flat"] = frames(scene, points)[2]
+    return columns, {"paths": asdict(report), "rejection": asdict(rejection)}
+
+
+def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int | None = None) -> Samples:
+    """The samples of a folder, shard by shard. With a scene, one that was made for another scene is refused.
+
+    shards   Read the first so many; default all.
+    """
+    folder = Path(folder)
+    _read_manifest(folder, scene_digest(scene) if scene is not None else None)
+    found = sorted(p for p in folder.glob("shard_*") if not p.name.endswith(".tmp"))
+    if len(found) < (shards or 1):
+        raise ValueError(
+            f"samples: '{folder}' holds {len(found)} of {shards or 1} shards; run generate() again to resume"
+        )
+    found = found[:shards]
+
+    def column(name: str) -> np.ndarray:
+        return np.concatenate([np.load(p / f"{name}.npy") for p in found])
+
+    query = Query(**{name: column(name) for name in Query.__dataclass_fields__})
+    return Samples(query, column("half_a"), column("half_b"), column("weight"), column("shape"))
+
+
+def manifest(scene: Scene, variable: Variable, settings: ShardSettings) -> dict:
+    """What is written beside the shards."""
+    body = {"variable": asdict(variable), "settings": asdict(settings)}
+    digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+    return {"version": VERSION, "scene": scene.name, "digest": scene_digest(scene), "settings_hash": digest, **body}
+
+
+def check_manifest(folder: Path, wanted: dict) -> None:
+    """Raise when the shards in a folder were not made for this scene, variable and settings."""
+    found = _read_manifest(folder, wanted["digest"])
+    if found["settings_hash"] != wanted["settings_hash"]:
+        old, new = ({**m["settings"], **m["variable"]} for m in (found, wanted))
+        changed = ", ".join(k for k in new if json.dumps(new[k]) != json.dumps(old.get(k))) or "settings"
+        raise ValueError(
+            f"samples: '{folder}' was made with other settings ({changed}); choose another folder or delete this one"
+        )
+
+
+def scene_digest(scene: Scene) -> str:
+    """``Scene.digest``, or a hash of the geometry for scenes made in memory."""
+    if scene.digest:
+        return scene.digest
+    digest = hashlib.sha256(scene.name.encode())
+    for mesh in scene.meshes:
+        digest.update(np.ascontiguousarray(mesh.positions).tobytes() + np.ascontiguousarray(mesh.indices).tobytes())
+    return digest.hexdigest()
+
+
+def _read_manifest(folder: Path, digest: str | None) -> dict:
+    try:
+        found = json.loads((folder / "manifest.json").read_text())
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"samples: '{folder}' has no readable manifest.json ({error}); run generate() first"
+        ) from error
+    if found.get("version") != VERSION:
+        raise ValueError(
+            f"samples: '{folder}' has version {found.get('version')}, expected {VERSION}; delete it and generate again"
+        )
+    if digest is not None and found["digest"] != digest:
+        raise ValueError(
+            f"samples: '{folder}' was made for another scene ('{found['scene']}', digest {found['digest'][:12]}, "
+            f"expected {digest[:12]}); choose another folder or delete this one"
+        )
+    return found
+
+
+def default_lights(scene: Scene, variable: Variable) -> LightsFn:
+    """``sample_lights`` of the variable."""
+    from lightwell.scenes.placing import sample_lights
+
+    return lambda count, seed: sample_lights(scene, variable, count, seed)
+
+
+def _shard(folder: Path, index: int) -> Path:
+    return folder / f"shard_{index:05d}"
+
+
+def _write_shard(folder: Path, index: int, columns: dict[str, np.ndarray], counts: dict) -> None:
+    temporary = _shard(folder, index).with_suffix(".tmp")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir()
+    for name, values in columns.items():
+        kind = np.uint32 if values.dtype.kind in "ui" else np.float32
+        np.save(temporary / f"{name}.npy", np.ascontiguousarray(values, kind))
+    (temporary / "counts.json").write_text(json.dumps(counts, indent=2, sort_keys=True))
+    os.replace(temporary, _shard(folder, index))
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(text)
+    os.replace(temporary, path)

@@ -1,0 +1,133 @@
+"""What the transport kernels need of a scene, worked out once: areas, closed solids and one-sided materials.
+
+Notation: M meshes, T triangles of all meshes together. The *front* of a triangle is the side to which its geometric
+normal (counter-clockwise vertices) points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Mesh, Scene
+
+# Vertices nearer than this share of a mesh's extent are one vertex when asking whether the mesh is closed.
+WELD = 1e-5
+# A closed mesh around this share of all other surface is the shell of a room.
+SHELL_SHARE = 0.9
+
+
+@dataclass(frozen=True)
+class SceneTables:
+    """Per-mesh and per-triangle facts. Arrays are NumPy; the rays read them through ``dr.gather``."""
+
+    area: np.ndarray
+    """[T] float64, square metres."""
+    mesh_of: np.ndarray
+    """[T] uint32, the mesh of each triangle."""
+    first: np.ndarray
+    """[M + 1] first triangle of each mesh in the concatenation."""
+    glossy: np.ndarray
+    """[M] bool: the BSDF has a glossy or delta lobe, its radiance depends on the view."""
+    front: np.ndarray
+    """[M] bool: the front reflects or transmits."""
+    back: np.ndarray
+    """[M] bool: the back reflects or transmits."""
+    air: np.ndarray
+    """[M] int: of a closed mesh, the side that touches air: +1 front, -1 back; 0 for a mesh that is not closed."""
+    volume: np.ndarray
+    """[M] int: of a closed opaque body, +1 normals outwards, -1 inwards; 0 for all else and for shells of rooms."""
+    transmissive: np.ndarray
+    """[M] bool: light passes through (glass, masks)."""
+
+    @property
+    def mesh_area(self) -> np.ndarray:
+        """[M] float64, square metres."""
+        return np.add.reduceat(np.append(self.area, 0.0), self.first[:-1]) * (np.diff(self.first) > 0)
+
+
+def tables(scene: Scene) -> SceneTables:
+    """The tables of a scene, built on first use and kept with it."""
+    if "_transport_tables" not in scene.__dict__:
+        scene.__dict__["_transport_tables"] = _build(scene)
+    return scene.__dict__["_transport_tables"]
+
+
+def _build(scene: Scene) -> SceneTables:
+    counts = [len(m.indices) for m in scene.meshes]
+    shapes = scene.mi.shapes()
+    if len(shapes) != len(counts):
+        raise ValueError(
+            f"transport: scene '{scene.name}' has {len(counts)} meshes but {len(shapes)} Mitsuba shapes; "
+            "build it with lightwell.scenes (one shape per mesh, shape merging off)"
+        )
+    flags = [_bsdf_flags(s.bsdf()) for s in shapes]
+    flag = mi.BSDFFlags
+    one_way = np.array([not f & int(flag.Transmission) and not f & int(flag.Null) for f in flags])
+    turn = np.array([_orientation(m) for m in scene.meshes])
+    shell = np.array([_is_shell(scene, i, turn[i]) for i in range(len(counts))], bool)
+    return SceneTables(
+        area=np.concatenate([m.triangle_areas for m in scene.meshes]),
+        mesh_of=np.repeat(np.arange(len(counts), dtype=np.uint32), counts),
+        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        glossy=np.array([bool(f & int(flag.Glossy | flag.Delta)) for f in flags]),
+        front=np.array([bool(f & int(flag.FrontSide)) for f in flags]),
+        back=np.array([bool(f & int(flag.BackSide)) for f in flags]),
+        air=np.where(shell, -turn, turn),
+        volume=np.where(shell | ~one_way, 0, turn),
+        transmissive=~one_way,
+    )
+
+
+def _bsdf_flags(bsdf) -> int:
+    return 0 if bsdf is None else int(bsdf.flags())
+
+
+def _orientation(mesh: Mesh) -> int:
+    """+1 (normals outwards) or -1 when triangles run along every edge both ways, that is a closed mesh; else 0."""
+    extent = float(np.ptp(mesh.positions, axis=0).max())
+    key = np.round(mesh.positions.astype(np.float64) / max(extent * WELD, 1e-30)).astype(np.int64)
+    _, welded = np.unique(key, axis=0, return_inverse=True)
+    faces = welded.reshape(-1)[mesh.indices.astype(np.int64)]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    if len(faces) < 4:
+        return 0
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    size = int(welded.max()) + 1
+    forward, backward = np.sort(start * size + end), np.sort(end * size + start)
+    if not np.array_equal(forward, backward):
+        return 0
+    a, b, c = (mesh.positions[mesh.indices[:, k]].astype(np.float64) - mesh.positions[0] for k in range(3))
+    return int(np.sign(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()))
+
+
+def _is_shell(scene: Scene, index: int, orientation: int) -> bool:
+    """Whether a closed mesh is the shell of a room (air inside): alone with inward normals, or around all the rest."""
+    others = [m for i, m in enumerate(scene.meshes) if i != index]
+    if orientation == 0 or not others:
+        return orientation < 0
+    low, high = scene.meshes[index].positions.min(axis=0), scene.meshes[index].positions.max(axis=0)
+    middle = np.array([(m.positions.min(axis=0) + m.positions.max(axis=0)) / 2 for m in others])
+    within = ((middle > low) & (middle < high)).all(axis=1)
+    area = np.array([m.triangle_areas.sum() for m in others])
+    if (area * within).sum() < SHELL_SHARE * area.sum():
+        return False
+    eyes = np.array([c.position for c in scene.cameras] + [l.position for l in scene.lights]).reshape(-1, 3)
+    return orientation < 0 or bool(((eyes > low) & (eyes < high)).all(axis=1).any())
+
+
+def shape_lookup(scene: Scene) -> mi.UInt32:
+    """For ``shape_index``: mesh indices by Dr.Jit's instance number."""
+    if "_shape_lookup" not in scene.__dict__:
+        ids = np.array(dr.reinterpret_array(mi.UInt32, scene.mi.shapes_dr()))
+        lookup = np.zeros(int(ids.max()) + 1, np.uint32)
+        lookup[ids] = np.arange(len(ids))
+        scene.__dict__["_shape_lookup"] = mi.UInt32(lookup)
+    return scene.__dict__["_shape_lookup"]
+
+
+def shape_index(lookup: mi.UInt32, shape: mi.ShapePtr) -> mi.UInt32:
+    """Index into ``scene.meshes`` of the shapes that rays have hit (undefined for rays that hit nothing)."""
+    return dr.gather(mi.UInt32, lookup, dr.reinterpret_array(mi.UInt32, shape))

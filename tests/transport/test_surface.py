@@ -1,0 +1,164 @@
+"""Surface points: uniform in area, on sides that see air, rebuilt exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from lightwell.transport.air import Rejection, reject, room
+from lightwell.transport.interactions import interaction
+from lightwell.transport.queries import frames, make_query
+from lightwell.transport.surface import candidates, draw_surface, sample_surface
+
+from . import rooms
+
+
+def test_samples_are_uniform_in_area(cornell):
+    # χ² over 8 x 8 cells of ceiling, back wall and side walls, all of 4 m², seen from inside alone.
+    points = sample_surface(cornell, 20000, 1)
+    position = frames(cornell, points)[0]
+    counts = []
+    for shape, (i, j) in {1: (0, 2), 2: (0, 1), 3: (1, 2), 4: (1, 2)}.items():
+        p = position[points.shape == shape] + [1, 0, 1]
+        counts.append(np.histogram2d(p[:, i], p[:, j], bins=8, range=[[0, 2], [0, 2]])[0])
+    # Scrambled Sobol points are more even than random ones, so that only the upper tail counts.
+    assert stats.chisquare(np.ravel(counts)).pvalue > 0.01
+
+
+def test_a_clumped_histogram_fails_the_chi_square(cornell):
+    # The planted bug: barycentric weights without the square root crowd one corner of every triangle.
+    u = np.random.default_rng(0).random((20000, 7))
+    u[:, 1] **= 2
+    points = candidates(cornell, u, np.eye(7)[1])
+    p = frames(cornell, points)[0] + [1, 0, 1]
+    counts = np.histogram2d(p[:, 0], p[:, 2], bins=8, range=[[0, 2], [0, 2]])[0]
+    assert stats.chisquare(np.ravel(counts)).pvalue < 1e-6
+
+
+def test_shares_of_objects(cornell):
+    draw = draw_surface(cornell, 16384, 2)
+    # Floor less two footprints of 0.6 m x 0.6 m; boxes without their undersides.
+    expected = np.array([4 - 0.72, 4, 4, 4, 4, 4 * 0.6 * 1.2 + 0.36, 4 * 0.36 + 0.36])
+    # 35,000 candidates: 0.5 % of an area at one standard deviation, taken 4 times.
+    np.testing.assert_allclose(draw.visible_area, expected, rtol=0.02)
+    shares = np.bincount(draw.points.shape) / len(draw.points)
+    np.testing.assert_allclose(shares, expected / expected.sum(), rtol=0.03)
+    # The weights undo what little the floors changed.
+    assert draw.weight.mean() == pytest.approx(1, abs=1e-3)
+
+
+def test_small_objects_get_their_floor():
+    tiny = rooms.box("tiny", (0, 0.5, 0), (0.02, 0.52, 0.02))
+    scene = rooms.build("tiny", [*rooms.room_walls(), tiny], [rooms.diffuse(rooms.WHITE)] * 6)
+    draw = draw_surface(scene, 8192, 3, floor=256)
+    is_tiny = draw.points.shape == 5
+    assert is_tiny.sum() == 256
+    # Weighted, it counts for its area again: 24 cm² of 20 m² (of so many points, 5 % at one deviation).
+    share = draw.weight[is_tiny].sum() / draw.weight.sum()
+    assert share == pytest.approx(6 * 0.02**2 / 20, rel=0.2)
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_nothing_under_a_box_on_a_floor(is_open):
+    low, high = (-0.3, 0, -0.3), (0.3, 0.6, 0.3)
+    walls = rooms.room_walls() if not is_open else rooms.room_walls()[:1]
+    scene = rooms.build("box", [*walls, rooms.box("box", low, high)], [rooms.diffuse(rooms.WHITE)] * (len(walls) + 1))
+    assert room(scene) is not is_open
+    report = Rejection()
+    points = sample_surface(scene, 16384, 4, report=report)
+    position, _, flat = frames(scene, points)
+    up = np.sign((flat * points.view).sum(axis=1)) * flat[:, 1] > 0.5
+    under = (np.abs(position[:, [0, 2]]) < 0.3).all(axis=1) & (position[:, 1] < 1e-4)
+    # The floor's upper side beneath the box, and the box's underside, are gone; the rest of the floor is not.
+    assert not (under & (up | (points.shape == len(walls)))).any()
+    assert ((points.shape == 0) & ~under).any()
+    assert report.covered > 0 and report.candidates == report.dropped + (report.candidates - report.dropped)
+
+
+def test_points_inside_a_solid_are_dropped():
+    # A shelf that runs through a closed block: the part within the block goes, the rest stays, on both sides.
+    block = rooms.box("block", (-0.5, 0, -0.5), (0.5, 1, 0.5))
+    shelf = rooms.quad("shelf", (-0.9, 0.5, -0.3), (0, 0, 0.6), (1.8, 0, 0))
+    scene = rooms.build("shelf", [*rooms.room_walls(), block, shelf], [rooms.diffuse(rooms.WHITE)] * 7)
+    points = sample_surface(scene, 8192, 5)
+    on_shelf = points.shape == 6
+    position, _, flat = frames(scene, points)
+    assert not (np.abs(position[on_shelf, 0]) < 0.5).any()
+    side = (flat * points.view).sum(axis=1)[on_shelf] > 0
+    assert 0.4 < side.mean() < 0.6
+
+
+def test_hidden_skins_are_dropped():
+    # A second skin outside the room and a hollow box without a lid face down: neither is closed, both are hidden.
+    skin = rooms.quad("skin", (-1.2, -0.2, -1.2), (2.4, 0, 0), (0, 2.4, 0))
+    hollow = rooms.box("hollow", (-0.3, 0, -0.3), (0.3, 0.5, 0.3))
+    hollow = replace(hollow, indices=hollow.indices[[k for k in range(12) if k not in (4, 5)]])
+    meshes = [*rooms.room_walls(), skin, hollow]
+    camera = rooms.Camera((0, 1, 0.9), (0, 1, 0))
+    scene = rooms.build("skins", meshes, [rooms.diffuse(rooms.WHITE)] * 7, cameras=[camera])
+    report = Rejection()
+    draw = draw_surface(scene, 8192, 9, report=report)
+    # The inner back wall (4 m²) is seen; its outside and the inside of the skin see each other alone.
+    np.testing.assert_allclose(draw.visible_area[[2, 5]], [4, 0], rtol=0.03)
+    assert not (draw.points.shape == 5).any()
+    # The box shows four sides and its top, outside only.
+    assert draw.visible_area[6] == pytest.approx(4 * 0.6 * 0.5 + 0.36, rel=0.05)
+    assert report.unreachable > 0
+
+
+def test_a_camera_inside_a_body_is_no_witness():
+    block = rooms.box("block", (-0.5, 0, -0.5), (0.5, 1, 0.5))
+    camera = rooms.Camera((0, 0.5, 0), (0, 1, 0))
+    scene = rooms.build("blind", [*rooms.room_walls(), block], [rooms.diffuse(rooms.WHITE)] * 6, cameras=[camera])
+    assert draw_surface(scene, 2048, 10).visible_area[1] == pytest.approx(4, rel=0.1)
+
+
+def test_one_sided_materials_have_one_side():
+    wall = {"type": "diffuse"}
+    scene = rooms.build("one-sided", [rooms.quad("floor", (-1, 0, -1), (0, 0, 2), (2, 0, 0))], [wall])
+    points = sample_surface(scene, 512, 6, is_open=True)
+    assert (points.view[:, 1] > 0).all()
+
+
+def test_a_scene_without_air_says_so():
+    with pytest.raises(ValueError, match=r"has no surface that sees air .* is_open=True"):
+        sample_surface(rooms.plane(), 16, 0, is_open=False)
+
+
+def test_rejection_counts_add_up(cornell):
+    points = candidates(cornell, np.random.default_rng(1).random((4096, 7)))
+    report = Rejection()
+    keep = reject(cornell, points, report=report)
+    assert report.candidates == 4096 and report.dropped == (~keep).sum()
+    assert "of 4096 candidate points dropped" in str(report)
+
+
+def test_seeds(cornell):
+    first, same, other = (sample_surface(cornell, 1024, s) for s in (1, 1, 2))
+    for name in ("shape", "triangle", "barycentric", "view"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(same, name))
+    assert not np.array_equal(first.barycentric, other.barycentric)
+
+
+def test_views_are_on_the_viewers_side(glossy):
+    points = sample_surface(glossy, 4096, 7)
+    query = make_query(glossy, points, (0, 1, 0))
+    np.testing.assert_allclose(np.linalg.norm(query.view, axis=1), 1, rtol=1e-5)
+    cosine = (query.normal * query.view).sum(axis=1)
+    assert (cosine >= -1e-6).all()
+    # Diffuse walls: uniform over the hemisphere, cosine uniform in [0, 1]; Kolmogorov-Smirnov.
+    assert stats.kstest(cosine[points.shape == 1], "uniform").pvalue > 0.01
+    # The floor of rough plastic: half of the views by projected area, whose cosine has the distribution c².
+    assert stats.kstest(cosine[points.shape == 0], lambda c: 0.5 * c + 0.5 * c * c).pvalue > 0.01
+
+
+def test_interactions_are_exact(cornell):
+    points = sample_surface(cornell, 512, 8)
+    si = interaction(cornell, points)
+    position, _, flat = frames(cornell, points)
+    np.testing.assert_allclose(np.array(si.p).T, position, atol=1e-6)  # a rounding or two of single precision
+    np.testing.assert_allclose(np.array(si.n).T, flat, atol=1e-5)
+    np.testing.assert_allclose(np.array(si.to_world(si.wi)).T, points.view, atol=1e-5)
