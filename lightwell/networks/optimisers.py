@@ -1,0 +1,42 @@
+"""Optimiser steps as pure functions on dicts of tensors, so that they can be part of a frozen kernel.
+
+Dr.Jit's own ``drjit.opt.Adam`` (1.5) multiplies a learning rate given as an array in place, once per parameter, so that
+the rate drifts with every step; and a rate given as a number would be compiled into the kernel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightwell.backend import dr, mi
+
+Tensors = dict[str, Any]
+
+# Decay of the moments and the term that keeps the division finite (Kingma & Ba 2015, their defaults).
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
+
+
+def adam(values: Tensors, gradients: Tensors, moments: tuple[Tensors, Tensors], rate: Any) -> tuple[Tensors, Any]:
+    """One Adam step; ``rate`` already holds the bias correction of ``adam_rate``. Returns (values, moments)."""
+    first = {k: BETA_1 * moments[0][k] + (1 - BETA_1) * g for k, g in gradients.items()}
+    second = {k: BETA_2 * moments[1][k] + (1 - BETA_2) * dr.square(g) for k, g in gradients.items()}
+    moved = {k: values[k] - mi.TensorXf(rate) * first[k] / (dr.sqrt(second[k]) + EPSILON) for k in values}
+    return moved, (first, second)
+
+
+def adam_rate(rate: float, step: int) -> float:
+    """The rate of step 1, 2, … with both bias corrections of Adam folded in."""
+    return rate * (1 - BETA_2**step) ** 0.5 / (1 - BETA_1**step)
+
+
+def sgd(values: Tensors, gradients: Tensors, moments: tuple[Tensors, Tensors], rate: Any) -> tuple[Tensors, Any]:
+    """One step of plain gradient descent; the moments are not used."""
+    return {k: values[k] - mi.TensorXf(rate) * gradients[k] for k in values}, moments
+
+
+def sgd_rate(rate: float, step: int) -> float:
+    """The rate as it is."""
+    return rate
+
+
+OPTIMISERS = {"adam": (adam, adam_rate), "sgd": (sgd, sgd_rate)}

@@ -1,0 +1,263 @@
+"""The training loop: seeded batches, schedules, gradient clipping, early stopping, checkpoints that resume exactly."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.networks.losses import LOSSES
+from lightwell.networks.mlp import Mlp
+from lightwell.networks.optimisers import OPTIMISERS
+from lightwell.networks.schedules import SCHEDULES
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How a network is trained."""
+
+    loss: str = "relative2"
+    optimiser: str = "adam"
+    """'adam' or 'sgd'."""
+    rate: float = 3e-3
+    schedule: str = "cosine"
+    batch: int = 1 << 12
+    decay: float = 0.0
+    """L2 weight decay, added to the gradient of the weights (not of the biases)."""
+    clip: float = 1.0
+    """Largest Euclidean norm of the whole gradient; 0 turns clipping off."""
+    evaluate_every: int = 200
+    """Steps between two looks at the validation set."""
+    patience: int = 10
+    """Evaluations without improvement until the training stops, but at least a fifth of the schedule, whose high rates
+    hide progress; 0 never stops."""
+    initial_bias: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """N rows on the device, in random order: a batch is a run of neighbouring rows, because gathering scattered rows
+    costs three times as much as reading a run."""
+
+    features: Any
+    """[N, F] tensor."""
+    target: Any
+    """[N, 3] tensor, unit S."""
+    weight: Any
+    """[N] float, importance weights with mean 1."""
+
+    @staticmethod
+    def from_numpy(features: np.ndarray, target: np.ndarray, weight: np.ndarray) -> TrainingSet:
+        """Copy rows that are in random order to the device, once."""
+        tensor = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
+        return TrainingSet(tensor(features), tensor(target), mi.Float(np.ascontiguousarray(weight, np.float32)))
+
+    def __len__(self) -> int:
+        return self.features.shape[0]
+
+    def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
+        """``count`` rows from row ``start`` (UInt32 of width 1) on, round the end: [B, F], [B, 3], [B, 1]."""
+        weight = mi.TensorXf(self.weight, (len(self), 1))
+        return tuple(_run(table, start, count) for table in (self.features, self.target, weight))
+
+
+def _run(table: Any, start: Any, count: int) -> Any:
+    rows, width = table.shape
+    source = dr.arange(mi.UInt32, count * width) + start * width
+    end = rows * width
+    source = dr.select(source < end, source, source - end)
+    return mi.TensorXf(dr.gather(mi.Float, table.array, source), (count, width))
+
+
+@dataclass
+class TrainingState:
+    """Everything that a resumed training needs beside the optimiser's arrays."""
+
+    step: int = 0
+    samples_seen: int = 0
+    best_error: float = float("inf")
+    best_step: int = 0
+    history: list[tuple[int, float, float]] = field(default_factory=list)
+    """(step, training loss since the last entry, validation error)."""
+
+
+Progress = Callable[[TrainingState, int], None]
+
+
+class Trainer:
+    """Fits an ``Mlp`` to a ``TrainingSet``; the same seed and plan give the same weights.
+
+    ``error`` maps the parameters (dict of NumPy arrays) to the validation error that early stopping watches; the
+    parameters with the smallest error seen are kept in ``best``.
+    """
+
+    def __init__(self, mlp: Mlp, settings: TrainingSettings, seed: int) -> None:
+        self.mlp, self.settings, self.seed = mlp, settings, seed
+        self.state = TrainingState()
+        self.best = mlp.initial(seed, settings.initial_bias)
+        # Weights and Adam's two moments on the device.
+        self._values = _upload(self.best)
+        self._moments = tuple(_upload({k: np.zeros_like(v) for k, v in self.best.items()}) for _ in range(2))
+        # First rows of the current epoch's batches, and which epoch and set length they belong to.
+        self._starts: np.ndarray | None = None
+        self._starts_key: tuple[int, int] = (-1, -1)
+
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Current weights as NumPy arrays."""
+        return {name: np.array(value) for name, value in self._values.items()}
+
+    # ------------------------------------------------------------------ one step
+
+    def _batch(self, rows: int) -> int:
+        return min(self.settings.batch, rows)
+
+    def _next_start(self, rows: int) -> int:
+        """First row of the next batch; depends on (seed, step, rows) alone, so that a resumed training repeats it."""
+        batch = self._batch(rows)
+        per_epoch = max(rows // batch, 1)
+        epoch, position = divmod(self.state.step, per_epoch)
+        if self._starts_key != (epoch, rows):
+            rng = np.random.default_rng((self.seed, epoch, rows))
+            # A random phase gives every epoch other batches, although rows keep their neighbours.
+            self._starts = (rng.permutation(per_epoch) * batch + rng.integers(rows)) % rows
+            self._starts_key = (epoch, rows)
+        return int(self._starts[position])
+
+    def step(self, data: TrainingSet, total: int) -> Any:
+        """One optimiser step of ``total``; returns the loss as an unevaluated-on-host array of width 1."""
+        epoch = self.state.samples_seen / len(data)
+        rate = SCHEDULES[self.settings.schedule](self.settings.rate, self.state.step / max(total, 1), epoch)
+        _, corrected = OPTIMISERS[self.settings.optimiser]
+        start = dr.opaque(mi.UInt32, self._next_start(len(data)))
+        self.state.step += 1
+        rate = dr.opaque(mi.Float, corrected(rate, self.state.step))
+        step = frozen_step(self.mlp, self.settings, self._batch(len(data)), len(data))
+        self._values, self._moments, loss = step(self._values, self._moments, data, start, rate)
+        dr.eval(self._values, self._moments, loss)
+        self.state.samples_seen += self._batch(len(data))
+        return loss
+
+    # ------------------------------------------------------------------ the loop
+
+    def fit(
+        self,
+        data: TrainingSet,
+        error: Callable[[dict[str, np.ndarray]], float],
+        until: int,
+        total: int,
+        progress: Progress | None = None,
+        checkpoint: Callable[[], None] | None = None,
+    ) -> bool:
+        """Train up to step ``until`` of a schedule of ``total`` steps. Returns whether early stopping ended it."""
+        settings, state = self.settings, self.state
+        losses = []
+        while state.step < until:
+            losses.append(self.step(data, total))
+            if state.step % settings.evaluate_every and state.step != until:
+                continue
+            self._record(float(np.mean([loss.numpy() for loss in losses])), error)
+            losses = []
+            if progress:
+                progress(state, total)
+            if checkpoint:
+                checkpoint()
+            enough = max(settings.patience * settings.evaluate_every, total // 5)
+            if settings.patience and state.step - state.best_step >= enough:
+                return True
+        return False
+
+    def _record(self, loss: float, error: Callable[[dict[str, np.ndarray]], float]) -> None:
+        parameters = self.parameters
+        value = error(parameters)
+        if not (np.isfinite(loss) and np.isfinite(value)):
+            raise RuntimeError(
+                f"train: loss {loss} and error {value} at step {self.state.step} are not finite; "
+                f"lower the learning rate (now {self.settings.rate}) or look for broken targets"
+            )
+        self.state.history.append((self.state.step, loss, value))
+        if value < self.state.best_error:
+            self.state.best_error, self.state.best_step, self.best = value, self.state.step, parameters
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def save(self, path: Path) -> None:
+        """Write everything needed to go on to ``path`` (.npz), by a temporary name and a rename."""
+        state = self.state
+        arrays: dict[str, np.ndarray] = {
+            "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
+            "best_error": np.array(state.best_error),
+            "history": np.array(state.history, np.float64).reshape(-1, 3),
+        }
+        for name, value in self._values.items():
+            arrays[f"value.{name}"], arrays[f"best.{name}"] = np.array(value), self.best[name]
+            arrays[f"first.{name}"], arrays[f"second.{name}"] = (np.array(m[name]) for m in self._moments)
+        temporary = path.with_suffix(".part")
+        with open(temporary, "wb") as stream:
+            np.savez(stream, **arrays)
+        os.replace(temporary, path)
+
+    def load(self, path: Path) -> None:
+        """Take up a training that ``save`` wrote; the network and the settings must be the same."""
+        with np.load(path, allow_pickle=False) as arrays:
+            step, seen, best_step = (int(v) for v in arrays["step"])
+            history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
+            self.state = TrainingState(step, seen, float(arrays["best_error"]), best_step, history)
+            for name, value in self._values.items():
+                found = arrays[f"value.{name}"].shape if f"value.{name}" in arrays else None
+                if found != value.shape:
+                    raise ValueError(f"{path}: '{name}' has shape {found}, the network needs {value.shape}; delete it")
+            names = list(self._values)
+            self._values = _upload({name: arrays[f"value.{name}"] for name in names})
+            self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
+            self.best = {name: arrays[f"best.{name}"] for name in names}
+
+
+@functools.lru_cache(maxsize=256)
+def frozen_step(mlp: Mlp, settings: TrainingSettings, batch: int, rows: int) -> Callable[..., tuple[Any, Any, Any]]:
+    """One optimiser step as a frozen function: its kernels are launched again without being traced again.
+
+    ``rows``, the length of the training set, is compiled in: a recording serves one length only.
+    It is kept for the life of the process, because Dr.Jit 1.5 crashes when a frozen function is garbage-collected
+    while another one records.
+    """
+
+    def step(values: Any, moments: Any, data: TrainingSet, start: Any, rate: Any) -> tuple[Any, Any, Any]:
+        x, y, w = data.rows(start, batch)
+        values = {name: mi.TensorXf(value) for name, value in values.items()}
+        dr.enable_grad(values)
+        loss = dr.mean(LOSSES[settings.loss](mlp(values, x), y) * w, axis=None)
+        dr.backward(loss)
+        gradients = {name: dr.grad(value) for name, value in values.items()}
+        values = {name: dr.detach(value) for name, value in values.items()}
+        update, _ = OPTIMISERS[settings.optimiser]
+        values, moments = update(values, _shaped(settings, gradients, values), moments, rate)
+        return values, moments, dr.detach(loss)
+
+    return dr.freeze(step)
+
+
+def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Gradients with weight decay added, scaled down to the clipping norm, free of NaN."""
+    if settings.decay:
+        gradients = {k: g + settings.decay * values[k] if k.startswith("w") else g for k, g in gradients.items()}
+    if not settings.clip:
+        return gradients
+    norm = dr.sqrt(sum(dr.sum(dr.square(g.array)) for g in gradients.values()))
+    # A poisoned batch (NaN or infinite gradient) must not reach the weights.
+    scale = dr.select(dr.isfinite(norm), dr.minimum(1.0, settings.clip / (norm + 1e-12)), 0.0)
+    return {
+        name: mi.TensorXf(dr.select(dr.isfinite(g.array), g.array, 0) * scale, g.shape) for name, g in gradients.items()
+    }
+
+
+def _upload(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    tensors = {name: mi.TensorXf(np.ascontiguousarray(value, np.float32)) for name, value in arrays.items()}
+    dr.eval(tensors)
+    return tensors

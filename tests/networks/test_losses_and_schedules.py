@@ -1,0 +1,50 @@
+"""Losses have the minimum that their documentation says; schedules have the published values."""
+
+import numpy as np
+import pytest
+
+from lightwell.backend import mi
+from lightwell.networks import LOSSES, SCHEDULES
+
+
+def _loss(name: str, f: float, targets: np.ndarray) -> float:
+    y = mi.TensorXf(targets.reshape(-1, 1).astype(np.float32))
+    prediction = mi.TensorXf(np.full((len(targets), 1), f, np.float32))
+    return float(np.mean(np.array(LOSSES[name](prediction, y))))
+
+
+# Nine dark paths and a bright one: mean 1, median 0.1. The shape of Monte Carlo targets.
+SKEWED = np.array([0.1] * 9 + [9.1])
+
+
+@pytest.mark.parametrize("name", ["l1", "relative"])
+def test_absolute_losses_settle_at_the_median(name):
+    assert _loss(name, 0.1, SKEWED) < _loss(name, 1.0, SKEWED)
+
+
+def test_l2_settles_at_the_mean():
+    values = np.linspace(0.2, 2.0, 181)
+    assert values[np.argmin([_loss("l2", f, SKEWED) for f in values])] == pytest.approx(1.0, abs=0.01)
+
+
+def test_relative2_is_stationary_at_the_mean():
+    """Its gradient, with the denominator held, is zero where f is the mean of the targets."""
+    from lightwell.backend import dr
+
+    f = mi.TensorXf(np.full((10, 1), 1.0, np.float32))
+    dr.enable_grad(f)
+    loss = dr.sum(LOSSES["relative2"](f, mi.TensorXf(SKEWED.reshape(-1, 1).astype(np.float32))), axis=None)
+    dr.backward(loss)
+    # 10 terms of at most 16: float32 leaves 1e-5.
+    assert abs(float(np.array(dr.grad(f)).sum())) < 1e-4
+
+
+def test_report_schedule_halves_after_fifty_epochs():
+    assert SCHEDULES["report"](0.5, 0.0, 0.0) == 0.5
+    assert SCHEDULES["report"](0.5, 0.0, 50.0) == 0.25
+
+
+def test_cosine_schedule_ends_at_a_hundredth():
+    assert SCHEDULES["cosine"](3e-3, 0.0, 0) == pytest.approx(3e-3)
+    assert SCHEDULES["cosine"](3e-3, 1.0, 0) == pytest.approx(3e-5)
+    assert SCHEDULES["cosine"](3e-3, 2.0, 0) == pytest.approx(3e-5)
