@@ -1,0 +1,160 @@
+"""Component-wise arithmetic: affine, add, subtract, multiply, scale, clamp, log, reciprocal, select, blend."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.graph.ops.op import Op, Parameter, Use, broadcast_width, expect_width, register, same_width
+
+
+def _spread(a: list, b: list) -> tuple[list, list]:
+    """Repeat the operand of width 1 so that both lists are equally long."""
+    width = max(len(a), len(b))
+    return (a * width if len(a) == 1 else a), (b * width if len(b) == 1 else b)
+
+
+def _vector(use: Use, name: str) -> np.ndarray:
+    return np.asarray(use[name], np.float32)
+
+
+def _drjit_affine(use: Use, a):
+    return [component * s + o for component, s, o in zip(a, use["scale"], use["offset"])]
+
+
+def _drjit_clamp(use: Use, a):
+    from lightwell.backend import dr
+
+    return [dr.minimum(dr.maximum(component, use["low"]), use["high"]) for component in a]
+
+
+def _clamp_width(use: Use) -> int:
+    use.expect(use["low"] <= use["high"], "low <= high", f"{use['low']} > {use['high']}", "exchange them")
+    return use.widths[0]
+
+
+def _drjit_log(use: Use, a):
+    from lightwell.backend import dr
+
+    return [dr.log(dr.maximum(component, 0) + use["epsilon"]) for component in a]
+
+
+def _choice_width(use: Use) -> int:
+    expect_width(use, 0, 1, "a first input")
+    a, b = use.widths[1:]
+    use.expect(a == b, "two values of equal width", f"{a} and {b}", "concat or slice one of them")
+    return a
+
+
+def _drjit_select(use: Use, c, a, b):
+    from lightwell.backend import dr
+
+    return [dr.select(c[0] > 0, x, y) for x, y in zip(a, b)]
+
+
+AFFINE = register(
+    Op(
+        name="affine",
+        arity=(1, 1),
+        parameters={"scale": Parameter("numbers"), "offset": Parameter("numbers")},
+        width=same_width,
+        numpy=lambda use, a: a * _vector(use, "scale") + _vector(use, "offset"),
+        drjit=_drjit_affine,
+    )
+)
+
+ADD = register(
+    Op(
+        name="add",
+        arity=(2, 2),
+        width=broadcast_width,
+        numpy=lambda use, a, b: a + b,
+        drjit=lambda use, a, b: [x + y for x, y in zip(*_spread(a, b))],
+    )
+)
+
+SUBTRACT = register(
+    Op(
+        name="subtract",
+        arity=(2, 2),
+        width=broadcast_width,
+        numpy=lambda use, a, b: a - b,
+        drjit=lambda use, a, b: [x - y for x, y in zip(*_spread(a, b))],
+    )
+)
+
+MULTIPLY = register(
+    Op(
+        name="multiply",
+        arity=(2, 2),
+        width=broadcast_width,
+        numpy=lambda use, a, b: a * b,
+        drjit=lambda use, a, b: [x * y for x, y in zip(*_spread(a, b))],
+    )
+)
+
+SCALE = register(
+    Op(
+        name="scale",
+        arity=(1, 1),
+        parameters={"factor": Parameter("number")},
+        width=same_width,
+        numpy=lambda use, a: a * np.float32(use["factor"]),
+        drjit=lambda use, a: [component * use["factor"] for component in a],
+    )
+)
+
+CLAMP = register(
+    Op(
+        name="clamp",
+        arity=(1, 1),
+        parameters={"low": Parameter("number"), "high": Parameter("number")},
+        width=_clamp_width,
+        numpy=lambda use, a: np.clip(a, np.float32(use["low"]), np.float32(use["high"])),
+        drjit=_drjit_clamp,
+    )
+)
+
+# Least epsilon: below it 1/epsilon leaves the range of half floats' products and the logarithm meets subnormals.
+MIN_EPSILON = 1e-12
+
+LOG = register(
+    Op(
+        name="log",
+        arity=(1, 1),
+        parameters={"epsilon": Parameter("number", MIN_EPSILON, 1e6)},
+        width=same_width,
+        numpy=lambda use, a: np.log(np.maximum(a, np.float32(0)) + np.float32(use["epsilon"])),
+        drjit=_drjit_log,
+    )
+)
+
+RECIPROCAL = register(
+    Op(
+        name="reciprocal",
+        arity=(1, 1),
+        parameters={"epsilon": Parameter("number", MIN_EPSILON, 1e6)},
+        width=same_width,
+        numpy=lambda use, a: np.float32(1) / (a + np.float32(use["epsilon"])),
+        drjit=lambda use, a: [1 / (component + use["epsilon"]) for component in a],
+    )
+)
+
+SELECT = register(
+    Op(
+        name="select",
+        arity=(3, 3),
+        width=_choice_width,
+        numpy=lambda use, c, a, b: np.where(c > 0, a, b),
+        drjit=_drjit_select,
+    )
+)
+
+BLEND = register(
+    Op(
+        name="blend",
+        arity=(3, 3),
+        width=_choice_width,
+        numpy=lambda use, t, a, b: a + (b - a) * t,
+        drjit=lambda use, t, a, b: [x + (y - x) * t[0] for x, y in zip(a, b)],
+    )
+)

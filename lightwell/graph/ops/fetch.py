@@ -1,0 +1,115 @@
+"""Interpolated tables: texture (bilinear) and grid (trilinear)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, register
+
+# Longest side of a table: the size of texture that every WebGL2 device takes.
+MAX_SIDE = 2048
+
+
+def _table_width(dimensions: int, kind: str):
+    def width(use: Use) -> int:
+        expect_width(use, 0, dimensions, "coordinates")
+        shape = use.buffers["buffer"].shape
+        use.expect(
+            max(shape[:-1]) <= MAX_SIDE and shape[-1] <= MAX_WIDTH,
+            f"a {kind} of at most {MAX_SIDE} a side",
+            f"{list(shape)}",
+            "resample it",
+        )
+        return shape[-1]
+
+    return width
+
+
+def _numpy_interpolate(use: Use, p: np.ndarray) -> np.ndarray:
+    """Multilinear fetch, clamped, texel centres at (i + ½) / size: [N, D] -> [N, C]. The last axis but one is x."""
+    table = use.values("buffer")
+    sizes = np.asarray(table.shape[-2::-1], np.int32)  # in the order x, y, z
+    at = np.clip(p, np.float32(0), np.float32(1)) * sizes.astype(np.float32) - np.float32(0.5)
+    at = np.clip(at, np.float32(0), (sizes - 1).astype(np.float32))
+    low = np.minimum(at.astype(np.int32), sizes - 1)
+    high = np.minimum(low + 1, sizes - 1)
+    fraction = at - low.astype(np.float32)
+    out = np.zeros((len(p), table.shape[-1]), np.float32)
+    for corner in range(1 << len(sizes)):
+        upper = np.array([corner >> axis & 1 for axis in range(len(sizes))], bool)
+        index = np.where(upper, high, low)
+        weight = np.where(upper, fraction, np.float32(1) - fraction).prod(axis=1, keepdims=True, dtype=np.float32)
+        out += weight * table[tuple(index.T[::-1])]
+    return out
+
+
+def _prepare(use: Use):
+    from lightwell.backend import dr, mi
+
+    table = mi.Float(use.values("buffer").ravel())
+    dr.make_opaque(table)
+    return {"table": table}
+
+
+def _drjit_interpolate(use: Use, p):
+    from lightwell.backend import dr, mi
+
+    shape = use.buffers["buffer"].shape
+    sizes, channels = shape[-2::-1], shape[-1]
+    low, high, fraction = [], [], []
+    for coordinate, size in zip(p, sizes):
+        at = dr.clip(dr.clip(coordinate, 0, 1) * size - 0.5, 0, size - 1)
+        low.append(mi.UInt32(at))
+        high.append(dr.minimum(low[-1] + 1, size - 1))
+        fraction.append(at - mi.Float(low[-1]))
+    out = [mi.Float(0)] * channels
+    for corner in range(1 << len(sizes)):
+        index, weight, stride = mi.UInt32(0), mi.Float(1), 1
+        for axis, size in enumerate(sizes):
+            upper = corner >> axis & 1
+            index += (high if upper else low)[axis] * stride
+            weight *= fraction[axis] if upper else 1 - fraction[axis]
+            stride *= size
+        texel = gather_row(use.state["table"], index, channels)
+        out = [total + weight * value for total, value in zip(out, texel)]
+    return out
+
+
+def gather_row(table, row, channels: int) -> list:
+    """Read ``channels`` neighbouring floats of a flat table, at ``row * channels``, in as few loads as it allows."""
+    from lightwell.backend import dr, mi
+
+    packets = {4: mi.Vector4f, 2: mi.Vector2f}
+    for size, packet in packets.items():
+        if channels % size == 0:
+            per_row = channels // size
+            loads = [dr.gather(packet, table, row * per_row + i) for i in range(per_row)]
+            return [component for load in loads for component in load]
+    return [dr.gather(mi.Float, table, row * channels + i) for i in range(channels)]
+
+
+TEXTURE = register(
+    Op(
+        name="texture",
+        arity=(1, 1),
+        parameters={"buffer": Parameter("buffer", ranks=(3,))},
+        width=_table_width(2, "texture"),
+        numpy=_numpy_interpolate,
+        drjit=_drjit_interpolate,
+        fetches=lambda use: 4,
+        prepare=_prepare,
+    )
+)
+
+GRID = register(
+    Op(
+        name="grid",
+        arity=(1, 1),
+        parameters={"buffer": Parameter("buffer", ranks=(4,))},
+        width=_table_width(3, "grid"),
+        numpy=_numpy_interpolate,
+        drjit=_drjit_interpolate,
+        fetches=lambda use: 8,
+        prepare=_prepare,
+    )
+)

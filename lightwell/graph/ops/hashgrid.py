@@ -1,0 +1,144 @@
+"""Multi-resolution hash grid: Müller et al., Instant Neural Graphics Primitives with a Multiresolution Hash Encoding,
+2022. `format/FORMAT.md` gives the exact definition that every runtime shares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.graph.ops.fetch import gather_row
+from lightwell.graph.ops.op import Op, Parameter, Use, expect_width, register
+
+# Primes of the spatial hash, from the paper; the first is 1 so that neighbours in x stay neighbours in memory.
+PRIMES = (1, 2654435761, 805459861)
+# Finest lattice: (cells + 1)³ must not leave 64 bits, and cells * x must resolve in 32-bit floats.
+MAX_CELLS = 1 << 16
+
+
+@dataclass(frozen=True)
+class Level:
+    """One lattice of a hash grid."""
+
+    cells: int
+    """Cells along each axis; there are cells + 1 vertices."""
+    offset: int
+    """First entry of the level in the buffer."""
+    entries: int
+    """Entries of the level."""
+    dense: bool
+    """Whether every vertex has an entry of its own."""
+
+
+def levels(count: int, base: float, growth: float, entries_log2: int) -> list[Level]:
+    """Layout of a hash grid: which lattice each level has and where its entries lie."""
+    out, offset, size = [], 0, float(base)
+    for _ in range(count):
+        # The slack makes a size that is meant to be whole, such as 16 · 1.26ⁿ = 32, whole in every language.
+        cells = math.floor(min(size, float(MAX_CELLS)) + 1e-6)
+        dense = (cells + 1) ** 3 <= 1 << entries_log2
+        entries = (cells + 1) ** 3 if dense else 1 << entries_log2
+        out.append(Level(cells, offset, entries, dense))
+        offset, size = offset + entries, size * float(growth)
+    return out
+
+
+def _levels(use: Use) -> list[Level]:
+    return levels(use["levels"], use["base"], use["growth"], use["entries_log2"])
+
+
+def _width(use: Use) -> int:
+    expect_width(use, 0, 3, "a point")
+    entries, channels = use.buffers["buffer"].shape
+    last = _levels(use)[-1]
+    expected = last.offset + last.entries
+    use.expect(
+        entries == expected, f"a buffer of {expected} entries", f"{entries}", "match levels, base, growth, entries_log2"
+    )
+    return use["levels"] * channels
+
+
+def _numpy_hashgrid(use: Use, p: np.ndarray) -> np.ndarray:
+    """[N, 3] -> [N, levels * channels], level-major."""
+    table = use.values("buffer")
+    clamped = np.clip(p, np.float32(0), np.float32(1))
+    out = []
+    for level in _levels(use):
+        at = clamped * np.float32(level.cells)
+        low = np.minimum(at.astype(np.uint32), np.uint32(level.cells - 1))
+        fraction = at - low.astype(np.float32)
+        total = np.zeros((len(p), table.shape[1]), np.float32)
+        for corner in range(8):
+            upper = np.array([corner >> axis & 1 for axis in range(3)], np.uint32)
+            weight = np.where(upper, fraction, np.float32(1) - fraction).prod(axis=1, keepdims=True, dtype=np.float32)
+            total += weight * table[level.offset + _entry(level, low + upper).astype(np.int64)]
+        out.append(total)
+    return np.concatenate(out, axis=1)
+
+
+def _entry(level: Level, vertex: np.ndarray) -> np.ndarray:
+    """Entry of a vertex within its level: [N, 3] uint32 -> [N] uint32."""
+    x, y, z = vertex.T
+    if level.dense:
+        side = np.uint32(level.cells + 1)
+        return x + side * (y + side * z)
+    return (x * np.uint32(PRIMES[0]) ^ y * np.uint32(PRIMES[1]) ^ z * np.uint32(PRIMES[2])) & np.uint32(
+        level.entries - 1
+    )
+
+
+def _prepare(use: Use):
+    from lightwell.backend import dr, mi
+
+    table = mi.Float(use.values("buffer").ravel())
+    dr.make_opaque(table)
+    return {"table": table}
+
+
+def _drjit_hashgrid(use: Use, p):
+    from lightwell.backend import dr, mi
+
+    channels = use.buffers["buffer"].shape[1]
+    clamped = [dr.clip(coordinate, 0, 1) for coordinate in p]
+    out = []
+    for level in _levels(use):
+        at = [coordinate * level.cells for coordinate in clamped]
+        low = [dr.minimum(mi.UInt32(a), level.cells - 1) for a in at]
+        fraction = [a - mi.Float(i) for a, i in zip(at, low)]
+        total = [mi.Float(0)] * channels
+        for corner in range(8):
+            upper = [corner >> axis & 1 for axis in range(3)]
+            x, y, z = (i + u for i, u in zip(low, upper))
+            if level.dense:
+                entry = x + (level.cells + 1) * (y + (level.cells + 1) * z)
+            else:
+                entry = (x ^ y * mi.UInt32(PRIMES[1]) ^ z * mi.UInt32(PRIMES[2])) & (level.entries - 1)
+            weight = mi.Float(1)
+            for f, u in zip(fraction, upper):
+                weight *= f if u else 1 - f
+            values = gather_row(use.state["table"], entry + level.offset, channels)
+            total = [t + weight * v for t, v in zip(total, values)]
+        out += total
+    return out
+
+
+HASHGRID = register(
+    Op(
+        name="hashgrid",
+        arity=(1, 1),
+        parameters={
+            "buffer": Parameter("buffer", ranks=(2,)),
+            "levels": Parameter("integer", 1, 32),
+            "base": Parameter("number", 1, MAX_CELLS),
+            "growth": Parameter("number", 1, 16),
+            "entries_log2": Parameter("integer", 3, 24),
+        },
+        width=_width,
+        numpy=_numpy_hashgrid,
+        drjit=_drjit_hashgrid,
+        fetches=lambda use: 8 * use["levels"],
+        prepare=_prepare,
+    )
+)

@@ -1,0 +1,122 @@
+"""Matrix-vector products: linear (stored weights, optionally one set per expert), matvec (computed weights)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
+
+
+def _linear_width(use: Use) -> int:
+    weights, bias = use.buffers["weights"].shape, use.buffers["bias"].shape
+    inputs, outputs = use.widths[0], weights[-2]
+    rank = 3 if len(use.widths) == 2 else 2
+    shape = "[experts, out, in] with an index" if rank == 3 else "[out, in] without an index"
+    use.expect(len(weights) == rank, f"weights {shape}", f"{list(weights)}", "add or drop the index input")
+    use.expect(weights[-1] == inputs, f"weights for inputs of width {inputs}", f"{list(weights)}", "export them again")
+    use.expect(bias == weights[:-1], f"a bias {list(weights[:-1])}", f"{list(bias)}", "export it again")
+    if rank == 3:
+        use.expect(use.widths[1] == 1, "an index of width 1", f"width {use.widths[1]}", "slice it")
+    return outputs
+
+
+def _expert(index: np.ndarray, experts: int) -> np.ndarray:
+    """Expert of each point: the index rounded half up, clamped to what there is. [N, 1] -> [N]."""
+    return np.clip(np.floor(index[:, 0] + np.float32(0.5)), 0, experts - 1).astype(np.int64)
+
+
+def _numpy_linear(use: Use, a: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
+    """[N, in] -> [N, out]."""
+    weights, bias = use.values("weights"), use.values("bias")
+    if index is None:
+        return a @ weights.T + bias
+    expert = _expert(index, len(weights))
+    out = np.empty((len(a), weights.shape[1]), np.float32)
+    for e in np.unique(expert):
+        rows = expert == e
+        out[rows] = a[rows] @ weights[e].T + bias[e]
+    return out
+
+
+def _prepare_linear(use: Use):
+    """Packs weights and bias of every expert for cooperative vectors."""
+    import drjit.nn as nn
+
+    from lightwell.backend import mi
+
+    weights, bias = use.values("weights"), use.values("bias")
+    if weights.ndim == 2:
+        weights, bias = weights[None], bias[None]
+    pairs = [nn.pack(mi.TensorXf(w), mi.TensorXf(b[:, None]), layout="inference") for w, b in zip(weights, bias)]
+    return {"layers": pairs}
+
+
+def _drjit_linear(use: Use, a, index=None):
+    import drjit.nn as nn
+
+    if index is None:
+        weights, bias = use.state["layers"][0]
+        return nn.matvec(weights, a, bias)
+    return _drjit_expert(use, a, index[0])
+
+
+def _drjit_expert(use: Use, a: list, index) -> list:
+    """Calls the layer of each point's expert: points that lie together share an expert, so that packets run whole."""
+    import drjit.nn as nn
+
+    from lightwell.backend import dr, mi
+
+    def layer(weights, bias):
+        return lambda *inputs: list(nn.matvec(weights, nn.CoopVec(*inputs), bias))
+
+    layers = use.state["layers"]
+    expert = mi.UInt32(dr.clip(dr.floor(index + 0.5), 0, len(layers) - 1))
+    return dr.switch(expert, [layer(weights, bias) for weights, bias in layers], *a)
+
+
+LINEAR = register(
+    Op(
+        name="linear",
+        arity=(1, 2),
+        parameters={"weights": Parameter("buffer", ranks=(2, 3)), "bias": Parameter("buffer", ranks=(1, 2))},
+        width=_linear_width,
+        numpy=_numpy_linear,
+        drjit=_drjit_linear,
+        macs=lambda use: use.buffers["weights"].shape[-2] * use.buffers["weights"].shape[-1],
+        prepare=_prepare_linear,
+        packed=lambda use: len(use.widths) == 1,
+    )
+)
+
+
+def _matvec_width(use: Use) -> int:
+    rows, (matrix, columns) = use["rows"], use.widths
+    use.expect(
+        matrix == rows * columns, f"a matrix of {rows} x {columns} = {rows * columns} numbers", f"{matrix}", "slice it"
+    )
+    return rows
+
+
+def _drjit_matvec(use: Use, m, a):
+    from lightwell.backend import dr
+
+    columns, out = len(a), []
+    for row in range(use["rows"]):
+        total = m[row * columns] * a[0]
+        for column in range(1, columns):
+            total = dr.fma(m[row * columns + column], a[column], total)
+        out.append(total)
+    return out
+
+
+MATVEC = register(
+    Op(
+        name="matvec",
+        arity=(2, 2),
+        parameters={"rows": Parameter("integer", 1, MAX_WIDTH)},
+        width=_matvec_width,
+        numpy=lambda use, m, a: np.einsum("nrc,nc->nr", m.reshape(len(a), use["rows"], a.shape[1]), a),
+        drjit=_drjit_matvec,
+        macs=lambda use: use["rows"] * use.widths[1],
+    )
+)

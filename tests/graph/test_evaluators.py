@@ -1,0 +1,205 @@
+"""Every registered op and every test vector: NumPy against closed forms, Dr.Jit against NumPy, files against code."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from lightwell.backend import dr, mi
+from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
+from lightwell.graph.ops.encoding import sh_components
+from lightwell.graph.ops.hashgrid import PRIMES, levels
+from lightwell.graph.vectors import FOLDER, SCHEMA_FILE, cases, document, schema_text
+
+CASES = cases()
+# The contract: evaluators agree to this, relative to max(1, |value|).
+TOLERANCE = 1e-4
+
+
+def error(found: np.ndarray, expected: np.ndarray) -> float:
+    return float((np.abs(found - expected) / np.maximum(1, np.abs(expected))).max())
+
+
+def to_drjit(inputs):
+    return {name: [mi.Float(column) for column in value.T] for name, value in inputs.items()}
+
+
+def from_drjit(components, points):
+    return np.stack([np.broadcast_to(np.array(component), points) for component in components], axis=1)
+
+
+def run(value, b: Builder, **inputs):
+    return evaluate(b.build(value=value), {k: np.asarray(v, np.float32) for k, v in inputs.items()})["value"]
+
+
+@pytest.mark.parametrize("op", sorted(OPS))
+def test_every_op_has_a_vector(op):
+    assert any(node.op == op for graph, _ in CASES.values() for node in graph.nodes)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_drjit_agrees_with_numpy(name):
+    graph, inputs = CASES[name]
+    points = max(len(value) for value in inputs.values())
+    found = evaluate_drjit(graph, to_drjit(inputs))
+    for key, expected in evaluate(graph, inputs).items():
+        assert error(from_drjit(found[key], points), expected) < TOLERANCE
+
+
+def test_drjit_disagrees_when_weights_are_transposed():
+    b = Builder(a=3)
+    weights = np.arange(9.0).reshape(3, 3)
+    good = b.build(value=b.linear("a", weights, np.zeros(3)))
+    b = Builder(a=3)
+    bad = b.build(value=b.linear("a", weights.T, np.zeros(3)))
+    inputs = {"a": np.random.default_rng(0).random((4, 3), np.float32)}
+    found = from_drjit(evaluate_drjit(bad, to_drjit(inputs))["value"], 4)
+    assert error(found, evaluate(good, inputs)["value"]) > 100 * TOLERANCE
+
+
+def test_compiled_graph_is_one_kernel_and_keeps_frame_values():
+    graph, inputs = CASES["network_factored"]
+    compiled = compile(graph)
+    many = {name: np.repeat(value, 24, 0) if len(value) == 1 else value for name, value in inputs.items()}
+    moving = to_drjit(many)
+    dr.eval(moving)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        dr.eval(compiled(moving))
+        assert len(dr.kernel_history((dr.KernelType.JIT,))) == 1
+        still = to_drjit(inputs)
+        dr.eval(still)
+        dr.kernel_history_clear()
+        dr.eval(compiled(still))
+        sizes = [entry["size"] for entry in dr.kernel_history((dr.KernelType.JIT,))]
+    assert sizes[-1] == 24
+    assert set(sizes[:-1]) == {1}
+
+
+def test_drjit_takes_vectors_and_single_floats():
+    b = Builder(a=3, s=1)
+    compiled = compile(b.build(value=b.multiply("a", "s")))
+    out = compiled({"a": mi.Vector3f(1, 2, 3), "s": mi.Float(2)})["value"]
+    assert [component[0] for component in out] == [2, 4, 6]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_files_are_up_to_date(name):
+    """Everything but the outputs exactly; those to the contract, because machines differ in the last bit."""
+    stored = json.loads((FOLDER / f"{name}.json").read_text())
+    fresh = json.loads(json.dumps(document(name, *CASES[name])))
+    outputs, expected = stored.pop("outputs"), fresh.pop("outputs")
+    assert stored == fresh, "run 'python -m lightwell.graph.vectors'"
+    for key, value in expected.items():
+        assert error(np.array(outputs[key]["data"]), np.array(value["data"])) < 1e-5
+
+
+def test_files_are_these_and_small():
+    files = list(FOLDER.glob("*.json"))
+    assert {path.stem for path in files} == set(CASES)
+    assert sum(path.stat().st_size for path in files) < 1_000_000
+    assert SCHEMA_FILE.read_text() == schema_text(), "run 'python -m lightwell.graph.vectors'"
+
+
+def test_frequency_is_exact_at_high_octaves():
+    b = Builder(a=1)
+    x = np.random.default_rng(0).uniform(-1, 1, (200, 1)).astype(np.float32)
+    found = run(b.frequency("a", 20), b, a=x).reshape(200, 20, 2)
+    angle = np.exp2(np.arange(20)) * math.pi * x.astype(np.float64)
+    np.testing.assert_allclose(found, np.stack([np.sin(angle), np.cos(angle)], -1), atol=1e-6)
+
+
+def test_oneblob_is_the_integral_of_a_gaussian():
+    b = Builder(a=2)
+    x = np.random.default_rng(0).random((20, 2), np.float32)
+    found = run(b.oneblob("a", 8), b, a=x).reshape(20, 2, 8)
+    for index in np.ndindex(found.shape):
+        row, component, bin = index
+        edges = [(edge - 8 * float(x[row, component])) / math.sqrt(2) for edge in (bin, bin + 1)]
+        assert found[index] == pytest.approx(0.5 * (math.erf(edges[1]) - math.erf(edges[0])), abs=1e-6)
+
+
+def test_sh_is_orthonormal_and_in_the_order_of_drjit():
+    grid = (np.arange(128) + 0.5) / 128
+    cosine, phi = np.meshgrid(2 * grid - 1, 2 * np.pi * grid)
+    sine = np.sqrt(1 - cosine**2)
+    x, y, z = (v.ravel() for v in (sine * np.cos(phi), sine * np.sin(phi), cosine))
+    basis = np.stack(sh_components(x, y, z, 4))
+    np.testing.assert_allclose(basis @ basis.T * (4 * np.pi / len(x)), np.eye(16), atol=2e-3)
+    expected = dr.sh_eval(mi.Vector3f(0.48, -0.6, 0.64), 3)
+    np.testing.assert_allclose(sh_components(0.48, -0.6, 0.64, 4), [v[0] for v in expected], atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 2), (3, 5, 4), (2, 3, 4, 3)])
+def test_tables_return_texels_at_centres_and_are_linear_between(shape):
+    dimensions = len(shape) - 1
+    table = np.random.default_rng(0).normal(size=shape).astype(np.float32)
+    b = Builder(p=dimensions)
+    value = b.texture("p", table) if dimensions == 2 else b.grid("p", table)
+    indices = np.array(list(np.ndindex(shape[:-1])))
+    centres = ((indices + 0.5) / shape[:-1])[:, ::-1]
+    np.testing.assert_allclose(run(value, b, p=centres), table.reshape(-1, shape[-1]), atol=1e-5)
+    low = run(value, b, p=np.full((1, dimensions), -9.0))
+    np.testing.assert_allclose(low[0], table[(0,) * dimensions])
+
+
+def test_grid_reproduces_a_linear_function_of_x_y_z():
+    size = np.array([4, 5, 6])  # D, H, W
+    z, y, x = np.meshgrid(*((np.arange(s) + 0.5) / s for s in size), indexing="ij")
+    b = Builder(p=3)
+    value = b.grid("p", (1 + 2 * x - 3 * y + 4 * z)[..., None])
+    p = np.random.default_rng(0).uniform(0.2, 0.8, (50, 3))
+    np.testing.assert_allclose(run(value, b, p=p)[:, 0], 1 + p @ [2, -3, 4], atol=1e-5)
+
+
+def test_hashgrid_by_hand():
+    layout = levels(3, 4, 1.5, 8)
+    assert [(level.cells, level.dense, level.entries, level.offset) for level in layout] == [
+        (4, True, 125, 0),
+        (6, False, 256, 125),
+        (9, False, 256, 381),
+    ]
+    table = np.random.default_rng(0).normal(size=(637, 1)).astype(np.float32)
+    b = Builder(p=3)
+    value = b.hashgrid("p", table, 3, 4, 1.5, 8)
+    vertex = np.array([1, 2, 3])
+    found = [run(value, b, p=[vertex / level.cells])[0, i] for i, level in enumerate(layout)]
+    hashed = (1 * PRIMES[0] ^ 2 * PRIMES[1] ^ 3 * PRIMES[2]) % 256
+    expected = [table[1 + 5 * (2 + 5 * 3), 0], table[125 + hashed, 0], table[381 + hashed, 0]]
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_experts_use_their_own_weights_with_the_index_rounded_and_clamped():
+    weights = np.arange(3.0).reshape(3, 1, 1)
+    b = Builder(a=1, i=1)
+    value = b.linear("a", weights, np.zeros((3, 1)), index="i")
+    index = np.array([[-5.0], [0.4], [0.6], [1.4], [99.0]])
+    np.testing.assert_array_equal(run(value, b, a=np.ones((5, 1)), i=index)[:, 0], [0, 0, 1, 1, 2])
+
+
+def test_small_ops_in_closed_form():
+    n, v = np.array([[0, 0, 1.0]]), np.array([[1.0, 2, 3]])
+    b = Builder(n=3, v=3)
+    assert run(b.reflect("n", "v"), b, n=n, v=v).tolist() == [[-1, -2, 3]]
+    b = Builder(v=3)
+    assert run(b.normalize("v"), b, v=[[0, 0, 0.0]]).tolist() == [[0, 0, 0]]
+    b = Builder(v=3)
+    assert run(b.clamp("v", 1.5, 2.5), b, v=v).tolist() == [[1.5, 2, 2.5]]
+    b = Builder(v=3)
+    np.testing.assert_allclose(run(b.log("v", 1e-3), b, v=-v), np.full((1, 3), math.log(1e-3)), rtol=1e-6)
+    b = Builder(t=1, n=3, v=3)
+    assert run(b.blend("t", "n", "v"), b, t=[[0.5]], n=n, v=v).tolist() == [[0.5, 1, 2]]
+    b = Builder(t=1, n=3, v=3)
+    assert run(b.select("t", "n", "v"), b, t=[[0.0]], n=n, v=v).tolist() == v.tolist()
+
+
+def test_inputs_are_checked():
+    b = Builder(a=3)
+    graph: Graph = b.build(value=b.length("a"))
+    with pytest.raises(ValueError, match=r"input 'a': expected \[N, 3\], found \[4, 2\]; reshape it"):
+        evaluate(graph, {"a": np.zeros((4, 2))})
+    with pytest.raises(ValueError, match=r"input 'a': expected \[N, 3\], found nothing; pass it"):
+        evaluate(graph, {})
+    with pytest.raises(ValueError, match="input 'a': expected 3 components, found 2"):
+        evaluate_drjit(graph, {"a": [mi.Float(0), mi.Float(0)]})
