@@ -1,0 +1,91 @@
+"""What every learned representation offers, and what it is told of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+
+from lightwell.graph import Graph
+from lightwell.networks.training import TrainingState
+from lightwell.scenes.scene import Scene
+from lightwell.transport.samples import Query, Samples
+
+# The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
+UNIT_FACTOR = 4.0
+
+Progress = Callable[[TrainingState, int], None]
+
+
+@dataclass(frozen=True)
+class FieldSetup:
+    """What a fit knows of the scene besides its samples."""
+
+    center: tuple[float, float, float]
+    """Middle of the scene's bounds, metres."""
+    half_extent: float
+    """Half of the longest edge of the bounds, metres; one scale for all axes keeps distances comparable."""
+    unit: float
+    """Radiance unit S: targets are divided by it."""
+    light: Literal["point", "sun", "static"]
+    """What the declared light is; 'static' fields have none."""
+
+    @staticmethod
+    def of(scene: Scene, unit: float, light: Literal["point", "sun", "static"]) -> FieldSetup:
+        """The set-up for a loaded scene."""
+        center = tuple(float(c) for c in scene.center)
+        return FieldSetup(center, 0.5 * scene.extent, unit, light)
+
+
+class Fit(Protocol):
+    """A representation being fitted: ``learn_from`` samples, ``train``, and both again with more."""
+
+    macs: int
+    """Multiply-accumulates per pixel of the result."""
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples; later calls replace them."""
+
+    def validate_on(self, samples: Samples) -> None:
+        """Set the held-out samples of early stopping."""
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train to step ``until`` of a schedule of ``total`` steps; returns whether early stopping ended it."""
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] indirect radiance by the best weights so far, reflectance included, for a unit light."""
+
+    def lower(self) -> Graph:
+        """The shading graph of the best weights so far; its output ``radiance`` is divided by the reflectance."""
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically."""
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+
+    @property
+    def state(self) -> TrainingState:
+        """Steps, errors and history."""
+
+
+def radiance_unit(samples: Samples) -> float:
+    """S = 4 × area-uniform mean of the targets over points, paths and colour channels."""
+    mean = float(np.average(samples.radiance.mean(axis=1), weights=samples.weight))
+    if not mean > 0:
+        raise ValueError(
+            "bake: no indirect light reaches any sampled surface point; "
+            "move the light into the scene's air with --vary light.position=box(x0,y0,z0,x1,y1,z1)"
+        )
+    return UNIT_FACTOR * mean
+
+
+def query_inputs(query: Query) -> dict[str, np.ndarray]:
+    """The named inputs of a shading graph, [N, C] each."""
+    names = ("position", "normal", "view", "light", "reflectance", "roughness", "metallic")
+    return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}

@@ -1,0 +1,91 @@
+"""What the networks see of a query, written as a shading graph: one meaning in training and in the viewer.
+
+Notation: p surface point, n normal, v direction to the eye, r mirrored view direction, l light, ω direction to the
+light, d distance to it; positions are mapped to about [−1, 1]³ by one scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup
+from lightwell.graph import Builder
+
+INPUT_WIDTHS = {
+    "position": 3,
+    "normal": 3,
+    "view": 3,
+    "light": 3,
+    "reflectance": 3,
+    "roughness": 1,
+    "metallic": 1,
+}
+
+# Softens 1/d and log d where a light almost touches a surface; in units of half the scene.
+DISTANCE_SOFTENING = 0.02
+
+
+@dataclass(frozen=True)
+class FeatureOctaves:
+    """How finely positions are encoded: sin and cos of 2^k π c for k below these numbers."""
+
+    position: int = 6
+    light: int = 4
+    falloff: float = 0.5
+    """Amplitude of an octave relative to the one below: smaller prefers smooth light where samples are few."""
+
+
+def open_builder() -> Builder:
+    """A builder with the inputs of a query declared."""
+    return Builder(**INPUT_WIDTHS)
+
+
+def normalised(b: Builder, name: str, setup: FieldSetup, **options) -> str:
+    """Map a world position to about [−1, 1]³ by one scale for all axes."""
+    scale = 1.0 / setup.half_extent
+    return b.affine(name, [scale] * 3, [-c * scale for c in setup.center], **options)
+
+
+def raw_features(b: Builder, setup: FieldSetup) -> tuple[list[str], list[str]]:
+    """The 12 raw inputs of the report: x, n, incoming view direction, l. Returns (per pixel, per frame) nodes."""
+    incoming = b.scale("view", -1.0)
+    light = [] if setup.light == "static" else [_light(b, setup)]
+    return [normalised(b, "position", setup), "normal", incoming], light
+
+
+def _waves(b: Builder, value: str, octaves: int, falloff: float, **options) -> str:
+    """Sines and cosines of a vector, the k-th octave scaled by falloff^k."""
+    waves = b.frequency(value, octaves, **options)
+    if falloff == 1.0:
+        return waves
+    amplitude = np.tile(np.repeat(falloff ** np.arange(octaves), 2), 3)
+    return b.affine(waves, amplitude, np.zeros_like(amplitude), **options)
+
+
+def _light(b: Builder, setup: FieldSetup) -> str:
+    """The light's position, normalised, or a sun's direction."""
+    return normalised(b, "light", setup, per_frame=True) if setup.light == "point" else "light"
+
+
+def encoded_features(b: Builder, setup: FieldSetup, octaves: FeatureOctaves) -> tuple[list[str], list[str]]:
+    """Encoded inputs and the local geometry of light, surface and eye. Returns (per pixel, per frame) nodes."""
+    p = normalised(b, "position", setup)
+    r = b.normalize(b.reflect("normal", "view"))
+    pixel = [p, _waves(b, p, octaves.position, octaves.falloff), "normal", r, b.dot("normal", "view")]
+    pixel += ["reflectance", "roughness", "metallic"]
+    if setup.light == "static":
+        return pixel, []
+    l = _light(b, setup)
+    if setup.light == "sun":
+        return [*pixel, b.dot("normal", "light"), b.dot(r, "light")], [
+            l,
+            _waves(b, l, octaves.light, octaves.falloff, per_frame=True),
+        ]
+    to_light = b.subtract(l, p)
+    distance = b.length(to_light)
+    direction = b.normalize(to_light)
+    pixel += [direction, b.dot("normal", direction), b.dot(r, direction)]
+    pixel += [b.log(distance, DISTANCE_SOFTENING), b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)]
+    return pixel, [l, _waves(b, l, octaves.light, octaves.falloff, per_frame=True)]

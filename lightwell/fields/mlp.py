@@ -1,0 +1,208 @@
+"""One network for the whole scene: the report's two sizes on raw inputs, and ours on encoded inputs.
+
+The targets of ``default`` are divided by the surface's reflectance (demodulated), so that textures stay sharp and the
+network learns the light alone; its exponential output cannot be negative and holds a high dynamic range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import FieldSetup, Progress, query_inputs
+from lightwell.fields.features import FeatureOctaves, encoded_features, open_builder, raw_features
+from lightwell.graph import Graph, compile, quantise
+from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks.losses import EPSILON
+from lightwell.networks.training import TrainingState
+from lightwell.transport.samples import Query, Samples
+
+_DEFAULT_OCTAVES = FeatureOctaves()
+# Found by a sweep on the Cornell box; 3e-3 learns visibly less in the same steps.
+_DEFAULT_TRAINING = TrainingSettings(rate=1e-2)
+
+
+@dataclass(frozen=True)
+class MlpPreset:
+    """Everything that defines an ``mlp`` field."""
+
+    hidden: tuple[int, ...]
+    """Widths of the hidden layers."""
+    encoded: bool = True
+    """Encoded inputs and local light terms instead of the report's 12 raw numbers."""
+    demodulated: bool = True
+    """Targets divided by the reflectance."""
+    activation: str = "silu"
+    output: str = "exp"
+    octaves: FeatureOctaves = _DEFAULT_OCTAVES
+    training: TrainingSettings = _DEFAULT_TRAINING
+    storage: str = "float16"
+    """Type of the shipped weights."""
+
+
+# The report: tanh inside, sigmoid out, relative L1, μ = 0.5 · 50 / (50 + epoch), decay 1e-4, biases 0.25. Its text does
+# not give a batch size.
+_REPORT_TRAINING = TrainingSettings(
+    loss="relative",
+    optimiser="sgd",
+    rate=0.5,
+    schedule="report",
+    batch=512,
+    decay=1e-4,
+    initial_bias=0.25,
+    evaluate_every=500,
+)
+
+
+def _report(hidden: tuple[int, int]) -> MlpPreset:
+    return MlpPreset(
+        hidden, encoded=False, demodulated=False, activation="tanh", output="sigmoid", training=_REPORT_TRAINING
+    )
+
+
+PRESETS: dict[str, MlpPreset] = {
+    "default": MlpPreset((64, 64)),
+    "small": MlpPreset((32, 32)),
+    "large": MlpPreset((128, 128)),
+    "report-20": _report((20, 10)),
+    "report-200": _report((200, 100)),
+    "report": _report((200, 100)),
+}
+
+
+@dataclass
+class MlpFit:
+    """See ``lightwell.fields.base.Fit``."""
+
+    setup: FieldSetup
+    preset: MlpPreset
+    seed: int
+    _trainer: Trainer = field(init=False)
+    # Compiled graph of the features; pixel features first, then those of the frame.
+    _features: Any = field(init=False)
+    # How many of the features depend on the pixel.
+    _pixel_width: int = field(init=False)
+    _data: TrainingSet | None = None
+    _validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def __post_init__(self) -> None:
+        b = open_builder()
+        pixel, frame = self._feature_nodes(b)
+        graph = b.build(features=b.concat(*pixel, *frame))
+        width = graph.widths[graph.outputs["features"]]
+        self._pixel_width = sum(graph.widths[node] for node in pixel)
+        self._features = compile(graph)
+        mlp = Mlp((width, *self.preset.hidden, 3), self.preset.activation, self.preset.output)
+        self._trainer = Trainer(mlp, self.preset.training, self.seed)
+
+    def _feature_nodes(self, b: Any) -> tuple[list[str], list[str]]:
+        if self.preset.encoded:
+            return encoded_features(b, self.setup, self.preset.octaves)
+        pixel, frame = raw_features(b, self.setup)
+        return pixel + frame, []
+
+    @property
+    def state(self) -> TrainingState:
+        """Steps, errors and history of the training."""
+        return self._trainer.state
+
+    @property
+    def macs(self) -> int:
+        """Multiply-accumulates per pixel; what depends on the light alone is evaluated once per frame."""
+        mlp = self._trainer.mlp
+        return mlp.macs - (mlp.sizes[0] - self._pixel_width) * mlp.sizes[1]
+
+    # ------------------------------------------------------------------ data
+
+    def _feature_rows(self, query: Query) -> Any:
+        """[N, F] tensor of features."""
+        inputs = {
+            name: [mi.Float(np.ascontiguousarray(column)) for column in values.T]
+            for name, values in query_inputs(query).items()
+        }
+        columns = self._features(inputs)["features"]
+        count, width = len(query), len(columns)
+        table = dr.empty(mi.Float, count * width)
+        row = dr.arange(mi.UInt32, count) * width
+        for k, column in enumerate(columns):
+            dr.scatter(table, column, row + k)
+        dr.eval(table)
+        return mi.TensorXf(table, (count, width))
+
+    def _modulation(self, query: Query) -> np.ndarray:
+        """[N, 3] factor between the network's output and radiance."""
+        return self.setup.unit * (query.reflectance if self.preset.demodulated else np.ones_like(query.reflectance))
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples, in a random order that depends on the seed and their number alone."""
+        order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))
+        target = samples.radiance / self._modulation(samples.query)
+        features = np.array(self._feature_rows(samples.query[order]))
+        self._data = TrainingSet.from_numpy(features, target[order], np.asarray(samples.weight)[order])
+
+    def validate_on(self, samples: Samples) -> None:
+        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        features = np.array(self._feature_rows(samples.query))
+        scale = self._modulation(samples.query) / self.setup.unit
+        self._validation = (features, scale, samples.radiance / self.setup.unit)
+
+    def _error(self, parameters: dict[str, np.ndarray]) -> float:
+        features, scale, truth = self._validation
+        prediction = self._trainer.mlp.evaluate(parameters, features) * scale
+        return float(np.mean(np.abs(prediction - truth) / (truth + EPSILON)))
+
+    # ------------------------------------------------------------------ fit
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        output = self._trainer.mlp.evaluate(self._trainer.best, np.array(self._feature_rows(query)))
+        return output * self._modulation(query)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically."""
+        self._trainer.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        self._trainer.load(path)
+
+    # ------------------------------------------------------------------ lower
+
+    def lower(self) -> Graph:
+        """The field as it ships: features, layers, unit; the light's share of the first layer runs once per frame."""
+        b = open_builder()
+        pixel, frame = self._feature_nodes(b)
+        weights = self._trainer.best
+        x = self._first_layer(b, pixel, frame, weights)
+        layers = self._trainer.mlp.layers
+        for k in range(layers):
+            if k:
+                x = b.linear(x, weights[f"w{k}"].T, weights[f"b{k}"][0])
+            x = b.activate(x, self.preset.activation if k + 1 < layers else self.preset.output)
+        if not self.preset.demodulated:
+            x = b.multiply(x, b.reciprocal("reflectance", 1e-9))
+        return quantise(b.build(radiance=b.scale(x, self.setup.unit)), self.preset.storage)
+
+    def _first_layer(self, b: Any, pixel: list[str], frame: list[str], weights: dict[str, np.ndarray]) -> str:
+        split, w, bias = self._pixel_width, weights["w0"], weights["b0"][0]
+        if not frame:
+            return b.linear(b.concat(*pixel), w.T, bias)
+        of_pixel = b.linear(b.concat(*pixel), w[:split].T, np.zeros_like(bias))
+        of_frame = b.linear(b.concat(*frame, per_frame=True), w[split:].T, bias, per_frame=True)
+        return b.add(of_pixel, of_frame)
+
+
+def start(setup: FieldSetup, preset: str, seed: int) -> MlpFit:
+    """Begin a fit with a named preset."""
+    return MlpFit(setup, PRESETS[preset], seed)
