@@ -1,0 +1,147 @@
+"""The GLB 2.0 container: a JSON chunk and a binary chunk, put together and taken apart.
+
+Reference: glTF 2.0 specification, section 4 (GLB file format) and 3.6.2 (accessors).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MAGIC = b"glTF"
+VERSION = 2
+HEADER_BYTES = 12
+CHUNK_HEADER_BYTES = 8
+JSON_CHUNK = 0x4E4F534A
+BINARY_CHUNK = 0x004E4942
+# Every accessor starts at a multiple of this, which satisfies every component type (section 3.6.2.4).
+ALIGNMENT = 4
+
+# glTF component types of the NumPy types that may be stored. float16 has none: it travels as the bits of an uint16.
+COMPONENT_TYPES = {
+    np.dtype("int8"): 5120,
+    np.dtype("uint8"): 5121,
+    np.dtype("uint16"): 5123,
+    np.dtype("uint32"): 5125,
+    np.dtype("float32"): 5126,
+}
+ELEMENT_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+# Targets of buffer views (section 5.11.5).
+ARRAY_BUFFER = 34962
+ELEMENT_ARRAY_BUFFER = 34963
+
+
+class Binary:
+    """Collects the binary chunk and the buffer views and accessors that name its parts."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add_view(self, data: bytes, target: int | None = None) -> int:
+        """Append bytes, aligned; return the index of their buffer view."""
+        self.data += b"\0" * (-len(self.data) % ALIGNMENT)
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
+        if target is not None:
+            view["target"] = target
+        self.data += data
+        self.views.append(view)
+        return len(self.views) - 1
+
+    def add_accessor(self, array: np.ndarray, target: int | None = None, bounds: bool = False) -> int:
+        """Append an array of shape [count] or [count, 2..4]; return the index of its accessor.
+
+        ``bounds`` writes its smallest and largest values, which glTF wants for positions.
+        """
+        array = np.ascontiguousarray(array)
+        components = 1 if array.ndim == 1 else array.shape[1]
+        little_endian = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        accessor: dict[str, Any] = {
+            "bufferView": self.add_view(little_endian.tobytes(), target),
+            "componentType": COMPONENT_TYPES[array.dtype],
+            "count": len(array),
+            "type": ELEMENT_TYPES[components],
+        }
+        if bounds:
+            table = array.reshape(len(array), components)
+            accessor["min"] = table.min(axis=0).tolist()
+            accessor["max"] = table.max(axis=0).tolist()
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
+
+
+def pack(document: dict[str, Any], binary: bytes) -> bytes:
+    """A GLB from its JSON document and its binary chunk. Refuses NaN and infinities."""
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+    chunks = [(JSON_CHUNK, text + b" " * (-len(text) % ALIGNMENT))]
+    if binary:
+        chunks.append((BINARY_CHUNK, bytes(binary) + b"\0" * (-len(binary) % ALIGNMENT)))
+    body = b"".join(struct.pack("<II", len(data), kind) + data for kind, data in chunks)
+    return MAGIC + struct.pack("<II", VERSION, HEADER_BYTES + len(body)) + body
+
+
+def unpack(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """JSON document and binary chunk of a GLB. Raises ``ValueError`` on anything that is not one."""
+    if len(data) < HEADER_BYTES + CHUNK_HEADER_BYTES or data[:4] != MAGIC:
+        raise ValueError("not a GLB file (it does not start with 'glTF')")
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != VERSION:
+        raise ValueError(f"GLB version {version}; only version {VERSION} is known")
+    if length > len(data):
+        raise ValueError(f"truncated: the header promises {length} bytes, the file has {len(data)}")
+    chunks = _chunks(data, length)
+    if not chunks or chunks[0][0] != JSON_CHUNK:
+        raise ValueError("its first chunk is not JSON")
+    binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == BINARY_CHUNK else b""
+    return parse_json(chunks[0][1]), binary
+
+
+def _chunks(data: bytes, length: int) -> list[tuple[int, bytes]]:
+    chunks, offset = [], HEADER_BYTES
+    while offset + CHUNK_HEADER_BYTES <= length:
+        size, kind = struct.unpack_from("<II", data, offset)
+        offset += CHUNK_HEADER_BYTES
+        if size > length - offset:
+            raise ValueError(f"truncated: a chunk of {size} bytes does not fit into the file")
+        chunks.append((kind, data[offset : offset + size]))
+        offset += size
+    return chunks
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is not finite")
+    return value
+
+
+def parse_json(data: bytes) -> dict[str, Any]:
+    """A JSON object whose numbers are all finite; ``ValueError`` otherwise."""
+    try:
+        document = json.loads(data.decode("utf-8"), parse_float=_finite, parse_constant=_finite)
+    except UnicodeDecodeError as error:
+        raise ValueError("its JSON is not UTF-8") from error
+    except RecursionError as error:
+        raise ValueError("its JSON is nested too deeply") from error
+    except ValueError as error:
+        raise ValueError(f"its JSON cannot be read ({error})") from error
+    if not isinstance(document, dict):
+        raise ValueError("its JSON is not an object")
+    return document
+
+
+def read_file(path: str | Path) -> tuple[dict[str, Any], bytes]:
+    """``unpack`` of a file; the ``ValueError`` names it."""
+    try:
+        return unpack(Path(path).read_bytes())
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise ValueError(f"asset: '{path}' cannot be opened: {reason}; give the path of a .glb file") from error
+    except ValueError as error:
+        raise ValueError(f"asset: '{path}': {error}") from error

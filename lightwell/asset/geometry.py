@@ -1,0 +1,138 @@
+"""glTF meshes and nodes from the mesh, light and camera records of a scene."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lightwell.asset.container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Binary
+
+if TYPE_CHECKING:
+    from lightwell.scenes.scene import Camera, Light, Mesh
+
+# Vertices that 16-bit indices can name; 65535 itself restarts the primitive (glTF 2.0, section 3.7.2.1).
+MAX_SHORT_VERTICES = 65535
+# Cameras see from this distance on, metres: near enough for any room.
+NEAR_PLANE = 0.01
+# Largest angle that a KHR_lights_punctual cone may have.
+MAX_CONE = math.pi / 2
+# The inner cone of a spot must be smaller than the outer one; by this much, radians.
+CONE_GAP = 1e-4
+
+
+def primitive(mesh: Mesh, material: int, uv_sets: set[int], binary: Binary) -> dict[str, Any]:
+    """The one primitive of a mesh. ``uv_sets`` are those that its material reads: an absent one is written as zeros."""
+    count = len(mesh.positions)
+    attributes = {"POSITION": binary.add_accessor(_finite(mesh, "positions", 3), ARRAY_BUFFER, bounds=True)}
+    if mesh.normals is not None:
+        attributes["NORMAL"] = binary.add_accessor(_unit_rows(_finite(mesh, "normals", 3)), ARRAY_BUFFER)
+    last = max([s for s, uv in enumerate((mesh.uv0, mesh.uv1)) if uv is not None] + sorted(uv_sets), default=-1)
+    for uv_set in range(last + 1):
+        name = f"uv{uv_set}"
+        absent = getattr(mesh, name, None) is None
+        uv = np.zeros((count, 2), np.float32) if absent else _finite(mesh, name, 2)
+        attributes[f"TEXCOORD_{uv_set}"] = binary.add_accessor(uv, ARRAY_BUFFER)
+    if mesh.colors is not None:
+        attributes["COLOR_0"] = binary.add_accessor(np.clip(_finite(mesh, "colors", 4), 0, 1), ARRAY_BUFFER)
+    indices = binary.add_accessor(_indices(mesh), ELEMENT_ARRAY_BUFFER)
+    return {"attributes": attributes, "indices": indices, "material": material}
+
+
+def _finite(mesh: Mesh, name: str, width: int) -> np.ndarray:
+    array = np.asarray(getattr(mesh, name), np.float32)
+    if array.shape != (len(mesh.positions), width):
+        raise ValueError(
+            f"asset: mesh '{mesh.name}': {name} has shape {array.shape}, not {(len(mesh.positions), width)}"
+        )
+    if not np.isfinite(array).all():
+        raise ValueError(f"asset: mesh '{mesh.name}': {name} contains NaN or infinity; repair the scene's geometry")
+    return array
+
+
+def _unit_rows(normals: np.ndarray) -> np.ndarray:
+    """[V, 3] unit vectors; a zero row becomes +Y."""
+    length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
+    up = np.array([0.0, 1.0, 0.0])
+    return np.where(length > 0, normals / np.where(length > 0, length, 1), up).astype(np.float32)
+
+
+def _indices(mesh: Mesh) -> np.ndarray:
+    """[3 T] uint16 when every vertex can be named so, else uint32."""
+    indices = np.asarray(mesh.indices).reshape(-1)
+    if len(indices) and indices.max() >= len(mesh.positions):
+        raise ValueError(
+            f"asset: mesh '{mesh.name}': index {indices.max()} is out of range; it has {len(mesh.positions)} vertices"
+        )
+    return indices.astype(np.uint16 if len(mesh.positions) <= MAX_SHORT_VERTICES else np.uint32)
+
+
+def light_entry(light: Light) -> dict[str, Any]:
+    """A light of KHR_lights_punctual; a colour brighter than 1 moves into the intensity."""
+    peak = max(1.0, *light.color)
+    entry: dict[str, Any] = {
+        "type": light.kind,
+        "color": [max(c, 0.0) / peak for c in light.color],
+        "intensity": max(light.intensity, 0.0) * peak,
+    }
+    if light.name:
+        entry["name"] = light.name
+    if light.range is not None and light.range > 0 and light.kind != "directional":
+        entry["range"] = light.range
+    if light.kind == "spot":
+        outer = min(max(light.outer_cone, CONE_GAP), MAX_CONE)
+        inner = min(max(light.inner_cone, 0.0), outer - CONE_GAP)
+        entry["spot"] = {"innerConeAngle": max(inner, 0.0), "outerConeAngle": outer}
+    return entry
+
+
+def light_node(light: Light, index: int) -> dict[str, Any]:
+    """The node that holds light ``index``: glTF lights shine along their -Z."""
+    node: dict[str, Any] = {"extensions": {"KHR_lights_punctual": {"light": index}}}
+    if light.name:
+        node["name"] = light.name
+    if light.kind != "directional":
+        node["translation"] = [float(c) for c in light.position]
+    if light.kind != "point":
+        node["rotation"] = look_rotation(np.asarray(light.direction, float))
+    return node
+
+
+def camera_entry(camera: Camera) -> dict[str, Any]:
+    """A perspective camera without a far plane; the viewer's window sets the aspect ratio."""
+    entry = {"type": "perspective", "perspective": {"yfov": math.radians(camera.fov_y), "znear": NEAR_PLANE}}
+    return {**entry, "name": camera.name} if camera.name else entry
+
+
+def camera_node(camera: Camera, index: int) -> dict[str, Any]:
+    """The node that holds camera ``index``: glTF cameras look along their -Z with +Y up."""
+    direction = np.subtract(camera.target, camera.position, dtype=float)
+    node: dict[str, Any] = {
+        "camera": index,
+        "translation": [float(c) for c in camera.position],
+        "rotation": look_rotation(direction, np.asarray(camera.up, float)),
+    }
+    return {**node, "name": camera.name} if camera.name else node
+
+
+def look_rotation(direction: np.ndarray, up: np.ndarray | None = None) -> list[float]:
+    """Unit quaternion (x, y, z, w) that turns -Z to ``direction`` and +Y as close to ``up`` as that allows."""
+    length = np.linalg.norm(direction)
+    z = -direction / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    x = np.cross(np.array([0.0, 1.0, 0.0]) if up is None else up, z)
+    if np.linalg.norm(x) < 1e-6:  # looking along ``up``: any perpendicular axis serves
+        x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return _quaternion(np.stack([x, np.cross(z, x), z], axis=1))
+
+
+def _quaternion(matrix: np.ndarray) -> list[float]:
+    """Unit quaternion (x, y, z, w) of a 3x3 rotation, by its dominant eigenvector (Bar-Itzhack 2000)."""
+    m = matrix
+    k = np.zeros((4, 4))
+    k[:3, :3] = m + m.T - np.trace(m) * np.eye(3)
+    k[3, :3] = k[:3, 3] = [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+    k[3, 3] = np.trace(m)
+    vector = np.linalg.eigh(k)[1][:, -1]
+    return (vector if vector[3] >= 0 else -vector).tolist()

@@ -1,0 +1,67 @@
+"""What is in an asset, in numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lightwell.asset.container import read_file
+from lightwell.asset.read import read_fields
+from lightwell.asset.records import EXTENSION, FieldEntry
+
+# glTF primitive mode of separate triangles, the default.
+TRIANGLES = 4
+
+
+def info(path: str | Path) -> dict[str, Any]:
+    """Counts and sizes of a GLB: triangles, materials, images, bytes and, when baked, its fields and variables.
+
+    A GLB without learned light gives empty ``fields`` and ``variables``. Per field: name, role, variable, nodes, bytes
+    of its buffers, multiply-adds per pixel and per frame.
+    """
+    document, _ = read_file(path)
+    try:
+        counts = _counts(document)
+    except (AttributeError, IndexError, KeyError, TypeError) as error:
+        raise ValueError(f"asset: '{path}': its tables are not those of a glTF file ({error})") from error
+    baked = EXTENSION in document.get("extensions", {})
+    fields, variables = read_fields(path) if baked else ([], [])
+    return {
+        "path": str(path),
+        "bytes": Path(path).stat().st_size,
+        **counts,
+        "variables": variables,
+        "fields": [_field(field) for field in fields],
+        "field_bytes": sum(field.graph.nbytes for field in fields),
+        "macs_per_pixel": sum(field.graph.macs for field in fields),
+    }
+
+
+def _field(field: FieldEntry) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "role": field.role,
+        "variable": field.variable,
+        "nodes": len(field.graph.nodes),
+        "bytes": field.graph.nbytes,
+        "macs": field.graph.macs,
+        "macs_per_frame": field.graph.macs_per_frame,
+    }
+
+
+def _counts(document: dict[str, Any]) -> dict[str, Any]:
+    """Sizes of the tables; triangles and vertices of all meshes, each counted once however often it is placed."""
+    triangles = vertices = 0
+    for mesh in document.get("meshes", []):
+        for primitive in mesh["primitives"]:
+            count = int(document["accessors"][primitive["attributes"]["POSITION"]]["count"])
+            corners = int(document["accessors"][primitive["indices"]]["count"]) if "indices" in primitive else count
+            vertices += count
+            triangles += corners // 3 if primitive.get("mode", TRIANGLES) == TRIANGLES else 0
+    return {
+        "generator": str(document["asset"].get("generator", "")),
+        "triangles": triangles,
+        "vertices": vertices,
+        **{name: len(document.get(name, [])) for name in ("meshes", "materials", "images", "cameras")},
+        "lights": len(document.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])),
+    }

@@ -1,0 +1,114 @@
+"""Reads the learned light back from an asset, trusting nothing in the file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.asset.container import COMPONENT_TYPES, read_file
+from lightwell.asset.records import EXTENSION, FieldEntry
+from lightwell.asset.schema import validate
+
+# How the types of graph buffers are stored; float16 travels as the bits of an uint16.
+STORED_TYPES = {
+    "float32": np.dtype("float32"),
+    "float16": np.dtype("uint16"),
+    "int8": np.dtype("int8"),
+    "uint8": np.dtype("uint8"),
+}
+
+
+def read_fields(path: str | Path) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
+    """The fields and the variables of a baked GLB.
+
+    The file may be hostile: whatever does not follow format/FORMAT.md to the letter is refused with a one-line
+    ``ValueError`` that names the file and the place.
+    """
+    document, binary = read_file(path)
+    try:
+        return _fields(document, binary)
+    except ValueError as error:
+        raise ValueError(f"asset: '{path}': {error}") from error
+
+
+def _fields(document: dict[str, Any], binary: bytes) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
+    from lightwell.graph import Graph
+
+    extensions = document.get("extensions")
+    extension = extensions.get(EXTENSION) if isinstance(extensions, dict) else None
+    if extension is None:
+        raise ValueError(f"has no {EXTENSION}; bake the scene with 'lightwell bake' first")
+    validate(extension)
+    fields = []
+    for entry in extension["fields"]:
+        try:
+            graph = _graph(Graph, entry["graph"], document, binary)
+        except ValueError as error:
+            raise ValueError(f"field '{entry['name']}': {error}") from error
+        fields.append(FieldEntry(entry["name"], entry["role"], graph, entry.get("variable")))
+    return fields, extension["variables"]
+
+
+def _graph(kind: Any, entry: dict[str, Any], document: dict[str, Any], binary: bytes) -> Any:
+    buffers = entry.get("buffers", {})
+    arrays = {name: buffer_array(document, binary, name, buffer) for name, buffer in buffers.items()}
+    bare = {name: {k: v for k, v in buffer.items() if k != "accessor"} for name, buffer in buffers.items()}
+    graph = kind.from_json({**entry, "buffers": bare}, arrays)
+    width = graph.widths[graph.outputs["radiance"]]
+    if width != 3:
+        raise ValueError(f"its output 'radiance' has width {width}, expected 3")
+    return graph
+
+
+def buffer_array(document: dict[str, Any], binary: bytes, name: str, buffer: dict[str, Any]) -> np.ndarray:
+    """The stored array of a graph buffer in its declared shape and type; a copy, so that the file can be let go."""
+    where = f"buffer '{name}'"
+    stored = STORED_TYPES[buffer["type"]]
+    count = math.prod(buffer["shape"])
+    accessor = _entry(document, "accessors", buffer["accessor"], where)
+    expected = {"type": "SCALAR", "componentType": COMPONENT_TYPES[stored], "count": count}
+    for key, value in expected.items():
+        if accessor.get(key) != value or isinstance(accessor.get(key), bool):
+            raise ValueError(f"{where}: its accessor has {key} {str(accessor.get(key))[:40]}, expected {value}")
+    if "sparse" in accessor or accessor.get("normalized"):
+        raise ValueError(f"{where}: its accessor is sparse or normalized, which is not allowed")
+    data = _accessor_bytes(document, binary, accessor, count * stored.itemsize, where)
+    array = np.frombuffer(data, stored.newbyteorder("<")).astype(stored)
+    array = array.view(np.dtype(buffer["type"])).reshape(buffer["shape"])
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ValueError(f"{where}: contains NaN or infinity")
+    return array
+
+
+def _accessor_bytes(
+    document: dict[str, Any], binary: bytes, accessor: dict[str, Any], size: int, where: str
+) -> memoryview:
+    """The ``size`` bytes of an accessor, checked against its buffer view and the binary chunk."""
+    view = _entry(document, "bufferViews", accessor.get("bufferView"), where)
+    if _whole(view, "buffer", where, None) != 0 or "byteStride" in view:
+        raise ValueError(f"{where}: its buffer view must be packed and in the file's own binary chunk")
+    start, inner = _whole(view, "byteOffset", where), _whole(accessor, "byteOffset", where)
+    length = _whole(view, "byteLength", where, None)
+    if inner + size > length or start + length > len(binary):
+        raise ValueError(f"{where}: its {size} bytes do not lie inside the file")
+    return memoryview(binary)[start + inner : start + inner + size]
+
+
+def _entry(document: dict[str, Any], table: str, index: Any, where: str) -> dict[str, Any]:
+    """Entry ``index`` of a root table of the document."""
+    entries = document.get(table)
+    valid = isinstance(entries, list) and isinstance(index, int) and not isinstance(index, bool)
+    if not valid or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
+        raise ValueError(f"{where}: {table}[{str(index)[:40]}] does not exist")
+    return entries[index]
+
+
+def _whole(entry: dict[str, Any], key: str, where: str, default: int | None = 0) -> int:
+    """A non-negative integer member."""
+    value = entry.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise ValueError(f"{where}: {key} is {str(value)[:40]}, expected a non-negative integer")
+    return value

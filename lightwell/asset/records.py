@@ -1,0 +1,27 @@
+"""What an asset says about its learned light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from lightwell.graph import Graph
+
+EXTENSION = "LIGHTWELL_neural_radiance"
+# Version of the extension's JSON (format/FORMAT.md).
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class FieldEntry:
+    """A baked field as it travels in a glTF file."""
+
+    name: str
+    """Unique in the file."""
+    role: Literal["indirect", "static"]
+    """'indirect': the answer to a variable's light; 'static': the scene's own light."""
+    graph: Graph
+    """What the field computes, buffers included; its output ``radiance`` has width 3."""
+    variable: int | None = None
+    """Index of the variable that an indirect field answers to; None for a static one."""

@@ -1,0 +1,49 @@
+"""Checks the extension's JSON against its schema, and says in one line what is wrong."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import jsonschema
+from jsonschema.exceptions import best_match
+from referencing import Registry, Resource
+
+from lightwell.asset.records import EXTENSION
+
+# What the extension's schema calls the schema of the shading graph.
+GRAPH_SCHEMA = "graph.schema.json"
+# Longest quotation of somebody else's data in an error message, characters.
+MAX_QUOTE = 160
+
+
+@cache
+def validator() -> jsonschema.Draft202012Validator:
+    """The validator of the shipped schema (the same file as format/LIGHTWELL_neural_radiance.schema.json)."""
+    from lightwell.graph import schema
+
+    text = resources.files("lightwell.asset").joinpath(f"{EXTENSION}.schema.json").read_text("utf-8")
+    graph = Resource.from_contents(schema())
+    return jsonschema.Draft202012Validator(json.loads(text), registry=Registry().with_resource(GRAPH_SCHEMA, graph))
+
+
+def validate(extension: Any) -> None:
+    """Raise a one-line ``ValueError`` that names the place unless ``extension`` follows the schema and the rules."""
+    error = best_match(validator().iter_errors(extension))
+    if error is not None:
+        message = error.message if len(error.message) <= MAX_QUOTE else error.message[:MAX_QUOTE] + " …"
+        raise ValueError(f"{EXTENSION}{error.json_path[1:]}: {message}")
+    _check_references(extension)
+
+
+def _check_references(extension: dict[str, Any]) -> None:
+    """What a JSON schema cannot say: unique names, and indices that exist."""
+    for table in ("variables", "fields"):
+        names = [entry["name"] for entry in extension[table]]
+        if len(set(names)) < len(names):
+            raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
+    for i, field in enumerate(extension["fields"]):
+        if field.get("variable", -1) >= len(extension["variables"]):
+            raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no variable {field['variable']}")

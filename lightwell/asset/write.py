@@ -1,0 +1,131 @@
+"""The baked asset: an ordinary glTF 2.0 binary that carries its learned light in an extension."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import lightwell
+from lightwell.asset import geometry
+from lightwell.asset.atomic import write_atomically
+from lightwell.asset.container import Binary, pack
+from lightwell.asset.materials import MaterialTable, uv_sets
+from lightwell.asset.records import EXTENSION, VERSION, FieldEntry
+from lightwell.asset.schema import validate
+
+if TYPE_CHECKING:
+    from lightwell.scenes.scene import Material, Mesh, Scene
+
+GENERATOR = f"lightwell {lightwell.__version__}"
+
+
+def write_glb(
+    path: str | Path,
+    scene: Scene,
+    fields: Sequence[FieldEntry],
+    variables: Sequence[dict[str, Any]],
+    generator: str = GENERATOR,
+) -> int:
+    """Write a scene and its learned light to a GLB; return the number of bytes written.
+
+    ``fields`` are the baked fields, ``variables`` the JSON objects of what they answer to (format/FORMAT.md). Any glTF
+    viewer shows the result with its ordinary materials. The file appears whole or not at all; a full disk or an
+    unwritable folder is an ``OSError`` whose message names the cure.
+    """
+    return write_atomically(path, glb_bytes(scene, fields, variables, generator))
+
+
+def glb_bytes(
+    scene: Scene,
+    fields: Sequence[FieldEntry],
+    variables: Sequence[dict[str, Any]],
+    generator: str = GENERATOR,
+) -> bytes:
+    """The GLB that ``write_glb`` writes; the same arguments give the same bytes."""
+    binary = Binary()
+    document: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
+    _add_surfaces(document, scene, binary)
+    _add_lights_and_cameras(document, scene)
+    document["scenes"] = [{"name": scene.name, "nodes": list(range(len(document["nodes"])))}]
+    document["scene"] = 0
+    extension = extension_json(fields, variables, binary)
+    validate(extension)
+    document.setdefault("extensions", {})[EXTENSION] = extension
+    document["extensionsUsed"] = sorted({*document.get("extensionsUsed", ()), EXTENSION})
+    document["bufferViews"], document["accessors"] = binary.views, binary.accessors
+    document["buffers"] = [{"byteLength": len(binary.data)}]
+    return pack(document, bytes(binary.data))
+
+
+def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> None:
+    """Meshes with their materials, one node each in world space."""
+    table = MaterialTable(binary)
+    index_of: dict[tuple[int, tuple[float, ...]], int] = {}
+    meshes, nodes = [], []
+    for mesh in scene.meshes:
+        if not len(mesh.indices):
+            continue
+        material = _lit_material(scene.materials[mesh.material], mesh)
+        key = (mesh.material, material.emissive)
+        if key not in index_of:
+            index_of[key] = table.add(material)
+        entry = geometry.primitive(mesh, index_of[key], uv_sets(material), binary)
+        nodes.append({"mesh": len(meshes), "name": mesh.name})
+        meshes.append({"name": mesh.name, "primitives": [entry]})
+    if not meshes:
+        raise ValueError(f"asset: scene '{scene.name}' has no triangle; nothing can be written")
+    document["meshes"], document["nodes"] = meshes, nodes
+    for name in ("materials", "textures", "samplers", "images"):
+        if entries := getattr(table, name):
+            document[name] = entries
+    document["extensionsUsed"] = sorted(table.extensions)
+
+
+def _lit_material(material: Material, mesh: Mesh) -> Material:
+    """The material of a mesh, glowing when the mesh is a light whose material does not say so."""
+    if max(mesh.emission) > 0 and max(material.emissive) <= 0:
+        return replace(material, emissive=tuple(float(c) for c in mesh.emission))
+    return material
+
+
+def _add_lights_and_cameras(document: dict[str, Any], scene: Scene) -> None:
+    nodes = document["nodes"]
+    if scene.lights:
+        lights = [geometry.light_entry(light) for light in scene.lights]
+        document["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+        document["extensionsUsed"].append("KHR_lights_punctual")
+        nodes += [geometry.light_node(light, i) for i, light in enumerate(scene.lights)]
+    if scene.cameras:
+        document["cameras"] = [geometry.camera_entry(camera) for camera in scene.cameras]
+        nodes += [geometry.camera_node(camera, i) for i, camera in enumerate(scene.cameras)]
+
+
+def extension_json(fields: Sequence[FieldEntry], variables: Sequence[dict[str, Any]], binary: Binary) -> dict[str, Any]:
+    """The JSON of the extension; the buffers of every graph are appended to ``binary``."""
+    entries = []
+    for field in fields:
+        entry: dict[str, Any] = {"name": field.name, "role": field.role, "graph": _graph_json(field.graph, binary)}
+        if field.variable is not None:
+            entry["variable"] = field.variable
+        entries.append(entry)
+    return {"version": VERSION, "variables": list(variables), "fields": entries}
+
+
+def _graph_json(graph: Any, binary: Binary) -> dict[str, Any]:
+    """The graph's own JSON with an accessor beside every buffer."""
+    document, arrays = graph.to_json()
+    buffers = {
+        name: {**entry, "accessor": binary.add_accessor(buffer_bits(arrays[name]))}
+        for name, entry in document["buffers"].items()
+    }
+    return {**document, "buffers": buffers}
+
+
+def buffer_bits(array: np.ndarray) -> np.ndarray:
+    """A graph buffer as it is stored: flat, row-major; float16 as the bits of an uint16."""
+    flat = np.ascontiguousarray(array).reshape(-1)
+    return flat.view(np.uint16) if flat.dtype == np.float16 else flat

@@ -1,0 +1,88 @@
+"""The report of a bake: ``report.json`` for machines, ``report.html`` for people, one file that can be mailed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.asset.atomic import make_folder, write_atomically
+from lightwell.report import figures, sections
+from lightwell.report.records import ReportData, ViewComparison
+from lightwell.report.summary import summary
+
+
+@dataclass(frozen=True)
+class WrittenReport:
+    """Where a report went and what it says."""
+
+    json: Path
+    html: Path
+    numbers: dict[str, Any]
+    """The content of ``report.json``."""
+
+
+def write_report(folder: str | Path, data: ReportData) -> WrittenReport:
+    """Score the bake and write ``report.json`` and ``report.html`` into ``folder``, which is created when absent.
+
+    Raises ``ValueError`` when anything that is scored, or any number that is reported, is NaN or infinite: nothing is
+    written then.
+    """
+    numbers = summary(data)
+    text = report_json(numbers)
+    page = report_html(numbers, data)
+    folder = make_folder(folder)
+    written = WrittenReport(folder / "report.json", folder / "report.html", numbers)
+    write_atomically(written.json, text.encode())
+    write_atomically(written.html, page.encode())
+    return written
+
+
+def report_json(numbers: Mapping[str, Any]) -> str:
+    """The numbers as JSON text without NaN."""
+    try:
+        return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    except ValueError as error:
+        raise ValueError("report: a number is NaN or infinite; nothing is written") from error
+    except TypeError as error:
+        raise TypeError(f"report: settings and versions must be plain JSON values ({error})") from error
+
+
+def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
+    """The self-contained page: pictures as data URIs, inline style and charts, no scripts."""
+    pairs = zip(numbers["per_view"], data.views)
+    views = [_view(i, scores, view, numbers["unit"]) for i, (scores, view) in enumerate(pairs)]
+    parts = [
+        sections.masthead(numbers),
+        sections.headline(numbers),
+        sections.warnings(numbers["warnings"]),
+        _views(views),
+        sections.curves(numbers),
+        sections.tables(numbers),
+        sections.terms(numbers),
+        sections.provenance(numbers),
+        f"<footer>Written by lightwell {escape(str(numbers['versions'].get('lightwell', '')))}. "
+        "The same numbers are in report.json beside this file.</footer>",
+    ]
+    template = resources.files("lightwell.report").joinpath("template.html").read_text("utf-8")
+    before, after = template.split("{{body}}")
+    return before.replace("{{title}}", escape(f"{numbers['scene']} · lightwell")) + "\n".join(parts) + after
+
+
+def _view(number: int, scores: Mapping[str, Any], view: ViewComparison, unit: float) -> str:
+    f, y = np.asarray(view.prediction, np.float64) / unit, view.reference / unit
+    pictures = figures.view_pictures(f, y, view.regions, view.blend)
+    return sections.view(number, scores, pictures, figures.worst_tile_pictures(f, y))
+
+
+def _views(views: list[str]) -> str:
+    if not views:
+        return ""
+    about = "Indirect light in views and under lights that training never saw, the same exposure left and right."
+    return f'<h2>Learned beside true</h2><p class="soft">{about}</p>{"".join(views)}'

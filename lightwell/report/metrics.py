@@ -1,0 +1,188 @@
+"""How far learned light is from the truth.
+
+Notation: f is the prediction, y the reference, A and B the two independent halves of its paths, y = (A + B) / 2. All
+are radiance in the unit S = 4 × mean(y), arrays [..., 3]; a weight has their shape without the channels and makes a
+mean area-uniform. Every function refuses NaN and infinity with a ``ValueError``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import flip_evaluator
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from lightwell.report.tonemap import display
+
+# Radiance in the unit S is scaled so that its mean is one quarter.
+MEANS_PER_UNIT = 4.0
+# Added to the reference before dividing by it, so that black is not infinitely far from nearly black.
+SHADOW = 0.01
+# PSNR of identical pictures, decibels; far above what 8 bits can show (about 59 dB).
+MAX_PSNR_DB = 100.0
+# Width of the Gaussian of SSIM, pixels, and the window that it needs (Wang et al. 2004).
+SSIM_SIGMA = 1.5
+SSIM_WINDOW = 11
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, median and 95th percentile of an error over points."""
+
+    mean: float
+    median: float
+    p95: float
+
+
+def unit(reference: np.ndarray, weight: np.ndarray | None = None) -> float:
+    """The unit S = 4 × mean radiance of a reference in any unit."""
+    (reference,) = _checked(reference=reference)
+    mean = _mean(reference.mean(axis=-1), weight)
+    if mean <= 0:
+        raise ValueError("report: the reference is black, so that no relative error exists; is the light on?")
+    return MEANS_PER_UNIT * mean
+
+
+def relative_errors(f: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """[...] |f − y| / (y + 0.01) of every point, averaged over its channels."""
+    f, y = _checked(prediction=f, reference=y)
+    return (np.abs(f - y) / (y + SHADOW)).mean(axis=-1)
+
+
+def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> Spread:
+    """Spread of ``relative_errors`` over all points."""
+    return _spread(relative_errors(f, y), weight)
+
+
+def noise_floor(a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> Spread:
+    """The relative error that the reference itself still has.
+
+    (A − B) / 2 has the same variance as the error of (A + B) / 2, so that a perfect prediction scores this much.
+    """
+    a, b = _checked(half_a=a, half_b=b)
+    return _spread((np.abs(a - b) / 2 / (0.5 * (a + b) + SHADOW)).mean(axis=-1), weight)
+
+
+def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
+    """mean (f − A)(f − B) / (y² + ε²), ε = 0.01: a relative squared error that the noise of the reference cancels from.
+
+    Its expectation is that of a noise-free reference, but for the little noise left in the denominator; it may come out
+    below 0.
+    """
+    f, a, b = _checked(prediction=f, half_a=a, half_b=b)
+    y = 0.5 * (a + b)
+    return _mean(((f - a) * (f - b) / (y**2 + SHADOW**2)).mean(axis=-1), weight)
+
+
+def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float:
+    """mean(f) / mean(y): 1 when no light is lost or invented on average."""
+    f, y = _checked(prediction=f, reference=y)
+    denominator = _mean(y.mean(axis=-1), weight)
+    if denominator <= 0:
+        raise ValueError("report: the reference is black, so that no energy ratio exists; is the light on?")
+    return _mean(f.mean(axis=-1), weight) / denominator
+
+
+def psnr_db(f: np.ndarray, y: np.ndarray) -> float:
+    """Peak signal-to-noise ratio of the displayed pictures [height, width, 3], decibels, at most 100."""
+    f, y = _checked(prediction=f, reference=y)
+    error = float(np.mean((display(f) - display(y)) ** 2))
+    return min(-10 * np.log10(error), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
+
+
+def ssim(f: np.ndarray, y: np.ndarray) -> float:
+    """Structural similarity of the displayed pictures [height, width, 3], at most 1 (Wang et al. 2004)."""
+    f, y = _checked(prediction=f, reference=y)
+    if f.ndim != 3 or min(f.shape[:2]) < SSIM_WINDOW:
+        raise ValueError(f"report: SSIM needs pictures of at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, got {f.shape}")
+    options = {"gaussian_weights": True, "sigma": SSIM_SIGMA, "use_sample_covariance": False}
+    return float(structural_similarity(display(f), display(y), data_range=1.0, channel_axis=-1, **options))
+
+
+def flip(f: np.ndarray, y: np.ndarray) -> float:
+    """Mean LDR-FLIP of the displayed pictures [height, width, 3] in [0, 1], 67 pixels a degree (Andersson 2020)."""
+    f, y = _checked(prediction=f, reference=y)
+    pictures = (np.ascontiguousarray(display(x), np.float32) for x in (y, f))
+    return float(flip_evaluator.evaluate(*pictures, "LDR", applyMagma=False)[1])
+
+
+def per_object(
+    f: np.ndarray,
+    a: np.ndarray,
+    b: np.ndarray,
+    shape: np.ndarray,
+    names: Sequence[str],
+    weight: np.ndarray | None = None,
+) -> list[dict]:
+    """One row for each object with points: name, points, relative_error, noise_floor, energy_ratio (None if black)."""
+    rows = []
+    y = 0.5 * (a + b)
+    for index in np.unique(shape):
+        at = shape == index
+        w = None if weight is None else weight[at]
+        rows.append(
+            {
+                "name": names[int(index)],
+                "points": int(at.sum()),
+                "relative_error": relative_error(f[at], y[at], w).mean,
+                "noise_floor": noise_floor(a[at], b[at], w).mean,
+                "energy_ratio": energy_ratio(f[at], y[at], w) if y[at].sum() > 0 else None,
+            }
+        )
+    return rows
+
+
+def worst_tile(f: np.ndarray, y: np.ndarray, size: int = 16) -> tuple[int, int, float]:
+    """Row and column of the first pixel, and mean relative error, of the worst size × size tile of a picture."""
+    errors = relative_errors(f, y)
+    rows, columns = (max(n // size, 1) for n in errors.shape)
+    means = {
+        (r * size, c * size): float(errors[r * size : (r + 1) * size, c * size : (c + 1) * size].mean())
+        for r in range(rows)
+        for c in range(columns)
+    }
+    (row, column), error = max(means.items(), key=lambda item: item[1])
+    return row, column, error
+
+
+def _checked(**arrays: np.ndarray) -> list[np.ndarray]:
+    """The arrays as float64, all of one shape [..., 3], finite and not empty."""
+    checked = {name: np.asarray(array, np.float64) for name, array in arrays.items()}
+    shapes = {name: array.shape for name, array in checked.items()}
+    if len(set(shapes.values())) > 1:
+        raise ValueError(f"report: shapes differ: {shapes}")
+    for name, array in checked.items():
+        if array.size == 0 or array.shape[-1] != 3:
+            raise ValueError(f"report: {name} has shape {array.shape}, expected [..., 3] with at least one point")
+        bad = int((~np.isfinite(array)).sum())
+        if bad:
+            raise ValueError(f"report: {name} contains {bad} NaN or infinite values of {array.size}; nothing is scored")
+    return list(checked.values())
+
+
+def _weights(values: np.ndarray, weight: np.ndarray | None) -> np.ndarray:
+    """[N] weights, all ones when None."""
+    if weight is None:
+        return np.ones(values.size)
+    weight = np.asarray(weight, np.float64).reshape(-1)
+    if weight.size != values.size or not np.isfinite(weight).all() or weight.min() < 0 or weight.sum() <= 0:
+        raise ValueError(f"report: weights must be {values.size} finite non-negative numbers, not all 0")
+    return weight
+
+
+def _mean(values: np.ndarray, weight: np.ndarray | None) -> float:
+    return float(np.average(values.reshape(-1), weights=_weights(values, weight)))
+
+
+def _spread(values: np.ndarray, weight: np.ndarray | None) -> Spread:
+    return Spread(_mean(values, weight), _quantile(values, weight, 0.5), _quantile(values, weight, 0.95))
+
+
+def _quantile(values: np.ndarray, weight: np.ndarray | None, fraction: float) -> float:
+    """Smallest value below which at least ``fraction`` of the weight lies."""
+    order = np.argsort(values.reshape(-1))
+    cumulative = np.cumsum(_weights(values, weight)[order])
+    index = np.searchsorted(cumulative, fraction * cumulative[-1] * (1 - 1e-12))
+    return float(values.reshape(-1)[order[min(index, len(order) - 1)]])

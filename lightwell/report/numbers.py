@@ -1,0 +1,67 @@
+"""Numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+# Largest unit first: size in the base unit, name.
+DURATIONS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
+PREFIXES = ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"))
+
+
+def digits(value: float, count: int = 3) -> str:
+    """``value`` with ``count`` significant digits and no exponent: 0.0312, 1.25, 412."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "–"
+    decimals = max(count - 1 - math.floor(math.log10(abs(value))), 0)
+    return f"{value:,.{min(decimals, 6)}f}".replace(",", "\u202f")
+
+
+def grouped(count: int) -> str:
+    """A count with thin spaces between thousands: 1 250 000."""
+    return f"{count:,}".replace(",", "\u202f")
+
+
+def brief(value: float) -> str:
+    """A round number without superfluous zeros, for ticks: 0.5, 20, 1.25."""
+    return f"{value:.6g}" if abs(value) >= 1e-4 or value == 0 else digits(value)
+
+
+def brief_percent(ratio: float) -> str:
+    """A round ratio as a tick says it: 0.02 as '2 %'."""
+    return f"{brief(round(100 * ratio, 9))}\u202f%"
+
+
+def brief_duration(seconds: float) -> str:
+    """A round number of seconds as a tick says it: '50 s', '2000 s'."""
+    return f"{brief(seconds)}\u202fs"
+
+
+def percent(ratio: float | None) -> str:
+    """0.0312 as '3.12 %'."""
+    return "–" if ratio is None else f"{digits(100 * ratio)}\u202f%"
+
+
+def amount(value: float | None, unit: str = "") -> str:
+    """A count or size with a decimal prefix: 412 kB, 1.25 M."""
+    if value is None:
+        return "–"
+    for size, prefix in PREFIXES:
+        if abs(value) >= size:
+            return f"{digits(value / size)}\u202f{prefix}{unit}"
+    return (
+        f"{digits(value)}\u202f{unit}".rstrip("\u202f") if value % 1 else f"{int(value)}\u202f{unit}".rstrip("\u202f")
+    )
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as '2 h 03 min', '4 min 10 s', '12.5 s' or '320 ms'."""
+    if seconds is None:
+        return "–"
+    if seconds < 1:
+        return f"{digits(1000 * seconds)}\u202fms"
+    if seconds < 60:
+        return f"{digits(seconds)}\u202fs"
+    whole = round(seconds)
+    (large, name), (small, minor) = DURATIONS[:2] if whole >= 3600 else DURATIONS[1:]
+    return f"{int(whole // large)}\u202f{name} {int(whole % large // small):02d}\u202f{minor}"

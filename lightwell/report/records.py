@@ -1,0 +1,87 @@
+"""What the report is made of. N points; pictures [height, width, 3], first row at the top; radiance in any one unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PointComparison:
+    """Held-out surface points, each with a view and a value of the variable that training never saw."""
+
+    prediction: np.ndarray
+    """[N, 3] radiance of the baked field."""
+    half_a: np.ndarray
+    """[N, 3] reference: mean over the first half of its paths."""
+    half_b: np.ndarray
+    """[N, 3] ... over the second half."""
+    shape: np.ndarray
+    """[N] index of the object, into ``objects``."""
+    objects: Sequence[str]
+    """Names of the objects of the scene."""
+    weight: np.ndarray | None = None
+    """[N] makes means area-uniform; None: all the same."""
+
+
+@dataclass(frozen=True)
+class ViewComparison:
+    """A held-out picture."""
+
+    name: str
+    prediction: np.ndarray
+    """[height, width, 3] radiance of the baked field."""
+    half_a: np.ndarray
+    """[height, width, 3] reference: mean over the first half of its paths."""
+    half_b: np.ndarray
+    """... over the second half."""
+    regions: np.ndarray | None = None
+    """[height, width] integer index of the expert, leaf or probe, or None."""
+    blend: np.ndarray | None = None
+    """[height, width] bool: where regions are blended; drawn hatched."""
+    caption: str = ""
+    """One line about the view: where the light stands, for example."""
+
+    @property
+    def reference(self) -> np.ndarray:
+        """[height, width, 3] mean of both halves."""
+        return 0.5 * (np.asarray(self.half_a, np.float64) + self.half_b)
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """One bake: what was asked, what it cost, and how close it came."""
+
+    scene: str
+    field: str
+    """Name of the representation."""
+    preset: str
+    seed: int
+    points: PointComparison
+    views: Sequence[ViewComparison]
+    bytes: int
+    """Of the learned light as stored: weights and textures."""
+    macs_per_pixel: int
+    """Multiply-adds of the shading graph per pixel."""
+    seconds: dict[str, float]
+    """Wall time by stage; at least ``trace`` and ``train``."""
+    paths: int
+    """Paths traced for training."""
+    paths_per_second: float
+    versions: dict[str, str]
+    """Name to version of what computed this."""
+    settings: dict[str, object] = field(default_factory=dict)
+    """Everything that the bake was told; JSON values."""
+    training: Sequence[tuple[float, float]] = ()
+    """(seconds, relative error on validation samples)."""
+    sweep: Sequence[tuple[float, float, float]] = ()
+    """(position along the sweep of the variable in [0, 1], relative error, noise floor)."""
+    asset_bytes: int | None = None
+    """Of the whole file that was written."""
+    warnings: Sequence[str] = ()
+    licences: Sequence[str] = ()
+    """One line for each work that the asset contains: what, whose, under which licence."""
+    unit: float | None = None
+    """Radiance of the unit S; None: 4 × the mean radiance of the held-out points."""

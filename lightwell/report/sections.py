@@ -1,0 +1,249 @@
+"""The parts of report.html, each a function from the numbers to HTML. Every text that is not ours is escaped."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from lightwell.report import charts, figures
+from lightwell.report.numbers import amount, brief, brief_duration, brief_percent, digits, duration, grouped, percent
+
+# Objects that the bar chart shows; the table below it has them all.
+MAX_BARS = 16
+
+TERMS = (
+    (
+        "Relative error",
+        "|f − y| / (y + 0.01), averaged over held-out points that are spread evenly over all surfaces: f is the "
+        "learned radiance, y the true one, both in the unit S, four times the mean radiance of the scene. Lights "
+        "and views of these points took no part in training.",
+    ),
+    (
+        "Noise floor",
+        "The relative error that the reference itself still has, from the difference between its two independent "
+        "halves. A perfect prediction scores this much, and an error near it cannot be told from the truth.",
+    ),
+    (
+        "Relative MSE",
+        "(f − A)(f − B) / (y² + 0.01²), with A and B the two halves of the reference: a squared error from which the "
+        "reference's noise cancels. Near 0, chance can make it negative.",
+    ),
+    (
+        "Energy ratio",
+        "Mean learned light divided by mean true light. 1 means that none is lost or invented on average.",
+    ),
+    ("PSNR", "Peak signal-to-noise ratio of the displayed picture. Above 40 dB a difference is hard to see."),
+    ("SSIM", "Structural similarity of the displayed picture, 1 for identical ones."),
+    (
+        "FLIP",
+        "The difference that a person notices when flipping between the displayed pictures at 67 pixels per degree: 0 "
+        "is none, 1 is black against white.",
+    ),
+)
+
+
+def masthead(data: Mapping[str, Any]) -> str:
+    """Title and the one sentence that matters."""
+    about = f"{escape(data['field'])} · preset {escape(data['preset'])} · seed {data['seed']}"
+    return f"""<header><p class="eyebrow">lightwell report</p>
+<h1>{escape(data["scene"])}</h1><p class="soft">{about}</p>
+<div class="hero"><div class="number">{percent(data["relative_error"])}</div>
+<p>is how far the learned indirect light of a surface point is from the path-traced truth, on average over
+{grouped(data["points"])} points that training never saw. The truth itself is known to
+{percent(data["noise_floor"])}.</p></div></header>"""
+
+
+def headline(data: Mapping[str, Any]) -> str:
+    """The headline numbers, each with what it means."""
+    seconds = data["seconds"]
+    spread = (
+        f"Half of all points are closer than this; 95\u202f% are closer than {percent(data['relative_error_p95'])}."
+    )
+    time = " · ".join(f"{escape(k)} {duration(v)}" for k, v in seconds.items() if k != "total")
+    rate = f"Traced for training, {amount(data['paths_per_second'])} a second."
+    whole = f"Weights and textures. The whole asset: {amount(data['asset_bytes'], 'B')}."
+    size = "Weights and textures of the learned light." if data["asset_bytes"] is None else whole
+    cards = [("Median error", percent(data["relative_error_median"]), spread)]
+    if data["per_view"]:
+        cards += [
+            ("PSNR", f"{digits(data['psnr_db'])}\u202fdB", "Of the displayed pictures. Above 40 dB is hard to see."),
+            ("SSIM", f"{data['ssim']:.4f}", "Structural similarity; 1 is identical."),
+            ("FLIP", digits(data["flip"]), "What the eye notices when flipping between both; 0 is nothing."),
+        ]
+    cards += [
+        ("Energy ratio", f"{data['energy_ratio']:.3f}", "Learned light over true light; 1 is none lost or invented."),
+        ("Size", amount(data["bytes"], "B"), size),
+        ("Cost of a pixel", f"{amount(data['macs_per_pixel'])} MAC", "Multiply-adds of the network, once a pixel."),
+        ("Time to bake", duration(seconds["total"]), time),
+        ("Paths", amount(data["paths"]), rate),
+    ]
+    items = "".join(
+        f'<div><dt>{name}</dt><dd><div class="value">{value}</div><div class="why">{why}</div></dd></div>'
+        for name, value, why in cards
+    )
+    return f'<dl class="cards">{items}</dl>'
+
+
+def warnings(texts: Sequence[str]) -> str:
+    """What the bake could not do, if anything."""
+    if not texts:
+        return ""
+    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f'<div class="warnings"><strong>Limits of this bake</strong><ul>{items}</ul></div>'
+
+
+def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], tile: Mapping[str, bytes]) -> str:
+    """Panels of held-out view ``number``, its worst tile, and its scores."""
+    name, caption = escape(scores["name"]), escape(scores["caption"])
+    worst = scores["worst_tile"]
+    line = (
+        f"Error {percent(scores['relative_error'])} (floor {percent(scores['noise_floor'])}), "
+        f"PSNR {digits(scores['psnr_db'])} dB, SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
+    )
+    return f"""<figure><h3>{name}</h3>
+<div class="panels">{_panels(pictures, scores["name"])}</div>
+<div class="below"><div class="scale"><p>|learned − true| / true</p>{difference_scale(number)}</div>
+<div><p>Worst 16 × 16 tile, framed above: {percent(worst["relative_error"])}</p>
+<div class="panels small">{_panels(tile, "worst tile of " + scores["name"], sharp=True)}</div></div></div>
+<figcaption>{caption + ". " if caption else ""}{line}</figcaption></figure>"""
+
+
+def _panels(pictures: Mapping[str, bytes], name: str, sharp: bool = False) -> str:
+    titles = {"prediction": "learned", "reference": "path-traced", "difference": "difference", "regions": "regions"}
+    panels = []
+    for key, data in pictures.items():
+        source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
+        text = escape(f"{titles[key]}, {name}", quote=True)
+        style = "panel sharp" if sharp else "panel"
+        panels.append(f'<div class="{style}"><img alt="{text}" src="{source}"><span>{titles[key]}</span></div>')
+    return "".join(panels)
+
+
+def difference_scale(number: int) -> str:
+    """The colour scale of the log-difference, the same in every report; ``number`` keeps ids in a page apart."""
+    low, high = figures.DIFFERENCE_LOW, figures.DIFFERENCE_HIGH
+    stops = "".join(
+        f'<stop offset="{i / (len(figures.INFERNO) - 1):.3f}" stop-color="rgb({r},{g},{b})"/>'
+        for i, (r, g, b) in enumerate(figures.INFERNO)
+    )
+    marks = "".join(
+        f'<text x="{(at - low) / (high - low) * 320:.1f}" y="28" text-anchor="middle">{label}</text>'
+        for at, label in ((-2, "1\u202f%"), (-1, "10\u202f%"), (0, "100\u202f%"))
+    )
+    return (
+        '<svg viewBox="0 0 320 32" role="img"><title>Colour scale of the difference</title><defs>'
+        f'<linearGradient id="scale-{number}">{stops}</linearGradient></defs>'
+        f'<rect width="320" height="12" rx="3" fill="url(#scale-{number})"/>{marks}</svg>'
+    )
+
+
+def curves(data: Mapping[str, Any]) -> str:
+    """Training, the sweep of the light, and the objects, as charts."""
+    parts = []
+    if data["training"]:
+        parts.append(_chart(_training_chart(data), "Error on validation samples while training."))
+    if data["sweep"]:
+        parts.append(_chart(_sweep_chart(data), "Error at held-out positions along the light's path."))
+    rows = sorted(data["per_object"], key=lambda row: -row["relative_error"])[:MAX_BARS]
+    if rows:
+        bars = [(row["name"], row["relative_error"], row["noise_floor"]) for row in rows]
+        caption = "Error by object, worst first; the thin mark is the noise floor."
+        parts.append(_chart(charts.bar_chart(bars, percent, "Error by object"), caption))
+    return f'<h2>Where the error is</h2><div class="charts">{"".join(parts)}</div>' if parts else ""
+
+
+def _chart(svg: str, caption: str) -> str:
+    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
+
+
+def _training_chart(data: Mapping[str, Any]) -> str:
+    xs, ys = ([point[key] for point in data["training"]] for key in ("seconds", "relative_error"))
+    lines = [charts.Series("validation error", xs, ys)]
+    lines.append(charts.Series("noise floor", [min(xs), max(xs)], [data["noise_floor"]] * 2, dashed=True))
+    x, y = (
+        charts.Axis("training time", brief_duration, log=True),
+        charts.Axis("relative error", brief_percent, log=True),
+    )
+    return charts.line_chart(lines, x, y, "Error while training")
+
+
+def _sweep_chart(data: Mapping[str, Any]) -> str:
+    columns = {key: [point[key] for point in data["sweep"]] for key in ("at", "relative_error", "noise_floor")}
+    lines = [
+        charts.Series("learned", columns["at"], columns["relative_error"]),
+        charts.Series("noise floor", columns["at"], columns["noise_floor"], dashed=True),
+    ]
+    x, y = charts.Axis("position along the sweep", brief), charts.Axis("relative error", brief_percent)
+    return charts.line_chart(lines, x, y, "Error along the light's path")
+
+
+def table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """An HTML table: the first column is text, the others are numbers; every cell is escaped."""
+    body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
+    head = f"<thead><tr>{_cells('th', headers)}</tr></thead>"
+    return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    first, *rest = (escape(text) for text in texts)
+    return f"<{tag}>{first}</{tag}>" + "".join(f'<{tag} class="n">{text}</{tag}>' for text in rest)
+
+
+def pairs(entries: Mapping[str, Any]) -> str:
+    """A table of names and values, all text."""
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td>{escape(_text(value))}</td></tr>" for name, value in entries.items()
+    )
+    return f'<div class="scroll"><table class="text"><tbody>{rows}</tbody></table></div>'
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def tables(data: Mapping[str, Any]) -> str:
+    """The numbers per view and per object."""
+    views = [
+        (
+            v["name"],
+            percent(v["relative_error"]),
+            percent(v["noise_floor"]),
+            digits(v["psnr_db"]),
+            f"{v['ssim']:.4f}",
+            digits(v["flip"]),
+            f"{v['energy_ratio']:.3f}",
+        )
+        for v in data["per_view"]
+    ]
+    objects = [
+        (
+            o["name"],
+            grouped(o["points"]),
+            percent(o["relative_error"]),
+            percent(o["noise_floor"]),
+            "–" if o["energy_ratio"] is None else f"{o['energy_ratio']:.3f}",
+        )
+        for o in data["per_object"]
+    ]
+    by_view = table(("View", "Error", "Floor", "PSNR, dB", "SSIM", "FLIP", "Energy"), views) if views else ""
+    by_object = table(("Object", "Points", "Error", "Floor", "Energy"), objects)
+    return f"<h2>The numbers</h2>{by_view}{by_object}"
+
+
+def terms(data: Mapping[str, Any]) -> str:
+    """What every metric means."""
+    items = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in TERMS)
+    tone = f"<dt>Displayed</dt><dd>{escape(data['tone_mapping'])}. Here S is {digits(data['unit'])}.</dd>"
+    return f'<h2>How to read this</h2><dl class="terms">{items}{tone}</dl>'
+
+
+def provenance(data: Mapping[str, Any]) -> str:
+    """Settings, versions and licences."""
+    settings = f"<div><h3>Settings</h3>{pairs(data['settings'])}</div>" if data["settings"] else ""
+    versions = f"<div><h3>Versions</h3>{pairs(data['versions'])}</div>"
+    items = "".join(f"<li>{escape(line)}</li>" for line in data["licences"])
+    licences = f"<h3>Licences</h3><ul>{items}</ul>" if items else ""
+    return f'<h2>How it was made</h2><div class="columns">{settings}{versions}</div>{licences}'

@@ -1,0 +1,91 @@
+"""The numbers of a report: what report.json holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lightwell.report import metrics
+from lightwell.report.records import PointComparison, ReportData, ViewComparison
+
+# Version of report.json.
+VERSION = 1
+TONE_MAPPING = "x / (1 + x) of radiance in the unit S, then sRGB"
+
+
+def summary(data: ReportData) -> dict[str, Any]:
+    """Every number of the report as JSON values, radiance relative to the unit S."""
+    scale = data.unit if data.unit is not None else reference_unit(data.points)
+    views = [view_scores(view, scale) for view in data.views]
+    return {
+        "version": VERSION,
+        "scene": data.scene,
+        "field": data.field,
+        "preset": data.preset,
+        "seed": data.seed,
+        "unit": scale,
+        **point_scores(data.points, scale),
+        **{name: _mean(views, name) for name in ("psnr_db", "ssim", "flip")},
+        "tone_mapping": TONE_MAPPING,
+        "bytes": data.bytes,
+        "asset_bytes": data.asset_bytes,
+        "macs_per_pixel": data.macs_per_pixel,
+        "seconds": {**data.seconds, "total": sum(t for stage, t in data.seconds.items() if stage != "total")},
+        "paths": data.paths,
+        "paths_per_second": data.paths_per_second,
+        "per_view": views,
+        "training": [{"seconds": s, "relative_error": e} for s, e in data.training],
+        "sweep": [{"at": t, "relative_error": e, "noise_floor": n} for t, e, n in data.sweep],
+        "settings": data.settings,
+        "versions": data.versions,
+        "warnings": list(data.warnings),
+        "licences": list(data.licences),
+    }
+
+
+def reference_unit(points: PointComparison) -> float:
+    """The unit S of held-out points: 4 × their mean reference radiance."""
+    return metrics.unit(0.5 * (np.asarray(points.half_a, np.float64) + points.half_b), points.weight)
+
+
+def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
+    """Errors over the held-out points, overall and per object."""
+    f, a, b = (np.asarray(x, np.float64) / scale for x in (points.prediction, points.half_a, points.half_b))
+    y, weight = 0.5 * (a + b), points.weight
+    error, floor = metrics.relative_error(f, y, weight), metrics.noise_floor(a, b, weight)
+    return {
+        "relative_error": error.mean,
+        "relative_error_median": error.median,
+        "relative_error_p95": error.p95,
+        "noise_floor": floor.mean,
+        "rel_mse": metrics.rel_mse(f, a, b, weight),
+        "energy_ratio": metrics.energy_ratio(f, y, weight),
+        "points": len(f),
+        "per_object": metrics.per_object(f, a, b, np.asarray(points.shape), points.objects, weight),
+    }
+
+
+def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
+    """Scores of one picture."""
+    f, a, b = (np.asarray(x, np.float64) / scale for x in (view.prediction, view.half_a, view.half_b))
+    y = 0.5 * (a + b)
+    row, column, worst = metrics.worst_tile(f, y)
+    return {
+        "name": view.name,
+        "caption": view.caption,
+        "width": f.shape[1],
+        "height": f.shape[0],
+        "relative_error": metrics.relative_error(f, y).mean,
+        "noise_floor": metrics.noise_floor(a, b).mean,
+        "psnr_db": metrics.psnr_db(f, y),
+        "ssim": metrics.ssim(f, y),
+        "flip": metrics.flip(f, y),
+        "energy_ratio": metrics.energy_ratio(f, y),
+        "worst_tile": {"row": row, "column": column, "relative_error": worst},
+    }
+
+
+def _mean(views: list[dict[str, Any]], name: str) -> float | None:
+    """Mean over the views, None when there is none."""
+    return float(np.mean([view[name] for view in views])) if views else None

@@ -1,0 +1,83 @@
+"""The page: the viewer with the asset and its views inside."""
+
+import base64
+import gzip
+import json
+import re
+
+import numpy as np
+import pytest
+
+from lightwell.asset.page import PLACEHOLDER, PageView, viewer_html, write_page
+from lightwell.scenes.scene import Camera
+
+SHELL = f"<!doctype html><head><title>viewer</title></head><body>{PLACEHOLDER}</body>"
+HOME = Camera((0.0, 1.0, 3.0), (0.0, 0.5, 0.0), fov_y=45)
+
+
+def scripts(path) -> dict[str, str]:
+    return dict(re.findall(r'<script type="[^"]*" id="([^"]*)">(.*?)</script>', path.read_text("utf-8"), re.S))
+
+
+def view(name="corner"):
+    picture = np.random.default_rng(6).random((4, 5, 3)) * 2
+    picture[0, 0] = [0, 1e9, -1]
+    return PageView(name, HOME, (0.1, 0.2, 0.3), picture)
+
+
+def test_page_holds_everything(tmp_path):
+    path = tmp_path / "index.html"
+    size = write_page(path, title="A & B", glb=b"glTF\x00\xff", home=HOME, views=[view()], exposure=2, viewer=SHELL)
+    assert size == path.stat().st_size
+    assert "<title>A &amp; B</title>" in path.read_text() and PLACEHOLDER not in path.read_text()
+    found = scripts(path)
+    assert base64.b64decode(found["lightwell-asset"]) == b"glTF\x00\xff"
+    page = json.loads(found["lightwell-page"])
+    assert page["home"] == {"position": [0, 1, 3], "target": [0, 0.5, 0], "up": [0, 1, 0], "fov_y": 45}
+    assert page["exposure"] == 2 and page["report"] == {} and page["views"][0]["light"] == [0.1, 0.2, 0.3]
+
+
+def test_reference_is_half_floats_in_row_order(tmp_path):
+    path = tmp_path / "index.html"
+    write_page(path, title="", glb=b"", home=HOME, views=[view()], viewer=SHELL)
+    stored = json.loads(scripts(path)["lightwell-page"])["views"][0]
+    pixels = np.frombuffer(gzip.decompress(base64.b64decode(stored["reference"])), "<f2")
+    pixels = pixels.reshape(stored["height"], stored["width"], 3)
+    assert pixels[0, 0].tolist() == [0, 65504, 0]
+    np.testing.assert_allclose(pixels[1:], view().reference[1:], rtol=2**-11)  # half a unit in the last place
+
+
+def test_same_page_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        write_page(tmp_path / name, title="t", glb=b"g", home=HOME, views=[view()], viewer=SHELL)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_hostile_names_stay_data(tmp_path):
+    path = tmp_path / "index.html"
+    name = "</script><script>alert(1)</script><!--\u2028"
+    write_page(path, title=name, glb=b"", home=HOME, views=[view(name)], viewer=SHELL)
+    text = path.read_text("utf-8")
+    assert text.count("<script") == 2 and text.count("</script") == 2 and "alert(1)</script>" not in text
+    assert json.loads(scripts(path)["lightwell-page"])["views"][0]["name"] == name
+
+
+def test_refusals(tmp_path):
+    options = {"title": "", "glb": b"", "home": HOME}
+    with pytest.raises(RuntimeError, match="must contain <!--lightwell-data--> once, found 0"):
+        write_page(tmp_path / "p", **options, viewer="<html>")
+    with pytest.raises(ValueError, match="NaN or infinity"):
+        write_page(tmp_path / "p", **options, report={"error": float("nan")}, viewer=SHELL)
+    with pytest.raises(ValueError, match="exposure is 0"):
+        write_page(tmp_path / "p", **options, exposure=0, viewer=SHELL)
+    broken = PageView("v", HOME, (0, 0, 0), np.full((2, 2, 3), np.nan))
+    with pytest.raises(ValueError, match="reference of view 'v' must be finite"):
+        write_page(tmp_path / "p", **options, views=[broken], viewer=SHELL)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_built_viewer_takes_a_page():
+    try:
+        assert viewer_html().count(PLACEHOLDER) == 1
+    except RuntimeError as error:
+        pytest.skip(str(error))
