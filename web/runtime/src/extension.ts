@@ -1,0 +1,199 @@
+/** Reads the glTF extension `LIGHTWELL_neural_radiance` (see `format/FORMAT.md`). */
+
+import { fail, integer, list, number, record, text } from "./checks.ts";
+import type { GltfJson } from "./container.ts";
+import { type BufferType, type Graph, readGraph, type StoredBuffer } from "./graph/index.ts";
+import { readVariables, type Variable } from "./variables.ts";
+
+/** Name of the extension. */
+export const EXTENSION = "LIGHTWELL_neural_radiance";
+
+/** Version of the format that this package reads. */
+export const FORMAT_VERSION = 1;
+
+/** Largest number of fields, and of buffer elements in all of them: limits against hostile files. */
+const MAX_FIELDS = 8;
+const MAX_BUFFERS = 1024;
+const MAX_ELEMENTS = 1 << 26;
+
+/** One learned field. */
+export interface FieldRecord {
+  readonly name: string;
+  /** `indirect` follows a declared light; `static` is the light of the scene's own emitters. */
+  readonly role: "indirect" | "static";
+  /** Index of the declared light whose intensity and colour scale the field; -1 for a static field. */
+  readonly variable: number;
+  readonly graph: Graph;
+  readonly buffers: ReadonlyMap<string, StoredBuffer>;
+}
+
+/** Everything the extension declares. */
+export interface NeuralRadiance {
+  readonly variables: readonly Variable[];
+  readonly fields: readonly FieldRecord[];
+}
+
+/** Inputs that a surface offers to a field. */
+const INPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
+  Object.entries({
+    position: 3,
+    normal: 3,
+    view: 3,
+    light: 3,
+    reflectance: 3,
+    roughness: 1,
+    metallic: 1,
+    uv: 2,
+    uv1: 2,
+  }),
+);
+
+/** How a buffer type travels in a glTF accessor: component type, bytes per element, constructor. */
+const STORAGE = {
+  float32: [5126, 4, Float32Array],
+  float16: [5123, 2, Uint16Array],
+  int8: [5120, 1, Int8Array],
+  uint8: [5121, 1, Uint8Array],
+} as const;
+
+/** Gives the bytes of a buffer view. */
+export type LoadBufferView = (index: number) => Promise<ArrayBuffer>;
+
+/** Read the extension of a glTF document; null when the document does not carry it. */
+export async function readExtension(
+  json: GltfJson,
+  loadView: LoadBufferView,
+): Promise<NeuralRadiance | null> {
+  const extensions = json.extensions === undefined ? {} : record(json.extensions, "extensions");
+  if (extensions[EXTENSION] === undefined) return null;
+  const extension = record(extensions[EXTENSION], EXTENSION);
+  if (extension.version !== FORMAT_VERSION) fail(`${EXTENSION}.version`, `${FORMAT_VERSION}`);
+  const variables = readVariables(extension.variables, `${EXTENSION}.variables`);
+  const fields: FieldRecord[] = [];
+  const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
+  for (const [i, entry] of entries.entries()) {
+    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, json, loadView));
+  }
+  return { variables, fields };
+}
+
+async function readField(
+  value: unknown,
+  where: string,
+  variableCount: number,
+  json: GltfJson,
+  loadView: LoadBufferView,
+): Promise<FieldRecord> {
+  const entry = record(value, where);
+  const role = entry.role;
+  if (role !== "indirect" && role !== "static") fail(`${where}.role`, '"indirect" or "static"');
+  const document = record(entry.graph, `${where}.graph`);
+  const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, json, loadView);
+  return {
+    name: text(entry.name ?? role, `${where}.name`),
+    role,
+    variable:
+      role === "static" ? -1 : integer(entry.variable ?? 0, `${where}.variable`, 0, variableCount - 1),
+    graph: readFieldGraph(document, buffers, `${where}.graph`),
+    buffers,
+  };
+}
+
+/** The graph of a field: its inputs are those that a surface has, its output is `radiance`. */
+function readFieldGraph(document: unknown, buffers: ReadonlyMap<string, StoredBuffer>, where: string): Graph {
+  const graph = readGraph(document, buffers);
+  for (const [name, width] of graph.inputs) {
+    if (INPUT_WIDTHS.get(name) !== width)
+      fail(`${where}.inputs.${name}`, "an input of a surface, with its width");
+  }
+  const output = graph.outputs.get("radiance");
+  if (output === undefined || graph.widths.get(output) !== 3)
+    fail(`${where}.outputs.radiance`, "a value of width 3");
+  return graph;
+}
+
+async function readBuffers(
+  value: unknown,
+  where: string,
+  json: GltfJson,
+  loadView: LoadBufferView,
+): Promise<Map<string, StoredBuffer>> {
+  const entries = Object.entries(record(value, where));
+  if (entries.length > MAX_BUFFERS) fail(where, `at most ${MAX_BUFFERS} buffers`);
+  const buffers = new Map<string, StoredBuffer>();
+  let elements = 0;
+  for (const [id, entry] of entries) {
+    const buffer = await readBuffer(entry, `${where}.${id}`, json, loadView);
+    elements += buffer.data.length;
+    if (elements > MAX_ELEMENTS) fail(where, `at most ${MAX_ELEMENTS} elements in all`);
+    buffers.set(id, buffer);
+  }
+  return buffers;
+}
+
+async function readBuffer(
+  value: unknown,
+  where: string,
+  json: GltfJson,
+  loadView: LoadBufferView,
+): Promise<StoredBuffer> {
+  const entry = record(value, where);
+  const type = entry.type as BufferType;
+  if (!Object.hasOwn(STORAGE, String(type))) fail(`${where}.type`, Object.keys(STORAGE).join(", "));
+  const shape = list(entry.shape, `${where}.shape`, 4).map((n, i) =>
+    integer(n, `${where}.shape[${i}]`, 1, MAX_ELEMENTS),
+  );
+  const count = shape.reduce((a, b) => a * b, 1);
+  if (shape.length === 0 || count > MAX_ELEMENTS)
+    fail(`${where}.shape`, `1 to 4 sizes, at most ${MAX_ELEMENTS} elements`);
+  return {
+    shape,
+    type,
+    ...readQuantisation(entry, where, type),
+    data: await readAccessor(json, entry.accessor, `${where}.accessor`, type, count, loadView),
+  };
+}
+
+/** `scale` and `offset` of an integer buffer; the graph checks how many there must be. */
+function readQuantisation(
+  entry: Record<string, unknown>,
+  where: string,
+  type: BufferType,
+): Pick<StoredBuffer, "scale" | "offset"> {
+  if (type === "float32" || type === "float16") return {};
+  const offset = number(entry.offset ?? 0, `${where}.offset`);
+  if (!Array.isArray(entry.scale)) return { scale: number(entry.scale ?? 1, `${where}.scale`), offset };
+  const scale = list(entry.scale, `${where}.scale`, MAX_ELEMENTS);
+  return { scale: scale.map((x, i) => number(x, `${where}.scale[${i}]`)), offset };
+}
+
+/** The `count` elements of a SCALAR accessor, bounds-checked. */
+async function readAccessor(
+  json: GltfJson,
+  index: unknown,
+  where: string,
+  type: BufferType,
+  count: number,
+  loadView: LoadBufferView,
+): Promise<StoredBuffer["data"]> {
+  const [componentType, bytes, Data] = STORAGE[type];
+  const accessors = (json.accessors ?? []) as unknown[];
+  const accessor = record(accessors[integer(index, where, 0, accessors.length - 1)], where);
+  if (accessor.type !== "SCALAR") fail(`${where}.type`, "SCALAR");
+  if (accessor.componentType !== componentType)
+    fail(`${where}.componentType`, `${componentType} for ${type}`);
+  if (accessor.count !== count) fail(`${where}.count`, `${count}, the product of the shape`);
+  if (accessor.sparse !== undefined) fail(where, "an accessor that is not sparse");
+  const views = (json.bufferViews ?? []) as unknown[];
+  const viewIndex = integer(accessor.bufferView, `${where}.bufferView`, 0, views.length - 1);
+  const view = record(views[viewIndex], `bufferViews[${viewIndex}]`);
+  if (view.byteStride !== undefined && view.byteStride !== bytes)
+    fail(`${where}.byteStride`, "tightly packed elements");
+  const start = integer(accessor.byteOffset ?? 0, `${where}.byteOffset`, 0, Number.MAX_SAFE_INTEGER);
+  if (start % bytes !== 0) fail(`${where}.byteOffset`, `a multiple of ${bytes}`);
+  const data = await loadView(viewIndex);
+  if (start + count * bytes > data.byteLength) {
+    fail(where, `${start + count * bytes} bytes in its buffer view, found ${data.byteLength}`);
+  }
+  return new Data(data, start, count);
+}

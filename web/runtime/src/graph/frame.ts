@@ -1,0 +1,35 @@
+/** What a graph computes once a frame: evaluated on the CPU, handed to the shader as vec4 blocks. */
+
+import { evaluateNodes } from "./evaluate.ts";
+import type { Graph } from "./graph.ts";
+import { frameValues } from "./printer.ts";
+
+/** Blocks of each `per_frame` value that pixels read. */
+export interface FrameLayout {
+  /** Name of the value to its first block. */
+  readonly first: ReadonlyMap<string, number>;
+  /** Number of vec4; 0 when the graph has no per-frame part. */
+  readonly blocks: number;
+}
+
+/** Where the per-frame values of a graph lie. */
+export function frameLayout(graph: Graph): FrameLayout {
+  const first = new Map<string, number>();
+  let blocks = 0;
+  for (const node of frameValues(graph)) {
+    first.set(node.id, blocks);
+    blocks += Math.ceil(node.width / 4);
+  }
+  return { first, blocks };
+}
+
+/** The per-frame values for the given frame inputs (`light`), as blocks: 4 · blocks numbers. */
+export function evaluateFrame(
+  graph: Graph,
+  inputs: Readonly<Record<string, ArrayLike<number>>>,
+  out = new Float32Array(4 * frameLayout(graph).blocks),
+): Float32Array {
+  const values = evaluateNodes(graph, inputs, true);
+  for (const [name, first] of frameLayout(graph).first) out.set(values.get(name)!, 4 * first);
+  return out;
+}

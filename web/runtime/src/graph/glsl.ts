@@ -1,0 +1,136 @@
+/** Prints a shading graph as GLSL ES 3.00. */
+
+import type { FrameLayout } from "./frame.ts";
+import type { Graph } from "./graph.ts";
+import { toHalf } from "./half.ts";
+import { GLSL } from "./language.ts";
+import type { TexelStore } from "./printer.ts";
+import { narrow, printProgram } from "./program.ts";
+
+/** A texture of numbers, four a texel, to be read with `texelFetch`: nearest, no mipmaps, not sRGB. */
+export interface TexelTexture {
+  /** Name of the sampler uniform. */
+  readonly name: string;
+  readonly width: number;
+  readonly height: number;
+  readonly format: "rgba16float" | "rgba32float";
+  /** Half floats as bits, or floats; row by row. */
+  readonly data: Uint16Array<ArrayBuffer> | Float32Array<ArrayBuffer>;
+}
+
+/** What depends on the frame only: an array of vec4 to fill with `evaluateFrame` whenever its inputs change. */
+export interface FrameUniform extends FrameLayout {
+  /** Name of the uniform. */
+  readonly name: string;
+  /** Up to `FRAME_UNIFORM_LIMIT` blocks it is `uniform vec4 name[blocks]`, beyond an RGBA32F texture of one row. */
+  readonly kind: "array" | "texture";
+}
+
+export interface GlslProgram {
+  /** Uniform declarations and functions, for a shader with `precision highp float`. */
+  readonly code: string;
+  /** Type of the result: `float`, `vec2`, `vec3`, `vec4`, or a struct with `vec4 NAME[blocks]` per output. */
+  readonly type: string;
+  /** Inputs in the order of the function's parameters; those wider than 4 are arrays of vec4. */
+  readonly parameters: readonly { readonly name: string; readonly width: number }[];
+  readonly textures: readonly TexelTexture[];
+  readonly frame: FrameUniform | null;
+}
+
+export interface GlslOptions {
+  /** Name of the function and prefix of everything else. */
+  readonly name: string;
+  /** `inline`: literals, for a few small networks. `texture`: loops over `texelFetch`. Tables and experts are always textures. */
+  readonly weights: "inline" | "texture";
+}
+
+/** Blocks of per-frame values that still travel as a uniform array: WebGL2 guarantees 224 in all. */
+export const FRAME_UNIFORM_LIMIT = 128;
+/** Width and greatest height of a texel texture: what every WebGL2 device takes. */
+const TEXTURE_SIDE = 2048;
+
+/** Print a graph as `TYPE name(inputs…)`. */
+export function printGlsl(graph: Graph, { name, weights }: GlslOptions): GlslProgram {
+  const { printer, frame, parameters, outputs } = printProgram(
+    graph,
+    GLSL,
+    name,
+    weights === "inline" ? "inline" : "table",
+    true,
+  );
+  const textures = [
+    texelTexture(`${name}_full_texels`, printer.full),
+    texelTexture(`${name}_half_texels`, printer.half),
+  ].filter((t) => t !== null);
+  const single = outputs.length === 1 && outputs[0]!.value.width <= 4;
+  const type = single ? vector(outputs[0]!.value.width) : `${name}_result`;
+  const types = parameters.map((p, i) =>
+    p.width > 4 ? `vec4 i${i}[${Math.ceil(p.width / 4)}]` : `${vector(p.width)} i${i}`,
+  );
+  const result: string[] = [];
+  if (single) result.push(`return ${narrow(outputs[0]!.value)};`);
+  else {
+    result.push(`${type} result;`);
+    for (const [i, { value }] of outputs.entries()) {
+      for (let b = 0; b < value.blocks; b++) result.push(`result.o${i}[${b}] = ${value.block(b)};`);
+    }
+    result.push("return result;");
+  }
+  const struct = `struct ${type} {\n${outputs
+    .map(({ name: output, value }, i) => `  vec4 o${i}[${value.blocks}]; // ${output}\n`)
+    .join("")}};`;
+  const uniform = frame.blocks ? frameUniform(name, frame) : null;
+  const code = [
+    ...textures.map(readTexel),
+    ...(uniform ? [readFrame(uniform, name)] : []),
+    ...(single ? [] : [struct]),
+    ...printer.helpers.values(),
+    `${type} ${name}(${types.join(", ")}) {`,
+    ...printer.lines,
+    ...result.map((line) => `  ${line}`),
+    "}",
+  ].join("\n");
+  return {
+    code,
+    type,
+    parameters: parameters.map(({ name, width }) => ({ name, width })),
+    textures,
+    frame: uniform,
+  };
+}
+
+function vector(width: number): string {
+  return width === 1 ? "float" : `vec${width}`;
+}
+
+function readTexel({ name, width }: TexelTexture): string {
+  const read = name.replace(/_texels$/, "");
+  const shift = Math.log2(width);
+  const at = `ivec2(i & ${width - 1}, i >> ${shift})`;
+  return `uniform highp sampler2D ${name};\nvec4 ${read}(int i) { return texelFetch(${name}, ${at}, 0); }`;
+}
+
+function frameUniform(name: string, frame: FrameLayout): FrameUniform {
+  return { ...frame, name: `${name}_frame`, kind: frame.blocks <= FRAME_UNIFORM_LIMIT ? "array" : "texture" };
+}
+
+function readFrame({ name: uniform, kind, blocks }: FrameUniform, name: string): string {
+  return kind === "array"
+    ? `uniform highp vec4 ${uniform}[${blocks}];\nvec4 ${name}_frame_at(int i) { return ${uniform}[i]; }`
+    : `uniform highp sampler2D ${uniform};\nvec4 ${name}_frame_at(int i) { return texelFetch(${uniform}, ivec2(i, 0), 0); }`;
+}
+
+/** All numbers of one precision as a texture; null when there are none. */
+function texelTexture(name: string, store: TexelStore): TexelTexture | null {
+  if (store.texels === 0) return null;
+  const width = 2 ** Math.min(Math.ceil(Math.log2(Math.sqrt(store.texels))), Math.log2(TEXTURE_SIDE));
+  const height = Math.ceil(store.texels / width);
+  if (height > TEXTURE_SIDE) {
+    throw new RangeError(
+      `graph: expected at most ${TEXTURE_SIDE ** 2} texels of weights, found ${store.texels}`,
+    );
+  }
+  const numbers = store.concat(width * height) as Float32Array<ArrayBuffer>;
+  if (!store.half) return { name, width, height, format: "rgba32float", data: numbers };
+  return { name, width, height, format: "rgba16float", data: Uint16Array.from(numbers, toHalf) };
+}

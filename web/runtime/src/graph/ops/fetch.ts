@@ -1,0 +1,147 @@
+/** Interpolated tables: texture (bilinear) and grid (trilinear). By hand, because filtering in hardware has few bits. */
+
+import { valuesOf } from "../buffers.ts";
+import { type Language, literal } from "../language.ts";
+import { MAX_WIDTH, type Op, type StoredBuffer, type Use } from "../op.ts";
+import type { Printer, Table, Value } from "../printer.ts";
+
+const MAX_SIDE = 2048;
+const clamp = (x: number, low: number, high: number) => Math.min(Math.max(x, low), high);
+
+/** Numbers of one entry in a table: 1 or 2 share a texel, wider entries start a texel of their own. */
+const stride = (channels: number) => (channels <= 2 ? channels : 4 * Math.ceil(channels / 4));
+
+/** The rows of a buffer as texels. */
+export function rowTable(printer: Printer, buffer: StoredBuffer): Table {
+  return printer.table(buffer, buffer.type === "float16", () => {
+    const values = valuesOf(buffer);
+    const channels = buffer.shape.at(-1)!;
+    const step = stride(channels);
+    const rows = values.length / channels;
+    const out = new Float32Array(4 * Math.ceil((rows * step) / 4));
+    for (let row = 0; row < rows; row++) {
+      for (let c = 0; c < channels; c++) out[row * step + c] = values[row * channels + c]!;
+    }
+    return out;
+  });
+}
+
+/** Emit `sum[b] += weight * row[b]` for every block of a row, given the name of an int variable with its number. */
+export function accumulateRow(
+  printer: Printer,
+  language: Language,
+  table: Table,
+  channels: number,
+  row: string,
+  weight: string,
+  sum: Value,
+): void {
+  if (channels <= 2) {
+    const texel = printer.temporary();
+    const index = `${table.first} + (${row} >> ${channels === 1 ? 2 : 1}u)`;
+    printer.emit(language.constant("vec4", texel, table.texel(index)));
+    const zeros = ["0.0", "0.0"];
+    const value =
+      channels === 1
+        ? printer.vec4(`${texel}[${row} & 3]`, "0.0", ...zeros)
+        : language.choose(
+            `(${row} & 1) == 0`,
+            printer.vec4(`${texel}.xy`, ...zeros),
+            printer.vec4(`${texel}.zw`, ...zeros),
+          );
+    printer.emit(`${sum.block("0")} += ${weight} * ${value};`);
+    return;
+  }
+  printer.loop(sum.blocks, (i) =>
+    printer.emit(
+      `${sum.block(i)} += ${weight} * ${table.texel(`${table.first} + ${row} * ${sum.blocks} + ${i}`)};`,
+    ),
+  );
+}
+
+/** Sizes in the order x, y, z of a table [.., H, W, C]. */
+const sizesOf = (use: Use) => use.buffer.buffer!.shape.slice(0, -1).reverse();
+
+function evaluate(use: Use, [p]: readonly Float32Array[], width: number): Float32Array {
+  const values = valuesOf(use.buffer.buffer!);
+  const sizes = sizesOf(use);
+  const at = sizes.map((size, axis) => clamp(clamp(p![axis]!, 0, 1) * size - 0.5, 0, size - 1));
+  const low = at.map(Math.floor);
+  const out = new Float32Array(width);
+  for (let corner = 0; corner < 1 << sizes.length; corner++) {
+    let [row, weight, step] = [0, 1, 1];
+    for (const [axis, size] of sizes.entries()) {
+      const upper = (corner >> axis) & 1;
+      const fraction = at[axis]! - low[axis]!;
+      row += Math.min(low[axis]! + upper, size - 1) * step;
+      weight *= upper ? fraction : 1 - fraction;
+      step *= size;
+    }
+    for (let c = 0; c < width; c++) out[c]! += weight * values[row * width + c]!;
+  }
+  return out;
+}
+
+function print(use: Use, printer: Printer, out: Value, [p]: readonly Value[], language: Language): void {
+  const sizes = sizesOf(use);
+  const table = rowTable(printer, use.buffer.buffer!);
+  const vec3 = (numbers: readonly number[]) => `${language.type("vec3")}(${numbers.map(literal).join(", ")})`;
+  const [width = 1, height = 1, depth = 1] = sizes;
+  const point =
+    sizes.length === 3 ? `${p!.block(0)}.xyz` : `${language.type("vec3")}(${p!.block(0)}.xy, 0.0)`;
+  const int = language.type("int");
+  const float = language.type("float");
+  printer.zeros(out);
+  printer.emit(
+    "{",
+    language.constant("vec3", "last", vec3([width - 1, height - 1, depth - 1])),
+    language.constant("vec3", "unit", `clamp(${point}, ${vec3([0, 0, 0])}, ${vec3([1, 1, 1])})`),
+    language.constant(
+      "vec3",
+      "at",
+      `clamp(unit * ${vec3([width, height, depth])} - 0.5, ${vec3([0, 0, 0])}, last)`,
+    ),
+    language.constant("vec3", "low", "floor(at)"),
+  );
+  printer.loop(1 << sizes.length, (corner) => {
+    printer.emit(
+      language.constant(
+        "vec3",
+        "upper",
+        `${language.type("vec3")}(${[0, 1, 2].map((axis) => `${float}((${corner} >> ${axis}u) & 1)`).join(", ")})`,
+      ),
+      language.constant("vec3", "share", "mix(1.0 - (at - low), at - low, upper)"),
+      language.constant("vec3", "cell", "min(low + upper, last)"),
+      language.constant(
+        "int",
+        "row",
+        `(${int}(cell.z) * ${height} + ${int}(cell.y)) * ${width} + ${int}(cell.x)`,
+      ),
+      language.constant("float", "weight", "share.x * share.y * share.z"),
+    );
+    accumulateRow(printer, language, table, out.width, "row", "weight", out);
+  });
+  printer.emit("}");
+}
+
+function fetchOp(dimensions: number): Op {
+  return {
+    arity: [1, 1],
+    parameters: { buffer: { kind: "buffer", ranks: [dimensions + 1] } },
+    width(use) {
+      use.expect(use.widths[0] === dimensions, `coordinates of width ${dimensions}`);
+      const { shape } = use.buffer.buffer!;
+      use.expect(
+        Math.max(...shape.slice(0, -1)) <= MAX_SIDE && shape.at(-1)! <= MAX_WIDTH,
+        `a table of at most ${MAX_SIDE} a side`,
+      );
+      return shape.at(-1)!;
+    },
+    fetches: () => 1 << dimensions,
+    evaluate,
+    print,
+  };
+}
+
+export const texture = fetchOp(2);
+export const grid = fetchOp(3);

@@ -1,0 +1,17 @@
+export { Arc } from "./arc.ts";
+export { FormatError, type Vec3 } from "./checks.ts";
+export { checkContainer } from "./container.ts";
+export { inlineLimit, isSoftware, rendererName } from "./device.ts";
+export {
+  EXTENSION,
+  type FieldRecord,
+  FORMAT_VERSION,
+  type NeuralRadiance,
+  readExtension,
+} from "./extension.ts";
+export { FieldProgram, type WeightPlacement } from "./field-program.ts";
+export * from "./graph/index.ts";
+export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
+export { LearnedScene, type LearnedSceneOptions, type Parts } from "./learned-scene.ts";
+export { LightwellLoaderPlugin, learnedLight } from "./loader.ts";
+export type { PointVariable, SunVariable, Variable } from "./variables.ts";

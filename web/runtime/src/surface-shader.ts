@@ -1,0 +1,166 @@
+/** Adds learned light and a tighter shadow test to the shaders of three.js' standard and physical materials. */
+
+import {
+  type IUniform,
+  type MeshStandardMaterial,
+  ShaderChunk,
+  type WebGLProgramParametersWithUniforms,
+  type WebGLRenderer,
+} from "three";
+import { rendererName } from "./device.ts";
+import type { FieldProgram } from "./field-program.ts";
+import { SHADOW_RADIUS } from "./lamp.ts";
+import { PRINCIPLED_LIGHT } from "./principled.ts";
+
+/** What the shaders of all materials of a scene share. */
+export interface SharedLight {
+  readonly fields: readonly FieldProgram[];
+  readonly uniforms: Readonly<Record<string, IUniform>>;
+  /** Names the fields' program; equal for materials that may share one. */
+  readonly key: string;
+}
+
+/** Smallest reflectance that a learned value is multiplied by (format/FORMAT.md). */
+const MIN_REFLECTANCE = "1e-3";
+
+/** Dielectric reflectance at normal incidence for an index of refraction of 1.5 (glTF 2.0, appendix B). */
+const DIELECTRIC_F0 = "0.04";
+
+/** Patch a material in place; its program is compiled anew. */
+export function addLearnedLight(material: MeshStandardMaterial, light: SharedLight): void {
+  material.onBeforeCompile = (shader, renderer) => patchSurfaceShader(shader, renderer, light);
+  material.customProgramCacheKey = () => `lightwell:${light.key}`;
+  material.needsUpdate = true;
+}
+
+function patchSurfaceShader(
+  shader: WebGLProgramParametersWithUniforms,
+  renderer: WebGLRenderer,
+  light: SharedLight,
+): void {
+  Object.assign(shader.uniforms, light.uniforms);
+  for (const field of light.fields) Object.assign(shader.uniforms, field.uniforms);
+  passCentroid(shader, renderer);
+  if (light.fields.some((field) => field.readsUv)) passTextureCoordinates(shader);
+  shader.fragmentShader = shader.fragmentShader
+    .replace(
+      "void main() {",
+      `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\n${radianceFunction(light.fields)}\nvoid main() {`,
+    )
+    .replace("#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin))
+    .replace("#include <opaque_fragment>", `${ADD_RADIANCE}\n#include <opaque_fragment>`);
+}
+
+/**
+ * Hands the vector to the eye to the fragment shader at the centroid of the covered samples: at the rim of a triangle
+ * the pixel's centre may lie beyond it, behind the next wall, in a shadow that is not there.
+ */
+function passCentroid(shader: WebGLProgramParametersWithUniforms, renderer: WebGLRenderer): void {
+  const declaration = `${hasCentroids(renderer) ? "centroid " : ""}varying vec3 vLightwellToEye;`;
+  shader.vertexShader = `${declaration}\n${shader.vertexShader.replace(
+    "#include <worldpos_vertex>",
+    "vLightwellToEye = vViewPosition;\n#include <worldpos_vertex>",
+  )}`;
+  shader.fragmentShader = `${declaration}\n${shader.fragmentShader}`;
+}
+
+/** llvmpipe (Mesa 22.3) evaluates centroids at wrong places, which shows as lines along the edges of triangles. */
+function hasCentroids(renderer: WebGLRenderer): boolean {
+  return !/llvmpipe/i.test(rendererName(renderer.getContext()));
+}
+
+/** Hands both texture coordinate sets to the fragment shader under names that no map of the material changes. */
+function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): void {
+  shader.vertexShader = shader.vertexShader.replace(
+    "void main() {",
+    `#ifndef USE_UV1
+       attribute vec2 uv1;
+     #endif
+     varying vec4 vLightwellUv;
+     void main() {
+       vLightwellUv = vec4( uv, uv1 );`,
+  );
+  shader.fragmentShader = `varying vec4 vLightwellUv;\n${shader.fragmentShader}`;
+}
+
+/** `lightwellRadiance(...)`: the sum of all fields, demodulated by the reflectance. */
+function radianceFunction(fields: readonly FieldProgram[]): string {
+  const uv = fields.some((field) => field.readsUv) ? "vLightwellUv" : "vec4( 0.0 )";
+  return `
+uniform float lightwellRaster;
+${fields.map((field) => field.code).join("\n")}
+vec3 lightwellRadiance( vec3 position, vec3 normal, vec3 view, vec3 reflectance, float roughness, float metallic ) {
+  vec4 uv = ${uv};
+  vec3 sum = vec3( 0.0 );
+  ${fields.map((field) => `if ( ${field.gain} != vec3( 0.0 ) ) sum += ${field.gain} * max( ${field.call}, 0.0 );`).join("\n  ")}
+  return sum;
+}`;
+}
+
+/** The sum of raster and learned light; point and facet are those of the shadow test. */
+const ADD_RADIANCE = `
+{
+  vec3 lwView = cameraPosition - lwPosition;
+  vec3 lwNormal = normalize( ( vec4( nonPerturbedNormal, 0.0 ) * viewMatrix ).xyz );
+  lwView = normalize( lwView );
+  // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
+  lwNormal *= ( dot( lwFacet, lwView ) < 0.0 ) == ( dot( lwFacet, lwNormal ) < 0.0 ) ? 1.0 : - 1.0;
+  vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );
+  outgoingLight = lightwellRaster * outgoingLight + lwReflectance
+    * lightwellRadiance( lwPosition, lwNormal, lwView, lwReflectance, roughnessFactor, metalnessFactor );
+}`;
+
+/**
+ * The shadow test happens at a point lifted off the facet, towards the light, just far enough that the filter's
+ * kernel of `radius` texels cannot dip below the facet: texel · (radius + 1) · sin θ, and half a texel towards the
+ * light, for the wall that meets it in a corner. The facet's own normal and its
+ * side are taken from derivatives, so thin two-sided sheets and smooth-shaded coarse meshes behave alike.
+ */
+const SHADOW_OFFSET = `
+#ifdef USE_SHADOWMAP
+  vec3 lightwellLift( vec3 facet, vec3 rayToPoint, float texel ) {
+    float cosine = dot( facet, rayToPoint );
+    float sine = sqrt( max( 1.0 - cosine * cosine, 0.0 ) );
+    return - 0.5 * texel * rayToPoint + facet * ( cosine > 0.0 ? - texel : texel ) * ${(SHADOW_RADIUS + 1).toFixed(2)} * max( sine, 0.25 );
+  }
+  #if NUM_POINT_LIGHT_SHADOWS > 0
+    uniform mat4 pointShadowMatrix[ NUM_POINT_LIGHT_SHADOWS ];
+    vec4 lightwellPointShadow( mat4 toLight, vec3 point, vec3 facet, vec2 size ) {
+      vec3 toPoint = ( toLight * vec4( point, 1.0 ) ).xyz;
+      vec3 reach = abs( toPoint );
+      float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / size.x;
+      return vec4( toPoint + lightwellLift( facet, normalize( toPoint ), texel ), 1.0 );
+    }
+  #endif
+  #if NUM_DIR_LIGHT_SHADOWS > 0
+    uniform mat4 directionalShadowMatrix[ NUM_DIR_LIGHT_SHADOWS ];
+    vec4 lightwellSunShadow( mat4 toMap, vec3 point, vec3 facet, vec3 toSun, vec2 size ) {
+      vec3 ray = - ( vec4( toSun, 0.0 ) * viewMatrix ).xyz;
+      float texel = 1.0 / ( length( vec3( toMap[ 0 ].x, toMap[ 1 ].x, toMap[ 2 ].x ) ) * size.x );
+      return toMap * vec4( point + lightwellLift( facet, ray, texel ), 1.0 );
+    }
+  #endif
+#endif`;
+
+/** World point, and normal of the triangle; derivatives must be taken outside of branches. */
+const FACET = `
+  vec3 lwPosition = cameraPosition - ( vec4( vLightwellToEye, 0.0 ) * viewMatrix ).xyz;
+  vec3 lwFacet = cross( dFdx( vViewPosition ), dFdy( vViewPosition ) );
+  lwFacet = normalize( ( vec4( lwFacet, 0.0 ) * viewMatrix ).xyz );
+`;
+
+/** Three's light loop with the shadow coordinates of its vertex shader replaced by ours. */
+function offsetShadows(chunk: string): string {
+  return (
+    FACET +
+    chunk
+      .replace(
+        "vPointShadowCoord[ i ]",
+        "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )",
+      )
+      .replace(
+        "vDirectionalShadowCoord[ i ]",
+        "lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize )",
+      )
+  );
+}

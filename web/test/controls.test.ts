@@ -1,0 +1,288 @@
+/** The controls around the picture. */
+
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { pathToFileURL } from "node:url";
+import type { Browser, Page } from "playwright-core";
+import { DataUtils } from "three";
+import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { CAMERA, furnishedRoom, linearField, plainRoom, stillField } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
+import { BUILT_PAGE, packReference, pageWith } from "./support/page.ts";
+
+let browser: Browser;
+let tab: { page: Page; errors: string[] };
+const site = new Site();
+const folder = mkdtempSync(join(tmpdir(), "lightwell-"));
+
+beforeAll(async () => {
+  browser = await launch("llvmpipe");
+  await site.open();
+});
+
+afterAll(async () => {
+  await browser?.close();
+  await site.close();
+  rmSync(folder, { recursive: true });
+});
+
+afterEach(async () => {
+  const { errors } = tab;
+  await tab.page.close();
+  expect(errors).toEqual([]);
+});
+
+async function open(width: number, height: number, html: string): Promise<Page> {
+  tab = await openPage(browser, width, height);
+  await tab.page.goto(site.put("/page.html", html));
+  await tab.page.evaluate(() => window.lightwell.ready);
+  return tab.page;
+}
+
+const grey = packReference(new Uint16Array(16 * 12 * 3).fill(DataUtils.toHalfFloat(0.2)));
+const view = { camera: CAMERA, light: [0.2, 1, 0.2], width: 16, height: 12, reference: grey };
+const views = [
+  { ...view, name: "Lamp right" },
+  { ...view, name: "</script><b>Lamp left", light: [-0.2, 1, 0.2] },
+];
+const data = {
+  title: "Two <i>fields",
+  home: CAMERA,
+  views,
+  report: { relative_error: 0.042, psnr_db: 36.5 },
+};
+const html = () => pageWith(writeGlb(furnishedRoom({ fields: [linearField(), stillField()] })), data);
+const stats = (page: Page) => page.evaluate(() => window.lightwell.stats());
+
+it("switches modes by keys and by the control", async () => {
+  const page = await open(640, 480, html());
+  for (const [key, mode] of [
+    ["2", "reference"],
+    ["3", "difference"],
+    ["4", "direct"],
+    ["5", "indirect"],
+    ["6", "split"],
+    ["1", "learned"],
+  ]) {
+    await page.keyboard.press(key!);
+    expect((await stats(page)).mode).toBe(mode);
+    expect(await page.locator(".modes [aria-checked=true]").innerText()).toBe(
+      mode![0]!.toUpperCase() + mode!.slice(1),
+    );
+  }
+  await page.getByRole("radio", { name: "Difference" }).click();
+  await page.locator(".legend").waitFor();
+  expect((await stats(page)).view).not.toBeNull();
+});
+
+it("writes names as text, and numbers as people read them", async () => {
+  const page = await open(900, 640, html());
+  expect(await page.locator("header h1").innerText()).toBe("Two <i>fields");
+  expect(await page.locator(".view span").nth(1).innerText()).toBe("</script><b>Lamp left");
+  const numbers = await page.locator(".numbers").innerText();
+  expect(numbers).toContain("4.2 %");
+  expect(numbers).toContain("36.5 dB");
+  expect(numbers).toContain("18 / px");
+});
+
+it("can be used while the learned light is compiled", async () => {
+  tab = await openPage(browser, 640, 480);
+  // The programs of the field are not ready until `release` is set.
+  await tab.page.addInitScript(() => {
+    const COMPLETION_STATUS = 0x91b1;
+    const gl = WebGL2RenderingContext.prototype;
+    const { shaderSource, attachShader, getProgramParameter, linkProgram } = gl;
+    const [shaders, programs] = [new WeakSet<WebGLShader>(), new WeakSet<WebGLProgram>()];
+    Object.assign(window, { release: false, links: 0 });
+    gl.shaderSource = function (shader, source) {
+      if (source.includes("lightwellField0")) shaders.add(shader);
+      shaderSource.call(this, shader, source);
+    };
+    gl.attachShader = function (program, shader) {
+      if (shaders.has(shader)) programs.add(program);
+      attachShader.call(this, program, shader);
+    };
+    gl.linkProgram = function (program) {
+      if (programs.has(program)) (window as unknown as { links: number }).links++;
+      linkProgram.call(this, program);
+    };
+    gl.getProgramParameter = function (program, name) {
+      const waits = programs.has(program) && !(window as unknown as { release: boolean }).release;
+      return name === COMPLETION_STATUS && waits ? false : getProgramParameter.call(this, program, name);
+    };
+  });
+  const { page } = tab;
+  await page.goto(site.put("/page.html", html()));
+  await page.locator(".preparing").waitFor();
+  expect(await page.locator(".preparing").innerText()).toContain("Preparing the learned light");
+  await page.locator(".view").nth(1).click();
+  await expect.poll(async () => (await stats(page)).view).toBe(1);
+  const links = () => page.evaluate(() => (window as unknown as { links: number }).links);
+  await expect.poll(links).toBeGreaterThan(0);
+  const begun = await links();
+  const sum = () =>
+    page.evaluate(() => window.lightwell.readRadiance().data.reduce((total, value) => total + value, 0));
+  const direct = await sum();
+  expect(direct).toBeGreaterThan(0);
+  expect(await stats(page)).toMatchObject({ preparing: true, comparison: null });
+  await page.evaluate(() => Object.assign(window, { release: true }));
+  await page.evaluate(() => window.lightwell.ready);
+  expect(await sum()).toBeGreaterThan(1.01 * direct);
+  expect(await stats(page)).toMatchObject({ preparing: false, view: 1, weights: "inline" });
+  await page.locator(".preparing").waitFor({ state: "hidden" });
+  // What was compiled ahead is what is drawn with.
+  expect(await links()).toBe(begun);
+});
+
+it("stops down for a view that would be washed out, and back", async () => {
+  const bright = packReference(new Uint16Array(16 * 12 * 3).fill(DataUtils.toHalfFloat(9)));
+  const page = await open(
+    320,
+    240,
+    pageWith(writeGlb(plainRoom()), {
+      home: CAMERA,
+      exposure: 1,
+      views: [
+        { ...view, name: "a" },
+        { ...view, name: "b", reference: bright },
+      ],
+    }),
+  );
+  await page.evaluate(() => window.lightwell.setView(1));
+  expect((await stats(page)).exposure).toBeCloseTo(0.05, 3);
+  await page.evaluate(() => window.lightwell.setView(0));
+  expect((await stats(page)).exposure).toBe(1);
+});
+
+it("shows a lamp that is out of sight at the rim", async () => {
+  const page = await open(640, 480, html());
+  await page.evaluate(() => window.lightwell.setCamera([0, 0.3, 3], [0, -0.6, 0]));
+  await page.locator(".lamp.away").waitFor();
+  const box = (await page.locator(".lamp").boundingBox())!;
+  expect(box.y).toBeGreaterThanOrEqual(0);
+  expect(box.y + box.height).toBeLessThanOrEqual(480);
+});
+
+it("goes to a saved view, and home", async () => {
+  const page = await open(640, 480, html());
+  await page.locator(".view").nth(1).click();
+  expect(await stats(page)).toMatchObject({ view: 1, lights: [[-0.2, 1, 0.2]] });
+  await page.getByRole("button", { name: "Start again" }).click();
+  expect(await stats(page)).toMatchObject({ view: null, lights: [[0, 1.6, 0]] });
+});
+
+it("moves the light by pointer, wheel and keys, and says when it stops it", async () => {
+  const page = await open(740, 480, html());
+  const box = (await page.locator(".lamp").boundingBox())!;
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 40, y + 60);
+  await page.mouse.up();
+  const [moved] = (await stats(page)).lights;
+  expect(moved![0]).toBeGreaterThan(0.1);
+  expect(moved![1]).toBeLessThan(1.5);
+  expect(moved![2]).toBeCloseTo(0, 5);
+  expect(await page.locator(".place").textContent()).toContain(moved![0]!.toFixed(2));
+  await page.mouse.move(x + 40, y + 60);
+  await page.mouse.wheel(0, 100);
+  await expect.poll(async () => (await stats(page)).lights[0]![2]).toBeGreaterThan(0.01);
+  await page.locator(".lamp").focus();
+  await page.keyboard.press("ArrowLeft");
+  expect((await stats(page)).lights[0]![0]).toBeLessThan(moved![0]!);
+  for (let i = 0; i < 40; i++) await page.keyboard.press("ArrowUp");
+  expect((await stats(page)).lights[0]![1]).toBe(1.8);
+  expect(await page.locator(".notice.shown").innerText()).toContain("stays inside");
+});
+
+it("orbits, and then a reference no longer applies", async () => {
+  const page = await open(640, 480, html());
+  await page.keyboard.press("2");
+  await page.mouse.move(60, 200);
+  await page.mouse.down();
+  await page.mouse.move(120, 220, { steps: 3 });
+  await page.mouse.up();
+  await expect.poll(async () => (await stats(page)).mode).toBe("learned");
+});
+
+it("draws nothing while nothing changes", async () => {
+  const page = await open(320, 240, html());
+  await page.waitForTimeout(700);
+  const drawn = await page.evaluate(async () => {
+    let count = 0;
+    const { drawArrays, drawElements } = WebGL2RenderingContext.prototype;
+    WebGL2RenderingContext.prototype.drawElements = function (...a) {
+      count++;
+      drawElements.apply(this, a);
+    };
+    WebGL2RenderingContext.prototype.drawArrays = function (...a) {
+      count++;
+      drawArrays.apply(this, a);
+    };
+    await new Promise((resolve) => setTimeout(resolve, 400));
+    return count;
+  });
+  expect(drawn).toBe(0);
+});
+
+it("fits a phone: no control leaves the screen", async () => {
+  const page = await open(390, 844, html());
+  for (const selector of [".modes", ".views", ".panel", "header"]) {
+    const box = (await page.locator(selector).boundingBox())!;
+    expect(box.x).toBeGreaterThanOrEqual(0);
+    expect(box.x + box.width).toBeLessThanOrEqual(390);
+    expect(box.y + box.height).toBeLessThanOrEqual(844);
+  }
+  await page.getByRole("button", { name: "Controls" }).click();
+  await page.getByRole("slider", { name: "Exposure" }).waitFor();
+});
+
+it("moves a sun along its arc by a slider", async () => {
+  const sun = {
+    name: "sun",
+    kind: "sun",
+    start: [1, 0.2, 0],
+    middle: [0, 1, 0.3],
+    end: [-1, 0.2, 0],
+    intensity: 2,
+  };
+  const glb = writeGlb(furnishedRoom({ variables: [sun] }));
+  const page = await open(900, 640, pageWith(glb, { title: "Sun", home: CAMERA }));
+  const slider = page.getByRole("slider", { name: "Path" });
+  expect(Number(await slider.inputValue())).toBeCloseTo(0.5, 2);
+  await slider.fill("1");
+  const [direction] = (await stats(page)).lights;
+  expect(direction![0]).toBeCloseTo(-1 / Math.hypot(1, 0.2), 5);
+  expect(await page.locator(".lamp").count()).toBe(0);
+});
+
+it("opens a chosen file when it carries none", async () => {
+  const page = await open(480, 360, readFileSync(BUILT_PAGE, "utf8"));
+  const file = {
+    name: "my room.glb",
+    mimeType: "model/gltf-binary",
+    buffer: Buffer.from(writeGlb(plainRoom())),
+  };
+  tab.errors.length = 0; // scene.glb beside the page: not there
+  await page.locator("input[type=file]").setInputFiles(file);
+  await expect.poll(async () => (await stats(page)).title).toBe("my room");
+});
+
+it("loads the asset that its address names", async () => {
+  site.put("/there.glb", writeGlb(plainRoom()));
+  tab = await openPage(browser, 320, 240);
+  await tab.page.goto(`${site.put("/empty.html", readFileSync(BUILT_PAGE, "utf8"))}?asset=there.glb`);
+  await tab.page.evaluate(() => window.lightwell.ready);
+  expect((await stats(tab.page)).title).toBe("there");
+});
+
+it("opens from a file", async () => {
+  const path = join(folder, "index.html");
+  writeFileSync(path, html());
+  tab = await openPage(browser, 320, 240);
+  await tab.page.goto(pathToFileURL(path).href);
+  await tab.page.evaluate(() => window.lightwell.ready);
+  expect((await stats(tab.page)).fields).toHaveLength(2);
+});

@@ -1,0 +1,143 @@
+/** The graph reader and the CPU evaluator, without a browser. */
+
+import { describe, expect, test } from "vitest";
+import {
+  evaluate,
+  evaluateFrame,
+  fromHalf,
+  OPS,
+  printGlsl,
+  printWgsl,
+  readGraph,
+  toHalf,
+} from "../runtime/src/graph/index.ts";
+import { loadVectors, row, worstError } from "./parity-vectors.ts";
+
+const VECTORS = loadVectors();
+const TOLERANCE = 1e-4;
+const factored = VECTORS.find((vector) => vector.name === "network_factored")!;
+
+test("every op has a vector", () => {
+  const seen = new Set(VECTORS.flatMap((vector) => vector.graph.nodes.map((node) => node.opName)));
+  expect([...seen].sort()).toEqual(Object.keys(OPS).sort());
+});
+
+test.each(VECTORS)("CPU evaluation of $name", ({ graph, points, inputs, outputs }) => {
+  for (let point = 0; point < points; point++) {
+    const given = Object.fromEntries(
+      Object.entries(inputs).map(([name, tensor]) => [name, row(tensor, point)]),
+    );
+    for (const [name, found] of Object.entries(evaluate(graph, given))) {
+      expect(worstError(found, row(outputs[name]!, point))).toBeLessThan(TOLERANCE);
+    }
+  }
+});
+
+test("half floats round trip and round to nearest even", () => {
+  const wrong = [];
+  for (let bits = 0; bits < 0x7c00; bits++) {
+    if (toHalf(fromHalf(bits)) !== bits || toHalf(-fromHalf(bits)) !== (bits | 0x8000)) wrong.push(bits);
+  }
+  expect(wrong).toEqual([]);
+  expect(toHalf(1 + 2 ** -11)).toBe(toHalf(1));
+  expect(toHalf(1 + 3 * 2 ** -11)).toBe(toHalf(1 + 2 ** -9));
+  expect(toHalf(65520)).toBe(0x7c00);
+});
+
+describe("costs and layout", () => {
+  test("of a factored field", () => {
+    expect(factored.graph.macs).toBe(13 * 16 + 16 * 3);
+    expect(factored.graph.macsPerFrame).toBe(18 * 16 + 16 * 12);
+    expect(factored.graph.fetches).toBe(8 + 16);
+  });
+
+  test("per-frame values fill whole blocks", () => {
+    const light = row(factored.inputs.light!, 0);
+    const { frame } = printGlsl(factored.graph, { name: "f", weights: "inline" });
+    expect(frame).toMatchObject({ name: "f_frame", kind: "array", blocks: 3 });
+    expect(evaluateFrame(factored.graph, { light })).toHaveLength(12);
+  });
+
+  test("many per-frame values travel in a texture", () => {
+    const { graph } = VECTORS.find((vector) => vector.name === "network_wide_frame")!;
+    expect(printGlsl(graph, { name: "f", weights: "inline" }).frame).toMatchObject({
+      kind: "texture",
+      blocks: 144,
+    });
+  });
+
+  test("float16 networks travel as half floats", () => {
+    const { graph } = VECTORS.find((vector) => vector.name === "network_encoded_float16")!;
+    const { textures } = printGlsl(graph, { name: "f", weights: "texture" });
+    expect(textures.map((texture) => texture.format)).toEqual(["rgba16float"]);
+    expect(printGlsl(graph, { name: "f", weights: "inline" }).textures).toEqual([]);
+  });
+
+  test("looped text does not grow with the width of the network", () => {
+    const { graph } = VECTORS.find((vector) => vector.name === "network_encoded")!;
+    expect(printGlsl(graph, { name: "f", weights: "texture" }).code.length).toBeLessThan(12_000);
+    expect(printWgsl(graph, { name: "f", weights: "storage" }).code.length).toBeLessThan(12_000);
+  });
+});
+
+type Document = Record<string, unknown> & { nodes: Record<string, unknown>[] };
+
+describe("hostile graphs are refused by name", () => {
+  const change: [string, (document: Document) => void, RegExp][] = [
+    ["unknown version", (d) => Object.assign(d, { version: 2 }), /graph.version: expected 1/],
+    ["unknown key", (d) => Object.assign(d, { extra: 1 }), /graph.extra: expected nothing of that name/],
+    ["unknown op", (d) => Object.assign(d.nodes[0]!, { op: "toString" }), /nodes\[0\].op: expected one of/],
+    ["unknown parameter", (d) => Object.assign(d.nodes[0]!, { x: 1 }), /nodes\[0\].x: expected nothing/],
+    ["code in an id", (d) => Object.assign(d.nodes[0]!, { id: "a;}" }), /nodes\[0\].id: expected a name/],
+    ["forward reference", (d) => d.nodes.reverse(), /expected graph inputs or earlier nodes/],
+    [
+      "infinite number",
+      (d) => Object.assign(d.nodes[0]!, { scale: [1, 2, Infinity] }),
+      /a finite number|a number in/,
+    ],
+    ["wrong length", (d) => Object.assign(d.nodes[0]!, { scale: [1] }), /expected 3 numbers/],
+    [
+      "missing output",
+      (d) => Object.assign(d, { outputs: { radiance: "none" } }),
+      /outputs.radiance: expected the name/,
+    ],
+    [
+      "wide input",
+      (d) => Object.assign(d, { inputs: { ...(d.inputs as object), position: 1e9 } }),
+      /inputs.position/,
+    ],
+    [
+      "per-frame node on a pixel's input",
+      (d) => Object.assign(d.nodes[0]!, { inputs: ["position"] }),
+      /frame inputs only/,
+    ],
+    ["prototype as input", (d) => Object.assign(d.nodes[0]!, { inputs: ["__proto__"] }), /earlier nodes/],
+    ["no nodes", (d) => Object.assign(d, { nodes: [] }), /at least one node/],
+    ["nodes of another kind", (d) => Object.assign(d, { nodes: "abc" }), /graph.nodes: expected an array/],
+  ];
+  test.each(change)("%s", (_name, mutate, message) => {
+    const document = structuredClone(factored.json) as unknown as Document;
+    mutate(document);
+    expect(() => readGraph(document, factored.buffers)).toThrow(message);
+  });
+
+  test("buffers of the wrong size, with NaN, missing, unused", () => {
+    const [name, buffer] = [...factored.buffers].find(([, b]) => b.type === "float32")!;
+    const read = (changed: Map<string, typeof buffer>) => () => readGraph(factored.json, changed);
+    const replaced = (changed: Partial<typeof buffer>) =>
+      new Map(factored.buffers).set(name, { ...buffer, ...changed });
+    expect(read(replaced({ data: new Float32Array(1) }))).toThrow(/expected \d+ numbers, found 1/);
+    expect(read(replaced({ data: Float32Array.from(buffer.data).fill(NaN) }))).toThrow(/finite numbers/);
+    expect(read(replaced({ shape: [2 ** 20, 2 ** 20] }))).toThrow(/at most/);
+    expect(read(replaced({ scale: 2 }))).toThrow(/no scale or offset on a float type/);
+    expect(read(new Map())).toThrow(/its numbers beside the graph/);
+    const document = structuredClone(factored.json);
+    document.buffers.extra = { shape: [1], type: "float32" };
+    const extra = new Map(factored.buffers).set("extra", {
+      shape: [1],
+      type: "float32",
+      data: new Float32Array(1),
+    });
+    expect(() => readGraph(document, extra)).toThrow(/extra: expected a buffer that some node uses/);
+  });
+});

@@ -1,0 +1,249 @@
+/**
+ * The printed shaders against the NumPy evaluator, in a real Chromium: every vector, WebGL2 and WebGPU, weights in the
+ * text and in tables. Writes the largest errors to `test-results/parity.json`.
+ */
+
+import { mkdirSync, writeFileSync } from "node:fs";
+import { createServer, type Server } from "node:http";
+import type { AddressInfo } from "node:net";
+import { fileURLToPath } from "node:url";
+import { type Browser, chromium, type Page } from "playwright-core";
+import { afterAll, beforeAll, expect, test } from "vitest";
+import {
+  evaluateFrame,
+  printGlsl,
+  printWgsl,
+  readGraph,
+  type StoredBuffer,
+} from "../runtime/src/graph/index.ts";
+import { type Job, runWebgl2, runWebgpu } from "./parity-page.ts";
+import { loadVectors, row, type Vector, worstError } from "./parity-vectors.ts";
+
+/** The contract of `format/FORMAT.md`, relative to max(1, |value|). */
+const TOLERANCE = 1e-4;
+const RESULTS = fileURLToPath(new URL("../test-results/", import.meta.url));
+const FLAGS = [
+  "--no-sandbox",
+  "--disable-gpu-watchdog",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+  "--enable-unsafe-webgpu",
+  "--enable-features=Vulkan",
+  "--use-vulkan=swiftshader",
+];
+
+const VECTORS = loadVectors();
+const MODES = ["webgl2 inline", "webgl2 texture", "webgpu inline", "webgpu storage"] as const;
+type Mode = (typeof MODES)[number];
+const summary: Record<string, { max: number; worst: string; vectors: number; seconds: number }> = {};
+
+let server: Server;
+let browser: Browser;
+let page: Page;
+
+beforeAll(async () => {
+  // WebGPU wants a secure context: an empty page of 127.0.0.1 is one.
+  server = createServer((_request, response) => {
+    response.setHeader("content-type", "text/html");
+    response.end("<!doctype html><title>parity</title>");
+  });
+  await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
+  const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
+  browser = await chromium.launch({ executablePath, args: FLAGS });
+  page = await browser.newPage();
+  await page.goto(`http://127.0.0.1:${(server.address() as AddressInfo).port}/`);
+});
+
+afterAll(async () => {
+  await browser?.close();
+  server?.close();
+});
+
+const blocksOf = (width: number) => Math.ceil(width / 4);
+
+/** Inputs as vec4 blocks, [blocks][points][4], and the text that reads input number `i` in a shader. */
+function packInputs(vector: Vector): { blocks: number; data: number[]; first: number[] } {
+  const first: number[] = [];
+  const data: number[] = [];
+  let blocks = 0;
+  for (const [name, width] of vector.graph.inputs) {
+    first.push(blocks);
+    const rows = Array.from({ length: vector.points }, (_, point) => row(vector.inputs[name]!, point));
+    for (let b = 0; b < blocksOf(width); b++) {
+      for (const values of rows) data.push(...[0, 1, 2, 3].map((c) => values[4 * b + c] ?? 0));
+    }
+    blocks += blocksOf(width);
+  }
+  return { blocks, data, first };
+}
+
+const SWIZZLE = ["", ".x", ".xy", ".xyz", ""];
+
+function glslJob(vector: Vector, weights: "inline" | "texture"): Job {
+  const printed = printGlsl(vector.graph, { name: "field", weights });
+  const { blocks, data, first } = packInputs(vector);
+  const fetch = (b: number) => `texelFetch(inputs, ivec2(gl_FragCoord.x, ${b}), 0)`;
+  const call = printed.parameters.map(({ width }, i) => {
+    const parts = Array.from({ length: blocksOf(width) }, (_, b) => fetch(first[i]! + b));
+    return width > 4 ? `vec4[${parts.length}](${parts.join(", ")})` : `${parts[0]}${SWIZZLE[width]}`;
+  });
+  const outputs = [...vector.graph.outputs.values()].map((id) => blocksOf(vector.graph.widths.get(id)!));
+  const single = !printed.type.endsWith("_result");
+  const pick = single
+    ? [
+        `color = vec4(result${", 0.0".repeat(4 - vector.graph.widths.get([...vector.graph.outputs.values()][0]!)!)});`,
+      ]
+    : outputs.flatMap((count, o) => {
+        const before = outputs.slice(0, o).reduce((a, b) => a + b, 0);
+        return Array.from(
+          { length: count },
+          (_, b) => `if (block == ${before + b}) color = result.o${o}[${b}];`,
+        );
+      });
+  const code = `#version 300 es
+precision highp float;
+precision highp int;
+uniform highp sampler2D inputs;
+out vec4 color;
+${printed.code}
+void main() {
+  ${printed.type} result = field(${call.join(", ")});
+  int block = int(gl_FragCoord.y);
+  ${pick.join("\n  ")}
+}`;
+  const frame = printed.frame && {
+    name: printed.frame.name,
+    texture: printed.frame.kind === "texture",
+    data: frameData(vector),
+  };
+  const textures = printed.textures.map(({ name, width, height, format, data: numbers }) => ({
+    name,
+    width,
+    height,
+    half: format === "rgba16float",
+    data: [...numbers],
+  }));
+  const outputBlocks = outputs.reduce((a, b) => a + b, 0);
+  return {
+    name: vector.name,
+    code,
+    points: vector.points,
+    inputs: data,
+    inputBlocks: blocks,
+    outputBlocks,
+    textures,
+    weights: null,
+    frame,
+  };
+}
+
+function wgslJob(vector: Vector, weights: "inline" | "storage"): Job {
+  const printed = printWgsl(vector.graph, { name: "field", weights, group: 1 });
+  const { blocks, data, first } = packInputs(vector);
+  const fetch = (b: number) => `inputs[${b}u * ${vector.points}u + point.x]`;
+  const call = printed.parameters.map(({ width }, i) => {
+    const parts = Array.from({ length: blocksOf(width) }, (_, b) => fetch(first[i]! + b));
+    return width > 4 ? `array<vec4f, ${parts.length}>(${parts.join(", ")})` : `${parts[0]}${SWIZZLE[width]}`;
+  });
+  const widths = [...vector.graph.outputs.values()].map((id) => vector.graph.widths.get(id)!);
+  const single = !printed.type.endsWith("_result");
+  const values = single
+    ? [`vec4f(result${", 0.0".repeat(4 - widths[0]!)})`]
+    : widths.flatMap((width, o) => Array.from({ length: blocksOf(width) }, (_, b) => `result.o${o}[${b}]`));
+  const code = `@group(0) @binding(0) var<storage, read> inputs: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec4f>;
+${printed.code}
+@compute @workgroup_size(1) fn main(@builtin(global_invocation_id) point: vec3u) {
+  let result = field(${call.join(", ")});
+  ${values.map((value, b) => `outputs[${b}u * ${vector.points}u + point.x] = ${value};`).join("\n  ")}
+}`;
+  return {
+    name: vector.name,
+    code,
+    points: vector.points,
+    inputs: data,
+    inputBlocks: blocks,
+    outputBlocks: values.length,
+    textures: [],
+    weights: printed.weights && [...printed.weights.data],
+    frame: printed.frame && { name: "", texture: false, data: frameData(vector) },
+  };
+}
+
+const frameData = (vector: Vector) => [
+  ...evaluateFrame(vector.graph, { light: row(vector.inputs.light!, 0) }),
+];
+
+/** Largest error of a result over all outputs. */
+function errorOf(vector: Vector, values: readonly number[]): number {
+  let block = 0;
+  let worst = 0;
+  for (const [name, id] of vector.graph.outputs) {
+    const width = vector.graph.widths.get(id)!;
+    for (let point = 0; point < vector.points; point++) {
+      const found = Array.from(
+        { length: width },
+        (_, c) => values[4 * ((block + (c >> 2)) * vector.points + point) + (c & 3)] ?? Number.NaN,
+      );
+      worst = Math.max(worst, worstError(found, row(vector.outputs[name]!, point)));
+    }
+    block += blocksOf(width);
+  }
+  return worst;
+}
+
+/** Run vectors in one mode; errors by name. Null when there is no WebGPU. */
+async function run(mode: Mode, vectors: Vector[]): Promise<Map<string, number> | null> {
+  const [api, weights] = mode.split(" ") as ["webgl2" | "webgpu", never];
+  const jobs = vectors.map((vector) => (api === "webgl2" ? glslJob : wgslJob)(vector, weights));
+  const results =
+    api === "webgl2" ? await page.evaluate(runWebgl2, jobs) : await page.evaluate(runWebgpu, jobs);
+  if (!results) return null;
+  const errors = new Map<string, number>();
+  for (const [i, { name, values, error }] of results.entries()) {
+    if (error) throw new Error(`${mode}, ${name}: ${error}\n${jobs[i]!.code}`);
+    errors.set(name, errorOf(vectors[i]!, values));
+  }
+  return errors;
+}
+
+test.each(MODES)("%s agrees with NumPy on every vector", async (mode) => {
+  const start = performance.now();
+  const errors = await run(mode, VECTORS);
+  if (!errors) {
+    expect(
+      process.env.LIGHTWELL_NO_WEBGPU,
+      "WebGPU has no adapter; set LIGHTWELL_NO_WEBGPU=1 to do without",
+    ).toBe("1");
+    return;
+  }
+  const [worst, max] = [...errors].reduce((a, b) => (b[1] > a[1] ? b : a));
+  const seconds = (performance.now() - start) / 1000;
+  summary[mode] = { max, worst, vectors: errors.size, seconds: Math.round(seconds * 10) / 10 };
+  mkdirSync(RESULTS, { recursive: true });
+  writeFileSync(`${RESULTS}.gitignore`, "*\n");
+  writeFileSync(
+    `${RESULTS}parity.json`,
+    JSON.stringify({ browser: browser.version(), tolerance: TOLERANCE, modes: summary }, null, 1),
+  );
+  const failed = [...errors].filter(([, error]) => !(error <= TOLERANCE));
+  expect(Object.fromEntries(failed)).toEqual({});
+});
+
+test.each(MODES)("%s catches a transposed layer", async (mode) => {
+  const vector = VECTORS.find(({ name }) => name === "network_encoded")!;
+  const buffers = new Map(vector.buffers);
+  for (const [name, buffer] of buffers)
+    if (buffer.shape.join() === "64,64") buffers.set(name, transposed(buffer));
+  const errors = await run(mode, [{ ...vector, buffers, graph: readGraph(vector.json, buffers) }]);
+  if (errors) expect(errors.get(vector.name)).toBeGreaterThan(100 * TOLERANCE);
+});
+
+function transposed(buffer: StoredBuffer): StoredBuffer {
+  const [rows, columns] = buffer.shape as [number, number];
+  const data = Float32Array.from(
+    buffer.data,
+    (_, i) => buffer.data[(i % rows) * columns + Math.floor(i / rows)]!,
+  );
+  return { ...buffer, data };
+}

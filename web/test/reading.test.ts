@@ -1,0 +1,105 @@
+/** Parts of the runtime that need no browser. */
+
+import { Arc, checkContainer, FormatError, readExtension } from "lightwell";
+import { Vector3 } from "three";
+import { describe, expect, it } from "vitest";
+import { compare } from "../viewer/src/comparison.ts";
+import { readOptions } from "../viewer/src/options.ts";
+import { readPageData } from "../viewer/src/page-data.ts";
+
+describe("Arc", () => {
+  it("passes through its three directions", () => {
+    const arc = new Arc([1, 0, 0], [0, 1, 0], [-1, 0, 0]);
+    for (const [t, x, y] of [
+      [0, 1, 0],
+      [0.25, Math.SQRT1_2, Math.SQRT1_2],
+      [0.5, 0, 1],
+      [1, -1, 0],
+    ] as const) {
+      expect(arc.at(t).distanceTo(new Vector3(x, y, 0))).toBeLessThan(1e-6);
+    }
+    expect(arc.nearest(new Vector3(0.01, 1, 0))).toBeCloseTo(0.5, 2);
+  });
+
+  it("goes the long way when its middle lies there", () => {
+    const arc = new Arc([1, 0, 0], [-1, 0, 0.001], [0, 0, -1]);
+    expect(arc.at(0.5).distanceTo(new Vector3(-1, 0, 0.001).normalize())).toBeLessThan(1e-6);
+    expect(arc.at(1).distanceTo(new Vector3(0, 0, -1))).toBeLessThan(1e-6);
+  });
+
+  it("stands still where the directions coincide", () => {
+    const arc = new Arc([0, 1, 0], [0, 1, 0], [0, 1, 0]);
+    expect(arc.at(0.7).distanceTo(new Vector3(0, 1, 0))).toBeLessThan(1e-9);
+  });
+});
+
+describe("readExtension", () => {
+  const load = async () => new ArrayBuffer(64);
+  const read = (extension: unknown) =>
+    readExtension({ extensions: { LIGHTWELL_neural_radiance: extension } }, load);
+
+  it("is null for other files", async () => {
+    expect(await readExtension({}, load)).toBeNull();
+  });
+
+  it.each([
+    [5, "LIGHTWELL_neural_radiance: expected an object"],
+    [{ version: 1, variables: [{ kind: "moon" }] }, 'variables[0].kind: expected "point" or "sun"'],
+    [
+      { version: 1, variables: [{ kind: "point", low: [0, 0, Number.NaN] }] },
+      "low[2]: expected a finite number",
+    ],
+    [
+      { version: 1, variables: [{ kind: "sun", start: [0, 0, 0], middle: [0, 1, 0], end: [0, 0, 1] }] },
+      "not zero",
+    ],
+  ])("refuses %j", async (extension, message) => {
+    await expect(read(extension)).rejects.toThrow(FormatError);
+    await expect(read(extension)).rejects.toThrow(message);
+  });
+});
+
+it("a node with two parents is no tree", () => {
+  expect(() => checkContainer({ nodes: [{ children: [2] }, { children: [2] }, {}] })).toThrow(
+    "another parent",
+  );
+});
+
+it("a picture equals itself", () => {
+  const picture = new Uint16Array([0x3800, 0x3800, 0x3800, 0x3c00, 0x3400, 0x3400, 0x3400, 0x3c00]);
+  const upsideDown = new Uint16Array([...picture.slice(4), ...picture.slice(0, 4)]);
+  expect(compare(upsideDown, picture, 1, 2)).toEqual({ relativeError: 0, psnr: 120 });
+});
+
+it("page data that makes no sense is dropped", () => {
+  const page = readPageData({
+    title: 3,
+    exposure: -1,
+    home: { position: [0, 0] },
+    views: [{}, { camera: 1 }],
+    report: { a: "b", psnr_db: 30, seconds: { total: 9 } },
+  });
+  expect(page).toEqual({
+    title: "",
+    exposure: null,
+    home: null,
+    views: [],
+    report: { psnr_db: 30, seconds: 9 },
+  });
+});
+
+it("options that make no sense are absent", () => {
+  expect(readOptions("?size=0x9&mode=best&view=-1&tonemap=pop&weights=x")).toMatchObject({
+    size: null,
+    mode: null,
+    view: null,
+    toneMapping: null,
+    weights: null,
+  });
+  expect(readOptions("?size=640x360&mode=split&view=2&ui=0")).toMatchObject({
+    size: [640, 360],
+    mode: "split",
+    view: 2,
+    ui: false,
+  });
+});

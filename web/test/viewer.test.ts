@@ -1,0 +1,358 @@
+/** The built page in a real browser, held against closed forms; on both software rasterisers. */
+
+import type { Browser, Page } from "playwright-core";
+import { DataUtils } from "three";
+import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
+import type { Mode } from "../viewer/src/modes.ts";
+import { BACKENDS, type Backend, launch, openPage, Site } from "./support/browser.ts";
+import {
+  CAMERA,
+  furnishedRoom,
+  LAMP,
+  linearField,
+  linearRadiance,
+  plainRoom,
+  STILL,
+  stillField,
+  WHITE,
+} from "./support/fixtures.ts";
+import { type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
+import { backWallPoint, lambert, srgb255 } from "./support/optics.ts";
+import { packReference, pageWith } from "./support/page.ts";
+
+const [WIDTH, HEIGHT] = [128, 96];
+const QUERY = `?size=${WIDTH}x${HEIGHT}&ui=0&tonemap=none&exposure=1&dither=0&samples=0`;
+/** Half floats keep 11 bits; two roundings and fast division of the rasterisers stay below this. */
+const HALF_STEP = 2 ** -9;
+/** Reflectance of the white walls: base colour + 0.04. */
+const REFLECTANCE = WHITE[0] + 0.04;
+
+type Radiance = (x: number, y: number) => number[];
+
+describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) => {
+  let browser: Browser;
+  const site = new Site();
+  let count = 0;
+  let tab: { page: Page; errors: string[] } | null = null;
+
+  beforeAll(async () => {
+    browser = await launch(backend);
+    await site.open();
+  });
+
+  afterAll(async () => {
+    await browser?.close();
+    await site.close();
+  });
+
+  afterEach(async () => {
+    const errors = tab?.errors ?? [];
+    await tab?.page.close();
+    tab = null;
+    expect(errors).toEqual([]);
+  });
+
+  async function open(
+    fixture: Fixture,
+    query = QUERY,
+    page: unknown = { title: "Fixture", home: CAMERA },
+  ): Promise<Page> {
+    const url = site.put(`/${++count}.html`, pageWith(writeGlb(fixture), page));
+    tab = await openPage(browser, WIDTH, HEIGHT);
+    await tab.page.goto(url + query);
+    await tab.page.evaluate(() => window.lightwell.ready);
+    return tab.page;
+  }
+
+  async function radiance(page: Page): Promise<Radiance> {
+    const data = await page.evaluate(() => Array.from(window.lightwell.readRadiance().data));
+    return (x, y) => data.slice(4 * (y * WIDTH + x), 4 * (y * WIDTH + x) + 4);
+  }
+
+  const setMode = (page: Page, mode: Mode) => page.evaluate((name) => window.lightwell.setMode(name), mode);
+
+  /** Pixels well inside the back wall. */
+  function* backWall(step = 8): Generator<[number, number]> {
+    for (let y = 24; y < 72; y += step) for (let x = 40; x < 88; x += step) yield [x, y];
+  }
+
+  it("adds reflectance · field · colour · intensity", async () => {
+    const page = await open(plainRoom());
+    await setMode(page, "indirect");
+    const at = await radiance(page);
+    for (const [x, y] of backWall()) {
+      const field = linearRadiance(backWallPoint(x, y, WIDTH, HEIGHT, -1), LAMP.initial);
+      field.forEach((value, c) => {
+        const expected = REFLECTANCE * value * LAMP.color[c]! * LAMP.intensity;
+        expect(Math.abs(at(x, y)[c]! / expected - 1)).toBeLessThan(HALF_STEP);
+      });
+    }
+  });
+
+  it("encodes to sRGB within one step of 255", async () => {
+    const page = await open(plainRoom());
+    await setMode(page, "indirect");
+    const pixels = await page.evaluate(() => Array.from(window.lightwell.readPixels().data));
+    for (const [x, y] of backWall()) {
+      const field = linearRadiance(backWallPoint(x, y, WIDTH, HEIGHT, -1), LAMP.initial);
+      field.forEach((value, c) => {
+        const expected = srgb255(REFLECTANCE * value * LAMP.color[c]! * LAMP.intensity);
+        expect(Math.abs(pixels[4 * (y * WIDTH + x) + c]! - expected)).toBeLessThanOrEqual(1);
+      });
+    }
+  });
+
+  it("lights a Lambertian wall by the inverse square, without acne", async () => {
+    const page = await open(plainRoom());
+    await setMode(page, "direct");
+    for (const light of [LAMP.initial, [0.7, 0.3, -0.75], [-0.8, 1.7, 0.8]] as [number, number, number][]) {
+      await page.evaluate((value) => window.lightwell.setLight(value), light);
+      const at = await radiance(page);
+      for (const [x, y] of backWall(3)) {
+        const point = backWallPoint(x, y, WIDTH, HEIGHT, -1);
+        const expected = lambert(WHITE[0], LAMP.intensity, light, point, [0, 0, 1]);
+        expect(Math.abs(at(x, y)[0]! / expected - 1)).toBeLessThan(0.01);
+      }
+    }
+  });
+
+  it("casts the shadow of a thin sheet to its foot, from either side", async () => {
+    const sheets = [quad(0, [0, 0, 1], [0, 0, -2], [0, 2, 0]), quad(0, [0, 0, -1], [0, 0, 2], [0, 2, 0])];
+    for (const sheet of sheets) {
+      const base = plainRoom();
+      const page = await open({ ...base, meshes: [...base.meshes, sheet] });
+      await setMode(page, "direct");
+      await page.evaluate(() => window.lightwell.setLight([0.6, 1, 0]));
+      const at = await radiance(page);
+      for (let y = 20; y < 76; y += 2) {
+        for (let x = 66; x < 86; x += 4) expect(at(x, y)[0]!).toBeGreaterThan(0.05);
+        for (let x = 42; x < 63; x += 2) expect(at(x, y)[0]!).toBe(0);
+      }
+      await page.close();
+    }
+  });
+
+  it("shows a shadow behind a box, and a picture that is not blank", async () => {
+    const page = await open(furnishedRoom());
+    await page.evaluate(() => window.lightwell.setLight([0.7, 1.2, 0.7]));
+    const at = await radiance(page);
+    const values = Array.from({ length: WIDTH * HEIGHT }, (_, i) => at(i % WIDTH, Math.floor(i / WIDTH))[1]!);
+    expect(new Set(values).size).toBeGreaterThan(1000);
+    await setMode(page, "direct");
+    const direct = await radiance(page);
+    const dark = [...backWall(2)].filter(([x, y]) => direct(x, y)[0] === 0).length;
+    expect(dark).toBeGreaterThan(20);
+    expect(dark).toBeLessThan(400);
+    expect((await page.evaluate(() => window.lightwell.stats())).contextLost).toBe(false);
+  });
+
+  it("lights by a sun in lux", async () => {
+    const [c, s] = [Math.cos(0.6), Math.sin(0.6)];
+    const sun = {
+      name: "sun",
+      kind: "sun",
+      start: [s, 0, c],
+      middle: [0, 0, 1],
+      end: [-s, 0, c],
+      initial: [s, 0, c],
+      intensity: 3,
+      color: [1, 1, 1],
+    };
+    const page = await open(plainRoom({ variables: [sun], fields: [stillField()] }));
+    await setMode(page, "direct");
+    const at = await radiance(page);
+    // The right wall shades the right part of the back wall: 2 m · tan 0.6 of it.
+    const edge = 1 - 2 * (s / c);
+    for (const [x, y] of backWall(3)) {
+      const [px] = backWallPoint(x, y, WIDTH, HEIGHT, -1);
+      if (Math.abs(px - edge) < 0.03) continue;
+      const expected = px < edge ? (WHITE[0] / Math.PI) * 3 * c : 0;
+      expect(Math.abs(at(x, y)[0]! - expected)).toBeLessThan(0.005);
+    }
+  });
+
+  it("adds the light of the scene's own emitters, and takes it away", async () => {
+    const page = await open(plainRoom({ fields: [stillField()] }));
+    await setMode(page, "indirect");
+    await page.evaluate(() => window.lightwell.setIntensity(100));
+    for (const [c, value] of (await radiance(page))(64, 48).slice(0, 3).entries()) {
+      expect(Math.abs(value / (REFLECTANCE * STILL[c]!) - 1)).toBeLessThan(HALF_STEP);
+    }
+    await page.evaluate(() => window.lightwell.setStillLight(false));
+    expect((await radiance(page))(64, 48).slice(0, 3)).toEqual([0, 0, 0]);
+  });
+
+  it("shows the reference upright, the difference, and leaves them when the light moves", async () => {
+    const [w, h] = [64, 48];
+    const reference = new Uint16Array(w * h * 3);
+    for (let i = 0; i < w * h; i++) {
+      // Red falls from the top, green grows to the right, blue is flat.
+      const value = [1 - Math.floor(i / w) / h, (i % w) / w, 0.25];
+      for (let c = 0; c < 3; c++) reference[3 * i + c] = DataUtils.toHalfFloat(value[c]!);
+    }
+    const view = {
+      name: "One",
+      camera: CAMERA,
+      light: [0.2, 1, 0.2],
+      width: w,
+      height: h,
+      reference: packReference(reference),
+    };
+    const page = await open(plainRoom(), QUERY, { title: "Fixture", home: CAMERA, views: [view] });
+    await page.evaluate(() => window.lightwell.setView(0));
+    await setMode(page, "reference");
+    const pixels = await page.evaluate(() => Array.from(window.lightwell.readPixels().data));
+    for (const [x, y] of [
+      [20, 10],
+      [100, 10],
+      [64, 90],
+    ] as const) {
+      const expected = [1 - ((y + 0.5) / HEIGHT - 0.5 / h), (x + 0.5) / WIDTH - 0.5 / w, 0.25];
+      expected.forEach((value, c) => {
+        expect(Math.abs(pixels[4 * (y * WIDTH + x) + c]! - srgb255(value))).toBeLessThan(1.5);
+      });
+    }
+    await setMode(page, "difference");
+    const compared = await page.evaluate(() => {
+      window.lightwell.renderOnce();
+      return window.lightwell.stats();
+    });
+    expect(compared.mode).toBe("difference");
+    expect(compared.lights[0]).toEqual([0.2, 1, 0.2]);
+    expect(compared.comparison!.relativeError).toBeGreaterThan(0.1);
+    await page.evaluate(() => window.lightwell.setLight([0.3, 1, 0.2]));
+    const moved = await page.evaluate(() => window.lightwell.stats());
+    expect(moved).toMatchObject({ mode: "learned", view: null });
+    expect(moved.notice).toContain("saved views");
+  });
+
+  it("adds none of the file's own lights, but what hangs on them", async () => {
+    const open3 = async (change: Partial<Fixture>) => {
+      const page = await open(plainRoom(change));
+      await setMode(page, "direct");
+      const at = await radiance(page);
+      await page.close();
+      return [...backWall(12)].map(([x, y]) => at(x, y));
+    };
+    // A lamp beside the back wall, which hangs below it: without the wall, nothing but the void is seen.
+    const tamper = (json: Parameters<NonNullable<Fixture["tamper"]>>[0]) => {
+      const document = json as unknown as {
+        nodes: object[];
+        scenes: { nodes: number[] }[];
+        extensionsUsed: string[];
+        extensions: Record<string, unknown>;
+      };
+      const lights = [
+        { type: "point", intensity: 50 },
+        { type: "spot", intensity: 50 },
+      ];
+      document.extensions.KHR_lights_punctual = { lights };
+      document.extensionsUsed.push("KHR_lights_punctual");
+      document.nodes.push({ extensions: { KHR_lights_punctual: { light: 0 } }, children: [2] });
+      document.nodes.push({ translation: [0, 1, 0.5], extensions: { KHR_lights_punctual: { light: 1 } } });
+      document.scenes[0]!.nodes = [0, 1, 3, 4, 5, 6];
+    };
+    for (const fields of [[linearField()], [linearField(), stillField()]]) {
+      expect(await open3({ fields, tamper })).toEqual(await open3({ fields }));
+    }
+  });
+
+  it("keeps weights in the shader up to a limit that depends on what draws", async () => {
+    const zeros = (...shape: number[]) => ({
+      shape,
+      type: "float32" as const,
+      values: new Float32Array(shape.reduce((x, y) => x * y)),
+    });
+    /** 3 → 64 → … → 64 → 3 with this many square layers. */
+    const deep = (layers: number): FixtureField => {
+      const widths = [3, ...Array(layers + 1).fill(64), 3] as number[];
+      const buffers = widths.slice(1).flatMap((out, i) => [
+        [`w${i}`, zeros(out, widths[i]!)],
+        [`b${i}`, zeros(out)],
+      ]);
+      const nodes = widths.slice(1).map((_, i) => ({
+        id: `h${i}`,
+        op: "linear",
+        inputs: [i === 0 ? "position" : `h${i - 1}`],
+        weights: `w${i}`,
+        bias: `b${i}`,
+      }));
+      const outputs = { radiance: `h${layers + 1}` };
+      const graph = {
+        version: 1,
+        inputs: { position: 3 },
+        buffers: Object.fromEntries(buffers),
+        nodes,
+        outputs,
+      };
+      return { role: "indirect", variable: 0, graph };
+    };
+    const weights = async (layers: number, query = QUERY.replace(/size=[^&]+/, "size=16x12")) => {
+      const page = await open(plainRoom({ fields: [deep(layers)] }), query);
+      const stats = await page.evaluate(() => window.lightwell.stats());
+      await page.close();
+      expect(stats.macs).toBe(4096 * layers + 384);
+      expect(stats.renderer.toLowerCase()).toContain(backend);
+      return stats.weights;
+    };
+    expect(await weights(1)).toBe("inline");
+    expect(await weights(4)).toBe("texture");
+    expect(await weights(1, `${QUERY.replace(/size=[^&]+/, "size=16x12")}&weights=texture`)).toBe("texture");
+  });
+
+  it("keeps the light inside its box", async () => {
+    const page = await open(plainRoom());
+    expect(await page.evaluate(() => window.lightwell.setLight([3, 1, 0]))).toBe(true);
+    expect((await page.evaluate(() => window.lightwell.stats())).lights[0]).toEqual([0.8, 1, 0]);
+    expect(await page.evaluate(() => window.lightwell.setLight([0.1, 1, 0]))).toBe(false);
+  });
+
+  it("goes on with direct light when the learned light does not compile", async () => {
+    tab = await openPage(browser, WIDTH, HEIGHT);
+    await tab.page.addInitScript(() => {
+      const { shaderSource } = WebGL2RenderingContext.prototype;
+      WebGL2RenderingContext.prototype.shaderSource = function (shader, source) {
+        shaderSource.call(
+          this,
+          shader,
+          source.includes("lightwellField0") ? `${source} syntax error` : source,
+        );
+      };
+    });
+    await tab.page.goto(
+      site.put(`/${++count}.html`, pageWith(writeGlb(plainRoom()), { home: CAMERA })) + QUERY,
+    );
+    await tab.page.evaluate(() => window.lightwell.ready);
+    const at = await radiance(tab.page);
+    expect(at(64, 48)[0]).toBeGreaterThan(0.01);
+    expect((await tab.page.evaluate(() => window.lightwell.stats())).trouble).toContain("could not compile");
+    expect(tab.errors.some((text) => text.includes("syntax error"))).toBe(true);
+    tab.errors.length = 0;
+  });
+
+  it("says so when the graphics context is lost, and comes back", async () => {
+    const page = await open(plainRoom());
+    const before = (await radiance(page))(64, 48);
+    await page.evaluate(async () => {
+      const gl = (document.getElementById("stage") as HTMLCanvasElement).getContext("webgl2")!;
+      const extension = gl.getExtension("WEBGL_lose_context")!;
+      const canvas = document.getElementById("stage")!;
+      const lost = new Promise((resolve) => canvas.addEventListener("webglcontextlost", resolve));
+      extension.loseContext();
+      await lost;
+      (window as unknown as { restore: () => void }).restore = () => extension.restoreContext();
+    });
+    expect(await page.evaluate(() => window.lightwell.stats())).toMatchObject({ contextLost: true });
+    expect(await page.locator("[role=alert]").innerText()).toContain("context was lost");
+    await page.evaluate(async () => {
+      const restored = new Promise((resolve) => {
+        document.getElementById("stage")!.addEventListener("webglcontextrestored", resolve);
+      });
+      // A context may be restored only after the event of its loss has been handled.
+      setTimeout(() => (window as unknown as { restore: () => void }).restore(), 50);
+      await restored;
+    });
+    expect((await radiance(page))(64, 48)).toEqual(before);
+    tab!.errors.length = 0;
+  });
+});

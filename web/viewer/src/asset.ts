@@ -1,0 +1,104 @@
+/** Finds the scene and the page data: in the page, behind an address, or in a dropped file. */
+
+import { FormatError, LightwellLoaderPlugin } from "lightwell";
+import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
+import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { decodeBase64 } from "./base64.ts";
+import type { Options } from "./options.ts";
+import { EMPTY_PAGE, type PageData, readPageData } from "./page-data.ts";
+
+/** A loaded scene and what belongs to it. */
+export interface LoadedAsset {
+  readonly gltf: GLTF;
+  readonly page: PageData;
+  /** Name to show when the page data gives none. */
+  readonly name: string;
+}
+
+/** Element ids of the two scripts that a bake puts into the page. */
+const ASSET_ID = "lightwell-asset";
+const PAGE_ID = "lightwell-page";
+
+/** Longest time that parsing may take before the page calls the file broken. */
+const PARSE_TIMEOUT_MS = 120_000;
+
+/** The asset that the page carries or its address names; null when there is none and one should be dropped. */
+export async function findAsset(options: Options): Promise<LoadedAsset | null> {
+  const embedded = document.getElementById(ASSET_ID)?.textContent;
+  if (embedded) {
+    const bytes = decodeBase64(embedded);
+    // The text is no longer needed and may be large.
+    document.getElementById(ASSET_ID)?.remove();
+    return loadGlb(bytes.buffer, embeddedPage(), "");
+  }
+  if (options.asset) return loadUrl(options.asset, options.page, true);
+  return location.protocol === "file:" ? null : loadUrl("scene.glb", options.page, false);
+}
+
+/** The page data of the page itself. */
+function embeddedPage(): PageData {
+  const text = document.getElementById(PAGE_ID)?.textContent;
+  if (!text) return EMPTY_PAGE;
+  return readPageData(JSON.parse(text));
+}
+
+async function loadUrl(url: string, pageUrl: string | null, required: boolean): Promise<LoadedAsset | null> {
+  const response = await fetch(url).catch(() => null);
+  const isPage = response?.headers.get("content-type")?.includes("text/html");
+  if (!response?.ok || isPage) {
+    if (required) throw new Error(`${url}: cannot be loaded (${response ? response.status : "no answer"})`);
+    return null;
+  }
+  const page = pageUrl ? readPageData(await (await fetch(pageUrl)).json()) : EMPTY_PAGE;
+  return loadGlb(
+    await response.arrayBuffer(),
+    page,
+    url
+      .split("/")
+      .pop()!
+      .replace(/\.glb$/i, ""),
+  );
+}
+
+/** Load a file that the user dropped or chose. */
+export async function loadFile(file: File): Promise<LoadedAsset> {
+  return loadGlb(await file.arrayBuffer(), EMPTY_PAGE, file.name.replace(/\.glb$/i, ""));
+}
+
+async function loadGlb(bytes: ArrayBuffer, page: PageData, name: string): Promise<LoadedAsset> {
+  checkGlb(bytes);
+  const loader = new GLTFLoader();
+  loader.setMeshoptDecoder(MeshoptDecoder);
+  loader.register((parser) => new LightwellLoaderPlugin(parser));
+  const gltf = await withTimeout(loader.parseAsync(bytes, ""), PARSE_TIMEOUT_MS);
+  return { gltf, page, name };
+}
+
+const GLB_MAGIC = 0x46546c67;
+const GLB_HEAD = 20;
+
+/** A GLB that is whole and self-contained: nothing in it may lead the page elsewhere. */
+function checkGlb(bytes: ArrayBuffer): void {
+  const header = new DataView(bytes);
+  if (bytes.byteLength < GLB_HEAD || header.getUint32(0, true) !== GLB_MAGIC) {
+    throw new FormatError("the file is not a binary glTF (.glb)");
+  }
+  const jsonBytes = header.getUint32(12, true);
+  if (header.getUint32(8, true) > bytes.byteLength || GLB_HEAD + jsonBytes > bytes.byteLength) {
+    throw new FormatError("the file is cut short");
+  }
+  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, GLB_HEAD, jsonBytes)));
+  for (const entry of [json.images, json.buffers].flat()) {
+    if (typeof entry?.uri === "string" && !entry.uri.startsWith("data:")) {
+      throw new FormatError(`the file refers to ${entry.uri.slice(0, 80)}: expected a self-contained GLB`);
+    }
+  }
+}
+
+async function withTimeout<T>(work: Promise<T>, ms: number): Promise<T> {
+  let timer = 0;
+  const timeout = new Promise<never>((_, reject) => {
+    timer = window.setTimeout(() => reject(new FormatError("the file could not be read in time")), ms);
+  });
+  return Promise.race([work, timeout]).finally(() => clearTimeout(timer));
+}

@@ -1,0 +1,116 @@
+/** `window.lightwell`: drives the page from tests, scripts and screenshots. */
+
+import { Color, Vector3 } from "three";
+import type { Mode } from "./modes.ts";
+import type { Viewer } from "./viewer.ts";
+
+/** What `stats()` returns. */
+export interface Stats {
+  readonly title: string;
+  readonly mode: Mode;
+  readonly view: number | null;
+  readonly views: number;
+  readonly lights: number[][];
+  /** Name that the driver gives itself. */
+  readonly renderer: string;
+  /** Where the weights of the fields live. */
+  readonly weights: "inline" | "texture" | "mixed" | "none";
+  /** Multiply-adds of all fields, per pixel. */
+  readonly macs: number;
+  /** Whether the learned light is still being compiled. */
+  readonly preparing: boolean;
+  readonly fields: { name: string; role: string; placement: string; macs: number; bytes: number }[];
+  readonly exposure: number;
+  /** Median over the last frames; null before one was timed. */
+  readonly frameMilliseconds: number | null;
+  readonly comparison: { relativeError: number; psnr: number } | null;
+  readonly contextLost: boolean;
+  readonly trouble: string;
+  readonly notice: string;
+}
+
+/** The automation interface; pixels come with the first row at the top. */
+export interface Automation {
+  /** Resolves when the first frame with learned light is drawn; rejects with the message that the page shows. */
+  readonly ready: Promise<void>;
+  renderOnce(): void;
+  setMode(mode: Mode): void;
+  /** Go to a saved view and wait for its reference. */
+  setView(index: number): Promise<void>;
+  setCamera(position: number[], target: number[], fovY?: number): void;
+  /** Move a lamp; returns whether the wish was clamped. */
+  setLight(value: number[], index?: number): boolean;
+  setIntensity(intensity: number, index?: number): void;
+  setColor(linear: number[], index?: number): void;
+  setStillLight(on: boolean): void;
+  stats(): Stats;
+  /** The canvas: 8-bit RGBA. */
+  readPixels(): { width: number; height: number; data: Uint8Array };
+  /** The learned picture before exposure and tone curve: linear RGBA radiance, alpha is coverage. */
+  readRadiance(): { width: number; height: number; data: Float32Array };
+  /** Median milliseconds of some frames that are drawn and waited for. */
+  measure(frames?: number): number;
+}
+
+declare global {
+  interface Window {
+    lightwell: Automation;
+  }
+}
+
+/** Publish the interface. */
+export function automate(viewer: Viewer, ready: Promise<void>): void {
+  let [notice, trouble] = ["", ""];
+  viewer.on("notice", (text) => {
+    notice = text;
+  });
+  viewer.on("trouble", (text) => {
+    trouble = text;
+  });
+  window.lightwell = {
+    ready,
+    renderOnce: () => viewer.renderOnce(),
+    setMode: (mode) => viewer.setMode(mode),
+    async setView(index) {
+      viewer.setView(index);
+      if (viewer.page.views[index]?.reference) await viewer.reference(index);
+    },
+    setCamera: (position, target, fovY) => viewer.setCamera(position, target, fovY),
+    setLight: (value, index = 0) => viewer.setLight(index, new Vector3().fromArray(value)),
+    setIntensity: (intensity, index = 0) => viewer.setIntensity(index, intensity),
+    setColor: (linear, index = 0) => viewer.setColor(index, new Color().fromArray(linear)),
+    setStillLight: (on) => viewer.setStillLight(on),
+    stats: () => stats(viewer, notice, trouble),
+    readPixels: () => viewer.readPixels(),
+    readRadiance: () => viewer.readRadiance(),
+    measure: (frames) => viewer.measure(frames),
+  };
+}
+
+function stats(viewer: Viewer, notice: string, trouble: string): Stats {
+  const placements = new Set(viewer.fields.map((field) => field.placement));
+  return {
+    title: viewer.title,
+    mode: viewer.mode,
+    view: viewer.view,
+    views: viewer.page.views.length,
+    lights: viewer.lamps.map((lamp) => lamp.value.toArray()),
+    renderer: viewer.rendererName,
+    weights: placements.size > 1 ? "mixed" : ([...placements][0] ?? "none"),
+    macs: viewer.fields.reduce((sum, field) => sum + field.macs, 0),
+    preparing: viewer.preparing,
+    fields: viewer.fields.map(({ record, placement, macs, bytes }) => ({
+      name: record.name,
+      role: record.role,
+      placement,
+      macs,
+      bytes,
+    })),
+    exposure: viewer.exposure,
+    frameMilliseconds: viewer.frameMilliseconds,
+    comparison: viewer.comparison,
+    contextLost: viewer.renderer.getContext().isContextLost(),
+    trouble,
+    notice,
+  };
+}

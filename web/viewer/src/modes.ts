@@ -1,0 +1,20 @@
+/** What the page shows. */
+
+export const MODES = ["learned", "reference", "difference", "direct", "indirect", "split"] as const;
+
+export type Mode = (typeof MODES)[number];
+
+/** Name, key and explanation of each mode, in the order of the control. */
+export const MODE_TEXTS: Record<Mode, { label: string; key: string; hint: string }> = {
+  learned: { label: "Learned", key: "1", hint: "Direct light plus the learned light" },
+  reference: { label: "Reference", key: "2", hint: "The path-traced picture of a saved view" },
+  difference: { label: "Difference", key: "3", hint: "Relative error of the learned picture" },
+  direct: { label: "Direct", key: "4", hint: "Direct light and emission alone" },
+  indirect: { label: "Indirect", key: "5", hint: "The learned light alone" },
+  split: { label: "Split", key: "6", hint: "Reference to the left, learned to the right" },
+};
+
+/** Modes that show a path-traced picture, which exists for saved views alone. */
+export function needsReference(mode: Mode): boolean {
+  return mode === "reference" || mode === "difference" || mode === "split";
+}

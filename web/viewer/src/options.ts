@@ -1,0 +1,63 @@
+/** Options of the page's address, for tests, screenshots and links. */
+
+import { MODES, type Mode } from "./modes.ts";
+import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
+
+/** What `?size=640x360&mode=learned&view=0&ui=0&tonemap=agx…` may say; absent means the page's default. */
+export interface Options {
+  /** Address of a GLB to load when the page carries none. */
+  readonly asset: string | null;
+  /** Address of page data (JSON) that goes with `asset`. */
+  readonly page: string | null;
+  /** Fixed canvas size in pixels. */
+  readonly size: readonly [number, number] | null;
+  readonly mode: Mode | null;
+  /** Saved view to start from, counted from 0. */
+  readonly view: number | null;
+  /** Whether controls are shown. */
+  readonly ui: boolean;
+  readonly toneMapping: ToneMappingName | null;
+  /** Linear factor before tone mapping. */
+  readonly exposure: number | null;
+  readonly dither: boolean;
+  readonly weights: "inline" | "texture" | null;
+  /** Samples per pixel of the rasteriser: 0 or 4. */
+  readonly samples: number;
+}
+
+const MAX_SIDE = 8192;
+
+/** Parse the query string; anything malformed is as if it were absent. */
+export function readOptions(search: string): Options {
+  const query = new URLSearchParams(search);
+  const weights = query.get("weights");
+  return {
+    asset: query.get("asset"),
+    page: query.get("page"),
+    size: readSize(query.get("size")),
+    mode: oneOf(query.get("mode"), MODES),
+    view: readNumber(query.get("view"), 0, 10_000),
+    ui: query.get("ui") !== "0",
+    toneMapping: oneOf(query.get("tonemap"), TONE_MAPPINGS),
+    exposure: readNumber(query.get("exposure"), 1e-6, 1e6),
+    dither: query.get("dither") !== "0",
+    weights: weights === "inline" || weights === "texture" ? weights : null,
+    samples: query.get("samples") === "0" ? 0 : 4,
+  };
+}
+
+function readSize(text: string | null): readonly [number, number] | null {
+  const match = /^(\d{1,4})x(\d{1,4})$/.exec(text ?? "");
+  if (!match) return null;
+  const [width, height] = [Number(match[1]), Number(match[2])];
+  return width >= 1 && height >= 1 && width <= MAX_SIDE && height <= MAX_SIDE ? [width, height] : null;
+}
+
+function readNumber(text: string | null, low: number, high: number): number | null {
+  const value = text === null || text === "" ? Number.NaN : Number(text);
+  return value >= low && value <= high ? value : null;
+}
+
+function oneOf<T extends string>(text: string | null, names: readonly T[]): T | null {
+  return names.find((name) => name === text) ?? null;
+}

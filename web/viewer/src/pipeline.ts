@@ -1,0 +1,122 @@
+/** Renders the scene to a high-dynamic-range picture and shows it on the canvas. */
+
+import {
+  BufferGeometry,
+  type Camera,
+  Float32BufferAttribute,
+  GLSL3,
+  HalfFloatType,
+  LinearFilter,
+  Mesh,
+  NoBlending,
+  OrthographicCamera,
+  type Scene,
+  ShaderMaterial,
+  type Texture,
+  Vector4,
+  type WebGLRenderer,
+  WebGLRenderTarget,
+} from "three";
+import { OUTPUT_VERTEX, outputFragment, SHOW } from "./output-shader.ts";
+import type { ToneMappingName } from "./tone-mapping.ts";
+
+/** Owns the render targets and the output pass. */
+export class Pipeline {
+  /** Learned picture, as large as the canvas. */
+  readonly total: WebGLRenderTarget;
+  /** Learned picture, as large as the reference. */
+  readonly picture: WebGLRenderTarget;
+  readonly uniforms = {
+    total: { value: null as Texture | null },
+    picture: { value: null as Texture | null },
+    reference: { value: null as Texture | null },
+    frame: { value: new Vector4(0, 0, 1, 1) },
+    show: { value: 0 },
+    split: { value: 0.5 },
+    floorRadiance: { value: 1e-2 },
+    dither: { value: 1 },
+    toneMappingExposure: { value: 1 },
+  };
+  private readonly renderer: WebGLRenderer;
+  private readonly camera = new OrthographicCamera();
+  private readonly triangle: Mesh<BufferGeometry, ShaderMaterial>;
+
+  constructor(renderer: WebGLRenderer, samples: number) {
+    this.renderer = renderer;
+    this.total = createTarget(samples);
+    this.picture = createTarget(samples);
+    this.uniforms.total.value = this.total.texture;
+    this.uniforms.picture.value = this.picture.texture;
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new Float32BufferAttribute([-1, -1, 0, 3, -1, 0, -1, 3, 0], 3));
+    geometry.setAttribute("uv", new Float32BufferAttribute([0, 0, 2, 0, 0, 2], 2));
+    this.triangle = new Mesh(geometry, this.createMaterial("agx"));
+    this.triangle.frustumCulled = false;
+  }
+
+  setToneMapping(name: ToneMappingName): void {
+    this.triangle.material.dispose();
+    this.triangle.material = this.createMaterial(name);
+  }
+
+  /** Render radiance into a target of this pipeline. */
+  renderScene(target: WebGLRenderTarget, width: number, height: number, scene: Scene, camera: Camera): void {
+    target.setSize(Math.max(1, Math.round(width)), Math.max(1, Math.round(height)));
+    this.renderer.setRenderTarget(target);
+    this.renderer.clear();
+    this.renderer.render(scene, camera);
+    this.renderer.setRenderTarget(null);
+  }
+
+  /** Show the pictures on the canvas, or in a target. */
+  present(target: WebGLRenderTarget | null = null): void {
+    this.renderer.setRenderTarget(target);
+    this.renderer.render(this.triangle as unknown as Scene, this.camera);
+    this.renderer.setRenderTarget(null);
+  }
+
+  /** A reference, small, as it would look on the canvas. */
+  thumbnail(reference: Texture, width: number, height: number, exposure: number): ImageData {
+    const target = new WebGLRenderTarget(width, height);
+    const { uniforms } = this;
+    uniforms.reference.value = reference;
+    uniforms.show.value = SHOW.reference;
+    uniforms.frame.value.set(0, 1, 1, -1);
+    uniforms.toneMappingExposure.value = exposure;
+    this.present(target);
+    const pixels = new Uint8Array(width * height * 4);
+    this.renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
+    target.dispose();
+    return new ImageData(new Uint8ClampedArray(pixels), width, height);
+  }
+
+  dispose(): void {
+    this.total.dispose();
+    this.picture.dispose();
+    this.triangle.geometry.dispose();
+    this.triangle.material.dispose();
+  }
+
+  private createMaterial(toneMapping: ToneMappingName): ShaderMaterial {
+    return new ShaderMaterial({
+      name: "output",
+      glslVersion: GLSL3,
+      uniforms: this.uniforms,
+      vertexShader: OUTPUT_VERTEX,
+      fragmentShader: outputFragment(toneMapping),
+      toneMapped: false,
+      depthTest: false,
+      depthWrite: false,
+      blending: NoBlending,
+    });
+  }
+}
+
+function createTarget(samples: number): WebGLRenderTarget {
+  return new WebGLRenderTarget(1, 1, {
+    type: HalfFloatType,
+    minFilter: LinearFilter,
+    magFilter: LinearFilter,
+    samples,
+  });
+}

@@ -1,0 +1,34 @@
+/** Keyboard shortcuts of the page. */
+
+import { MODE_TEXTS, MODES } from "../modes.ts";
+import type { Viewer } from "../viewer.ts";
+
+/** Things that keys do beyond the viewer. */
+export interface KeyActions {
+  help(): void;
+  panel(): void;
+  light(): void;
+}
+
+export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
+  addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || isEntry(event.target)) return;
+    const mode = MODES.find((name) => MODE_TEXTS[name].key === event.key);
+    if (mode) return viewer.setMode(mode);
+    const action = {
+      "?": actions.help,
+      p: actions.panel,
+      l: actions.light,
+      h: () => viewer.goHome(),
+      v: () => viewer.setView(((viewer.view ?? -1) + 1) % Math.max(viewer.page.views.length, 1)),
+    }[event.key.toLowerCase()];
+    action?.();
+  });
+}
+
+/** Whether keys belong to what has focus. */
+function isEntry(target: EventTarget | null): boolean {
+  return (
+    target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && target.type !== "range")
+  );
+}

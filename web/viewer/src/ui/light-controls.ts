@@ -1,0 +1,78 @@
+/** Controls of one declared light. */
+
+import { SunLamp } from "lightwell";
+import { Color, Vector3 } from "three";
+import type { Viewer } from "../viewer.ts";
+import { createSection, createSlider } from "./controls.ts";
+import { el } from "./dom.ts";
+
+/** The intensity slider reaches this many stops below and above the baked intensity. */
+const STOPS = 4;
+
+export function createLightControls(viewer: Viewer, index: number): HTMLElement {
+  const lamp = viewer.lamps[index]!;
+  const { variable } = lamp;
+  const unit = variable.kind === "point" ? "cd" : "lx";
+  const intensity = createSlider(
+    "Intensity",
+    [-STOPS, STOPS, 0.05],
+    (stops) => `${format(variable.intensity * 2 ** stops)} ${unit}`,
+    (stops) => viewer.setIntensity(index, variable.intensity * 2 ** stops),
+  );
+  const color = el("input", { type: "color", "aria-label": "Colour of the light" });
+  color.addEventListener("input", () => viewer.setColor(index, new Color(color.value)));
+  const place = el("output", { class: "place" });
+  const sun = lamp instanceof SunLamp ? lamp : null;
+  const arc = sun
+    ? createSlider(
+        "Path",
+        [0, 1, 0.002],
+        (t) => `${Math.round(t * 100)} %`,
+        (t) => void viewer.setLight(index, sun.arc.at(t, new Vector3())),
+      )
+    : null;
+  const update = () => {
+    intensity.set(
+      variable.intensity > 0 ? Math.log2(Math.max(lamp.intensity, 1e-9) / variable.intensity) : 0,
+    );
+    const hex = `#${hexOf(lamp.color)}`;
+    if (color.value !== hex && document.activeElement !== color) color.value = hex;
+    place.value = lamp.value
+      .toArray()
+      .map((x) => x.toFixed(2))
+      .join("  ");
+    if (sun) arc?.set(sun.arc.nearest(lamp.value));
+  };
+  const stop = viewer.on("change", update);
+  viewer.on("loaded", stop);
+  update();
+  const rows = [
+    ...(arc ? [arc.element] : []),
+    intensity.element,
+    el("label", { class: "row" }, el("span", {}, "Colour"), color),
+    el(
+      "div",
+      { class: "row" },
+      el("span", {}, variable.kind === "point" ? "Position, m" : "Direction"),
+      place,
+    ),
+  ];
+  return createSection(title(variable.name), ...rows);
+}
+
+function title(name: string): string {
+  return name.charAt(0).toUpperCase() + name.slice(1);
+}
+
+/** sRGB hex of a colour whose brightest component is brought to 1 when above. */
+function hexOf(color: Color): string {
+  const peak = Math.max(color.r, color.g, color.b, 1);
+  return color
+    .clone()
+    .multiplyScalar(1 / peak)
+    .getHexString();
+}
+
+function format(value: number): string {
+  return value >= 100 ? value.toFixed(0) : value.toPrecision(3);
+}

@@ -1,0 +1,39 @@
+/** The collapsible panel: light, picture, numbers. */
+
+import type { Viewer } from "../viewer.ts";
+import { el, ICONS, icon } from "./dom.ts";
+import { createLightControls } from "./light-controls.ts";
+import { createNumbers } from "./numbers.ts";
+import { createPictureControls } from "./picture-controls.ts";
+
+/** Narrower pages start with the panel closed. */
+const WIDE = "(min-width: 720px)";
+
+export function createPanel(viewer: Viewer): HTMLElement {
+  const body = el("div", { class: "panel-body", id: "panel-body" });
+  const toggle = el(
+    "button",
+    {
+      type: "button",
+      class: "round glass",
+      "aria-controls": "panel-body",
+      title: "Controls (P)",
+      "aria-label": "Controls",
+    },
+    icon(ICONS.sliders),
+  );
+  const panel = el("aside", { class: "panel", "aria-label": "Controls" }, toggle, body);
+  const setOpen = (open: boolean) => {
+    panel.classList.toggle("open", open);
+    toggle.setAttribute("aria-expanded", String(open));
+    body.inert = !open;
+  };
+  toggle.addEventListener("click", () => setOpen(!panel.classList.contains("open")));
+  setOpen(matchMedia(WIDE).matches);
+  body.classList.add("glass");
+  viewer.on("loaded", () => {
+    const lights = viewer.lamps.map((_, index) => createLightControls(viewer, index));
+    body.replaceChildren(...lights, createPictureControls(viewer), createNumbers(viewer));
+  });
+  return panel;
+}

@@ -1,0 +1,20 @@
+import { fileURLToPath } from "node:url";
+import { defineConfig } from "vite";
+import { viteSingleFile } from "vite-plugin-singlefile";
+
+/** Path relative to this file. */
+const here = (path: string): string => fileURLToPath(new URL(path, import.meta.url));
+
+/** Builds the viewer as one self-contained page that ships inside the Python package. */
+export default defineConfig({
+  root: here("viewer"),
+  resolve: { alias: { lightwell: here("runtime/src/index.ts") } },
+  plugins: [viteSingleFile({ removeViteModuleLoader: true })],
+  build: {
+    outDir: here("../lightwell/viewer"),
+    emptyOutDir: false,
+    target: "es2022",
+    cssMinify: true,
+    reportCompressedSize: false,
+  },
+});
