@@ -1,0 +1,91 @@
+"""Rows of figures: what was asked, what was measured, whether it holds, and on which machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from lightwell.doctor import machine, version_of
+
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of an issue's list."""
+
+    what: str
+    asked: str
+    """In words, with the sign of the comparison: '>= 0.8'."""
+    measured: float | None
+    """None: could not be measured here; ``note`` says why."""
+    unit: str
+    holds: bool | None
+    machine: str
+    note: str = ""
+
+
+def at_least(what: str, bar: float, measured: float | None, unit: str, note: str = "") -> Row:
+    """A row that holds when the figure reaches ``bar``."""
+    holds = None if measured is None else bool(measured >= bar)
+    return Row(what, f">= {bar:g}", _rounded(measured), unit, holds, _machine(), note)
+
+
+def at_most(what: str, bar: float, measured: float | None, unit: str, note: str = "") -> Row:
+    """A row that holds when the figure stays below ``bar``."""
+    holds = None if measured is None else bool(measured <= bar)
+    return Row(what, f"<= {bar:g}", _rounded(measured), unit, holds, _machine(), note)
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.4g}")
+
+
+def _machine() -> str:
+    return f"{machine()}, {_processor()}, Python {platform.python_version()}, Mitsuba {version_of('mitsuba')}"
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+        return next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown processor"
+
+
+def publish(topic: str, rows: list[Row], quick: bool) -> None:
+    """Print the rows; write ``results/TOPIC.json`` unless it is only a smoke run. Rows not measured now are kept."""
+    for row in rows:
+        verdict = {True: "holds", False: "DOES NOT HOLD", None: "not measured"}[row.holds]
+        measured = "–" if row.measured is None else f"{row.measured:g} {row.unit}"
+        print(f"{row.what:<72} asked {row.asked:<10} measured {measured:<22} {verdict}  {row.note}")
+    if quick:
+        return
+    path = RESULTS / f"{topic}.json"
+    old = {row["what"]: row for row in json.loads(path.read_text())} if path.exists() else {}
+    for row in rows:
+        if row.measured is not None or row.what not in old:
+            old[row.what] = asdict(row)
+    RESULTS.mkdir(exist_ok=True)
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(list(old.values()), indent=1) + "\n")
+    os.replace(temporary, path)
+
+
+def markdown(topic: str) -> str:
+    """The rows of a topic as a Markdown table, for the README."""
+    lines = ["| figure | asked | measured | holds |", "|---|---|---|---|"]
+    for row in json.loads((RESULTS / f"{topic}.json").read_text()):
+        measured = "–" if row["measured"] is None else f"{row['measured']:g} {row['unit']}"
+        asked = row["asked"].replace(">=", "≥").replace("<=", "≤")
+        lines.append(f"| {row['what']} | {asked} | {measured} | {'yes' if row['holds'] else '**no**'} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    import sys
+
+    print(markdown(sys.argv[1] if len(sys.argv) > 1 else "main_job"))

@@ -1,0 +1,53 @@
+"""Reports of several bakes side by side."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+# (key in the rows, heading, how it is printed).
+COLUMNS = (
+    ("out", "bake", "{}"),
+    ("scene", "scene", "{}"),
+    ("field", "field", "{}"),
+    ("relative_error", "error", "{:.2%}"),
+    ("noise_floor", "noise", "{:.2%}"),
+    ("psnr_db", "PSNR dB", "{:.2f}"),
+    ("ssim", "SSIM", "{:.4f}"),
+    ("flip", "FLIP", "{:.4f}"),
+    ("bytes", "bytes", "{:,}"),
+    ("macs_per_pixel", "MAC/px", "{:,}"),
+    ("trace", "trace s", "{:.1f}"),
+    ("train", "train s", "{:.1f}"),
+)
+
+
+def comparison(outs: list[Path]) -> list[dict[str, Any]]:
+    """One row per folder, in the order given; ValueError where there is no report."""
+    return [_row(out) for out in outs]
+
+
+def _row(out: Path) -> dict[str, Any]:
+    path = out / "report.json"
+    try:
+        report = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise ValueError(
+            f"compare: '{out}' has no report.json; name folders that 'lightwell bake' has written"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise ValueError(f"compare: '{path}' cannot be read ({error}); bake again") from error
+    row = {key: report.get(key) for key, _, _ in COLUMNS}
+    seconds = report.get("seconds", {})
+    row |= {"out": str(out), "trace": seconds.get("trace"), "train": seconds.get("train")}
+    return row | {"field": f"{report.get('field')} {report.get('preset')}"}
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows as aligned text."""
+    cells = [[heading for _, heading, _ in COLUMNS]]
+    for row in rows:
+        cells.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in COLUMNS])
+    widths = [max(len(line[k]) for line in cells) for k in range(len(COLUMNS))]
+    return "\n".join("  ".join(text.rjust(width) for text, width in zip(line, widths)) for line in cells)

@@ -1,0 +1,41 @@
+"""What a baked asset or a scene holds, in a few lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def describe(path: str) -> dict[str, Any]:
+    """Facts about OUT, an asset with learned light, or any scene that can be loaded."""
+    target = Path(path)
+    if (target / "scene.glb").is_file():
+        target = target / "scene.glb"
+    if target.suffix == ".glb" and target.is_file() and _is_baked(target):
+        from lightwell.asset.info import info
+
+        return info(target)
+    return _scene_facts(path)
+
+
+def _is_baked(path: Path) -> bool:
+    from lightwell.asset.records import EXTENSION
+
+    return EXTENSION.encode() in path.read_bytes()
+
+
+def _scene_facts(path: str) -> dict[str, Any]:
+    from lightwell.scenes import load
+
+    scene = load(path)
+    low, high = scene.bounds.round(3).tolist()
+    return {
+        "scene": scene.name,
+        "meshes": len(scene.meshes),
+        "triangles": sum(len(mesh.indices) for mesh in scene.meshes),
+        "materials": len(scene.materials),
+        "lights": len(scene.mi.emitters()),
+        "cameras": len(scene.cameras),
+        "bounds": [low, high],
+        "warnings": scene.warnings,
+    }

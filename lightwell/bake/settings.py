@@ -1,0 +1,90 @@
+"""What a person asks of a bake."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+# Seconds of tracing and training when nothing else is asked for: good on two cores.
+DEFAULT_SECONDS = 120.0
+
+# Mean displayed radiance after exposure: a middle grey that leaves room for highlights.
+MIDDLE_GREY = 0.18
+
+# An error budget works in rounds of this many seconds until the goal is met ...
+ROUND_SECONDS = 60.0
+# ... or this many rounds have passed.
+MOST_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Either seconds of tracing and training, or a relative error to reach on held-out lights."""
+
+    seconds: float | None = DEFAULT_SECONDS
+    error: float | None = None
+
+    @staticmethod
+    def parse(text: str) -> Budget:
+        """``60s``, ``5m``, ``1h`` are times; ``5%`` is a relative error."""
+        match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(s|m|min|h|%)?\s*", text)
+        value = float(match.group(1)) if match else 0.0
+        if not match or value <= 0:
+            raise ValueError(f"bake: --budget '{text}' is not a time or an error; write 60s, 5m, 1h or 5%")
+        unit = match.group(2) or "s"
+        if unit == "%":
+            return Budget(None, value / 100)
+        return Budget(value * {"s": 1, "m": 60, "min": 60, "h": 3600}[unit])
+
+    @property
+    def round_seconds(self) -> float:
+        """Seconds of the first (or only) round."""
+        return self.seconds if self.seconds else ROUND_SECONDS
+
+
+@dataclass(frozen=True)
+class BakeSettings:
+    """Everything that decides what a bake computes; with fixed ``steps`` and ``shards`` the same seed gives the same
+    learned light, to the bit."""
+
+    scene: str
+    """Path of a scene or the name of a built-in one."""
+    out: Path
+    field: str = "mlp"
+    preset: str = "default"
+    budget: Budget = Budget()
+    vary: tuple[str, ...] = ()
+    """Declarations such as 'light.position=box(0,0,0,1,1,1)'."""
+    seed: int = 0
+    resume: bool = False
+    paths: int = 16
+    """Light paths per training sample."""
+    lights_per_shard: int = 512
+    """Light positions per shard; 128 surface points share each."""
+    views: int = 4
+    """Held-out views in the report."""
+    view_size: tuple[int, int] = (224, 140)
+    """Width and height of the report's views, pixels."""
+    steps: int | None = None
+    """Fixed number of training steps instead of a time budget (for reproducible runs)."""
+    shards: int | None = None
+    """Fixed number of sample shards instead of a time budget."""
+    keep: bool = False
+    """Keep samples and checkpoints after the bake."""
+    static: bool = True
+    """Also learn the light of the scene's own emitters."""
+
+    def __post_init__(self) -> None:
+        """Refuse counts that mean nothing, by the name of their option."""
+        for option, value, least in (
+            ("--paths", self.paths, 2),
+            ("--views", self.views, 1),
+            ("--steps", self.steps, 1),
+            ("--shards", self.shards, 1),
+            ("--seed", self.seed, 0),
+        ):
+            if value is not None and value < least:
+                raise ValueError(f"bake: {option} {value} is too small; give {least} or more")
+        if self.paths % 2:
+            raise ValueError(f"bake: --paths {self.paths} is odd; give an even number (two independent halves)")

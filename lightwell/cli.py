@@ -1,0 +1,320 @@
+"""The command line: thin verbs over the Python API. Imports are inside the verbs, so that ``--help`` is instant."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import lightwell
+
+# Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
+USAGE_ERROR, INTERRUPTED = 2, 130
+
+EXAMPLES = """\
+examples
+  lightwell demo                                     the main job on a built-in scene
+  lightwell bake room.glb -o out                     learn the light of your scene, two minutes
+  lightwell bake room.glb -o out --budget 10m        ... better, in ten minutes
+  lightwell bake room.glb -o out --budget 5%         ... until the error is five per cent
+  lightwell bake cornell -o out --vary "light.position=box(-0.8,0.2,-0.8,0.8,1.8,0.8)"
+  lightwell bake house.xml -o out --vary "sun.direction=arc(90,10,270,10)"
+  lightwell view out                                 open the page
+  lightwell compare out-a out-b                      two bakes side by side
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="lightwell",
+        description="Learns the indirect light of a scene and plays it back in real time.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"lightwell {lightwell.__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for add in (_add_bake, _add_demo, _add_view, _add_render, _add_compare, _add_info, _add_doctor):
+        add(verbs)
+    return parser
+
+
+def _verb(verbs, name: str, run, summary: str, description: str = "") -> argparse.ArgumentParser:
+    parser = verbs.add_parser(
+        name,
+        help=summary,
+        description=description or summary,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+# ---------------------------------------------------------------------- bake
+
+
+def _add_bake_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--field", default="mlp", help="learned representation (default: %(default)s)")
+    parser.add_argument(
+        "--preset", default="default", help="settings of the field, e.g. default, report-20, report-200"
+    )
+    parser.add_argument(
+        "--budget",
+        metavar="TIME|ERROR",
+        default=None,
+        help="60s, 5m, 1h of tracing and training, or 5%% of error on validation lights (default: 2m; demo: 60s)",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="WHAT=RANGE",
+        help="what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, sun.direction=arc(az0,el0,az1,el1) "
+        "in degrees, light.clearance=c; light.intensity and light.color set what may always change "
+        "(default: what the scene suggests, else a point light anywhere in its air)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="the same seed and plan give the same result (default: 0)")
+    parser.add_argument(
+        "--paths", type=int, default=16, help="light paths per training sample, even (default: %(default)s)"
+    )
+    parser.add_argument("--views", type=int, default=4, help="held-out views in the report (default: %(default)s)")
+    parser.add_argument("--no-static", action="store_true", help="leave out the light of the scene's own emitters")
+    parser.add_argument(
+        "--steps",
+        type=int,
+        help="fixed number of training steps per field, instead of a time budget (early stopping may end them)",
+    )
+    parser.add_argument(
+        "--shards",
+        type=int,
+        help="fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
+    parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
+    parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
+
+
+def _add_bake(verbs) -> None:
+    parser = _verb(
+        verbs,
+        "bake",
+        _bake,
+        "learn the indirect light of a scene; write scene.glb, index.html, report.html and report.json",
+        "Path-trace a scene, fit a small network to its indirect light, and write\n"
+        "  OUT/scene.glb     an ordinary glTF that carries the learned light\n"
+        "  OUT/index.html    a page in which you orbit and move the light\n"
+        "  OUT/report.html   how far it is from the truth\n"
+        "  OUT/report.json   the same as numbers\n"
+        "Ctrl-C keeps a checkpoint; --resume goes on.",
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or cornell, courtyard, two-rooms"
+    )
+    parser.add_argument("-o", "--out", required=True, help="folder to write")
+    _add_bake_options(parser)
+
+
+def _settings(arguments, scene: str, out: str):
+    from lightwell.bake.settings import BakeSettings, Budget
+
+    budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
+    return BakeSettings(
+        scene=scene,
+        out=Path(out),
+        field=arguments.field,
+        preset=arguments.preset,
+        budget=budget,
+        vary=tuple(arguments.vary),
+        seed=arguments.seed,
+        resume=arguments.resume,
+        paths=arguments.paths,
+        views=arguments.views,
+        steps=arguments.steps,
+        shards=arguments.shards,
+        keep=arguments.keep,
+        static=not arguments.no_static,
+    )
+
+
+def _bake(arguments) -> int:
+    from lightwell.bake import bake
+    from lightwell.bake.progress import Progress
+
+    report = bake(_settings(arguments, arguments.scene, arguments.out), Progress(quiet=arguments.json))
+    if arguments.json:
+        print(json.dumps(report, indent=1))
+    return 0
+
+
+# Seconds of tracing and training of the demo: with installation, evaluation and report three minutes on two cores.
+DEMO_BUDGET = "60s"
+
+
+def _add_demo(verbs) -> None:
+    parser = _verb(verbs, "demo", _demo, "run the main job on a built-in scene and open the page")
+    parser.add_argument(
+        "scene", nargs="?", default="courtyard", help="cornell, courtyard or two-rooms (default: %(default)s)"
+    )
+    parser.add_argument("-o", "--out", default="demo", help="folder to write (default: %(default)s)")
+    parser.add_argument("--no-open", action="store_true", help="do not serve or open the page afterwards")
+    _add_bake_options(parser)
+    parser.set_defaults(budget=DEMO_BUDGET, views=3)
+
+
+def _demo(arguments) -> int:
+    _settings(arguments, arguments.scene, arguments.out)
+    code = _bake(argparse.Namespace(**vars(arguments)))
+    page = Path(arguments.out) / "index.html"
+    if arguments.no_open or not sys.stdout.isatty():
+        print(f"open {page} in a browser, or run: lightwell view {arguments.out}", file=sys.stderr)
+        return code
+    from lightwell.serve import view
+
+    view(arguments.out)
+    return code
+
+
+# ---------------------------------------------------------------------- look
+
+
+def _add_view(verbs) -> None:
+    parser = _verb(verbs, "view", _view, "serve a baked folder on this machine and open the page")
+    parser.add_argument("out", metavar="OUT", help="a folder written by bake")
+    parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1 (default: any free one)")
+    parser.add_argument("--no-open", action="store_true", help="only serve")
+
+
+def _view(arguments) -> int:
+    from lightwell.serve import view
+
+    view(arguments.out, arguments.port, not arguments.no_open)
+    return 0
+
+
+def _add_render(verbs) -> None:
+    parser = _verb(
+        verbs,
+        "render",
+        _render,
+        "path-trace a picture of a scene (the truth that bakes are measured against)",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or a built-in name")
+    parser.add_argument("-o", "--out", required=True, help="picture to write: .png (tone-mapped) or .exr (linear)")
+    parser.add_argument("--size", default="640x400", help="width x height in pixels (default: %(default)s)")
+    parser.add_argument("--spp", type=int, default=128, help="light paths per pixel (default: %(default)s)")
+    parser.add_argument("--camera", type=int, default=0, help="index of the scene's camera (default: %(default)s)")
+    parser.add_argument(
+        "--light", nargs=3, metavar=("X", "Y", "Z"), help="place of a point light, metres (default: a good one)"
+    )
+    parser.add_argument(
+        "--intensity", type=float, help="candela of that light (default: 1; a .png is then exposed by itself)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
+    parser.add_argument("--json", action="store_true", help="print what was rendered as JSON")
+
+
+def _render(arguments) -> int:
+    from lightwell.bake.picture import render_picture
+
+    facts = render_picture(
+        arguments.scene,
+        Path(arguments.out),
+        size=arguments.size,
+        spp=arguments.spp,
+        camera=arguments.camera,
+        light=arguments.light,
+        intensity=arguments.intensity,
+        seed=arguments.seed,
+    )
+    print(
+        json.dumps(facts, indent=1)
+        if arguments.json
+        else f"{arguments.out}: {facts['width']}x{facts['height']}, {facts['seconds']:.1f} s"
+    )
+    return 0
+
+
+def _add_compare(verbs) -> None:
+    parser = _verb(verbs, "compare", _compare, "show the reports of several bakes side by side")
+    parser.add_argument("outs", metavar="OUT", nargs="+", help="folders written by bake")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
+
+
+def _compare(arguments) -> int:
+    from lightwell.bake.compare import comparison, table
+
+    rows = comparison([Path(out) for out in arguments.outs])
+    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
+    return 0
+
+
+def _add_info(verbs) -> None:
+    parser = _verb(verbs, "info", _info, "say what a baked asset or a scene holds")
+    parser.add_argument("path", metavar="ASSET|SCENE", help="OUT, OUT/scene.glb, or any scene")
+    parser.add_argument("--json", action="store_true", help="print the facts as JSON")
+
+
+def _info(arguments) -> int:
+    from lightwell.bake.information import describe
+
+    facts = describe(arguments.path)
+    if arguments.json:
+        print(json.dumps(facts, indent=1))
+    else:
+        for key, value in facts.items():
+            print(f"{key:<14} {value}")
+    return 0
+
+
+def _add_doctor(verbs) -> None:
+    parser = _verb(verbs, "doctor", _doctor, "say which backend runs here, and what to do when one does not")
+    parser.add_argument("--json", action="store_true", help="print the facts as JSON")
+
+
+def _doctor(arguments) -> int:
+    from lightwell import doctor
+
+    report = doctor.report()
+    if arguments.json:
+        print(json.dumps(report, indent=1))
+    else:
+        print(report["machine"])
+        for check in report["checks"]:
+            cure = f"\n{'':14}{check['cure']}" if check["cure"] and (not check["ok"] or check["name"] == "gpu") else ""
+            print(f"{'ok  ' if check['ok'] else 'FAIL'} {check['name']:<9}{check['found']}{cure}")
+    return 0 if all(check["ok"] for check in report["checks"]) else 1
+
+
+# ---------------------------------------------------------------------- main
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; a user's mistake is one line on standard error and exit code 2, never a traceback."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return arguments.run(arguments)
+    except KeyboardInterrupt:
+        resume = "; the checkpoint is kept, go on with --resume" if arguments.verb in ("bake", "demo") else ""
+        print(f"lightwell: interrupted{resume}", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        return 0
+    except (ValueError, OSError, RuntimeError) as error:
+        print(f"lightwell: {_one_line(error)}", file=sys.stderr)
+        return USAGE_ERROR
+
+
+def _one_line(error: BaseException) -> str:
+    """What happened and, for a bare error of the operating system, its cure."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and text.startswith("[Errno"):
+        from lightwell.asset.atomic import CURES
+
+        cure = CURES.get(error.errno or 0, "")
+        return f"{error.strerror}: {error.filename or 'output'}{'; ' + cure if cure else ''}"
+    return text
+
+
+if __name__ == "__main__":
+    sys.exit(main())

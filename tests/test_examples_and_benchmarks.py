@@ -1,0 +1,27 @@
+"""Examples run as they stand; benchmarks run as a smoke test."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def _run(*argv: str) -> str:
+    done = subprocess.run([sys.executable, *argv], cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def test_the_examples_run(tmp_path):
+    out = str(tmp_path / "room")
+    assert "error" in _run("examples/bake_a_room.py", out)
+    assert "radiance" in _run("examples/evaluate_baked_light.py", out)
+
+
+def test_the_quick_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/main_job.json"
+    before = results.read_bytes() if results.exists() else None
+    text = _run("benchmarks/main_job.py", "--quick", "--only", "parity,inference,training")
+    assert "parity NumPy / Dr.Jit" in text and "asked" in text
+    assert (results.read_bytes() if results.exists() else None) == before

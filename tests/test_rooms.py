@@ -1,0 +1,53 @@
+"""Imports go one way: a stage uses only stages to its left (docs/architecture.md)."""
+
+import ast
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "lightwell"
+
+# Room → rooms that it may import.
+ALLOWED = {
+    "backend": set(),
+    "scenes": {"backend"},
+    "graph": {"backend"},
+    "networks": {"backend"},
+    "transport": {"backend", "scenes"},
+    "fields": {"backend", "scenes", "transport", "networks", "graph"},
+    "asset": {"graph", "scenes"},
+    "report": {"asset"},
+    "doctor": {"backend"},
+    "serve": set(),
+    "bake": {"backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
+    "cli": {"asset", "bake", "doctor", "serve"},
+}
+
+
+def _room(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _imports(path: Path) -> set[str]:
+    """Rooms that a file imports; imports for type checkers do not count."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            node.body = []
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").startswith("lightwell"):
+            names |= {node.module} if node.module != "lightwell" else {f"lightwell.{a.name}" for a in node.names}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names if alias.name.startswith("lightwell.")}
+    return {name.split(".")[1] for name in names if "." in name}
+
+
+def test_rooms_import_only_rooms_to_their_left():
+    wrong = []
+    for path in PACKAGE.rglob("*.py"):
+        room = _room(path)
+        if room == "__init__":
+            continue
+        assert room in ALLOWED, f"{path}: a new room; say in this test what it may import"
+        extra = _imports(path) - ALLOWED[room] - {room, "__version__"}
+        wrong += [f"{path.relative_to(PACKAGE)} imports {name}" for name in sorted(extra)]
+    assert not wrong, "\n".join(wrong)
