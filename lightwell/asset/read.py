@@ -53,13 +53,15 @@ def _fields(document: dict[str, Any], binary: bytes) -> tuple[list[FieldEntry], 
 
 
 def _graph(kind: Any, entry: dict[str, Any], document: dict[str, Any], binary: bytes) -> Any:
+    from lightwell.graph import OUTPUT_WIDTHS
+
     buffers = entry.get("buffers", {})
     arrays = {name: buffer_array(document, binary, name, buffer) for name, buffer in buffers.items()}
     bare = {name: {k: v for k, v in buffer.items() if k != "accessor"} for name, buffer in buffers.items()}
     graph = kind.from_json({**entry, "buffers": bare}, arrays)
-    width = graph.widths[graph.outputs["radiance"]]
-    if width != 3:
-        raise ValueError(f"its output 'radiance' has width {width}, expected 3")
+    for name, expected in OUTPUT_WIDTHS.items():
+        if name in graph.outputs and (width := graph.widths[graph.outputs[name]]) != expected:
+            raise ValueError(f"its output '{name}' has width {width}, expected {expected}")
     return graph
 
 

@@ -12,8 +12,10 @@ from lightwell.graph.compile import compile as compile
 from lightwell.graph.compile import evaluate_drjit as evaluate_drjit
 from lightwell.graph.evaluate import evaluate as evaluate
 from lightwell.graph.graph import FRAME_INPUTS as FRAME_INPUTS
+from lightwell.graph.graph import OUTPUT_WIDTHS as OUTPUT_WIDTHS
 from lightwell.graph.graph import Graph as Graph
 from lightwell.graph.graph import Node as Node
 from lightwell.graph.ops import OPS as OPS
+from lightwell.graph.quantise import pack_indices as pack_indices
 from lightwell.graph.quantise import quantise as quantise
 from lightwell.graph.serial import schema as schema

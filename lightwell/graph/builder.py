@@ -120,6 +120,18 @@ class Builder:
         layout = dict(levels=levels, base=base, growth=growth, entries_log2=entries_log2)
         return self.node("hashgrid", p, buffer=buffer, **layout, **options)
 
+    def nearest(self, p, buffer, **options) -> str:
+        return self.node("nearest", p, buffer=buffer, **options)
+
+    def rows(self, index, buffer, **options) -> str:
+        return self.node("rows", index, buffer=buffer, **options)
+
+    def tree(self, a, nodes, depth, **options) -> str:
+        return self.node("tree", a, nodes=nodes, depth=depth, **options)
+
+    def top2(self, g, **options) -> str:
+        return self.node("top2", g, **options)
+
     def linear(self, a, weights, bias, index=None, **options) -> str:
         inputs = (a,) if index is None else (a, index)
         return self.node("linear", *inputs, weights=weights, bias=bias, **options)

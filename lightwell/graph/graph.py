@@ -23,6 +23,8 @@ NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
 FRAME_INPUTS = ("light",)
 MAX_INPUTS = 64
+# Widths of the outputs that runtimes know; a graph may have others, of any width.
+OUTPUT_WIDTHS = {"radiance": 3, "segment": 1, "overlap": 1}
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,24 @@ class Graph:
     def parameters(self) -> int:
         """Stored numbers, scales apart."""
         return sum(buffer.array.size for buffer in self.buffers.values())
+
+    def only(self, *outputs: str) -> Graph:
+        """The part of the graph that these outputs need: fewer nodes, buffers and inputs, the same values."""
+        for name in outputs:
+            if name not in self.outputs:
+                _fail("outputs", f"one of {', '.join(self.outputs)}", _brief(name), "name an output of the graph")
+        needed = {self.outputs[name] for name in outputs}
+        for node in reversed(self.nodes):
+            if node.id in needed:
+                needed |= set(node.inputs)
+        nodes = tuple(node for node in self.nodes if node.id in needed)
+        used = {use.params[name] for use in self.uses if use.id in needed for name in use.buffers}
+        return Graph(
+            {name: width for name, width in self.inputs.items() if name in needed},
+            {name: buffer for name, buffer in self.buffers.items() if name in used},
+            nodes,
+            {name: self.outputs[name] for name in outputs},
+        )
 
     def to_json(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """The JSON of ``format/FORMAT.md`` and the stored arrays by buffer name."""

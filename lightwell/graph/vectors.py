@@ -99,18 +99,7 @@ def _small_ops(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.
         inputs = {"a": a, "c": c, "s": _values(rng, 1)}
         for name in {f"{name.removesuffix('_one')}_{width}" for name in values}:
             out[name] = (b, inputs, dict(out[name]))
-    return {name: (_only(b, outputs), inputs) for name, (b, inputs, outputs) in out.items()}
-
-
-def _only(b: Builder, outputs: dict[str, str]) -> Graph:
-    """A graph of just the nodes that the outputs need."""
-    graph, needed = b.build(**outputs), set(outputs.values())
-    for node in reversed(graph.nodes):
-        if node.id in needed:
-            needed |= set(node.inputs)
-    nodes = tuple(node for node in graph.nodes if node.id in needed)
-    inputs = {name: width for name, width in graph.inputs.items() if name in needed}
-    return Graph(inputs, {}, nodes, outputs)
+    return {name: (b.build(**outputs).only(*outputs), inputs) for name, (b, inputs, outputs) in out.items()}
 
 
 def _encodings(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
@@ -155,6 +144,55 @@ def _tables(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.nda
     graph = quantise(b.build(value=_hashgrid(b, rng, "p", 4, 3, 1.7, 7, 2)), "int8")
     out["hashgrid_int8"] = (graph, {"p": _coordinates(rng, 3)})
     return out
+
+
+def _lookups(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+    """Ops that choose: none of their points lies where rounding decides."""
+    out = {}
+    for width, depth in ((1, 1), (3, 6), (6, 12)):
+        nodes = random_tree(width, depth, rng)
+        b = Builder(a=width)
+        out[f"tree_{width}_{depth}"] = (b.build(value=b.tree("a", nodes, depth)), {"a": _coordinates(rng, width)})
+    for rows, channels in ((1, 3), (7, 4), (300, 6)):
+        b = Builder(index=1)
+        index = rng.integers(0, rows, (POINTS, 1)) + rng.uniform(-0.4, 0.4, (POINTS, 1))
+        index[:2] = [[-4.0], [1e6]]
+        table = rng.normal(size=(rows, channels))
+        out[f"rows_{rows}x{channels}"] = (b.build(value=b.rows("index", table)), {"index": index})
+    for shape in ((1, 2, 3, 1), (4, 5, 6, 2), (3, 3, 3, 12)):
+        b = Builder(p=3)
+        graph = b.build(value=b.nearest("p", rng.normal(size=shape)))
+        out["nearest_" + "x".join(map(str, shape))] = (graph, {"p": _coordinates(rng, 3)})
+    b = Builder(p=3)
+    indices = b.nearest("p", rng.integers(0, 8000, (4, 4, 4, 2)))
+    out["nearest_indices_int8"] = (quantise(b.build(value=indices), "int8"), {"p": _coordinates(rng, 3)})
+    for width in (2, 3, 4, 9, 67):
+        b = Builder(g=width)
+        g = rng.uniform(0, 1, (POINTS, width))
+        g[0], g[1] = 0, 0.5  # all equal: the first two
+        g[2], g[3] = np.arange(width), np.arange(width)[::-1]
+        out[f"top2_{width}"] = (b.build(value=b.top2("g")), {"g": g})
+    return out
+
+
+def random_tree(width: int, depth: int, rng: np.random.Generator) -> np.ndarray:
+    """Nodes [n, 4] of a tree over [0, 1]^width whose first branch has ``depth`` levels."""
+    nodes: list[list[float]] = []
+    leaves = 0
+
+    def grow(level: int, deep: bool) -> int:
+        nonlocal leaves
+        if level == depth or (not deep and rng.random() < 0.4):
+            leaves += 1
+            return -leaves
+        row = len(nodes)
+        nodes.append([])
+        axis, threshold = rng.integers(width), np.float32(rng.uniform(0.2, 0.8))
+        nodes[row] = [axis, threshold, grow(level + 1, deep), grow(level + 1, False)]
+        return row
+
+    grow(0, True)
+    return np.asarray(nodes, np.float32)
 
 
 def _layers(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
@@ -251,12 +289,25 @@ def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.n
     out |= {f"network_{name}_float16": quantise(plain[name], "float16") for name in ("encoded", "experts")}
     out |= {f"network_{name}_int8": quantise(plain[name], "int8") for name in ("report", "experts", "factored")}
     scene = _scene(rng)
+
+    # One expert per leaf of a tree, and a second one where two meet.
+    b = start()
+    x = b.affine("position", [0.5] * 3, [0.5] * 3)
+    leaf = b.tree(x, random_tree(3, 4, rng), 4)
+    gate = b.top2(b.activate(perceptron(b, x, (3, 16, 5), "silu", rng), "softplus"))
+    first = b.slice(gate, 0, 1)
+    share = b.slice(gate, 2, 1)
+    head = b.concat(*names, b.rows(leaf, rng.normal(0, 0.5, (40, 4))))
+    weights, bias = rng.normal(0, 0.25, (5, 3, 16)), rng.normal(0, 0.3, (5, 3))
+    pair = [b.activate(b.linear(head, weights, bias, index=b.slice(gate, i, 1)), "sigmoid") for i in (0, 1)]
+    segments = b.build(radiance=b.blend(share, *pair), segment=first, overlap=share)
+    out["network_segments"] = segments
     return {name: (graph, scene) for name, graph in out.items()}
 
 
 def cases() -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
     """Every test vector: name to graph and inputs (float32 [N, C], or [1, C] for what a frame shares)."""
-    makers = (_small_ops, _encodings, _tables, _layers, _networks)
+    makers = (_small_ops, _encodings, _tables, _layers, _networks, _lookups)
     found = {}
     for number, maker in enumerate(makers):
         found |= maker(np.random.default_rng((SEED, number)))

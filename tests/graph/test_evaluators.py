@@ -10,7 +10,7 @@ from lightwell.backend import dr, mi
 from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
-from lightwell.graph.vectors import FOLDER, SCHEMA_FILE, cases, document, schema_text
+from lightwell.graph.vectors import FOLDER, SCHEMA_FILE, cases, document, random_tree, schema_text
 
 CASES = cases()
 # The contract: evaluators agree to this, relative to max(1, |value|).
@@ -176,6 +176,81 @@ def test_experts_use_their_own_weights_with_the_index_rounded_and_clamped():
     value = b.linear("a", weights, np.zeros((3, 1)), index="i")
     index = np.array([[-5.0], [0.4], [0.6], [1.4], [99.0]])
     np.testing.assert_array_equal(run(value, b, a=np.ones((5, 1)), i=index)[:, 0], [0, 0, 1, 1, 2])
+
+
+# x < 0.5 ? (y < 0.25 ? leaf 0 : leaf 2) : leaf 1
+TREE = [[0, 0.5, 1, -2], [1, 0.25, -1, -3]]
+
+
+def test_tree_by_hand():
+    b = Builder(a=2)
+    a = [[0.4, 0.1], [0.4, 0.25], [0.5, 0.0], [-9, 9], [9, -9]]
+    assert run(b.tree("a", TREE, depth=2), b, a=a)[:, 0].tolist() == [0, 2, 1, 2, 1]
+
+
+def test_leaves_of_a_random_tree_are_boxes_that_partition_space():
+    nodes = random_tree(3, 7, np.random.default_rng(0))
+    b = Builder(a=3)
+    points = np.random.default_rng(1).random((2000, 3), np.float32)
+    found = run(b.tree("a", nodes, depth=7), b, a=points)[:, 0]
+    for row, (low, high) in leaf_boxes(nodes).items():
+        inside = ((points >= low) & (points < high)).all(axis=1)
+        np.testing.assert_array_equal(found == row, inside)
+
+
+def leaf_boxes(nodes, row=0, low=(-np.inf,) * 3, high=(np.inf,) * 3):
+    """Leaf number -> its box, by recursion: the oracle of the walk."""
+    if row < 0:
+        return {-1 - row: (low, high)}
+    axis, threshold, below, above = nodes[row]
+    here = np.arange(len(low)) == axis
+    below_high = np.where(here, np.minimum(high, threshold), high)
+    above_low = np.where(here, np.maximum(low, threshold), low)
+    return leaf_boxes(nodes, int(below), low, below_high) | leaf_boxes(nodes, int(above), above_low, high)
+
+
+def test_rows_round_and_clamp():
+    b = Builder(i=1)
+    table = np.arange(6.0).reshape(3, 2)
+    index = np.array([[-5.0], [0.49], [0.5], [1.4], [99.0]])
+    np.testing.assert_array_equal(run(b.rows("i", table), b, i=index), table[[0, 0, 1, 1, 2]])
+
+
+def test_nearest_is_the_texel_around_a_point():
+    table = np.random.default_rng(0).normal(size=(2, 3, 4, 2)).astype(np.float32)
+    b = Builder(p=3)
+    value = b.nearest("p", table)
+    z, y, x = np.array(list(np.ndindex(2, 3, 4))).T
+    for shift in (0.02, 0.5, 0.98):
+        p = np.stack([(x + shift) / 4, (y + shift) / 3, (z + shift) / 2], axis=1)
+        np.testing.assert_array_equal(run(value, b, p=p), table[z, y, x])
+    np.testing.assert_array_equal(run(value, b, p=[[1, 1, 1], [-3, 0, 5]]), [table[1, 2, 3], table[1, 0, 0]])
+
+
+def test_top2_shares_are_smooth_where_experts_change_places():
+    b = Builder(g=3)
+    value = b.top2("g")
+    assert run(value, b, g=[[0.2, 0.5, 0.3], [1, 1, 0], [0, 0, 0], [0, 1, 0]])[:, :2].tolist() == [
+        [1, 2],
+        [0, 1],
+        [0, 1],
+        [1, 0],
+    ]
+    # a = 0.3, b = 0.1, so r = 1/4.
+    assert run(value, b, g=[[0.2, 0.5, 0.3]])[0, 2] == pytest.approx(0.25**2 * 2.5, rel=1e-5)
+    # Along a path on which every pair changes places, the blend of three constants never jumps.
+    t = np.linspace(0, 1, 20001)
+    g = np.stack([np.sin(3 * t), np.cos(2 * t) ** 2, 0.5 + 0.2 * np.sin(17 * t)], axis=1) ** 2
+    first, second, share = run(value, b, g=g).T
+    constants = np.array([1.0, 5.0, -3.0])
+    blended = constants[first.astype(int)] * (1 - share) + constants[second.astype(int)] * share
+    assert len(set(zip(first, second))) > 3 and share.min() >= 0 and share.max() <= 0.5
+    assert np.abs(np.diff(blended)).max() < 0.02
+
+
+def test_top2_of_two_uses_no_third():
+    b = Builder(g=2)
+    assert run(b.top2("g"), b, g=[[0.25, 0.75]])[0] == pytest.approx([1, 0, 0.25**2 * 2.5])
 
 
 def test_small_ops_in_closed_form():

@@ -164,6 +164,72 @@ def test_wrong_files_are_refused_in_one_line(mutate, message):
     assert text.startswith("graph: ") and "\n" not in text and ";" in text and len(text) < 500
 
 
+TREE_REFUSED = [
+    ([[0.5, 0, -1, -2]], "axis that is an integer from 0 to 1, found 0.5 in row 0"),
+    ([[2, 0, -1, -2]], "axis that is an integer from 0 to 1, found 2.0 in row 0"),
+    ([[-1, 0, -1, -2]], "axis that is an integer from 0 to 1"),
+    ([[0, 0, -1.5, -2]], "children that are integers"),
+    ([[0, 0, -1, -3e7]], "children that are integers of magnitude up to 16777216"),
+    ([[0, 0, 0, -2]], r"children above their parent's row and below 1, or leaves, found \[0.0, -2.0\] in row 0"),
+    ([[0, 0, 1, -2], [0, 0, 0, -1]], "children above their parent's row and below 2, or leaves"),
+    ([[0, 0, 1, -2]], "children above their parent's row and below 1"),
+    ([[0, 0, 1, -1], [0, 0, 2, -1], [1, 0, -1, -2]], "a tree of at most 2 levels, its depth, found more"),
+]
+
+
+@pytest.mark.parametrize("nodes, message", TREE_REFUSED)
+def test_wrong_trees_are_refused(nodes, message):
+    b = Builder(a=2)
+    b.tree("a", nodes, depth=2, name="t")
+    with pytest.raises(ValueError, match=message) as caught:
+        b.build(leaf="t")
+    assert "\n" not in str(caught.value) and "node 't'" in str(caught.value)
+
+
+def test_wrong_lookups_are_refused():
+    b = Builder(a=2)
+    for value in (b.rows("a", np.zeros((3, 2))), b.nearest("a", np.zeros((2, 2, 2, 1)))):
+        with pytest.raises(ValueError, match=r"of width [13], found width 2; slice"):
+            replace(b, value)
+    rounded = Buffer(np.array([[0, 0, -1, -2]], np.float16), "float16")
+    with pytest.raises(ValueError, match="expected nodes of type float32, found float16"):
+        replace(b, b.tree("a", rounded, 1))
+    b = Builder(a=1)
+    with pytest.raises(ValueError, match="expected at least two weights, found 1"):
+        replace(b, b.top2("a"))
+
+
+def replace(b, value):
+    """A graph of one node of a builder."""
+    node = next(node for node in b._nodes if node.id == value)
+    buffers = {name: b._buffers[name] for name in node.params.values() if isinstance(name, str)}
+    return Graph(dict(b._inputs), buffers, (node,), {"value": value})
+
+
+def test_quantisation_keeps_trees_and_indices_exact():
+    b = Builder(p=3)
+    leaf = b.tree("p", [[0, 0.123456789, -1, -4000]], depth=1)
+    few, many = np.array([[3.0], [-7.0], [200.0]]), np.arange(5000.0)[:, None]
+    cells = b.nearest("p", many.reshape(5, 10, 10, 10))
+    graph = b.build(few=b.rows(leaf, few), many=b.rows(leaf, many), cells=cells)
+    for kind in ("float16", "int8", "uint8"):
+        small = quantise(graph, kind)
+        assert sorted(buffer.type for buffer in small.buffers.values()) == ["float32", "float32", "float32", "uint8"]
+        for name in graph.buffers:
+            np.testing.assert_array_equal(small.buffers[name].values(), graph.buffers[name].values())
+
+
+def test_only_keeps_what_an_output_needs():
+    graph, inputs = CASES["network_segments"]
+    light = graph.only("segment")
+    assert set(light.inputs) == {"position"} and light.macs == 3 * 16 + 16 * 5
+    assert {node.op for node in light.nodes} == {"affine", "linear", "activate", "top2", "slice"}
+    np.testing.assert_array_equal(evaluate(light, inputs)["segment"], evaluate(graph, inputs)["segment"])
+    assert graph.only(*graph.outputs).to_json()[0] == graph.to_json()[0]
+    with pytest.raises(ValueError, match="expected one of radiance, segment, overlap, found 'depth'"):
+        graph.only("depth")
+
+
 def test_absurd_work_is_refused():
     nodes = [Node("n0", "concat", ("a",) * 2)]
     nodes += [Node(f"n{i}", "concat", (f"n{i - 1}",) * 2) for i in range(1, 30)]

@@ -10,7 +10,9 @@ from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, 
 MAX_SIDE = 2048
 
 
-def _table_width(dimensions: int, kind: str):
+def table_width(dimensions: int, kind: str):
+    """Width rule of a table that is read at a point: its channels."""
+
     def width(use: Use) -> int:
         expect_width(use, 0, dimensions, "coordinates")
         shape = use.buffers["buffer"].shape
@@ -43,7 +45,8 @@ def _numpy_interpolate(use: Use, p: np.ndarray) -> np.ndarray:
     return out
 
 
-def _prepare(use: Use):
+def upload_table(use: Use):
+    """The numbers of `buffer`, flat, for Dr.Jit."""
     from lightwell.backend import dr, mi
 
     table = mi.Float(use.values("buffer").ravel())
@@ -93,11 +96,11 @@ TEXTURE = register(
         name="texture",
         arity=(1, 1),
         parameters={"buffer": Parameter("buffer", ranks=(3,))},
-        width=_table_width(2, "texture"),
+        width=table_width(2, "texture"),
         numpy=_numpy_interpolate,
         drjit=_drjit_interpolate,
         fetches=lambda use: 4,
-        prepare=_prepare,
+        prepare=upload_table,
     )
 )
 
@@ -106,10 +109,10 @@ GRID = register(
         name="grid",
         arity=(1, 1),
         parameters={"buffer": Parameter("buffer", ranks=(4,))},
-        width=_table_width(3, "grid"),
+        width=table_width(3, "grid"),
         numpy=_numpy_interpolate,
         drjit=_drjit_interpolate,
         fetches=lambda use: 8,
-        prepare=_prepare,
+        prepare=upload_table,
     )
 )

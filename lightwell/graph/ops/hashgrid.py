@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.graph.ops.fetch import gather_row
+from lightwell.graph.ops.fetch import gather_row, upload_table
 from lightwell.graph.ops.op import Op, Parameter, Use, expect_width, register
 
 # Primes of the spatial hash, from the paper; the first is 1 so that neighbours in x stay neighbours in memory.
@@ -89,14 +89,6 @@ def _entry(level: Level, vertex: np.ndarray) -> np.ndarray:
     )
 
 
-def _prepare(use: Use):
-    from lightwell.backend import dr, mi
-
-    table = mi.Float(use.values("buffer").ravel())
-    dr.make_opaque(table)
-    return {"table": table}
-
-
 def _drjit_hashgrid(use: Use, p):
     from lightwell.backend import dr, mi
 
@@ -139,6 +131,6 @@ HASHGRID = register(
         numpy=_numpy_hashgrid,
         drjit=_drjit_hashgrid,
         fetches=lambda use: 8 * use["levels"],
-        prepare=_prepare,
+        prepare=upload_table,
     )
 )

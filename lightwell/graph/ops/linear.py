@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lightwell.graph.ops.lookup import drjit_rounded_index, rounded_index
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
 
 
@@ -20,17 +21,12 @@ def _linear_width(use: Use) -> int:
     return outputs
 
 
-def _expert(index: np.ndarray, experts: int) -> np.ndarray:
-    """Expert of each point: the index rounded half up, clamped to what there is. [N, 1] -> [N]."""
-    return np.clip(np.floor(index[:, 0] + np.float32(0.5)), 0, experts - 1).astype(np.int64)
-
-
 def _numpy_linear(use: Use, a: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
     """[N, in] -> [N, out]."""
     weights, bias = use.values("weights"), use.values("bias")
     if index is None:
         return a @ weights.T + bias
-    expert = _expert(index, len(weights))
+    expert = rounded_index(index, len(weights))
     out = np.empty((len(a), weights.shape[1]), np.float32)
     for e in np.unique(expert):
         rows = expert == e
@@ -64,14 +60,13 @@ def _drjit_expert(use: Use, a: list, index) -> list:
     """Calls the layer of each point's expert: points that lie together share an expert, so that packets run whole."""
     import drjit.nn as nn
 
-    from lightwell.backend import dr, mi
+    from lightwell.backend import dr
 
     def layer(weights, bias):
         return lambda *inputs: list(nn.matvec(weights, nn.CoopVec(*inputs), bias))
 
     layers = use.state["layers"]
-    expert = mi.UInt32(dr.clip(dr.floor(index + 0.5), 0, len(layers) - 1))
-    return dr.switch(expert, [layer(weights, bias) for weights, bias in layers], *a)
+    return dr.switch(drjit_rounded_index(index, len(layers)), [layer(weights, bias) for weights, bias in layers], *a)
 
 
 LINEAR = register(

@@ -17,6 +17,8 @@ MAX_NODES = 4096
 MAX_ELEMENTS = 1 << 26
 MAX_MACS = 1 << 24
 MAX_NUMBER = float(np.finfo(np.float32).max)
+# Largest count that a 32-bit float holds exactly, as do all whole numbers below it.
+MAX_EXACT = 1 << 24
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Parameter:
     """Allowed words of a choice."""
     ranks: tuple[int, ...] = ()
     """Allowed ranks of a buffer."""
+    exact: bool = False
+    """Whether a buffer must keep its float32 numbers: `quantise` leaves it alone."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,83 @@
+"""Tables that are read without interpolation: rows (by number) and nearest (by place)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.graph.ops.fetch import gather_row, table_width, upload_table
+from lightwell.graph.ops.op import MAX_EXACT, MAX_WIDTH, Op, Parameter, Use, expect_width, register
+
+
+def _rows_width(use: Use) -> int:
+    expect_width(use, 0, 1, "an index")
+    rows, channels = use.buffers["buffer"].shape
+    use.expect(
+        rows <= MAX_EXACT and channels <= MAX_WIDTH,
+        f"at most {MAX_EXACT} rows of at most {MAX_WIDTH}",
+        f"{[rows, channels]}",
+        "split the table",
+    )
+    return channels
+
+
+def rounded_index(index: np.ndarray, count: int) -> np.ndarray:
+    """Which of ``count`` things an index means: rounded half up, clamped to what there is. [N, 1] -> [N]."""
+    return np.clip(np.floor(index[:, 0] + np.float32(0.5)), 0, count - 1).astype(np.int64)
+
+
+def drjit_rounded_index(index, count: int):
+    """As ``rounded_index``, for a Dr.Jit float."""
+    from lightwell.backend import dr, mi
+
+    return mi.UInt32(dr.clip(dr.floor(index + 0.5), 0, count - 1))
+
+
+def _drjit_rows(use: Use, index):
+    rows, channels = use.buffers["buffer"].shape
+    return gather_row(use.state["table"], drjit_rounded_index(index[0], rows), channels)
+
+
+def _numpy_nearest(use: Use, p: np.ndarray) -> np.ndarray:
+    """[N, 3] -> [N, C]. The last axis but one of the table is x."""
+    table = use.values("buffer")
+    sizes = np.asarray(table.shape[-2::-1], np.int64)  # in the order x, y, z
+    at = np.clip(p, np.float32(0), np.float32(1)) * sizes.astype(np.float32)
+    x, y, z = np.minimum(at.astype(np.int64), sizes - 1).T
+    return table[z, y, x]
+
+
+def _drjit_nearest(use: Use, p):
+    from lightwell.backend import dr, mi
+
+    shape = use.buffers["buffer"].shape
+    row = mi.UInt32(0)
+    for coordinate, size in zip(p[::-1], shape[:3]):
+        row = row * size + dr.minimum(mi.UInt32(dr.clip(coordinate, 0, 1) * size), size - 1)
+    return gather_row(use.state["table"], row, shape[-1])
+
+
+ROWS = register(
+    Op(
+        name="rows",
+        arity=(1, 1),
+        parameters={"buffer": Parameter("buffer", ranks=(2,))},
+        width=_rows_width,
+        numpy=lambda use, index: use.values("buffer")[rounded_index(index, use.buffers["buffer"].shape[0])],
+        drjit=_drjit_rows,
+        fetches=lambda use: 1,
+        prepare=upload_table,
+    )
+)
+
+NEAREST = register(
+    Op(
+        name="nearest",
+        arity=(1, 1),
+        parameters={"buffer": Parameter("buffer", ranks=(4,))},
+        width=table_width(3, "grid"),
+        numpy=_numpy_nearest,
+        drjit=_drjit_nearest,
+        fetches=lambda use: 1,
+        prepare=upload_table,
+    )
+)
