@@ -15,7 +15,7 @@ from lightwell.backend import dr, mi
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
 from lightwell.networks.optimisers import OPTIMISERS
-from lightwell.networks.schedules import SCHEDULES
+from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class TrainingSettings:
     """'adam' or 'sgd'."""
     rate: float = 3e-3
     schedule: str = "cosine"
+    tau: float = REPORT_TAU
+    """Epochs after which the schedule 'report' has halved the rate."""
     batch: int = 1 << 12
     decay: float = 0.0
     """L2 weight decay, added to the gradient of the weights (not of the biases)."""
@@ -133,7 +135,8 @@ class Trainer:
     def step(self, data: TrainingSet, total: int) -> Any:
         """One optimiser step of ``total``; returns the loss as an unevaluated-on-host array of width 1."""
         epoch = self.state.samples_seen / len(data)
-        rate = SCHEDULES[self.settings.schedule](self.settings.rate, self.state.step / max(total, 1), epoch)
+        schedule = SCHEDULES[self.settings.schedule]
+        rate = schedule(self.settings.rate, self.state.step / max(total, 1), epoch, self.settings.tau)
         _, corrected = OPTIMISERS[self.settings.optimiser]
         start = dr.opaque(mi.UInt32, self._next_start(len(data)))
         self.state.step += 1

@@ -44,6 +44,15 @@ def test_report_schedule_halves_after_fifty_epochs():
     assert SCHEDULES["report"](0.5, 0.0, 50.0) == 0.25
 
 
+@pytest.mark.parametrize(
+    "rate, tau, epoch, expected",
+    # The report's text and code: experts, single network, gate. (μ0, τ, e, μ0 τ / (τ + e)).
+    [(0.5, 50, 20, 0.357143), (0.1, 100, 100, 0.05), (1.0, 30, 9, 0.769231)],
+)
+def test_report_schedule_has_the_published_values(rate, tau, epoch, expected):
+    assert SCHEDULES["report"](rate, 0.0, epoch, tau) == pytest.approx(expected, rel=1e-5)
+
+
 def test_cosine_schedule_ends_at_a_hundredth():
     assert SCHEDULES["cosine"](3e-3, 0.0, 0) == pytest.approx(3e-3)
     assert SCHEDULES["cosine"](3e-3, 1.0, 0) == pytest.approx(3e-5)
