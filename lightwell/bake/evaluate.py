@@ -2,53 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from lightwell.asset.page import PageView
 from lightwell.backend import dr, mi
+from lightwell.bake.effort import EVALUATION_SEED
+from lightwell.bake.truth import PointTruth, SweepTruth, ViewTruth, role_scale
 from lightwell.fields import query_inputs
 from lightwell.graph import Compiled, Graph, compile
 from lightwell.report.records import PointComparison, ViewComparison
 from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import Query, draw_surface, indirect, make_query, static
+from lightwell.transport import Query, indirect
 from lightwell.transport.camera import gbuffer, total_image
 
-# Streams of random numbers that evaluation never shares with training.
-EVALUATION_SEED = 0x5EED
-
-# Role of a field ('indirect' or 'static') → what it predicts, reflectance multiplied in.
-Fields = dict[str, Callable[[Query], np.ndarray]]
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How exact the truth is; the noise floor is reported beside every error."""
-
-    points: int = 4096
-    point_paths: int = 1024
-    lights: int = 32
-    pixel_paths: int = 192
-    picture_spp: int = 96
-    sweep: int = 16
-    sweep_points: int = 256
-    sweep_paths: int = 256
-
-    @staticmethod
-    def within(seconds: float, paths_per_second: float, pixels: int) -> Effort:
-        """Path counts that take about ``seconds`` at a measured rate; ``pixels`` over all views."""
-        budget = seconds * paths_per_second
-        even = lambda paths: max(int(paths) // 2 * 2, 8)  # noqa: E731
-        return Effort(
-            point_paths=min(even(0.20 * budget / 4096), 8192),
-            pixel_paths=min(even(0.45 * budget / pixels), 4096),
-            picture_spp=min(even(0.25 * budget / pixels), 1024),
-            sweep_paths=min(even(0.10 * budget / (16 * 256)), 4096),
-        )
+# Index of the region of a pixel that shows no surface.
+NO_REGION = -1
+# The second expert's least share in a pixel that counts as blended.
+BLENDED = 0.01
 
 
 class Baked:
@@ -60,11 +34,29 @@ class Baked:
 
     def __call__(self, query: Query) -> np.ndarray:
         """[N, 3] radiance for a unit light."""
+        return self._outputs(query, ("radiance",))["radiance"] * query.reflectance
+
+    @property
+    def segmented(self) -> bool:
+        """Whether several experts share the surfaces, and the graph says which."""
+        return "segment" in self.graph.outputs
+
+    def segments(self, query: Query) -> tuple[np.ndarray, np.ndarray]:
+        """[N] index of each point's first expert and [N] share of its second one, in [0, 0.5]."""
+        names = tuple(name for name in ("segment", "overlap") if name in self.graph.outputs)
+        found = {name: value[:, 0] for name, value in self._outputs(query, names).items()}
+        index = np.rint(found["segment"]).astype(np.int64)
+        return index, found.get("overlap", np.zeros(len(query), np.float32))
+
+    def _outputs(self, query: Query, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Name → [N, C] of some outputs of the graph."""
         inputs = query_inputs(query)
         columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in inputs[name].T] for name in self.graph.inputs}
-        radiance = self._compiled(columns)["radiance"]
-        dr.eval(radiance)
-        return np.stack([np.array(channel) for channel in radiance], axis=1) * query.reflectance
+        outputs = self._compiled(columns)
+        wanted = [outputs[name] for name in names]
+        dr.eval(wanted)
+        rows = lambda channels: [np.broadcast_to(np.array(c), len(query)) for c in channels]  # noqa: E731
+        return {name: np.stack(rows(channels), axis=1) for name, channels in zip(names, wanted)}
 
 
 def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) -> list[tuple[Camera, np.ndarray]]:
@@ -92,60 +84,50 @@ def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarr
     return lights[int(np.argmax(means))]
 
 
-def compare_points(
-    scene: Scene, variable: Variable, fields: Fields, effort: Effort, seed: int
-) -> dict[str, PointComparison]:
-    """Area-uniform points, each with a view of its own, under held-out lights; one comparison per field."""
-    draw = draw_surface(scene, effort.points, seed + EVALUATION_SEED)
-    lights = held_out_lights(scene, variable, effort.lights, seed + 2 * EVALUATION_SEED)
-    light = lights[np.arange(effort.points) % len(lights)]
-    query = make_query(scene, draw.points, light)
-    names = [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
-    compared = {}
-    for name, baked in fields.items():
-        a, b = _truth(scene, variable, name, draw.points, light, effort.point_paths, seed)
-        compared[name] = PointComparison(baked(query), a, b, draw.points.shape, names, draw.weight)
-    return compared
-
-
-def _truth(scene, variable, field: str, points, light, paths: int, seed: int):
-    """Two halves of what a field of that role should give."""
-    if field == "static":
-        return static(scene, points, paths, seed + EVALUATION_SEED)
-    return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED)
+def compare_points(truth: PointTruth, baked: Baked, objects: Sequence[str]) -> PointComparison:
+    """A field against the truth at held-out points; ``objects`` names the meshes of the scene."""
+    return PointComparison(baked(truth.query), truth.half_a, truth.half_b, truth.shape, objects, truth.weight)
 
 
 def compare_view(
-    scene: Scene,
-    variable: Variable,
-    camera: Camera,
-    light: np.ndarray,
-    fields: Fields,
-    size: tuple[int, int],
-    paths: int,
-    name: str,
-    intensity: float,
+    truth: ViewTruth, fields: Mapping[str, Baked], size: tuple[int, int], name: str, caption: str, intensity: float
 ) -> ViewComparison:
-    """One view: what the learned light adds up to for a light of 1 cd (1 lx), against the truth at the same points.
-
-    The scene's own light is weighed as on the page, where the declared light has ``intensity``.
-    """
+    """One picture: what the learned light (role → field) adds up to for a light of 1 cd (1 lx), against the truth."""
     width, height = size
-    points, mask, _ = gbuffer(scene, camera, width, height)
-    seen = np.flatnonzero(mask)
-    query = make_query(scene, points[seen], light)
-    total = [np.zeros((len(seen), 3)) for _ in range(3)]
-    for field, baked in fields.items():
-        scale = 1.0 / intensity if field == "static" else 1.0
-        halves = _truth(scene, variable, field, points[seen], light, paths, 1)
-        for sum_, part in zip(total, (baked(query), *halves)):
-            sum_ += scale * part
+    total = sum(role_scale(role, intensity) * baked(truth.query) for role, baked in fields.items())
     images = np.zeros((3, height * width, 3), np.float32)
-    images[:, seen] = total
+    images[:, truth.seen] = total, truth.half_a, truth.half_b
     prediction, a, b = images.reshape(3, height, width, 3)
+    regions, blend = _regions(truth, fields["indirect"], size)
+    return ViewComparison(name, prediction, a, b, regions, blend, caption)
+
+
+def _regions(truth: ViewTruth, baked: Baked, size: tuple[int, int]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """[height, width] index of the expert of every pixel and whether it is blended; None for a single network."""
+    if not baked.segmented:
+        return None, None
+    width, height = size
+    index, share = baked.segments(truth.query)
+    regions = np.full(height * width, NO_REGION)
+    blend = np.zeros(height * width, bool)
+    regions[truth.seen], blend[truth.seen] = index, share > BLENDED
+    return regions.reshape(height, width), blend.reshape(height, width)
+
+
+def view_name(camera: Camera, number: int) -> str:
+    """What a view is called: the camera's own name, or its number from 1."""
+    return camera.name or f"view {number + 1}"
+
+
+def view_caption(variable: Variable, light: np.ndarray) -> str:
+    """Where the light of a view stands."""
     where = ", ".join(f"{c:.2f}" for c in light)
-    kind = "light at" if variable.kind == "point" else "sun towards"
-    return ViewComparison(name, prediction, a, b, caption=f"{kind} ({where})")
+    return f"{'light at' if variable.kind == 'point' else 'sun towards'} ({where})"
+
+
+def object_names(scene: Scene) -> list[str]:
+    """A name for every mesh."""
+    return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
 def page_views(
@@ -168,28 +150,12 @@ def page_views(
     return made
 
 
-def light_sweep(
-    scene: Scene, variable: Variable, baked: Callable[[Query], np.ndarray], unit: float, effort: Effort, seed: int
-) -> list[tuple[float, float, float]]:
-    """(place on the sweep, relative error, noise floor) along a chain of held-out lights, each next to the last."""
-    lights = _chain(held_out_lights(scene, variable, effort.sweep, seed + 3 * EVALUATION_SEED))
-    draw = draw_surface(scene, effort.sweep_points, seed + 3 * EVALUATION_SEED, floor=0)
-    rows = []
-    for k, light in enumerate(lights):
-        a, b = indirect(scene, draw.points, light, variable, effort.sweep_paths, seed + k)
-        f, a, b = (x / unit for x in (baked(make_query(scene, draw.points, light)), a, b))
-        y = 0.5 * (a + b)
-        error = np.mean(np.abs(f - y) / (y + 0.01))
-        floor = np.mean(np.abs(a - b) / 2 / (y + 0.01))
-        rows.append((k / max(len(lights) - 1, 1), float(error), float(floor)))
-    return rows
-
-
-def _chain(lights: np.ndarray) -> np.ndarray:
-    """The lights in an order in which each is the nearest of those left: a walk through the box."""
-    left, order = list(range(1, len(lights))), [0]
-    while left:
-        nearest = min(left, key=lambda k: float(np.linalg.norm(lights[k] - lights[order[-1]])))
-        left.remove(nearest)
-        order.append(nearest)
-    return lights[order]
+def light_sweep(truth: SweepTruth, baked: Baked, unit: float) -> list[tuple[float, float, float]]:
+    """(place on the sweep in [0, 1], relative error, noise floor) along the chain of held-out lights."""
+    f, a, b = (x / unit for x in (baked(truth.query), truth.half_a, truth.half_b))
+    y = 0.5 * (a + b)
+    error = np.mean(np.abs(f - y) / (y + 0.01), axis=1)
+    floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
+    last = max(int(truth.place.max()), 1)
+    lights = [truth.place == k for k in np.unique(truth.place)]
+    return [(k / last, float(error[at].mean()), float(floor[at].mean())) for k, at in enumerate(lights)]

@@ -10,9 +10,12 @@ import numpy as np
 
 from lightwell.asset.page import PageView
 from lightwell.bake import evaluate
+from lightwell.bake.cost import cost
+from lightwell.bake.effort import Effort
 from lightwell.bake.progress import Progress
 from lightwell.bake.rounds import Rounds
 from lightwell.bake.settings import MIDDLE_GREY, BakeSettings
+from lightwell.bake.truth import trace_points, trace_sweep, trace_view
 from lightwell.bake.work import Work
 from lightwell.doctor import versions
 from lightwell.fields import Fit
@@ -21,9 +24,6 @@ from lightwell.report.records import PointComparison, ReportData
 from lightwell.report.summary import point_scores
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, first_settings
-
-# The truth of the report may take this share of the budget, within these bounds, in seconds.
-EVALUATION_SHARE, EVALUATION_LEAST, EVALUATION_MOST = 0.4, 12.0, 240.0
 
 
 @dataclass(frozen=True)
@@ -73,18 +73,20 @@ def score_bake(
         views = evaluate.views_and_lights(scene, variable, settings.views, settings.seed)
         declared, color = first_settings(settings.vary)
         stage = Stage(views, declared or _intensity(learned), color)
-        points = evaluate.compare_points(scene, variable, baked, effort, settings.seed)
+        names = evaluate.object_names(scene)
+        truths = trace_points(scene, variable, list(baked), effort, settings.seed)
+        points = {role: evaluate.compare_points(truths[role], baked[role], names) for role in baked}
         bar.advance()
-        sweep = evaluate.light_sweep(scene, variable, baked["indirect"], learned[0].unit, effort, settings.seed)
+        sweep = evaluate.light_sweep(
+            trace_sweep(scene, variable, effort, settings.seed), baked["indirect"], learned[0].unit
+        )
         bar.advance()
         compared = []
         for k, (camera, light) in enumerate(views):
-            name = camera.name or f"view {k + 1}"
-            compared.append(
-                evaluate.compare_view(
-                    scene, variable, camera, light, baked, settings.view_size, effort.pixel_paths, name, stage.intensity
-                )
-            )
+            size, paths = settings.view_size, effort.pixel_paths
+            truth = trace_view(scene, variable, camera, light, list(baked), size, paths, stage.intensity)
+            name, caption = evaluate.view_name(camera, k), evaluate.view_caption(variable, light)
+            compared.append(evaluate.compare_view(truth, baked, size, name, caption, stage.intensity))
             bar.advance()
         pictures = evaluate.page_views(
             scene,
@@ -104,8 +106,7 @@ def score_bake(
         seed=settings.seed,
         points=points["indirect"],
         views=compared,
-        bytes=sum(field.graph.nbytes for field in learned),
-        macs_per_pixel=sum(field.graph.macs for field in learned),
+        **cost([field.graph for field in learned]),
         seconds={name: round(value, 3) for name, value in work.seconds.items()},
         paths=sum(r.paths for r in rounds),
         paths_per_second=_rate(work, rounds),
@@ -115,8 +116,20 @@ def score_bake(
         sweep=sweep,
         warnings=warnings(scene, variable),
         unit=learned[0].unit,
+        facts=facts_of(learned[0].fit),
     )
-    return Score(data, stage, pictures, _exposure(pictures))
+    return Score(data, stage, pictures, exposure(pictures))
+
+
+def facts_of(fit: Fit) -> dict[str, Any]:
+    """What a fit tells of itself (``Fit.facts``, optional): JSON values, numbers of NumPy included."""
+    return json.loads(json.dumps(getattr(fit, "facts", None) or {}, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"facts must be JSON values, found a {type(value).__name__}")
 
 
 def warnings(scene: Scene, variable: Variable) -> list[str]:
@@ -139,10 +152,9 @@ def _rate(work: Work, rounds: list[Rounds]) -> float:
     return sum(r.paths for r in rounds) / max(work.seconds.get("trace", 0.0), 1e-9)
 
 
-def _effort(settings: BakeSettings, rounds: list[Rounds]) -> evaluate.Effort:
-    seconds = min(max(settings.budget.round_seconds * EVALUATION_SHARE, EVALUATION_LEAST), EVALUATION_MOST)
+def _effort(settings: BakeSettings, rounds: list[Rounds]) -> Effort:
     width, height = settings.view_size
-    return evaluate.Effort.within(seconds, rounds[0].path_rate, width * height * settings.views)
+    return Effort.of_budget(settings.budget.round_seconds, rounds[0].path_rate, width * height * settings.views)
 
 
 def _intensity(learned: list[Learned]) -> float:
@@ -151,7 +163,7 @@ def _intensity(learned: list[Learned]) -> float:
     return float(f"{static / learned[0].unit:.3g}")
 
 
-def _exposure(views: list[PageView]) -> float:
+def exposure(views: list[PageView]) -> float:
     """Brings log-average luminance to middle grey (Reinhard et al. 2002): half way between the first and the brightest
     picture, so that neither is lost."""
     averages = []

@@ -74,12 +74,13 @@ def difference(f: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def region_colours(regions: np.ndarray, blend: np.ndarray | None = None) -> np.ndarray:
-    """A fixed colour for every region index, uint8; where ``blend`` is true, hatched with white."""
+    """A fixed colour for every region index, black where it is negative, uint8; white hatching where ``blend`` is."""
     hue = (np.asarray(regions, np.float64) * GOLDEN_RATIO)[..., None] % 1
     wheel = 0.5 + 0.5 * np.cos(2 * np.pi * (hue + np.array([0, 1 / 3, 2 / 3])))
     # Alternating lightness separates the regions for readers who do not see hue.
     lightness = np.where(np.asarray(regions) % 2, 0.95, 0.75)[..., None]
     pixels = bytes_of((0.35 + 0.65 * wheel) * lightness)
+    pixels[np.asarray(regions) < 0] = 0
     if blend is not None:
         rows, columns = np.indices(blend.shape)
         pixels[blend & ((rows + columns) % HATCH == 0)] = 255

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import flip_evaluator
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 from skimage.metrics import structural_similarity
 
 from lightwell.report.tonemap import display
@@ -25,6 +26,8 @@ MAX_PSNR_DB = 100.0
 # Width of the Gaussian of SSIM, pixels, and the window that it needs (Wang et al. 2004).
 SSIM_SIGMA = 1.5
 SSIM_WINDOW = 11
+# Pixels on each side of a border between regions that belong to it.
+BORDER_WIDTH = 3
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,44 @@ def per_object(
             }
         )
     return rows
+
+
+@dataclass(frozen=True)
+class BorderError:
+    """Mean relative error near the borders between regions, and away from them."""
+
+    border: float
+    interior: float
+    share: float
+    """Part of the picture's surface that is near a border."""
+
+    @property
+    def ratio(self) -> float:
+        """Border over interior error: 1 when no seam shows."""
+        return self.border / self.interior
+
+
+def border_band(regions: np.ndarray, width: int = BORDER_WIDTH) -> np.ndarray:
+    """[height, width] bool: pixels within ``width`` pixels of one of another region; no surface (< 0) is no region."""
+    surface = regions >= 0
+    edge = np.zeros(regions.shape, bool)
+    for here, there in ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1])):
+        differs = (regions[here] != regions[there]) & surface[here] & surface[there]
+        edge[here] |= differs
+        edge[there] |= differs
+    if not edge.any():
+        return edge
+    return (distance_transform_edt(~edge) < width) & surface
+
+
+def border_error(f: np.ndarray, y: np.ndarray, regions: np.ndarray) -> BorderError | None:
+    """Errors of a picture [height, width, 3] near and away from borders; None where there is not some of both."""
+    errors, band = relative_errors(f, y), border_band(regions)
+    interior = (regions >= 0) & ~band
+    if not band.any() or not interior.any() or not errors[interior].mean() > 0:
+        return None
+    share = band.sum() / (band.sum() + interior.sum())
+    return BorderError(float(errors[band].mean()), float(errors[interior].mean()), float(share))
 
 
 def worst_tile(f: np.ndarray, y: np.ndarray, size: int = 16) -> tuple[int, int, float]:

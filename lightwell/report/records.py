@@ -38,7 +38,7 @@ class ViewComparison:
     half_b: np.ndarray
     """... over the second half."""
     regions: np.ndarray | None = None
-    """[height, width] integer index of the expert, leaf or probe, or None."""
+    """[height, width] integer index of the expert, leaf or probe; negative where there is no surface. Or None."""
     blend: np.ndarray | None = None
     """[height, width] bool: where regions are blended; drawn hatched."""
     caption: str = ""
@@ -83,5 +83,13 @@ class ReportData:
     warnings: Sequence[str] = ()
     licences: Sequence[str] = ()
     """One line for each work that the asset contains: what, whose, under which licence."""
+    facts: dict[str, object] = field(default_factory=dict)
+    """What the representation tells of itself: numbers, histograms, curves over training; JSON values."""
+    compressed_bytes: int | None = None
+    """``bytes`` after zlib."""
+    parameters: int | None = None
+    """Stored numbers."""
+    fetches_per_pixel: int | None = None
+    """Table entries that the shading graph reads per pixel."""
     unit: float | None = None
     """Radiance of the unit S; None: 4 × the mean radiance of the held-out points."""

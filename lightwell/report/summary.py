@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,16 +28,21 @@ def summary(data: ReportData) -> dict[str, Any]:
         "unit": scale,
         **point_scores(data.points, scale),
         **{name: _mean(views, name) for name in ("psnr_db", "ssim", "flip")},
+        "border_ratio": border_ratio(views),
         "tone_mapping": TONE_MAPPING,
         "bytes": data.bytes,
         "asset_bytes": data.asset_bytes,
+        "compressed_bytes": data.compressed_bytes,
+        "parameters": data.parameters,
         "macs_per_pixel": data.macs_per_pixel,
+        "fetches_per_pixel": data.fetches_per_pixel,
         "seconds": {**data.seconds, "total": sum(t for stage, t in data.seconds.items() if stage != "total")},
         "paths": data.paths,
         "paths_per_second": data.paths_per_second,
         "per_view": views,
         "training": [{"seconds": s, "relative_error": e} for s, e in data.training],
         "sweep": [{"at": t, "relative_error": e, "noise_floor": n} for t, e, n in data.sweep],
+        "facts": data.facts,
         "settings": data.settings,
         "versions": data.versions,
         "warnings": list(data.warnings),
@@ -83,7 +89,25 @@ def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
         "flip": metrics.flip(f, y),
         "energy_ratio": metrics.energy_ratio(f, y),
         "worst_tile": {"row": row, "column": column, "relative_error": worst},
+        "border": _border(view, f, y),
     }
+
+
+def _border(view: ViewComparison, f: np.ndarray, y: np.ndarray) -> dict[str, float] | None:
+    """Errors near and away from the borders between regions, None where there are none."""
+    if view.regions is None:
+        return None
+    found = metrics.border_error(f, y, np.asarray(view.regions))
+    return None if found is None else {"border": found.border, "interior": found.interior, "share": found.share}
+
+
+def border_ratio(views: Sequence[Mapping[str, Any]]) -> float | None:
+    """Mean border error over mean interior error of all views that have borders; None when none has."""
+    pairs = [view["border"] for view in views if view["border"]]
+    if not pairs:
+        return None
+    border = np.average([pair["border"] for pair in pairs], weights=[pair["share"] for pair in pairs])
+    return float(border / np.average([p["interior"] for p in pairs], weights=[1 - p["share"] for p in pairs]))
 
 
 def _mean(views: list[dict[str, Any]], name: str) -> float | None:

@@ -25,11 +25,11 @@ def small(out: Path, **changes) -> BakeSettings:
 @pytest.fixture(scope="session", autouse=True)
 def little_truth():
     """A truth of a second instead of twelve: these tests look at what is written, not at how good it is."""
-    from lightwell.bake import score
+    from lightwell.bake import effort
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(score, "EVALUATION_SHARE", 0.0)
-        patch.setattr(score, "EVALUATION_LEAST", 1.0)
+        patch.setattr(effort, "EVALUATION_SHARE", 0.0)
+        patch.setattr(effort, "EVALUATION_LEAST", 1.0)
         yield
 
 

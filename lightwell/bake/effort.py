@@ -1,0 +1,42 @@
+"""How much work goes into the truth that a bake is scored against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# Streams of random numbers that evaluation never shares with training.
+EVALUATION_SEED = 0x5EED
+# The truth of the report may take this share of the budget, within these bounds, in seconds.
+EVALUATION_SHARE, EVALUATION_LEAST, EVALUATION_MOST = 0.4, 12.0, 240.0
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How exact the truth is; the noise floor is reported beside every error."""
+
+    points: int = 4096
+    point_paths: int = 1024
+    lights: int = 32
+    pixel_paths: int = 192
+    picture_spp: int = 96
+    sweep: int = 16
+    sweep_points: int = 256
+    sweep_paths: int = 256
+
+    @staticmethod
+    def within(seconds: float, paths_per_second: float, pixels: int) -> Effort:
+        """Path counts that take about ``seconds`` at a measured rate; ``pixels`` over all views."""
+        budget = seconds * paths_per_second
+        even = lambda paths: max(int(paths) // 2 * 2, 8)  # noqa: E731
+        return Effort(
+            point_paths=min(even(0.20 * budget / 4096), 8192),
+            pixel_paths=min(even(0.45 * budget / pixels), 4096),
+            picture_spp=min(even(0.25 * budget / pixels), 1024),
+            sweep_paths=min(even(0.10 * budget / (16 * 256)), 4096),
+        )
+
+    @staticmethod
+    def of_budget(seconds: float, paths_per_second: float, pixels: int) -> Effort:
+        """What is appropriate beside ``seconds`` of tracing and training."""
+        share = min(max(seconds * EVALUATION_SHARE, EVALUATION_LEAST), EVALUATION_MOST)
+        return Effort.within(share, paths_per_second, pixels)
