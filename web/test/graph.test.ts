@@ -5,6 +5,7 @@ import {
   evaluate,
   evaluateFrame,
   fromHalf,
+  only,
   OPS,
   printGlsl,
   printWgsl,
@@ -80,6 +81,31 @@ describe("costs and layout", () => {
   });
 });
 
+test("an output costs only what it needs", () => {
+  const { graph } = VECTORS.find((vector) => vector.name === "network_segments")!;
+  const ops = (...names: string[]) => only(graph, ...names).nodes.map((node) => node.opName);
+  expect(ops("segment")).not.toContain("tree");
+  expect(ops("radiance")).toContain("tree");
+  expect(only(graph, "overlap", "segment").macs).toBe(3 * 16 + 16 * 5);
+  expect([...only(graph, "segment", "nothing").outputs.keys()]).toEqual(["segment"]);
+  const { code } = printGlsl(only(graph, "segment"), { name: "f", weights: "texture" });
+  expect(code).not.toContain("tree");
+  expect([...only(graph, "segment").inputs.keys()]).toEqual(["position"]);
+});
+
+test("two layers that share their weights store them once", () => {
+  const { graph } = VECTORS.find((vector) => vector.name === "network_segments")!;
+  const texels = (names: string[]) =>
+    printGlsl(only(graph, ...names), { name: "f", weights: "inline" }).textures.reduce(
+      (sum, { data }) => sum + data.length,
+      0,
+    );
+  // 5 experts of 1 block of outputs, 1 + 16 texels each; 40 rows; the tree's nodes.
+  const nodes = graph.nodes.find((node) => node.opName === "tree")!.use.buffer.nodes!.shape[0]!;
+  expect(texels(["radiance"])).toBeLessThan(4 * 2 * (5 * 17 + 40 + nodes));
+  expect(texels(["radiance"])).toBeGreaterThanOrEqual(4 * (5 * 17 + 40 + nodes));
+});
+
 type Document = Record<string, unknown> & { nodes: Record<string, unknown>[] };
 
 describe("hostile graphs are refused by name", () => {
@@ -119,6 +145,38 @@ describe("hostile graphs are refused by name", () => {
     const document = structuredClone(factored.json) as unknown as Document;
     mutate(document);
     expect(() => readGraph(document, factored.buffers)).toThrow(message);
+  });
+
+  const TREES: [string, number[], RegExp][] = [
+    ["half an axis", [0.5, 0, -1, -2], /an axis from 0 to 1 in row 0/],
+    ["an axis beyond the input", [2, 0, -1, -2], /an axis from 0 to 1 in row 0/],
+    ["half a child", [0, 0, -1.5, -2], /children of row 0/],
+    ["a root that is its own child", [0, 0, 0, -2], /children of row 0/],
+    ["a way back", [0, 0, 1, -2, 0, 0, 0, -1], /children of row 1/],
+    ["a child beyond the rows", [0, 0, 1, -2], /children of row 0 that are leaves or rows after it, below 1/],
+    ["a leaf number that floats cannot count to", [0, 0, -1, -3e7], /children of row 0/],
+    ["more levels than its depth", [0, 0, 1, -1, 0, 0, 2, -1, 1, 0, -1, -2], /a tree of at most 2 levels/],
+  ];
+  const treeOf = (nodes: number[], type: "float32" | "float16" = "float32") => {
+    const shape = [nodes.length / 4, 4];
+    const data = type === "float32" ? Float32Array.from(nodes) : Uint16Array.from(nodes, toHalf);
+    const json = {
+      version: 1,
+      inputs: { a: 2 },
+      buffers: { nodes: { shape, type } },
+      nodes: [{ id: "leaf", op: "tree", inputs: ["a"], nodes: "nodes", depth: 2 }],
+      outputs: { leaf: "leaf" },
+    };
+    return readGraph(json, new Map([["nodes", { shape, type, data }]]));
+  };
+  test.each(TREES)("a tree with %s", (_name, nodes, message) => {
+    expect(() => treeOf(nodes)).toThrow(message);
+  });
+  test("a tree of rounded nodes", () => {
+    expect(() => treeOf([0, 0, -1, -2], "float16")).toThrow(/nodes of type float32/);
+    expect(evaluate(treeOf([0, 0.5, 1, -2, 1, 0.25, -1, -3]), { a: [0.4, 0.3] }).leaf).toEqual(
+      Float32Array.of(2),
+    );
   });
 
   test("buffers of the wrong size, with NaN, missing, unused", () => {

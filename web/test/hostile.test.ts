@@ -67,6 +67,11 @@ const CASES: [name: string, make: () => Uint8Array, message: RegExp][] = [
     () => tampered((json) => void (field(json).graph.nodes[0].inputs = ["y"])),
     /earlier nodes/,
   ],
+  [
+    "a segment of another width",
+    () => tampered((json) => void (field(json).graph.outputs.segment = "y")),
+    /outputs.segment: expected a value of width 1/,
+  ],
   ["nodes in a circle", () => tampered((json) => void (json.nodes[0].children = [0])), /ancestor/],
   [
     "an accessor count beyond memory",

@@ -10,8 +10,8 @@ export interface Job {
   readonly inputs: number[];
   readonly inputBlocks: number;
   readonly outputBlocks: number;
-  /** Weights: textures for WebGL2, one storage buffer for WebGPU. Numbers as stored (half floats as bits). */
-  readonly textures: { name: string; width: number; height: number; half: boolean; data: number[] }[];
+  /** Weights: textures for WebGL2 (base64 of half floats or floats), one storage buffer for WebGPU. */
+  readonly textures: { name: string; width: number; height: number; half: boolean; data: string }[];
   readonly weights: number[] | null;
   /** Per-frame values as blocks. */
   readonly frame: { name: string; texture: boolean; data: number[] } | null;
@@ -30,11 +30,14 @@ export function runWebgl2(jobs: Job[]): { name: string; values: number[]; error:
       throw new Error(gl.getShaderInfoLog(shader) ?? "compile");
     return shader;
   };
-  const texture = (width: number, height: number, half: boolean, data: number[] | null) => {
+  const decode = (text: string, half: boolean) => {
+    const { buffer } = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return half ? new Uint16Array(buffer) : new Float32Array(buffer);
+  };
+  const texture = (width: number, height: number, half: boolean, pixels: ArrayBufferView | null) => {
     const object = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, object);
     const format = half ? gl.RGBA16F : gl.RGBA32F;
-    const pixels = data && (half ? Uint16Array.from(data) : Float32Array.from(data));
     gl.texImage2D(
       gl.TEXTURE_2D,
       0,
@@ -64,12 +67,19 @@ export function runWebgl2(jobs: Job[]): { name: string; values: number[]; error:
       throw new Error(gl.getProgramInfoLog(program) ?? "link");
     gl.useProgram(program);
     const sources = [
-      { name: "inputs", width: job.points, height: job.inputBlocks, half: false, data: job.inputs },
-      ...job.textures,
+      {
+        name: "inputs",
+        width: job.points,
+        height: job.inputBlocks,
+        half: false,
+        data: Float32Array.from(job.inputs) as ArrayBufferView,
+      },
+      ...job.textures.map((source) => ({ ...source, data: decode(source.data, source.half) })),
     ];
     if (job.frame?.texture) {
       const width = job.frame.data.length / 4;
-      sources.push({ name: job.frame.name, width, height: 1, half: false, data: job.frame.data });
+      const data = Float32Array.from(job.frame.data);
+      sources.push({ name: job.frame.name, width, height: 1, half: false, data });
     } else if (job.frame) {
       gl.uniform4fv(gl.getUniformLocation(program, job.frame.name), Float32Array.from(job.frame.data));
     }

@@ -10,11 +10,13 @@ import { fileURLToPath } from "node:url";
 import { type Browser, chromium, type Page } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
 import {
+  evaluate,
   evaluateFrame,
   printGlsl,
   printWgsl,
   readGraph,
   type StoredBuffer,
+  toHalf,
 } from "../runtime/src/graph/index.ts";
 import { type Job, runWebgl2, runWebgpu } from "./parity-page.ts";
 import { loadVectors, row, type Vector, worstError } from "./parity-vectors.ts";
@@ -121,7 +123,7 @@ void main() {
     width,
     height,
     half: format === "rgba16float",
-    data: [...numbers],
+    data: Buffer.from(numbers.buffer).toString("base64"),
   }));
   const outputBlocks = outputs.reduce((a, b) => a + b, 0);
   return {
@@ -238,6 +240,68 @@ test.each(MODES)("%s catches a transposed layer", async (mode) => {
   const errors = await run(mode, [{ ...vector, buffers, graph: readGraph(vector.json, buffers) }]);
   if (errors) expect(errors.get(vector.name)).toBeGreaterThan(100 * TOLERANCE);
 });
+
+/** Widths of the network of the 2013 report: 503 weights an expert. */
+const REPORT = [12, 20, 10, 3] as const;
+
+test("8192 experts of 503 weights fit one texture and each is found", async () => {
+  const vector = manyExperts(8192);
+  const { textures, code } = printGlsl(vector.graph, { name: "field", weights: "texture" });
+  expect(textures.map(({ format, width, height }) => [format, width, height <= 1024])).toEqual([
+    ["rgba16float", 2048, true],
+  ]);
+  // Loops over texels whatever the number of experts: the text must not grow with it.
+  const few = printGlsl(manyExperts(2).graph, { name: "field", weights: "texture" }).code;
+  expect(code.length).toBeLessThan(few.length + 100);
+  const errors = await run("webgl2 texture", [vector]);
+  expect(errors!.get(vector.name)).toBeLessThanOrEqual(TOLERANCE);
+});
+
+/** Networks of the report's size with an index input; the truth is the evaluator on the CPU. */
+function manyExperts(experts: number): Vector {
+  const points = 64;
+  const buffers = new Map<string, StoredBuffer>();
+  const nodes: Record<string, unknown>[] = [];
+  const noise = (i: number) => Math.sin(12.9898 * i + 1) * 43758.5453;
+  const random = (i: number) => noise(i) - Math.floor(noise(i)) - 0.5;
+  for (const [i, width] of REPORT.slice(1).entries()) {
+    const inputs = REPORT[i]!;
+    const store = (name: string, shape: number[]) =>
+      buffers.set(name, {
+        shape,
+        type: "float16",
+        data: Uint16Array.from({ length: shape.reduce((a, b) => a * b) }, (_, k) => toHalf(random(k))),
+      });
+    store(`w${i}`, [experts, width, inputs]);
+    store(`b${i}`, [experts, width]);
+    nodes.push(
+      { id: `l${i}`, op: "linear", inputs: [i ? `a${i - 1}` : "a", "index"], weights: `w${i}`, bias: `b${i}` },
+      { id: `a${i}`, op: "activate", inputs: [`l${i}`], function: "tanh" },
+    );
+  }
+  const json = {
+    version: 1,
+    inputs: { a: 12, index: 1 },
+    buffers: Object.fromEntries([...buffers].map(([name, { shape, type }]) => [name, { shape: [...shape], type }])),
+    nodes,
+    outputs: { value: "a2" },
+  };
+  const graph = readGraph(json, buffers);
+  const a = Array.from({ length: 12 * points }, (_, i) => random(i));
+  const index = Array.from({ length: points }, (_, i) => Math.round((i * (experts - 1)) / (points - 1)));
+  const outputs = index.flatMap((e, i) => [
+    ...evaluate(graph, { a: a.slice(12 * i, 12 * (i + 1)), index: [e] }).value!,
+  ]);
+  return {
+    name: `experts_${experts}`,
+    json,
+    buffers,
+    graph,
+    points,
+    inputs: { a: { shape: [points, 12], data: a }, index: { shape: [points, 1], data: index } },
+    outputs: { value: { shape: [points, 3], data: outputs } },
+  };
+}
 
 function transposed(buffer: StoredBuffer): StoredBuffer {
   const [rows, columns] = buffer.shape as [number, number];

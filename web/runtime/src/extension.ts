@@ -48,6 +48,9 @@ const INPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
   }),
 );
 
+/** Outputs of a field that mean something here; a graph may have others. */
+const OUTPUT_WIDTHS: ReadonlyMap<string, number> = new Map(Object.entries({ radiance: 3, segment: 1, overlap: 1 }));
+
 /** How a buffer type travels in a glTF accessor: component type, bytes per element, constructor. */
 const STORAGE = {
   float32: [5126, 4, Float32Array],
@@ -106,9 +109,12 @@ function readFieldGraph(document: unknown, buffers: ReadonlyMap<string, StoredBu
     if (INPUT_WIDTHS.get(name) !== width)
       fail(`${where}.inputs.${name}`, "an input of a surface, with its width");
   }
-  const output = graph.outputs.get("radiance");
-  if (output === undefined || graph.widths.get(output) !== 3)
-    fail(`${where}.outputs.radiance`, "a value of width 3");
+  if (!graph.outputs.has("radiance")) fail(`${where}.outputs.radiance`, "a value of width 3");
+  for (const [name, width] of OUTPUT_WIDTHS) {
+    const output = graph.outputs.get(name);
+    if (output !== undefined && graph.widths.get(output) !== width)
+      fail(`${where}.outputs.${name}`, `a value of width ${width}`);
+  }
   return graph;
 }
 

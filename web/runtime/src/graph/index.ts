@@ -11,7 +11,7 @@ export {
   printGlsl,
   type TexelTexture,
 } from "./glsl.ts";
-export { FRAME_INPUTS, type Graph, type GraphNode, readGraph } from "./graph.ts";
+export { FRAME_INPUTS, type Graph, type GraphNode, only, readGraph } from "./graph.ts";
 export { fromHalf, toHalf } from "./half.ts";
 export type { BufferType, StoredBuffer } from "./op.ts";
 export { OPS } from "./ops/index.ts";

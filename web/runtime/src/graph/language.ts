@@ -75,6 +75,8 @@ export const WGSL: Language = {
 /** Smallest normal 32-bit float: below it shaders may flush to zero, so literals do. */
 const SMALLEST = 1.1754943508222875e-38;
 
+const LARGEST = 3.4028234663852886e38;
+
 /** A number as a float literal of both languages that reads back as the same 32-bit float. */
 export function literal(x: number): string {
   const value = Math.fround(x);
@@ -82,7 +84,8 @@ export function literal(x: number): string {
   let text = String(value);
   for (let digits = 6; digits <= 9; digits++) {
     const short = String(Number(value.toPrecision(digits)));
-    if (Math.fround(Number(short)) === value) {
+    // A decimal that rounds to the largest float may itself be larger, which WGSL refuses.
+    if (Math.fround(Number(short)) === value && Math.abs(Number(short)) <= LARGEST) {
       text = short;
       break;
     }

@@ -8,6 +8,8 @@ export const MAX_WIDTH = 4096;
 export const MAX_NODES = 4096;
 export const MAX_ELEMENTS = 1 << 26;
 export const MAX_MACS = 1 << 24;
+/** Largest count that a 32-bit float holds exactly, as do all whole numbers below it. */
+export const MAX_EXACT = 1 << 24;
 export const MAX_NUMBER = 3.4028234663852886e38;
 
 export type BufferType = "float32" | "float16" | "int8" | "uint8";

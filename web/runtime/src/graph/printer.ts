@@ -97,7 +97,8 @@ export class Printer {
   readonly helpers = new Map<string, string>();
   readonly full = new TexelStore(false);
   readonly half: TexelStore;
-  readonly #shared = new Map<object, Table>();
+  readonly #shared = new Map<string, Table>();
+  readonly #numbers = new Map<object, number>();
   #temporaries = 0;
 
   /** `halfTexels`: whether numbers stored as float16 get a table of their own precision. */
@@ -228,8 +229,9 @@ export class Printer {
     return fullName;
   }
 
-  /** Put numbers (a multiple of four) where loops read them; the same key is stored once. */
-  table(key: object, half: boolean, numbers: () => Float32Array): Table {
+  /** Put numbers (a multiple of four) where loops read them; what comes from the same sources is stored once. */
+  table(sources: readonly object[], half: boolean, numbers: () => Float32Array): Table {
+    const key = sources.map((source) => this.#number(source)).join();
     let table = this.#shared.get(key);
     if (!table) {
       const store = half ? this.half : this.full;
@@ -238,6 +240,13 @@ export class Printer {
       this.#shared.set(key, table);
     }
     return table;
+  }
+
+  /** A number that stands for an object. */
+  #number(source: object): number {
+    const found = this.#numbers.get(source) ?? this.#numbers.size;
+    this.#numbers.set(source, found);
+    return found;
   }
 }
 

@@ -13,7 +13,7 @@ const stride = (channels: number) => (channels <= 2 ? channels : 4 * Math.ceil(c
 
 /** The rows of a buffer as texels. */
 export function rowTable(printer: Printer, buffer: StoredBuffer): Table {
-  return printer.table(buffer, buffer.type === "float16", () => {
+  return printer.table([buffer], buffer.type === "float16", () => {
     const values = valuesOf(buffer);
     const channels = buffer.shape.at(-1)!;
     const step = stride(channels);
@@ -60,7 +60,7 @@ export function accumulateRow(
 }
 
 /** Sizes in the order x, y, z of a table [.., H, W, C]. */
-const sizesOf = (use: Use) => use.buffer.buffer!.shape.slice(0, -1).reverse();
+export const sizesOf = (use: Use) => use.buffer.buffer!.shape.slice(0, -1).reverse();
 
 function evaluate(use: Use, [p]: readonly Float32Array[], width: number): Float32Array {
   const values = valuesOf(use.buffer.buffer!);
@@ -124,7 +124,8 @@ function print(use: Use, printer: Printer, out: Value, [p]: readonly Value[], la
   printer.emit("}");
 }
 
-function fetchOp(dimensions: number): Op {
+/** Arity, parameters and width rule of a table that is read at a point. */
+export function tableOp(dimensions: number): Pick<Op, "arity" | "parameters" | "width"> {
   return {
     arity: [1, 1],
     parameters: { buffer: { kind: "buffer", ranks: [dimensions + 1] } },
@@ -137,11 +138,17 @@ function fetchOp(dimensions: number): Op {
       );
       return shape.at(-1)!;
     },
+  };
+}
+
+function interpolatedOp(dimensions: number): Op {
+  return {
+    ...tableOp(dimensions),
     fetches: () => 1 << dimensions,
     evaluate,
     print,
   };
 }
 
-export const texture = fetchOp(2);
-export const grid = fetchOp(3);
+export const texture = interpolatedOp(2);
+export const grid = interpolatedOp(3);

@@ -19,7 +19,10 @@ import { grid, texture } from "./fetch.ts";
 import { dot, length, normalize, reflect } from "./geometry.ts";
 import { hashgrid } from "./hashgrid.ts";
 import { linear, matvec } from "./linear.ts";
+import { nearest, rows } from "./lookup.ts";
 import { concat, slice } from "./shape.ts";
+import { top2 } from "./top2.ts";
+import { tree } from "./tree.ts";
 
 export const OPS: Readonly<Record<string, Op>> = {
   activate,
@@ -37,14 +40,18 @@ export const OPS: Readonly<Record<string, Op>> = {
   log,
   matvec,
   multiply,
+  nearest,
   normalize,
   oneblob,
   reciprocal,
   reflect,
+  rows,
   scale,
   select,
   sh,
   slice,
   subtract,
   texture,
+  top2,
+  tree,
 };

@@ -4,6 +4,7 @@ import { valuesOf } from "../buffers.ts";
 import { type Language, literal } from "../language.ts";
 import { MAX_WIDTH, type Op, type Use } from "../op.ts";
 import type { Printer, Value } from "../printer.ts";
+import { printRoundedIndex, roundedIndex } from "./lookup.ts";
 
 /** Outputs, inputs and experts of a layer. */
 function sizes(use: Use): { outputs: number; inputs: number; experts: number } {
@@ -62,13 +63,12 @@ function printTable(
   index?: Value,
 ): void {
   const half = use.buffer.weights!.type === "float16" && use.buffer.bias!.type === "float16";
-  const table = printer.table(use, half, () => layerTexels(use));
+  const table = printer.table([use.buffer.weights!, use.buffer.bias!], half, () => layerTexels(use));
   const { experts } = sizes(use);
   const a = printer.indexable(given);
   const row = 1 + 4 * a.blocks;
   const [base, sum] = [printer.temporary(), printer.temporary()];
-  const expert =
-    index && `${language.type("int")}(clamp(floor(${index.at(0)} + 0.5), 0.0, ${literal(experts - 1)}))`;
+  const expert = index && printRoundedIndex(index, experts, language);
   printer.array(out);
   printer.emit(
     language.constant("int", base, `${table.first}${expert ? ` + ${expert} * ${out.blocks * row}` : ""}`),
@@ -108,7 +108,7 @@ export const linear: Op = {
   macs: (use) => sizes(use).outputs * sizes(use).inputs,
   evaluate(use, [a, index], width) {
     const { inputs, experts } = sizes(use);
-    const expert = index ? Math.min(Math.max(Math.floor(index[0]! + 0.5), 0), experts - 1) : 0;
+    const expert = index ? roundedIndex(index[0]!, experts) : 0;
     const weights = valuesOf(use.buffer.weights!).subarray(expert * width * inputs);
     const bias = valuesOf(use.buffer.bias!).subarray(expert * width);
     const out = new Float32Array(width);
