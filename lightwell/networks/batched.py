@@ -1,8 +1,8 @@
 """Many networks of one shape, trained at once: thousands of leaves or experts are one launch, never a Python loop.
 
 Notation: E networks, B rows of a batch per network, F features. Parameters are those of ``Mlp`` with one more axis in
-front: ``w0 [E, in, out], b0 [E, 1, out], …``. The networks share nothing but the launch: each has its own rows, batches,
-rate, gradient clipping and best weights, so that E of them end as E trained alone.
+front: ``w0 [E, in, out], b0 [E, 1, out], …``. The networks share nothing but the launch: each has its own rows,
+batches, rate, gradient clipping and best weights, so that E of them end as E trained alone.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int
         gradients = {name: dr.grad(value) for name, value in values.items()}
         values = {name: dr.detach(value) for name, value in values.items()}
         update, _ = OPTIMISERS[settings.optimiser]
-        values, moments = update(values, _shaped(settings, gradients, values), moments, rate)
+        values, moments = update(values, shaped(settings, gradients, values), moments, rate)
         return values, moments, dr.block_sum(dr.detach(part).array, batch * mlp.sizes[-1]) / (batch * mlp.sizes[-1])
 
     return dr.freeze(step)
@@ -245,7 +245,7 @@ def take_rows(table: Any, row: Any, shape: tuple[int, ...]) -> Any:
     return mi.TensorXf(dr.gather(mi.Float, table.array, source), (*shape, width))
 
 
-def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+def shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Gradients with weight decay added, each network's scaled down to the clipping norm and free of NaN."""
     if settings.decay:
         gradients = {k: g + settings.decay * values[k] if k.startswith("w") else g for k, g in gradients.items()}
@@ -255,9 +255,9 @@ def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[
     norm = dr.sqrt(sum(dr.block_sum(dr.square(g.array), sizes[name]) for name, g in gradients.items()))
     # A poisoned batch (NaN or infinite gradient) must not reach the weights.
     scale = dr.select(dr.isfinite(norm), dr.minimum(1.0, settings.clip / (norm + 1e-12)), 0.0)
-    shaped = {}
+    out = {}
     for name, g in gradients.items():
         at = dr.arange(mi.UInt32, dr.width(g.array)) // sizes[name]
         finite = dr.select(dr.isfinite(g.array), g.array, 0)
-        shaped[name] = mi.TensorXf(finite * dr.gather(mi.Float, scale, at), g.shape)
-    return shaped
+        out[name] = mi.TensorXf(finite * dr.gather(mi.Float, scale, at), g.shape)
+    return out

@@ -68,8 +68,10 @@ class Mlp:
         return parameters
 
     def __call__(self, parameters: Mapping[str, Any], x: Any) -> Any:
-        """[B, in] tensor → [B, out] tensor, differentiable; with one more axis E in front of ``x`` and of all parameters,
-        E networks at once."""
+        """[B, in] tensor → [B, out] tensor, differentiable.
+
+        With one more axis E in front of ``x`` and of all parameters: E networks at once.
+        """
         # The bias enters as a product, because the gradient of a product sums in a fixed order and that of a broadcast
         # does not: the same seed must give the same weights.
         ones = dr.full(mi.TensorXf, 1, (*x.shape[:-1], 1))

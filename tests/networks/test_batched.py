@@ -59,7 +59,7 @@ def test_a_network_without_rows_stays_as_it_is():
 
 def test_a_step_is_plain_gradient_descent():
     """Against NumPy with finite differences: w − μ ∂/∂w mean(loss)."""
-    x, y, w = (a[:16] for a in _rows())
+    x, y, _ = (a[:16] for a in _rows())
     settings = TrainingSettings(batch=16, optimiser="sgd", schedule="constant", rate=0.1, clip=0.0, loss="l2")
     trainer = _train((x, y, np.ones(16)), _runs([16]), [7], settings, steps=1)
     start = MLP.initial(7)

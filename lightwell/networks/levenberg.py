@@ -1,0 +1,172 @@
+"""Levenberg–Marquardt for small networks (Hagan & Menhaj 1994): the optimiser of radiance regression functions.
+
+With J = ∂f/∂w and the residual r = y − f over the whole set, one step solves
+
+    (JᵀJ + λ diag JᵀJ) δ = Jᵀ r,     w ← w + δ when that lowers ‖r‖²
+
+λ × 0.1 on success, λ × 10 and another try on failure. The products and the Cholesky factor are BLAS and LAPACK in
+float32; a factor that fails is tried once more in float64. Notation: E networks, P weights of each, C outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import lapack
+
+from lightwell.networks.batched import initial_batch
+from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.grouped import Runs
+from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
+
+# P² numbers and P³ operations per network and step: above this a gradient method is the better choice.
+MOST_WEIGHTS = 1000
+# Factors of λ, how many tries a step may take, and where λ starts and starts again from zero.
+SUCCESS, FAILURE, TRIES = 0.1, 10.0, 6
+INITIAL_DAMPING, LEAST_DAMPING = 1e-2, 1e-8
+# Rows whose Jacobian is in memory at a time.
+ROWS_AT_ONCE = 4096
+# Share of the largest diagonal element of JᵀJ that every weight is given, so that one without influence stays put.
+LEAST_DIAGONAL = 1e-9
+
+# Activation → (function, its derivative written in the function's value).
+_ACTIVATIONS = {
+    "identity": (lambda z: z, lambda a: np.ones_like(a)),
+    "tanh": (np.tanh, lambda a: 1 - a * a),
+    "sigmoid": (lambda z: 1 / (1 + np.exp(-z)), lambda a: a * (1 - a)),
+    "relu": (lambda z: np.maximum(z, 0), lambda a: (a > 0).astype(a.dtype)),
+    "exp": (lambda z: np.exp(np.clip(z, EXP_LOW, EXP_HIGH)), lambda a: a),
+}
+
+
+class LevenbergMarquardt:
+    """E networks of the shape ``mlp``, each with its own damping λ; those that no step improves are ``done``."""
+
+    def __init__(
+        self,
+        mlp: Mlp,
+        seeds: Sequence[int],
+        damping: float = INITIAL_DAMPING,
+        initial: Mapping[str, np.ndarray] | None = None,
+    ) -> None:
+        """initial: weights to start from, [E, …] arrays; damping: the first λ."""
+        weights = sum(a * b + b for a, b in zip(mlp.sizes, mlp.sizes[1:]))
+        if weights > MOST_WEIGHTS:
+            raise ValueError(f"levenberg: {weights} weights are too many; use 'adam' above {MOST_WEIGHTS}")
+        used = {mlp.output} | ({mlp.activation} if mlp.layers > 1 else set())
+        for name in used - set(_ACTIVATIONS):
+            raise ValueError(f"levenberg: no derivative of '{name}'; choose one of {', '.join(_ACTIVATIONS)}")
+        self.mlp = mlp
+        start = initial_batch(mlp, seeds) if initial is None else initial
+        self.parameters = {name: np.array(value, np.float32) for name, value in start.items()}
+        self.damping = np.full(len(seeds), damping)
+        self.done = np.zeros(len(seeds), bool)
+
+    def __len__(self) -> int:
+        return len(self.done)
+
+    def step(self, features: np.ndarray, target: np.ndarray, weight: np.ndarray, runs: Runs) -> np.ndarray:
+        """One step of every network on all of its rows; [E] mean weighted squared error after it.
+
+        features [N, F], target [N, C], weight [N], in the order of ``runs``.
+        """
+        error = np.full(len(self), np.nan)
+        for e in np.flatnonzero((runs.count > 0) & ~self.done):
+            rows = slice(runs.first[e], runs.first[e] + runs.count[e])
+            error[e] = self._step_one(e, features[rows], target[rows], weight[rows])
+        return error
+
+    def _step_one(self, e: int, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> float:
+        start = {name: value[e] for name, value in self.parameters.items()}
+        root = np.sqrt(np.maximum(w, 0)).astype(np.float32)
+        hessian, gradient, before = normal_equations(self.mlp, start, x, y, root)
+        for _ in range(TRIES):
+            step = damped_solution(hessian, gradient, self.damping[e])
+            if step is not None:
+                moved = _add(start, step)
+                after = float(np.mean((root[:, None] * (y - forward(self.mlp, moved, x)[-1])) ** 2))
+                if after < before:
+                    for name, value in moved.items():
+                        self.parameters[name][e] = value
+                    self.damping[e] *= SUCCESS
+                    return after
+            self.damping[e] = max(self.damping[e] * FAILURE, LEAST_DAMPING)
+        self.done[e] = True
+        return before
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def arrays(self) -> Arrays:
+        """Everything that a resumed training needs."""
+        return prefixed("value", self.parameters) | {"damping": self.damping, "done": self.done}
+
+    def restore(self, arrays: Arrays) -> None:
+        """Take up what ``arrays`` gave."""
+        self.parameters = {name: value.copy() for name, value in under("value", arrays).items()}
+        self.damping, self.done = arrays["damping"].copy(), arrays["done"].copy()
+
+
+def forward(mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray) -> list[np.ndarray]:
+    """Values of all layers of one network, input first: [n, width] each."""
+    values = [x]
+    for k in range(mlp.layers):
+        function, _ = _ACTIVATIONS[mlp.activation if k + 1 < mlp.layers else mlp.output]
+        with np.errstate(over="ignore"):
+            values.append(function(values[-1] @ weights[f"w{k}"] + weights[f"b{k}"]))
+    return values
+
+
+def jacobian(mlp: Mlp, weights: Mapping[str, np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+    """∂f/∂w [C, n, P] by backpropagation; P runs over w0, b0, w1, … row-major; values: those of ``forward``."""
+    count, outputs = values[-1].shape
+    _, derivative = _ACTIVATIONS[mlp.output]
+    # δ [C, n, width]: derivative of output c by the sums that enter layer k.
+    delta = np.zeros((outputs, count, outputs), np.float32)
+    for c in range(outputs):
+        delta[c, :, c] = derivative(values[-1])[:, c]
+    blocks: list[np.ndarray] = []
+    for k in reversed(range(mlp.layers)):
+        by_weight = values[k][None, :, :, None] * delta[:, :, None, :]
+        blocks[:0] = [by_weight.reshape(outputs, count, -1), delta]
+        if k:
+            _, derivative = _ACTIVATIONS[mlp.activation]
+            delta = (delta @ weights[f"w{k}"].T) * derivative(values[k])
+    return np.concatenate(blocks, axis=2)
+
+
+def normal_equations(
+    mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray, y: np.ndarray, root: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """(JᵀJ [P, P], Jᵀr [P], mean squared error); every row is scaled by root [n]."""
+    hessian, gradient, squares = 0.0, 0.0, 0.0
+    for begin in range(0, len(x), ROWS_AT_ONCE):
+        rows = slice(begin, begin + ROWS_AT_ONCE)
+        values = forward(mlp, weights, x[rows])
+        residual = (root[rows, None] * (y[rows] - values[-1])).astype(np.float32)
+        j = (jacobian(mlp, weights, values) * root[None, rows, None]).reshape(residual.size, -1)
+        hessian = hessian + j.T @ j
+        gradient = gradient + j.T @ residual.T.ravel()
+        squares += float(np.square(residual, dtype=np.float64).sum())
+    return hessian, gradient, squares / y.size
+
+
+def damped_solution(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray | None:
+    """δ [P] of (H + λ diag H) δ = g; None when H is not positive definite even in float64."""
+    diagonal = np.diag(hessian).astype(np.float64)
+    for kind, solve in ((np.float32, lapack.sposv), (np.float64, lapack.dposv)):
+        matrix = hessian.astype(kind)
+        np.fill_diagonal(matrix, diagonal * (1 + damping) + LEAST_DIAGONAL * max(float(diagonal.max()), 1e-30))
+        _, step, info = solve(matrix, gradient.astype(kind)[:, None], lower=1)
+        if info == 0 and np.isfinite(step).all():
+            return step[:, 0].astype(np.float32)
+    return None
+
+
+def _add(weights: Mapping[str, np.ndarray], step: np.ndarray) -> dict[str, np.ndarray]:
+    """Weights moved by δ [P], in the order of ``jacobian``."""
+    moved, begin = {}, 0
+    for name, value in weights.items():
+        moved[name] = value + step[begin : begin + value.size].reshape(value.shape)
+        begin += value.size
+    return moved

@@ -1,0 +1,216 @@
+"""Experts and a softmax gate that learn together: the two gaters that the 2013 report tried and gave up.
+
+p_j(x) = softmax_j of the gate's outputs z, l_j = loss of expert j on a sample. ``joint`` minimises the expected loss
+
+    L = Σ_j p_j l_j,     ∂L/∂θ_j = p_j ∂l_j/∂θ_j,     ∂L/∂z_j = p_j (l_j − L)
+
+``multinomial`` draws one expert k ~ p per sample, trains that one, and estimates the gate's gradient by the score
+function (Williams 1992): ∂L/∂z_j ≈ l_k ([j = k] − p_j). Both are written as one surrogate, linear in l and z, with
+coefficients that carry no gradient. Notation: M experts, B rows of a batch.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.networks.batched import initial_batch, shaped, take_rows
+from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.losses import LOSSES
+from lightwell.networks.mlp import Mlp
+from lightwell.networks.optimisers import OPTIMISERS
+from lightwell.networks.schedules import SCHEDULES
+from lightwell.networks.training import TrainingSettings
+
+Estimator = Literal["joint", "multinomial"]
+GATE, EXPERTS = "gate", "experts"
+
+
+@dataclass(frozen=True)
+class MixtureSet:
+    """N rows in random order on the device."""
+
+    features: Any
+    """[N, F] tensor, what the experts see."""
+    gate_features: Any
+    """[N, G] tensor, what the gate sees."""
+    target: Any
+    """[N, 3] tensor, unit S."""
+    weight: Any
+    """[N, 1] tensor, mean 1."""
+
+    @staticmethod
+    def from_numpy(*columns: np.ndarray) -> MixtureSet:
+        """Copy rows to the device, once; in the order of the fields."""
+        return MixtureSet(*(mi.TensorXf(np.ascontiguousarray(a.reshape(len(a), -1), np.float32)) for a in columns))
+
+    def __len__(self) -> int:
+        return self.features.shape[0]
+
+
+class MixtureTrainer:
+    """Trains M experts of the shape ``expert`` and a gate whose last layer is linear, one output per expert."""
+
+    def __init__(self, expert: Mlp, gate: Mlp, estimator: Estimator, settings: TrainingSettings, seed: int) -> None:
+        self.expert, self.gate, self.estimator, self.settings, self.seed = expert, gate, estimator, settings, seed
+        self.steps = 0
+        experts = gate.sizes[-1]
+        start = {
+            EXPERTS: initial_batch(expert, [seed + 1 + e for e in range(experts)], settings.initial_bias),
+            GATE: initial_batch(gate, [seed]),
+        }
+        self._values = {part: _upload(weights) for part, weights in start.items()}
+        self._moments = {part: tuple(_upload(_zeros(w)) for _ in range(2)) for part, w in start.items()}
+        # Sums of the gate's gradient and of its squared norm since the last ``gradient_variance``.
+        self._sums, self._squares, self._counted = _upload(_zeros(start[GATE])), mi.Float(0), 0
+
+    @property
+    def parameters(self) -> dict[str, dict[str, np.ndarray]]:
+        """Current weights of ``experts`` [M, …] and ``gate`` [1, …]."""
+        return {part: {name: np.array(v) for name, v in values.items()} for part, values in self._values.items()}
+
+    def step(self, data: MixtureSet, total: int) -> Any:
+        """One optimiser step of ``total``; returns the mean loss, left on the device."""
+        settings, rows = self.settings, len(data)
+        batch = min(settings.batch, rows)
+        epoch, position = divmod(self.steps, max(rows // batch, 1))
+        phase = np.random.default_rng((self.seed, epoch)).integers(rows)
+        rate = SCHEDULES[settings.schedule](
+            settings.rate, self.steps / max(total, 1), self.steps * batch / rows, settings.tau
+        )
+        self.steps += 1
+        rate = OPTIMISERS[settings.optimiser][1](rate, self.steps)
+        start = dr.opaque(mi.UInt32, int(phase + position * batch) % rows)
+        table = (data.features, data.gate_features, data.target, data.weight)
+        step = recorded_step(self.expert, self.gate, self.estimator, settings, batch, rows)
+        self._values, self._moments, self._sums, self._squares, loss = step(
+            self._values,
+            self._moments,
+            self._sums,
+            self._squares,
+            table,
+            start,
+            mi.TensorXf(np.full((1, 1, 1), rate, np.float32)),
+            dr.opaque(mi.UInt32, self.steps),
+        )
+        dr.eval(self._values, self._moments, self._sums, self._squares, loss)
+        self._counted += 1
+        return loss
+
+    def gradient_variance(self) -> float:
+        """E‖g‖² − ‖E g‖² of the gate's gradient over the steps since the last call, which starts a new window."""
+        if not self._counted:
+            return 0.0
+        mean = sum(float((np.array(s, np.float64) ** 2).sum()) for s in self._sums.values()) / self._counted**2
+        variance = max(float(self._squares[0]) / self._counted - mean, 0.0)
+        self._sums, self._squares, self._counted = _upload(_zeros(self.parameters[GATE])), mi.Float(0), 0
+        return variance
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def arrays(self) -> Arrays:
+        """Everything that a resumed training needs; taken at the start of a window of ``gradient_variance``."""
+        arrays: Arrays = {"steps": np.array(self.steps, np.int64)}
+        for part, values in self._values.items():
+            arrays |= prefixed(f"value.{part}", {name: np.array(v) for name, v in values.items()})
+            for name, moment in zip(("first", "second"), self._moments[part]):
+                arrays |= prefixed(f"{name}.{part}", {n: np.array(v) for n, v in moment.items()})
+        return arrays
+
+    def restore(self, arrays: Arrays) -> None:
+        """Take up what ``arrays`` gave; the shapes must be the same."""
+        for part, values in self._values.items():
+            found = under(f"value.{part}", arrays)
+            for name, value in values.items():
+                if name not in found or found[name].shape != value.shape:
+                    raise ValueError(f"checkpoint: '{part}.{name}' does not fit the networks; delete it")
+        self.steps = int(arrays["steps"])
+        for part in self._values:
+            self._values[part] = _upload(under(f"value.{part}", arrays))
+            self._moments[part] = tuple(_upload(under(f"{name}.{part}", arrays)) for name in ("first", "second"))
+
+
+def _zeros(weights: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.zeros_like(value) for name, value in weights.items()}
+
+
+def _upload(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    tensors = {name: mi.TensorXf(np.ascontiguousarray(value, np.float32)) for name, value in arrays.items()}
+    dr.eval(tensors)
+    return tensors
+
+
+@functools.lru_cache(maxsize=64)
+def recorded_step(
+    expert: Mlp, gate: Mlp, estimator: Estimator, settings: TrainingSettings, batch: int, rows: int
+) -> Callable[..., Any]:
+    """One step as a frozen function (see ``training.frozen_step``, why it is kept and what its key is)."""
+    experts, update = gate.sizes[-1], OPTIMISERS[settings.optimiser][0]
+
+    def step(values, moments, sums, squares, table, start, rate, stream):
+        features, gate_features, target, weight = table
+        own = _run(start, batch, rows)
+        # Every expert sees the batch.
+        each = _run(start, batch, rows, experts)
+        x, y = take_rows(features, each, (experts, batch)), take_rows(target, each, (experts, batch))
+        g, w = take_rows(gate_features, own, (1, batch)), take_rows(weight, own, (batch,)).array
+        values = {part: {name: mi.TensorXf(v) for name, v in v_.items()} for part, v_ in values.items()}
+        dr.enable_grad(values)
+        losses = LOSSES[settings.loss](expert(values[EXPERTS], x), y).array
+        z = gate(values[GATE], g).array
+        of_expert, of_gate, mean = coefficients(estimator, dr.detach(losses), dr.detach(z), batch, experts, stream)
+        # Sample b of expert e lies at (e B + b) 3 + c of the losses, at b M + e of the gate's outputs.
+        at = dr.arange(mi.UInt32, experts * batch * 3)
+        at_sample = (at // 3) % batch
+        weight_here = dr.gather(mi.Float, w, at_sample) / (3 * batch)
+        part = losses * dr.gather(mi.Float, of_expert, at_sample * experts + at // (3 * batch)) * weight_here
+        gate_at = dr.arange(mi.UInt32, experts * batch) // experts
+        dr.backward(dr.sum(part) + dr.sum(z * of_gate * dr.gather(mi.Float, w, gate_at) / batch))
+        gradients = {part: {name: dr.grad(v) for name, v in v_.items()} for part, v_ in values.items()}
+        values = {part: {name: dr.detach(v) for name, v in v_.items()} for part, v_ in values.items()}
+        sums = {name: s + gradients[GATE][name] for name, s in sums.items()}
+        squares = squares + sum(dr.sum(dr.square(g.array)) for g in gradients[GATE].values())
+        moved, after = {}, {}
+        for part in values:
+            gradient = shaped(settings, gradients[part], values[part])
+            moved[part], after[part] = update(values[part], gradient, moments[part], rate)
+        return moved, after, sums, squares, dr.sum(mean * w) / batch
+
+    return dr.freeze(step)
+
+
+def _run(start: Any, batch: int, rows: int, repeat: int = 1) -> Any:
+    """Row numbers of a batch, round the end, ``repeat`` times over."""
+    at = start + dr.arange(mi.UInt32, repeat * batch) % batch
+    return dr.select(at < rows, at, at - rows)
+
+
+def coefficients(
+    estimator: Estimator, losses: Any, z: Any, batch: int, experts: int, stream: Any
+) -> tuple[Any, Any, Any]:
+    """Factors of expert losses and of gate outputs in the surrogate, [B·M] each, and the expected loss [B].
+
+    losses [M·B·3], z [B·M], both without gradient; stream: number that picks the random draws.
+    """
+    at = dr.arange(mi.UInt32, batch * experts)
+    sample, expert = at // experts, at % experts
+    # Softmax, and the mean loss over channels, both at b M + j.
+    largest = dr.block_reduce(dr.ReduceOp.Max, z, experts)
+    e = dr.exp(z - dr.gather(mi.Float, largest, sample))
+    p = e / dr.gather(mi.Float, dr.block_sum(e, experts), sample)
+    l = dr.gather(mi.Float, dr.block_sum(losses, 3) / 3, expert * batch + sample)
+    mean = dr.block_sum(p * l, experts)
+    if estimator == "joint":
+        return p, p * (l - dr.gather(mi.Float, mean, sample)), mean
+    # One expert per sample: the one in whose part of [0, 1) the sample's random number falls.
+    below = dr.block_prefix_sum(p, experts, exclusive=True)
+    above = dr.select(expert + 1 < experts, dr.gather(mi.Float, below, dr.minimum(at + 1, batch * experts - 1)), 2)
+    u = mi.Float(mi.sample_tea_32(stream, sample)[0] >> 8) * 2**-24
+    chosen = dr.select((below <= u) & (u < above), mi.Float(1), 0)
+    drawn = dr.gather(mi.Float, dr.block_sum(chosen * l, experts), sample)
+    return chosen, drawn * (chosen - p), mean
