@@ -23,6 +23,7 @@ examples
   lightwell bake house.xml -o out --vary "sun.direction=arc(90,10,270,10)"
   lightwell view out                                 open the page
   lightwell compare out-a out-b                      two bakes side by side
+  lightwell compare --fields mlp,factored cornell -o fields    train fields on the same samples and compare them
 """
 
 
@@ -236,16 +237,75 @@ def _render(arguments) -> int:
 
 
 def _add_compare(verbs) -> None:
-    parser = _verb(verbs, "compare", _compare, "show the reports of several bakes side by side")
-    parser.add_argument("outs", metavar="OUT", nargs="+", help="folders written by bake")
-    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
+    parser = _verb(
+        verbs,
+        "compare",
+        _compare,
+        "train several fields on the same samples and compare them, or show the reports of several bakes",
+        "lightwell compare OUT OUT …                      reports of bakes side by side\n"
+        "lightwell compare --fields A,B,… SCENE -o OUT    train each field on the same samples and write\n"
+        "  OUT/compare.html   table, charts and pictures of all fields\n"
+        "  OUT/compare.json   the same as numbers\n"
+        "  OUT/FIELD/         scene.glb, page and report of each field, as bake writes them\n"
+        "Ctrl-C keeps what is done; --resume goes on.",
+    )
+    parser.add_argument("paths", metavar="OUT|SCENE", nargs="+", help="folders written by bake, or one scene")
+    parser.add_argument(
+        "--fields", metavar="FIELD[:PRESET],…", help="fields to train, for example mlp,mlp:report-20,factored"
+    )
+    parser.add_argument("-o", "--out", help="folder to write")
+    parser.add_argument(
+        "--budget",
+        metavar="TIME",
+        help="60s, 5m, 1h: half of it traces the samples, once, half trains each field (default: 2m)",
+    )
+    parser.add_argument("--vary", action="append", default=[], metavar="WHAT=RANGE", help="what may move, as in bake")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything (default: 0)")
+    parser.add_argument(
+        "--paths", type=int, default=16, help="light paths per training sample, even (default: %(default)s)"
+    )
+    parser.add_argument("--views", type=int, default=3, help="held-out views (default: %(default)s)")
+    parser.add_argument("--steps", type=int, help="training steps of every field, fixed, instead of a time")
+    parser.add_argument("--shards", type=int, help="shards of 65,536 samples, fixed, instead of a share of the budget")
+    parser.add_argument("--resume", action="store_true", help="go on with a comparison that was interrupted")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep samples and truth; --resume with other --fields then adds to them"
+    )
+    parser.add_argument("--json", action="store_true", help="print the rows or compare.json, no progress bars")
 
 
 def _compare(arguments) -> int:
+    if arguments.fields is not None:
+        return _compare_fields(arguments)
     from lightwell.bake.compare import comparison, table
 
-    rows = comparison([Path(out) for out in arguments.outs])
+    if arguments.out:
+        raise ValueError("compare: -o needs --fields; name the fields to train, for example --fields mlp,mlp:report-20")
+    rows = comparison([Path(out) for out in arguments.paths])
     print(json.dumps(rows, indent=1) if arguments.json else table(rows))
+    return 0
+
+
+def _compare_fields(arguments) -> int:
+    from lightwell.bake.compare_fields import compare_fields, table
+    from lightwell.bake.compare_settings import CompareSettings, parse_fields
+    from lightwell.bake.progress import Progress
+    from lightwell.bake.settings import Budget
+
+    if len(arguments.paths) != 1:
+        raise ValueError(f"compare: --fields wants one scene, not {len(arguments.paths)}; name it once")
+    if not arguments.out:
+        raise ValueError("compare: --fields wants a folder to write; name it with -o")
+    settings = CompareSettings(
+        scene=arguments.paths[0],
+        out=Path(arguments.out),
+        fields=parse_fields(arguments.fields),
+        budget=Budget.parse(arguments.budget) if arguments.budget else Budget(),
+        vary=tuple(arguments.vary),
+        **{k: getattr(arguments, k) for k in ("seed", "resume", "paths", "views", "steps", "shards", "keep")},
+    )
+    numbers = compare_fields(settings, Progress(quiet=arguments.json))
+    print(json.dumps(numbers, indent=1) if arguments.json else table(numbers["fields"]))
     return 0
 
 
@@ -295,7 +355,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return arguments.run(arguments)
     except KeyboardInterrupt:
-        resume = "; the checkpoint is kept, go on with --resume" if arguments.verb in ("bake", "demo") else ""
+        long = arguments.verb in ("bake", "demo") or getattr(arguments, "fields", None)
+        resume = "; the checkpoint is kept, go on with --resume" if long else ""
         print(f"lightwell: interrupted{resume}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:

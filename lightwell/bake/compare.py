@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +47,13 @@ def _row(out: Path) -> dict[str, Any]:
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows as aligned text."""
-    cells = [[heading for _, heading, _ in COLUMNS]]
+    return aligned(rows, COLUMNS)
+
+
+def aligned(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, str]]) -> str:
+    """Rows as text in columns of (key, heading, format); what a row lacks is a dash."""
+    cells = [[heading for _, heading, _ in columns]]
     for row in rows:
-        cells.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in COLUMNS])
-    widths = [max(len(line[k]) for line in cells) for k in range(len(COLUMNS))]
+        cells.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in columns])
+    widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
     return "\n".join("  ".join(text.rjust(width) for text, width in zip(line, widths)) for line in cells)

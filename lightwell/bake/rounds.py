@@ -12,21 +12,17 @@ from time import perf_counter
 from lightwell.bake.plan import FEWEST_SHARDS, Plan, load_plan, make_plan, save_plan
 from lightwell.bake.progress import Progress, Stage
 from lightwell.bake.settings import MOST_ROUNDS, BakeSettings
+from lightwell.bake.tracing import trace_shards, validation_samples
 from lightwell.bake.work import Work
 from lightwell.fields import FieldSetup, Fit, radiance_unit, starter
 from lightwell.networks.training import TrainingState
-from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import PathReport, Samples, draw_surface
+from lightwell.transport import PathReport, Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
-from lightwell.transport.collect import collect, join
-from lightwell.transport.shards import ShardSettings, generate, load_samples, make_shard
+from lightwell.transport.collect import join
+from lightwell.transport.shards import ShardSettings, make_shard
 
-# Stream of the validation set of early stopping; never shared with training or evaluation.
-VALIDATION_SEED = 0xA11D
-# The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
-VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 
@@ -160,32 +156,10 @@ class Rounds:
 
     def _generate(self, name: str, count: int, make: Callable, title: str) -> Samples:
         """Write the shards that are missing and read them all; the last shard's time is kept for the plan."""
-        folder = self.folder / name
-        last = perf_counter()
         with self.work.timed("trace"), self.progress.stage(title, count, "shards") as stage:
-
-            def ready(index: int, total: int) -> None:
-                nonlocal last
-                now = perf_counter()
-                self._seconds_per_shard, last = now - last, now
-                rate = self._shards.size * self._shards.paths / max(self._seconds_per_shard, 1e-9) / 1e6
-                stage.move_to(index, f"{rate:.2f} M paths/s")
-
-            shards = self._shards
-            report = generate(
-                self.scene,
-                self.variable,
-                None,
-                folder,
-                count,
-                shards.paths,
-                shards.seed,
-                ready,
-                settings=shards,
-                make=make,
-            )
-        self._traced[name] = report
-        return load_samples(folder, self.scene, shards=count)
+            traced = trace_shards(self.scene, self.variable, self._shards, self.folder / name, count, make, stage)
+        self._traced[name], self._seconds_per_shard = traced.report, traced.seconds_per_shard
+        return traced.samples
 
     def _uniform(self, count: int) -> Samples:
         make = partial(make_shard, own_light=self.role == "static")
@@ -197,21 +171,7 @@ class Rounds:
         return self._generate("adaptive", count, make, f"trace {self.role}, adaptive")
 
     def _validation(self) -> Samples:
-        seed = self.settings.seed + VALIDATION_SEED
-        draw = draw_surface(self.scene, VALIDATION_POINTS, seed, floor=8)
-        lights = sample_lights(self.scene, self.variable, VALIDATION_LIGHTS, seed).repeat(
-            VALIDATION_POINTS // VALIDATION_LIGHTS, axis=0
-        )
-        return collect(
-            self.scene,
-            self.variable,
-            draw.points,
-            lights,
-            VALIDATION_PATHS,
-            seed,
-            weight=draw.weight,
-            own_light=self.role == "static",
-        )
+        return validation_samples(self.scene, self.variable, self.settings.seed, own_light=self.role == "static")
 
     # ------------------------------------------------------------------ train
 

@@ -1,4 +1,4 @@
-"""The work folder of a bake: what a killed bake is resumed from. It lives inside the output folder."""
+"""The work folder of a bake or comparison: what a killed bake is resumed from. It lives inside the output folder."""
 
 from __future__ import annotations
 
@@ -11,20 +11,28 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
+from typing import Protocol
 
-from lightwell.bake.settings import BakeSettings
 from lightwell.scenes.scene import Scene
 
 FOLDER = ".lightwell"
 
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
-_FREE = ("out", "resume", "keep", "views", "view_size", "scene")
+_FREE = ("out", "resume", "keep", "views", "view_size", "scene", "fields")
+
+
+class Settings(Protocol):
+    """What the work folder needs of the dataclass that decides a job."""
+
+    out: Path
+    resume: bool
+    keep: bool
 
 
 class Work:
-    """Checkpoints, plans, samples and elapsed seconds of one bake."""
+    """Checkpoints, plans, samples and elapsed seconds of one bake or comparison."""
 
-    def __init__(self, settings: BakeSettings) -> None:
+    def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.folder = settings.out / FOLDER
         # Seconds by stage over all runs of this bake.
@@ -55,7 +63,7 @@ class Work:
     def part(self, name: str) -> Path:
         """A sub-folder."""
         folder = self.folder / name
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         return folder
 
     def close(self) -> None:
@@ -113,5 +121,5 @@ def write_json(path: Path, data: object) -> None:
     os.replace(temporary, path)
 
 
-def _plain(settings: BakeSettings) -> dict:
+def _plain(settings: Settings) -> dict:
     return json.loads(json.dumps(asdict(settings), default=str))

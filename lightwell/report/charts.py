@@ -1,13 +1,14 @@
 """Line and bar charts as inline SVG; the page's style sheet gives them their colours, light and dark.
 
-Every text is escaped. Class names: ``grid``, ``line line-0``, ``line-1`` …, ``bar``, ``mark``, ``label``.
+Every text is escaped. Class names: ``grid``, ``line line-0``, ``line-1`` …, ``tone-0`` … where a series names its own,
+``bar``, ``mark``, ``label``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 
 # Size and margins of a line chart, user units (CSS pixels at full size).
@@ -29,6 +30,12 @@ class Series:
     x: Sequence[float]
     y: Sequence[float]
     dashed: bool = False
+    tone: str = ""
+    """Class that colours it, such as ``tone-3`` or ``floor``; empty: by its place in the chart."""
+
+    def style(self, index: int) -> str:
+        """Class of its line and its key."""
+        return (self.tone or f"line-{index}") + (" dashed" if self.dashed else "")
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class _Scale:
+class Scale:
     """Values of an axis to user units."""
 
     low: float
@@ -63,18 +70,18 @@ def line_chart(series: Sequence[Series], x: Axis, y: Axis, title: str) -> str:
     ys = [v for s in series for v in s.y]
     if not xs:
         return ""
-    x_scale = _Scale(*_range(xs, x.log, tight=True), LEFT, WIDTH - RIGHT, x.log)
-    y_scale = _Scale(*_range(ys, y.log), HEIGHT - BOTTOM, TOP, y.log)
-    parts = [_horizontal_axis(x, x_scale), _vertical_axis(y, y_scale)]
+    x_scale = Scale(*ends(xs, x.log, tight=True), LEFT, WIDTH - RIGHT, x.log)
+    y_scale = Scale(*ends(ys, y.log), HEIGHT - BOTTOM, TOP, y.log)
+    parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
     parts += [_line(s, i, x_scale, y_scale) for i, s in enumerate(series)]
-    return _svg(WIDTH, HEIGHT, title, parts) + _legend(series)
+    return svg(WIDTH, HEIGHT, title, parts) + _legend(series)
 
 
 def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float], str], title: str) -> str:
     """An SVG of horizontal bars: (name, value, mark), with a thin mark on each bar (a noise floor)."""
     if not rows:
         return ""
-    scale = _Scale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
+    scale = Scale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
     parts = []
     for i, (name, value, mark) in enumerate(rows):
         middle = i * ROW + ROW / 2
@@ -87,15 +94,15 @@ def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float]
             f'<text class="label" x="{max(scale(value), scale(mark)) + 8:.1f}" y="{middle + 4:.1f}">'
             f"{escape(format(value))}</text>",
         ]
-    return _svg(WIDTH, len(rows) * ROW, title, parts)
+    return svg(WIDTH, len(rows) * ROW, title, parts)
 
 
 def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
     pairs = [(x, y) for x, y in zip(series.x, series.y) if (x > 0 or not log_x) and (y > 0 or not log_y)]
-    return Series(series.name, [x for x, _ in pairs], [y for _, y in pairs], series.dashed)
+    return replace(series, x=[x for x, _ in pairs], y=[y for _, y in pairs])
 
 
-def _range(values: Sequence[float], log: bool, tight: bool = False) -> tuple[float, float]:
+def ends(values: Sequence[float], log: bool, tight: bool = False) -> tuple[float, float]:
     """Ends of an axis: the data's own when ``tight``, else with room around it; linear axes start at 0."""
     low, high = min(values), max(values)
     if log:
@@ -122,7 +129,8 @@ def _round_step(step: float) -> float:
     return next(m * base for m in (1, 2, 5, 10) if m * base >= step * (1 - 1e-9))
 
 
-def _horizontal_axis(axis: Axis, scale: _Scale) -> str:
+def horizontal_axis(axis: Axis, scale: Scale) -> str:
+    """Line, ticks and title below a chart."""
     bottom = HEIGHT - BOTTOM
     parts = [f'<path class="axis" d="M{LEFT} {bottom}H{WIDTH - RIGHT}"/>']
     for value in ticks(scale.low, scale.high, axis.log):
@@ -133,7 +141,8 @@ def _horizontal_axis(axis: Axis, scale: _Scale) -> str:
     return "".join(parts)
 
 
-def _vertical_axis(axis: Axis, scale: _Scale) -> str:
+def vertical_axis(axis: Axis, scale: Scale) -> str:
+    """Grid, ticks and title of the values."""
     parts = []
     for value in ticks(scale.low, scale.high, axis.log):
         at = scale(value)
@@ -145,22 +154,22 @@ def _vertical_axis(axis: Axis, scale: _Scale) -> str:
     return "".join(parts)
 
 
-def _line(series: Series, index: int, x: _Scale, y: _Scale) -> str:
+def _line(series: Series, index: int, x: Scale, y: Scale) -> str:
     points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in zip(series.x, series.y))
-    dashed = " dashed" if series.dashed else ""
-    return f'<polyline class="line line-{index}{dashed}" points="{points}"/>'
+    return f'<polyline class="line {series.style(index)}" points="{points}"/>'
 
 
 def _legend(series: Sequence[Series]) -> str:
     if len(series) < 2:
         return ""
     keys = "".join(
-        f'<span><i class="key key-{i}{" dashed" if s.dashed else ""}"></i>{escape(s.name)}</span>'
+        f'<span><i class="key {s.style(i).replace("line-", "key-")}"></i>{escape(s.name)}</span>'
         for i, s in enumerate(series)
     )
     return f'<p class="keys">{keys}</p>'
 
 
-def _svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
+def svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
+    """An SVG element with a title for readers who cannot see it."""
     body = "".join(parts)
     return f'<svg viewBox="0 0 {width} {height}" role="img"><title>{escape(title)}</title>{body}</svg>'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -64,15 +64,22 @@ def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
         sections.warnings(numbers["warnings"]),
         _views(views),
         sections.curves(numbers),
+        sections.about_the_field(numbers),
         sections.tables(numbers),
         sections.terms(numbers),
         sections.provenance(numbers),
         f"<footer>Written by lightwell {escape(str(numbers['versions'].get('lightwell', '')))}. "
         "The same numbers are in report.json beside this file.</footer>",
     ]
+    return page(f"{numbers['scene']} · lightwell", parts)
+
+
+def page(title: str, parts: Sequence[str], style: str = "") -> str:
+    """A self-contained page of parts that are HTML already; ``style`` is CSS on top of the template's."""
     template = resources.files("lightwell.report").joinpath("template.html").read_text("utf-8")
     before, after = template.split("{{body}}")
-    return before.replace("{{title}}", escape(f"{numbers['scene']} · lightwell")) + "\n".join(parts) + after
+    before = before.replace("{{title}}", escape(title)).replace("/*style*/", style)
+    return before + "\n".join(parts) + after
 
 
 def _view(number: int, scores: Mapping[str, Any], view: ViewComparison, unit: float) -> str:

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 from lightwell.report import charts, figures
+from lightwell.report.facts import facts_html
 from lightwell.report.numbers import amount, brief, brief_duration, brief_percent, digits, duration, grouped, percent
 
 # Objects that the bar chart shows; the table below it has them all.
@@ -76,7 +77,7 @@ def headline(data: Mapping[str, Any]) -> str:
     cards += [
         ("Energy ratio", f"{data['energy_ratio']:.3f}", "Learned light over true light; 1 is none lost or invented."),
         ("Size", amount(data["bytes"], "B"), size),
-        ("Cost of a pixel", f"{amount(data['macs_per_pixel'])} MAC", "Multiply-adds of the network, once a pixel."),
+        ("Cost of a pixel", f"{amount(data['macs_per_pixel'])} MAC", _pixel(data["fetches_per_pixel"])),
         ("Time to bake", duration(seconds["total"]), time),
         ("Paths", amount(data["paths"]), rate),
     ]
@@ -85,6 +86,12 @@ def headline(data: Mapping[str, Any]) -> str:
         for name, value, why in cards
     )
     return f'<dl class="cards">{items}</dl>'
+
+
+def _pixel(fetches: int | None) -> str:
+    """What the multiply-adds of a pixel are, and the table entries beside them."""
+    beside = f", beside {grouped(fetches)} table entries read" if fetches else ""
+    return f"Multiply-adds of the network, once a pixel{beside}."
 
 
 def warnings(texts: Sequence[str]) -> str:
@@ -102,6 +109,7 @@ def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], 
     line = (
         f"Error {percent(scores['relative_error'])} (floor {percent(scores['noise_floor'])}), "
         f"PSNR {digits(scores['psnr_db'])} dB, SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
+        f"{seams(scores['border'])}"
     )
     return f"""<figure><h3>{name}</h3>
 <div class="panels">{_panels(pictures, scores["name"])}</div>
@@ -109,6 +117,14 @@ def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], 
 <div><p>Worst 16 × 16 tile, framed above: {percent(worst["relative_error"])}</p>
 <div class="panels small">{_panels(tile, "worst tile of " + scores["name"], sharp=True)}</div></div></div>
 <figcaption>{caption + ". " if caption else ""}{line}</figcaption></figure>"""
+
+
+def seams(border: Mapping[str, float] | None) -> str:
+    """The error beside borders between regions, as a sentence."""
+    if not border:
+        return ""
+    ratio = border["border"] / border["interior"]
+    return f" Within 3 pixels of a border between regions the error is {ratio:.2f} × that of the interior."
 
 
 def _panels(pictures: Mapping[str, bytes], name: str, sharp: bool = False) -> str:
@@ -153,6 +169,12 @@ def curves(data: Mapping[str, Any]) -> str:
         caption = "Error by object, worst first; the thin mark is the noise floor."
         parts.append(_chart(charts.bar_chart(bars, percent, "Error by object"), caption))
     return f'<h2>Where the error is</h2><div class="charts">{"".join(parts)}</div>' if parts else ""
+
+
+def about_the_field(data: Mapping[str, Any]) -> str:
+    """What the representation tells of itself."""
+    told = facts_html(data["facts"])
+    return f"<h2>What the field tells of itself</h2>{told}" if told else ""
 
 
 def _chart(svg: str, caption: str) -> str:
@@ -233,9 +255,9 @@ def tables(data: Mapping[str, Any]) -> str:
     return f"<h2>The numbers</h2>{by_view}{by_object}"
 
 
-def terms(data: Mapping[str, Any]) -> str:
-    """What every metric means."""
-    items = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in TERMS)
+def terms(data: Mapping[str, Any], more: Sequence[tuple[str, str]] = ()) -> str:
+    """What every metric means; ``more`` are terms of a page's own."""
+    items = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in (*TERMS, *more))
     tone = f"<dt>Displayed</dt><dd>{escape(data['tone_mapping'])}. Here S is {digits(data['unit'])}.</dd>"
     return f'<h2>How to read this</h2><dl class="terms">{items}{tone}</dl>'
 

@@ -1,0 +1,126 @@
+"""What a field tells of itself (``Fit.facts``): plain values as a table, number lists as small charts.
+
+Understood forms, by the type of a value:
+
+    number, text, truth value          a row of the table
+    [number, …]                        a curve
+    [[number, …], …]                   one curve per column (the share of every expert over time)
+    {name: [number, …], …}             one curve per name; a name of ``ABSCISSAE`` (``step`` …) is the x axis
+    {name: number, …}                  bars (a histogram)
+    {name: anything, …}                its entries, under its name
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from numbers import Real
+from typing import Any
+
+from lightwell.report import charts
+from lightwell.report.numbers import brief, digits
+
+# Names whose list is the horizontal axis of the curves beside it.
+ABSCISSAE = ("step", "steps", "seconds", "epoch", "epochs", "round", "rounds")
+# Tones of the curves repeat after this many; bars and curves beyond MOST are left out, and said to be.
+TONES, MOST = 12, 24
+
+
+def facts_html(facts: Mapping[str, Any]) -> str:
+    """Charts and a table; nothing for no facts."""
+    rows, figures = _parts(facts)
+    table = ""
+    if rows:
+        cells = "".join(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>" for name, text in rows)
+        table = f'<div class="scroll"><table class="text"><tbody>{cells}</tbody></table></div>'
+    drawn = f'<div class="charts small">{"".join(figures)}</div>' if figures else ""
+    return drawn + table
+
+
+def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, str]], list[str]]:
+    """Rows of the table and figures of the charts."""
+    rows: list[tuple[str, str]] = []
+    figures: list[str] = []
+    shared = next(((key, facts[key]) for key in ABSCISSAE if _numbers(facts.get(key))), None)
+    for key, value in facts.items():
+        name = _words(prefix + key)
+        if shared and key == shared[0]:
+            continue
+        if _numbers(value) or _table(value):
+            figures.append(_curves(name, value if _table(value) else [[v] for v in value], shared))
+        elif isinstance(value, Mapping) and value and all(_number(v) for v in value.values()):
+            figures.append(_bars(name, value))
+        elif isinstance(value, Mapping) and _same_lengths(value):
+            figures.append(_named_curves(name, value))
+        elif isinstance(value, Mapping):
+            more_rows, more_figures = _parts(value, f"{prefix}{key}, ")
+            rows, figures = rows + more_rows, figures + more_figures
+        else:
+            rows.append((name, _text(value)))
+    return rows, figures
+
+
+def _curves(name: str, table: Sequence[Sequence[float]], shared: tuple[str, Sequence[float]] | None) -> str:
+    """One line per column of [time][column]."""
+    x = shared[1] if shared and len(shared[1]) == len(table) else range(1, len(table) + 1)
+    columns = list(zip(*table))[:MOST]
+    names = [name] if len(columns) == 1 else [f"{k}" for k in range(len(columns))]
+    label = shared[0] if shared and len(shared[1]) == len(table) else "in order"
+    return _chart(name, dict(zip(names, columns)), x, label)
+
+
+def _named_curves(name: str, lists: Mapping[str, Sequence[float]]) -> str:
+    axis = next((key for key in ABSCISSAE if key in lists), None)
+    lines = {key: values for key, values in lists.items() if key != axis}
+    x = lists[axis] if axis else range(1, len(next(iter(lists.values()))) + 1)
+    return _chart(name, dict(list(lines.items())[:MOST]), x, axis or "in order")
+
+
+def _chart(name: str, lines: Mapping[str, Sequence[float]], x: Sequence[float], label: str) -> str:
+    series = [
+        charts.Series(_words(key), list(x), list(values), tone=f"tone-{k % TONES}")
+        for k, (key, values) in enumerate(lines.items())
+    ]
+    svg = charts.line_chart(series, charts.Axis(_words(label), brief), charts.Axis("", brief), name)
+    return f"<figure>{svg}<figcaption>{escape(name)}</figcaption></figure>"
+
+
+def _bars(name: str, values: Mapping[str, float]) -> str:
+    rows = [(_words(key), float(value), 0.0) for key, value in list(values.items())[:MOST]]
+    left_out = f" ({len(values) - MOST} more)" if len(values) > MOST else ""
+    svg = charts.bar_chart(rows, lambda value: digits(value) if value % 1 else f"{int(value)}", name)
+    return f"<figure>{svg}<figcaption>{escape(name)}{left_out}</figcaption></figure>"
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _numbers(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str) and len(value) > 1 and all(map(_number, value))
+
+
+def _table(value: Any) -> bool:
+    """Whether the value is [time][column] with at least two times."""
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) < 2:
+        return False
+    rows = [row for row in value if isinstance(row, Sequence) and not isinstance(row, str) and row]
+    return len(rows) == len(value) and len({len(row) for row in rows}) == 1 and all(_number(v) for r in rows for v in r)
+
+
+def _same_lengths(value: Mapping[str, Any]) -> bool:
+    return bool(value) and all(map(_numbers, value.values())) and len({len(v) for v in value.values()}) == 1
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if _number(value):
+        return digits(float(value)) if value % 1 else f"{int(value)}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(_text(v) for v in value) or "–"
+    return "–" if value is None else str(value)

@@ -1,0 +1,118 @@
+"""A chart of labelled points, such as error over size, with the best ones joined and a floor drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+from lightwell.report.charts import (
+    BOTTOM,
+    HEIGHT,
+    LEFT,
+    RIGHT,
+    TOP,
+    WIDTH,
+    Axis,
+    Scale,
+    ends,
+    horizontal_axis,
+    svg,
+    vertical_axis,
+)
+
+# Half the size of a marker, and a rough width of a character of a label, user units.
+RADIUS, CHARACTER = 4.5, 6.3
+# Places of a label around its point, best first: offset of its anchor, and which end of the text is there.
+PLACES = ((9, 4, "start"), (-9, 4, "end"), (0, -9, "middle"), (0, 18, "middle"), (9, -9, "start"), (9, 17, "start"))
+MARKERS = ("circle", "square", "diamond", "triangle")
+
+
+@dataclass(frozen=True)
+class Point:
+    """One labelled point."""
+
+    name: str
+    x: float
+    y: float
+    tone: str
+    """Class that colours it."""
+    marker: str = "circle"
+
+
+def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: float | None = None) -> str:
+    """An SVG of the points that the axes can show; the front of those that nothing beats in both is a thin line."""
+    points = [p for p in points if (p.x > 0 or not x.log) and (p.y > 0 or not y.log)]
+    if not points:
+        return ""
+    low, high = ends([p.x for p in points], x.log)
+    if x.log:  # room for labels on both sides
+        low, high = low / 1.6, high * 1.9
+    heights = [p.y for p in points] + ([floor] if floor else [])
+    x_scale = Scale(low, high, LEFT, WIDTH - RIGHT, x.log)
+    y_scale = Scale(*ends(heights, y.log), HEIGHT - BOTTOM, TOP, y.log)
+    parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
+    if floor:
+        at = y_scale(floor)
+        parts.append(f'<path class="line floor dashed" d="M{LEFT} {at:.1f}H{WIDTH - RIGHT}"/>')
+        parts.append(f'<text class="tick" x="{WIDTH - RIGHT}" y="{at - 6:.1f}" text-anchor="end">noise floor</text>')
+    parts.append(_front(points, x_scale, y_scale))
+    placed = [(p, x_scale(p.x), y_scale(p.y)) for p in points]
+    parts += [_marker(p, px, py) for p, px, py in placed]
+    parts += _labels(placed)
+    return svg(WIDTH, HEIGHT, title, parts)
+
+
+def _front(points: Sequence[Point], x: Scale, y: Scale) -> str:
+    """A staircase through the points than which none is smaller in both directions."""
+    best, corners = float("inf"), []
+    for point in sorted(points, key=lambda p: (p.x, p.y)):
+        if point.y < best:
+            if corners:
+                corners.append((x(point.x), y(best)))
+            corners.append((x(point.x), y(point.y)))
+            best = point.y
+    line = " ".join(f"{a:.1f},{b:.1f}" for a, b in corners)
+    return f'<polyline class="front" points="{line}"/>'
+
+
+def _marker(point: Point, x: float, y: float) -> str:
+    r = RADIUS
+    shapes = {
+        "circle": f"M{x - r:.1f} {y:.1f}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z",
+        "square": f"M{x - r:.1f} {y - r:.1f}h{2 * r}v{2 * r}h{-2 * r}z",
+        "diamond": f"M{x:.1f} {y - 1.3 * r:.1f}l{1.3 * r} {1.3 * r}l{-1.3 * r} {1.3 * r}l{-1.3 * r} {-1.3 * r}z",
+        "triangle": f"M{x:.1f} {y - 1.2 * r:.1f}l{1.2 * r} {2.1 * r}h{-2.4 * r}z",
+    }
+    return f'<path class="dot {point.tone}" d="{shapes[point.marker]}"><title>{escape(point.name)}</title></path>'
+
+
+def _labels(placed: Sequence[tuple[Point, float, float]]) -> list[str]:
+    """A label beside every point, where it covers neither another point nor an earlier label."""
+    taken = [(x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS) for _, x, y in placed]
+    texts = []
+    for point, x, y in placed:
+        boxes = [_box(point.name, x, y, *place) for place in PLACES]
+        clear = [k for k, box in enumerate(boxes) if _inside(box) and not any(_overlap(box, other) for other in taken)]
+        k = clear[0] if clear else 0
+        taken.append(boxes[k])
+        dx, dy, anchor = PLACES[k]
+        texts.append(
+            f'<text class="label small" x="{x + dx:.1f}" y="{y + dy:.1f}" text-anchor="{anchor}">'
+            f"{escape(point.name)}</text>"
+        )
+    return texts
+
+
+def _box(text: str, x: float, y: float, dx: float, dy: float, anchor: str) -> tuple[float, float, float, float]:
+    width = CHARACTER * len(text)
+    left = x + dx - {"start": 0.0, "middle": width / 2, "end": width}[anchor]
+    return left, y + dy - 10, left + width, y + dy + 3
+
+
+def _inside(box: tuple[float, float, float, float]) -> bool:
+    return box[0] >= LEFT and box[2] <= WIDTH and box[1] >= TOP - 12 and box[3] <= HEIGHT - BOTTOM
+
+
+def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
