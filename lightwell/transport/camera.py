@@ -19,6 +19,7 @@ from lightwell.transport.radiance import (
     RR_DEPTH,
     PathReport,
     direct,
+    independent,
     indirect,
     random_streams,
     static,
@@ -162,9 +163,9 @@ def total_image(
         ray = camera_rays(camera, width, height, pixel, mi.Point2f(rng.next_float32(), rng.next_float32()))
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
-        L += tint * trace(scene.mi, si, declared(variable, source), rng, *settings[1:], True)
+        L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *settings[1:], True)
         if with_static:
-            L += trace(scene.mi, si, Emitters(), rng, *settings[1:], True)
+            L += trace(scene.mi, si, Emitters(), rng, independent(rng), *settings[1:], True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         dr.eval(L)
         total[start : start + count] += _rows(dr.block_sum(L, block))

@@ -24,6 +24,11 @@ class Point:
 
     position: mi.Point3f
     hits = False  # a ray cannot find it
+    emits = True  # it can send a ray
+
+    def emit(self, u) -> mi.Ray3f:
+        """A ray in a direction that is uniform on the sphere."""
+        return mi.Ray3f(self.position, mi.warp.square_to_uniform_sphere(u))
 
     def sample(self, scene, si, u, active):
         """Toward the light: irradiance at normal incidence is 1 / distance²."""
@@ -39,6 +44,7 @@ class Sun:
 
     direction: mi.Vector3f
     hits = False
+    emits = False
 
     def sample(self, scene, si, u, active):
         """Toward the sun: irradiance at normal incidence is 1."""
@@ -52,6 +58,7 @@ class Sphere:
     position: mi.Point3f
     radius: mi.Float
     hits = True
+    emits = False
 
     def _solid_angle(self, p) -> tuple[mi.Float, mi.Bool]:
         """1 - cos of the half angle that the sphere fills at p, and whether p is outside of it."""
@@ -97,6 +104,7 @@ class Emitters:
     """The emitters that stand in the Mitsuba scene: area lights, environment, punctual lights."""
 
     hits = True
+    emits = False
 
     def sample(self, scene, si, u, active):
         """Mitsuba's own emitter sampling, the shadow test left to the caller."""

@@ -9,6 +9,7 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.scenes.variables import PointLight, Sun
+from lightwell.transport import radiance
 from lightwell.transport.interactions import interaction
 from lightwell.transport.radiance import direct, indirect, static
 from lightwell.transport.surface import sample_surface
@@ -48,6 +49,35 @@ def test_point_light(name, request, roaming):
         estimate(scene, points, LIGHT, roaming) - reference(scene, points, {"light": point_light(LIGHT)})
     )
     assert passed, text
+
+
+@pytest.mark.parametrize("connections", [0, 1, 2])
+def test_every_number_of_light_rays_has_the_same_mean(cornell, roaming, connections):
+    points = sample_surface(cornell, POINTS, 11, floor=4)
+    few = ours(cornell, points, LIGHT, roaming, PATHS, 7, max_depth=DEPTH, connections=connections)
+    passed, text = z_test(few - estimate(cornell, points, LIGHT, roaming, seed=8))
+    assert passed, text
+
+
+def test_light_rays_find_the_spot_that_a_light_near_a_wall_makes(cornell, roaming):
+    points = sample_surface(cornell, 512, 13)
+    near_a_wall = (-0.85, 1.0, 0.0)
+    variance = []
+    for connections in (0, radiance.CONNECTIONS):
+        a, b = indirect(cornell, points, near_a_wall, roaming, 64, 9, connections=connections)
+        variance.append(np.mean(np.square(a - b)))
+    # A factor of 3.5 was measured.
+    assert variance[1] < variance[0] / 2
+
+
+def test_more_paths_shrink_the_noise_of_stratified_paths(cornell, roaming):
+    # A lattice whose axes depend on each other stops converging: its noise would stay the same.
+    points = sample_surface(cornell, 256, 14)
+    noise = []
+    for paths in (64, 4096):
+        a, b = indirect(cornell, points, LIGHT, roaming, paths, 3)
+        noise.append(np.mean(np.square(a - b)))
+    assert noise[1] < 1.5 * noise[0] * 64 / 4096
 
 
 @pytest.mark.parametrize("name", ["cornell", "glossy", "principled"])
