@@ -155,7 +155,9 @@ def vertical_axis(axis: Axis, scale: Scale) -> str:
 
 
 def _line(series: Series, index: int, x: Scale, y: Scale) -> str:
-    points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in zip(series.x, series.y))
+    # A lone point is written twice: a line of no length with round ends is a dot.
+    places = list(zip(series.x, series.y)) * (2 if len(series.x) == 1 else 1)
+    points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in places)
     return f'<polyline class="line {series.style(index)}" points="{points}"/>'
 
 

@@ -36,7 +36,7 @@ def comparison_html(numbers: Mapping[str, Any], fields: Sequence[ComparedField])
     limits = [*numbers["warnings"], *(f"{name} failed: {reason}" for name, reason in numbers["failed"].items())]
     parts = [
         sections.masthead(numbers),
-        warnings(limits),
+        warnings(limits, "Limits of this comparison"),
         sections.fields_table(numbers),
         sections.cost_charts(numbers),
         sections.contact_sheet(numbers),

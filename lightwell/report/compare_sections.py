@@ -9,7 +9,17 @@ from typing import Any
 from lightwell.report import charts, sections
 from lightwell.report.charts import Axis, Series
 from lightwell.report.facts import TONES, facts_html
-from lightwell.report.numbers import amount, brief, brief_duration, brief_percent, digits, duration, grouped, percent
+from lightwell.report.numbers import (
+    amount,
+    brief,
+    brief_amount,
+    brief_duration,
+    brief_percent,
+    digits,
+    duration,
+    grouped,
+    percent,
+)
 from lightwell.report.scatter import MARKERS, Point, scatter_chart
 
 # An object whose error is above this many times the scene's mean stands out; so does a seam above this ratio.
@@ -22,8 +32,8 @@ Numbers = Mapping[str, Any]
 # Heading; key; how it is written; whether small (-1) or large (1) is best, 0: neither.
 COLUMNS = (
     ("Error", "relative_error", percent, -1),
-    ("median", "relative_error_median", percent, -1),
-    ("p95", "relative_error_p95", percent, -1),
+    ("Median", "relative_error_median", percent, -1),
+    ("95\u202f% below", "relative_error_p95", percent, -1),
     ("Noise floor", "noise_floor", percent, 0),
     ("PSNR, dB", "psnr_db", digits, 1),
     ("SSIM", "ssim", lambda v: f"{v:.4f}", 1),
@@ -64,8 +74,8 @@ def masthead(numbers: Numbers) -> str:
 ({duration(numbers["trace_seconds"])} of tracing), trained for {time} each · seed {numbers["seed"]}</p>
 <div class="hero"><div class="number">{percent(best["relative_error"])}</div>
 <p>is the smallest error, that of <strong>{escape(best["name"])}</strong>, over {grouped(numbers["points"])} surface
-points under lights that training never saw. The truth itself is known to {percent(numbers["noise_floor"])}; no field
-can score below that.</p></div></header>"""
+points under lights that training never saw. The truth itself is known to {percent(numbers["noise_floor"])}; errors near
+that cannot be told from it.</p></div></header>"""
 
 
 def fields_table(numbers: Numbers) -> str:
@@ -95,20 +105,24 @@ def fields_table(numbers: Numbers) -> str:
 
 
 def cost_charts(numbers: Numbers) -> str:
-    """Error over bytes, multiply-adds and training time."""
+    """Error over bytes, multiply-adds, training time and the light's place."""
     parts = [
-        _scatter(numbers, "bytes", Axis("bytes as stored", lambda v: amount(v, "B"), log=True), "Error over size."),
+        _scatter(
+            numbers, "bytes", Axis("bytes as stored", lambda v: brief_amount(v, "B"), log=True), "Error over size."
+        ),
         _scatter(
             numbers,
             "macs_per_pixel",
-            Axis("multiply-adds per pixel", amount, log=True),
+            Axis("multiply-adds per pixel", brief_amount, log=True),
             "Error over multiply-adds. A field without any is not shown; table entries read are in the table above.",
         ),
         _training(numbers),
+        _sweep(numbers),
     ]
     about = "Down and to the left is better; the thin line joins the fields that no other beats in both."
     figures = "".join(part for part in parts if part)
-    return f'<h2>What an error costs</h2><p class="soft">{about}</p><div class="charts trio">{figures}</div>'
+    heading = f'<h2>Error over size, work, time and light</h2><p class="soft">{about}</p>'
+    return f'{heading}<div class="charts trio">{figures}</div>'
 
 
 def _scatter(numbers: Numbers, key: str, x: Axis, caption: str) -> str:
@@ -139,6 +153,20 @@ def _training(numbers: Numbers) -> str:
     y = Axis("validation error", brief_percent, log=True)
     svg = charts.line_chart([*lines, floor], x, y, "Error over training time")
     caption = "Error on validation samples while training; their noise is larger than that of the held-out points."
+    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
+
+
+def _sweep(numbers: Numbers) -> str:
+    lines = []
+    for k, field in enumerate(numbers["fields"]):
+        at, errors = ([point[key] for point in field["sweep"]] for key in ("at", "relative_error"))
+        lines.append(Series(field["name"], at, errors, tone=_tone(k)))
+    first = numbers["fields"][0]["sweep"]
+    at, floors = ([point[key] for point in first] for key in ("at", "noise_floor"))
+    lines.append(Series("noise floor", at, floors, dashed=True, tone="floor"))
+    x, y = Axis("position along the sweep", brief), Axis("relative error", brief_percent, log=True)
+    svg = charts.line_chart(lines, x, y, "Error along the light's path")
+    caption = "Error at held-out places of the light, each next to the last; peaks are places near a surface."
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
 
 
@@ -204,7 +232,7 @@ def _view_panels(index: int, field: Numbers, number: int) -> str:
     if field["segments"] is None:
         regions = '<div class="panel"><div class="none">one network, no segments</div><span>segments</span></div>'
     else:
-        regions = _picture(f"regions-{view}", f"segments, {name}", "segments, blends hatched")
+        regions = _picture(f"regions-{view}", f"segments, {name}", "segments")
     pictures = (
         _picture(f"prediction-{view}", f"learned, {name}", "learned")
         + _picture(f"reference-{number}", f"path-traced, {name}", "path-traced")
@@ -223,22 +251,8 @@ def _view_panels(index: int, field: Numbers, number: int) -> str:
 
 
 def where(numbers: Numbers) -> str:
-    """Errors along the sweep of the light, by object, and beside borders."""
-    return f"<h2>Where the error is</h2>{_sweep(numbers)}{_borders(numbers)}{_objects(numbers)}"
-
-
-def _sweep(numbers: Numbers) -> str:
-    lines = []
-    for k, field in enumerate(numbers["fields"]):
-        at, errors = ([point[key] for point in field["sweep"]] for key in ("at", "relative_error"))
-        lines.append(Series(field["name"], at, errors, tone=_tone(k)))
-    first = numbers["fields"][0]["sweep"]
-    at, floors = ([point[key] for point in first] for key in ("at", "noise_floor"))
-    lines.append(Series("noise floor", at, floors, dashed=True, tone="floor"))
-    x, y = Axis("position along the sweep", brief), Axis("relative error", brief_percent, log=True)
-    svg = charts.line_chart(lines, x, y, "Error along the light's path")
-    caption = "Error at held-out places of the light, each next to the last; peaks are places near a surface."
-    return f'<figure class="half">{svg}<figcaption>{caption}</figcaption></figure>'
+    """Errors beside borders and by object."""
+    return f"<h2>Where the error is</h2>{_borders(numbers)}{_objects(numbers)}"
 
 
 def _borders(numbers: Numbers) -> str:
@@ -289,7 +303,7 @@ def _objects(numbers: Numbers) -> str:
 def _heat(error: float, mean: float) -> str:
     ratio = error / max(mean, 1e-9)
     kind = "n heat high" if ratio > HIGH_OBJECT else "n heat"
-    return f'<td class="{kind}" style="--heat: {min(12 * ratio, 60):.0f}">{percent(error)}</td>'
+    return f'<td class="{kind}" style="--heat: {min(max(25 * (ratio - 0.5), 0), 65):.0f}">{percent(error)}</td>'
 
 
 def _heads(texts: Sequence[str]) -> str:

@@ -54,6 +54,12 @@ def amount(value: float | None, unit: str = "") -> str:
     )
 
 
+def brief_amount(value: float, unit: str = "") -> str:
+    """A round count or size as a tick says it: '30 kB', '1 M', '300'."""
+    size, prefix = next(((s, p) for s, p in PREFIXES if value >= s), (1.0, ""))
+    return f"{brief(round(value / size, 9))}\u202f{prefix}{unit}".rstrip("\u202f")
+
+
 def duration(seconds: float | None) -> str:
     """Seconds as '2 h 03 min', '4 min 10 s', '12.5 s' or '320 ms'."""
     if seconds is None:

@@ -24,7 +24,7 @@ from lightwell.report.charts import (
 # Half the size of a marker, and a rough width of a character of a label, user units.
 RADIUS, CHARACTER = 4.5, 6.3
 # Places of a label around its point, best first: offset of its anchor, and which end of the text is there.
-PLACES = ((9, 4, "start"), (-9, 4, "end"), (0, -9, "middle"), (0, 18, "middle"), (9, -9, "start"), (9, 17, "start"))
+PLACES = ((9, -7, "start"), (9, 4, "start"), (0, -10, "middle"), (0, 18, "middle"), (-9, -7, "end"), (-9, 16, "end"))
 MARKERS = ("circle", "square", "diamond", "triangle")
 
 

@@ -94,12 +94,12 @@ def _pixel(fetches: int | None) -> str:
     return f"Multiply-adds of the network, once a pixel{beside}."
 
 
-def warnings(texts: Sequence[str]) -> str:
-    """What the bake could not do, if anything."""
+def warnings(texts: Sequence[str], title: str = "Limits of this bake") -> str:
+    """What could not be done, if anything."""
     if not texts:
         return ""
     items = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    return f'<div class="warnings"><strong>Limits of this bake</strong><ul>{items}</ul></div>'
+    return f'<div class="warnings"><strong>{title}</strong><ul>{items}</ul></div>'
 
 
 def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], tile: Mapping[str, bytes]) -> str:
