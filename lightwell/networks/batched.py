@@ -16,6 +16,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.grouped import Runs
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
@@ -48,7 +49,6 @@ class BatchedSet:
         """Copy rows that ``sort_into_runs`` has ordered to the device, once."""
         mean = np.nan_to_num(runs.mean(weight), nan=1.0)
         scaled = weight / np.maximum(mean, 1e-30)[runs.group]
-        tensor = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
         return BatchedSet(tensor(features), tensor(target), tensor(scaled[:, None]), runs)
 
 
@@ -106,7 +106,7 @@ class BatchedTrainer:
 
     def _upload(self, arrays: Mapping[str, np.ndarray], begin: int) -> dict[str, Any]:
         """The networks of one launch as tensors, padded with zeros."""
-        return {name: mi.TensorXf(self._slice(value, begin)) for name, value in arrays.items()}
+        return tensors({name: self._slice(value, begin) for name, value in arrays.items()})
 
     def _slice(self, values: np.ndarray, begin: int) -> np.ndarray:
         part = values[begin : begin + self._size]
@@ -147,11 +147,9 @@ class BatchedTrainer:
         step = recorded_step(self.mlp, self.settings, self._size, data.features.shape[0])
         losses = []
         for k, begin in enumerate(self._begins):
-            numbers = (mi.UInt32(self._slice(a, begin).astype(np.uint32)) for a in (data.runs.first, count, starts))
-            rate = mi.TensorXf(self._slice(rates, begin).astype(np.float32), (self._size, 1, 1))
-            self._values[k], self._moments[k], loss = step(
-                self._values[k], self._moments[k], table, tuple(numbers), rate
-            )
+            runs = tuple(integers(self._slice(a, begin)) for a in (data.runs.first, count, starts))
+            rate = tensor(self._slice(rates, begin)[:, None, None])
+            self._values[k], self._moments[k], loss = step(self._values[k], self._moments[k], table, runs, rate)
             dr.eval(self._values[k], self._moments[k], loss)
             losses.append(loss)
         self.steps += 1
@@ -163,12 +161,7 @@ class BatchedTrainer:
 
     def look(self, error: np.ndarray) -> np.ndarray:
         """Keep the weights of the networks whose error [E] is the least yet; returns which they are."""
-        better = np.asarray(error) < self.best_error
-        if better.any():
-            for name, value in self.parameters.items():
-                self.best[name][better] = value[better]
-            self.best_error[better] = np.asarray(error)[better]
-        return better
+        return keep_better(self.best, self.best_error, self.parameters, error)
 
     # ------------------------------------------------------------------ checkpoints
 
@@ -192,6 +185,17 @@ class BatchedTrainer:
         self._values = [self._upload(values, begin) for begin in self._begins]
         moments = [under(name, arrays) for name in ("first", "second")]
         self._moments = [tuple(self._upload(m, begin) for m in moments) for begin in self._begins]
+
+
+def keep_better(
+    best: dict[str, np.ndarray], best_error: np.ndarray, parameters: Mapping[str, np.ndarray], error: np.ndarray
+) -> np.ndarray:
+    """Replace the best weights and errors [E] of the networks whose error is less, in place; returns which they are."""
+    better = np.asarray(error) < best_error
+    for name, value in parameters.items():
+        best[name][better] = value[better]
+    best_error[better] = np.asarray(error)[better]
+    return better
 
 
 def _padded(count: int) -> int:

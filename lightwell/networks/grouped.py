@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.mlp import Mlp
 
 # Rows that one launch evaluates; bounds memory.
@@ -83,7 +84,7 @@ class GroupedRows:
         step = max(ROWS_AT_ONCE // size, 1)
         for begin in range(0, len(owner), step):
             rows = padded[begin * size : (begin + step) * size].reshape(-1, size, features.shape[1])
-            self._chunks.append((mi.TensorXf(rows), mi.UInt32(owner[begin : begin + step].astype(np.uint32))))
+            self._chunks.append((tensor(rows), integers(owner[begin : begin + step])))
 
     @staticmethod
     def _block_size(counts: np.ndarray) -> int:
@@ -93,11 +94,11 @@ class GroupedRows:
 
     def evaluate(self, mlp: Mlp, parameters: Mapping[str, Any]) -> np.ndarray:
         """[N, out] outputs, each row by the network of its group; parameters [E, …] arrays or tensors."""
-        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
+        parameters = tensors({name: np.asarray(value) for name, value in parameters.items()})
         out = [np.zeros((0, mlp.sizes[-1]), np.float32)]
         with dr.suspend_grad():
             for rows, owner in self._chunks:
-                own = {name: _pick(value, owner) for name, value in tensors.items()}
+                own = {name: _pick(value, owner) for name, value in parameters.items()}
                 out.append(np.array(mlp(own, rows)).reshape(-1, mlp.sizes[-1]))
         return np.concatenate(out)[self._place]
 

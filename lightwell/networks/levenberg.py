@@ -10,12 +10,15 @@ float32; a factor that fails is tried once more in float64. Notation: E networks
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy.linalg import lapack
+from threadpoolctl import threadpool_limits
 
-from lightwell.networks.batched import initial_batch
+from lightwell.networks.batched import initial_batch, keep_better
 from lightwell.networks.checkpoint import Arrays, prefixed, under
 from lightwell.networks.grouped import Runs
 from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
@@ -25,6 +28,8 @@ MOST_WEIGHTS = 1000
 # Factors of λ, how many tries a step may take, and where λ starts and starts again from zero.
 SUCCESS, FAILURE, TRIES = 0.1, 10.0, 6
 INITIAL_DAMPING, LEAST_DAMPING = 1e-2, 1e-8
+# A step that lowers the error by less than this share is the last.
+LEAST_GAIN = 1e-6
 # Rows whose Jacobian is in memory at a time.
 ROWS_AT_ONCE = 4096
 # Share of the largest diagonal element of JᵀJ that every weight is given, so that one without influence stays put.
@@ -60,22 +65,30 @@ class LevenbergMarquardt:
         self.mlp = mlp
         start = initial_batch(mlp, seeds) if initial is None else initial
         self.parameters = {name: np.array(value, np.float32) for name, value in start.items()}
+        self.best = {name: value.copy() for name, value in self.parameters.items()}
+        self.best_error = np.full(len(seeds), np.inf)
         self.damping = np.full(len(seeds), damping)
         self.done = np.zeros(len(seeds), bool)
+        # [E] mean weighted squared error after the last step.
+        self._error = np.full(len(seeds), np.nan)
 
     def __len__(self) -> int:
         return len(self.done)
 
     def step(self, features: np.ndarray, target: np.ndarray, weight: np.ndarray, runs: Runs) -> np.ndarray:
-        """One step of every network on all of its rows; [E] mean weighted squared error after it.
+        """One step of every network on all of its rows; [E] mean weighted squared error after its last step.
 
         features [N, F], target [N, C], weight [N], in the order of ``runs``.
         """
-        error = np.full(len(self), np.nan)
-        for e in np.flatnonzero((runs.count > 0) & ~self.done):
+
+        def one(e: int) -> None:
             rows = slice(runs.first[e], runs.first[e] + runs.count[e])
-            error[e] = self._step_one(e, features[rows], target[rows], weight[rows])
-        return error
+            self._error[e] = self._step_one(e, features[rows], target[rows], weight[rows])
+
+        # One thread per network: BLAS releases the interpreter, and its own threads are slow on small matrices.
+        with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(one, np.flatnonzero((runs.count > 0) & ~self.done)))
+        return self._error.copy()
 
     def _step_one(self, e: int, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> float:
         start = {name: value[e] for name, value in self.parameters.items()}
@@ -90,21 +103,28 @@ class LevenbergMarquardt:
                     for name, value in moved.items():
                         self.parameters[name][e] = value
                     self.damping[e] *= SUCCESS
+                    self.done[e] = before - after < LEAST_GAIN * before
                     return after
             self.damping[e] = max(self.damping[e] * FAILURE, LEAST_DAMPING)
         self.done[e] = True
         return before
 
+    def look(self, error: np.ndarray) -> np.ndarray:
+        """Keep the weights of the networks whose error [E] is the least yet; returns which they are."""
+        return keep_better(self.best, self.best_error, self.parameters, error)
+
     # ------------------------------------------------------------------ checkpoints
 
     def arrays(self) -> Arrays:
         """Everything that a resumed training needs."""
-        return prefixed("value", self.parameters) | {"damping": self.damping, "done": self.done}
+        own = {"damping": self.damping, "done": self.done, "best_error": self.best_error}
+        return prefixed("value", self.parameters) | prefixed("best", self.best) | own
 
     def restore(self, arrays: Arrays) -> None:
         """Take up what ``arrays`` gave."""
         self.parameters = {name: value.copy() for name, value in under("value", arrays).items()}
-        self.damping, self.done = arrays["damping"].copy(), arrays["done"].copy()
+        self.best = {name: value.copy() for name, value in under("best", arrays).items()}
+        self.damping, self.done, self.best_error = (arrays[n].copy() for n in ("damping", "done", "best_error"))
 
 
 def forward(mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray) -> list[np.ndarray]:

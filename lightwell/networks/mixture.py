@@ -21,6 +21,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.networks.batched import initial_batch, shaped, take_rows
 from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.device import tensor, tensors
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
 from lightwell.networks.optimisers import OPTIMISERS
@@ -47,7 +48,7 @@ class MixtureSet:
     @staticmethod
     def from_numpy(*columns: np.ndarray) -> MixtureSet:
         """Copy rows to the device, once; in the order of the fields."""
-        return MixtureSet(*(mi.TensorXf(np.ascontiguousarray(a.reshape(len(a), -1), np.float32)) for a in columns))
+        return MixtureSet(*(tensor(a.reshape(len(a), -1)) for a in columns))
 
     def __len__(self) -> int:
         return self.features.shape[0]
@@ -64,10 +65,10 @@ class MixtureTrainer:
             EXPERTS: initial_batch(expert, [seed + 1 + e for e in range(experts)], settings.initial_bias),
             GATE: initial_batch(gate, [seed]),
         }
-        self._values = {part: _upload(weights) for part, weights in start.items()}
-        self._moments = {part: tuple(_upload(_zeros(w)) for _ in range(2)) for part, w in start.items()}
+        self._values = {part: tensors(weights) for part, weights in start.items()}
+        self._moments = {part: tuple(tensors(_zeros(w)) for _ in range(2)) for part, w in start.items()}
         # Sums of the gate's gradient and of its squared norm since the last ``gradient_variance``.
-        self._sums, self._squares, self._counted = _upload(_zeros(start[GATE])), mi.Float(0), 0
+        self._sums, self._squares, self._counted = tensors(_zeros(start[GATE])), mi.Float(0), 0
 
     @property
     def parameters(self) -> dict[str, dict[str, np.ndarray]]:
@@ -95,7 +96,7 @@ class MixtureTrainer:
             self._squares,
             table,
             start,
-            mi.TensorXf(np.full((1, 1, 1), rate, np.float32)),
+            tensor(np.full((1, 1, 1), rate)),
             dr.opaque(mi.UInt32, self.steps),
         )
         dr.eval(self._values, self._moments, self._sums, self._squares, loss)
@@ -108,7 +109,7 @@ class MixtureTrainer:
             return 0.0
         mean = sum(float((np.array(s, np.float64) ** 2).sum()) for s in self._sums.values()) / self._counted**2
         variance = max(float(self._squares[0]) / self._counted - mean, 0.0)
-        self._sums, self._squares, self._counted = _upload(_zeros(self.parameters[GATE])), mi.Float(0), 0
+        self._sums, self._squares, self._counted = tensors(_zeros(self.parameters[GATE])), mi.Float(0), 0
         return variance
 
     # ------------------------------------------------------------------ checkpoints
@@ -131,18 +132,12 @@ class MixtureTrainer:
                     raise ValueError(f"checkpoint: '{part}.{name}' does not fit the networks; delete it")
         self.steps = int(arrays["steps"])
         for part in self._values:
-            self._values[part] = _upload(under(f"value.{part}", arrays))
-            self._moments[part] = tuple(_upload(under(f"{name}.{part}", arrays)) for name in ("first", "second"))
+            self._values[part] = tensors(under(f"value.{part}", arrays))
+            self._moments[part] = tuple(tensors(under(f"{name}.{part}", arrays)) for name in ("first", "second"))
 
 
 def _zeros(weights: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.zeros_like(value) for name, value in weights.items()}
-
-
-def _upload(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    tensors = {name: mi.TensorXf(np.ascontiguousarray(value, np.float32)) for name, value in arrays.items()}
-    dr.eval(tensors)
-    return tensors
 
 
 @functools.lru_cache(maxsize=64)

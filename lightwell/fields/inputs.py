@@ -1,0 +1,81 @@
+"""The sets of inputs that small networks and their gates are fed, each a part of a shading graph."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.fields.features import (
+    DISTANCE_SOFTENING,
+    FeatureOctaves,
+    encoded_features,
+    normalised,
+    open_builder,
+    raw_features,
+)
+from lightwell.graph import Builder, compile
+from lightwell.transport.samples import Query
+
+# raw      x, n, −v, l: the report's 12 numbers.
+# ren      the same and three parameters of the surface, here its reflectance: 15 numbers.
+# local    what a region with a network of its own needs: x, n, l and their geometry, no waves.
+# encoded  sines and cosines of positions besides (``features.encoded_features``).
+# place    x and n: what a gate may know so that no light or eye moves its borders.
+Kind = Literal["raw", "ren", "local", "encoded", "place"]
+
+# Rows whose features are computed at a time; bounds memory.
+ROWS_AT_ONCE = 1 << 20
+
+
+class Inputs:
+    """A set of inputs of one scene: a node of a graph, and the rows that a network is trained on."""
+
+    def __init__(self, setup: FieldSetup, kind: Kind, octaves: FeatureOctaves | None = None) -> None:
+        self.setup, self.kind, self.octaves = setup, kind, octaves or FeatureOctaves()
+        b = open_builder()
+        graph = b.build(features=self.node(b))
+        self.width = graph.widths[graph.outputs["features"]]
+        self._compiled = compile(graph)
+
+    def node(self, b: Builder) -> str:
+        """Add the inputs to a graph; returns the value that holds them all."""
+        if self.kind == "place":
+            return b.concat(normalised(b, "position", self.setup), "normal")
+        if self.kind == "local":
+            return b.concat(*self._local(b))
+        if self.kind == "encoded":
+            pixel, frame = encoded_features(b, self.setup, self.octaves)
+            return b.concat(*pixel, *frame)
+        pixel, frame = raw_features(b, self.setup)
+        surface = ["reflectance"] if self.kind == "ren" else []
+        return b.concat(*pixel, *frame, *surface)
+
+    def _local(self, b: Builder) -> list[str]:
+        p = normalised(b, "position", self.setup)
+        r = b.normalize(b.reflect("normal", "view"))
+        nodes = [p, "normal", b.dot("normal", "view"), "roughness", "metallic"]
+        if self.setup.light == "static":
+            return [*nodes, r]
+        if self.setup.light == "sun":
+            return [*nodes, "light", b.dot("normal", "light"), b.dot(r, "light")]
+        light = normalised(b, "light", self.setup)
+        to_light = b.subtract(light, p)
+        distance, direction = b.length(to_light), b.normalize(to_light)
+        near = b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)
+        geometry = [direction, b.dot("normal", direction), b.dot(r, direction)]
+        return [*nodes, light, *geometry, b.log(distance, DISTANCE_SOFTENING), near]
+
+    def rows(self, query: Query) -> np.ndarray:
+        """[N, F] float32, as the graph computes them."""
+        out = np.empty((len(query), self.width), np.float32)
+        for begin in range(0, len(query), ROWS_AT_ONCE):
+            part = query[begin : begin + ROWS_AT_ONCE]
+            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in v.T] for name, v in query_inputs(part).items()}
+            features = self._compiled(columns)["features"]
+            dr.eval(features)
+            for k, column in enumerate(features):
+                out[begin : begin + len(part), k] = np.array(column)
+        return out

@@ -1,0 +1,165 @@
+"""One level of a kd-tree field: the networks of all its candidates, trained and judged together.
+
+A candidate is a half of a leaf that may be split, or a whole leaf. E candidates, N samples, M memberships (a sample is
+in one candidate per cut that is tried).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from lightwell.fields.examples import Examples
+from lightwell.fields.partition import Partition
+from lightwell.networks import Mlp
+from lightwell.networks.batched import BatchedSet, BatchedTrainer
+from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
+from lightwell.networks.levenberg import LevenbergMarquardt
+
+# The axis of a candidate that is a whole leaf.
+WHOLE = -1
+# One of this many samples is held out of the training of the leaves, to judge them.
+HELD_OUT = 5
+# Odd factor that spreads sample numbers over 32 bits (Knuth, multiplicative hashing).
+SPREAD, BITS = 2654435761, 32
+
+# How many standard errors a corrected error must lie above the goal to count as above it: in small leaves the mean of
+# the products of two noisy residuals is uncertain.
+CONFIDENCE = 2.0
+
+Rule = Literal["raw", "corrected"]
+
+
+def error_of(rule: Rule, examples: Examples, output: np.ndarray, groups: np.ndarray, count: int) -> np.ndarray:
+    """[count, 2] error of each group of rows and the least that it may be; NaN for groups without rows.
+
+    output [N, 3]; groups [N] int, −1 for rows that are left out. ``raw`` is taken at its word; the square of
+    ``corrected`` may be less by ``CONFIDENCE`` standard errors.
+    """
+    rows = np.flatnonzero(groups >= 0)
+    terms = examples.relative_error(output) if rule == "raw" else examples.corrected_square(output)
+    terms, weight, groups = terms[rows].astype(np.float64), examples.weight[rows].astype(np.float64), groups[rows]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = np.bincount(groups, weight, count)
+        mean = np.bincount(groups, weight * terms, count) / total
+        if rule == "raw":
+            return np.stack([mean, mean], axis=1)
+        deviation = np.sqrt(np.bincount(groups, (weight * (terms - mean[groups])) ** 2, count)) / total
+    return np.sqrt(np.maximum(np.stack([mean, mean - CONFIDENCE * deviation], axis=1), 0))
+
+
+def is_trained(examples: Examples) -> np.ndarray:
+    """[N] samples that are not held out: a function of a sample's number, so that further samples change nothing."""
+    spread = examples.row.astype(np.uint64) * np.uint64(SPREAD) % np.uint64(1 << BITS)
+    return spread * np.uint64(HELD_OUT) >> np.uint64(BITS) != 0
+
+
+class Level:
+    """Candidates, their trainer, and their errors so far."""
+
+    def __init__(
+        self,
+        parent: np.ndarray,
+        axis: np.ndarray,
+        side: np.ndarray,
+        trainer: BatchedTrainer | LevenbergMarquardt,
+    ) -> None:
+        """parent [E] leaf; axis [E] of its cut, or WHOLE; side [E] 0 below the cut, 1 above it."""
+        self.parent, self.axis, self.side, self.trainer = parent, axis, side, trainer
+        # Steps done; [E, 2] training and held-out error of the best weights, and the least that they may be; NaN
+        # without samples.
+        self.steps = 0
+        self.errors = np.full((len(parent), 2), np.nan)
+        self.least = np.full((len(parent), 2), np.nan)
+        # [E] held-out samples.
+        self.held_count = np.zeros(len(parent))
+        # Made of the samples by ``arrange``.
+        self._data: Any = None
+
+    def __len__(self) -> int:
+        return len(self.parent)
+
+    @property
+    def finished(self) -> bool:
+        """Whether no network can be improved any more."""
+        return isinstance(self.trainer, LevenbergMarquardt) and bool(self.trainer.done.all())
+
+    def forget(self) -> None:
+        """The samples have changed."""
+        self._data = None
+
+    # ------------------------------------------------------------------ samples
+
+    def members(self, partition: Partition, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """([M] samples, [M] candidates they belong to)."""
+        leaf = partition.locate(position)
+        rows, candidates = [], []
+        for axis in np.unique(self.axis):
+            side = np.zeros(len(leaf), np.int64)
+            if axis != WHOLE:
+                side = (position[:, axis] >= partition.middle(leaf)[:, axis]).astype(np.int64)
+            number = np.full((len(partition), 2), -1)
+            here = self.axis == axis
+            number[self.parent[here], self.side[here]] = np.flatnonzero(here)
+            candidate = number[leaf, side]
+            rows.append(np.flatnonzero(candidate >= 0))
+            candidates.append(candidate[rows[-1]])
+        return np.concatenate(rows), np.concatenate(candidates)
+
+    def arrange(self, partition: Partition, examples: Examples, seed: int, most_rows: int | None) -> None:
+        """Sort the samples by candidate, unless that has been done."""
+        if self._data is not None:
+            return
+        row, candidate = self.members(partition, np.asarray(examples.query.position, np.float32))
+        trained = is_trained(examples)[row]
+        order, runs = sort_into_runs(np.where(trained, candidate, -1), len(self), (seed, len(row)))
+        picked = row[order]
+        columns = (examples.features[picked], examples.target[picked], examples.weight[picked])
+        if isinstance(self.trainer, BatchedTrainer):
+            data: Any = BatchedSet.from_numpy(*columns, runs)
+        else:
+            data = (*columns, Runs(runs.first, np.minimum(runs.count, most_rows or len(row))))
+        self.held_count = np.bincount(candidate[~trained], minlength=len(self)).astype(float)
+        device = GroupedRows(examples.features[row], candidate, len(self))
+        self._data = data, row, candidate, trained, device
+
+    # ------------------------------------------------------------------ steps
+
+    def step(self, total: int) -> None:
+        """One step of ``total`` for every candidate."""
+        data = self._data[0]
+        if isinstance(self.trainer, BatchedTrainer):
+            self.trainer.step(data, total)
+        else:
+            self.trainer.step(*data)
+        self.steps += 1
+
+    def judge(self, mlp: Mlp, examples: Examples, rule: Rule) -> None:
+        """Training and held-out error of every candidate; the weights with the least held-out error are kept."""
+        _, row, candidate, trained, device = self._data
+        part, output = examples.take(row), device.evaluate(mlp, self.trainer.parameters)
+        groups = (np.where(trained, candidate, -1), np.where(trained, -1, candidate))
+        found = np.stack([error_of(rule, part, output, group, len(self)) for group in groups], axis=1)
+        errors, least = found[:, :, 0], found[:, :, 1]
+        # Without held-out samples the latest weights are kept.
+        better = self.trainer.look(np.where(np.isnan(errors[:, 1]), -float(self.steps), errors[:, 1]))
+        self.errors[better], self.least[better] = errors[better], least[better]
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def arrays(self) -> Arrays:
+        """Everything that a resumed level needs."""
+        own = {"parent": self.parent, "axis": self.axis, "side": self.side, "steps": np.array(self.steps)}
+        return own | {"errors": self.errors, "least": self.least} | prefixed("trainer", self.trainer.arrays())
+
+    @staticmethod
+    def of_arrays(arrays: Arrays, trainer: Callable[[int], BatchedTrainer | LevenbergMarquardt]) -> Level:
+        """What ``arrays`` gave; trainer: makes one for so many candidates."""
+        level = Level(arrays["parent"], arrays["axis"], arrays["side"], trainer(len(arrays["parent"])))
+        level.steps = int(arrays["steps"])
+        level.errors, level.least = arrays["errors"].copy(), arrays["least"].copy()
+        level.trainer.restore(under("trainer", arrays))
+        return level

@@ -1,0 +1,78 @@
+"""A partition of the scene's box by midpoint splits, as a binary tree that grows. L leaves, n interior nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.networks.checkpoint import Arrays
+
+
+@dataclass
+class Partition:
+    """Leaf i keeps its number for its lower half when it is split; the upper half gets the next free number."""
+
+    nodes: np.ndarray
+    """[n, 4] float32 rows (axis, threshold, below, above); a child −1 − i is leaf i, another one a later row."""
+    low: np.ndarray
+    """[L, 3] float32, metres."""
+    high: np.ndarray
+    depth: np.ndarray
+    """[L] splits above each leaf."""
+
+    @staticmethod
+    def of_box(low: np.ndarray, high: np.ndarray) -> Partition:
+        """One leaf."""
+        box = (np.asarray(c, np.float32).reshape(1, 3) for c in (low, high))
+        return Partition(np.zeros((0, 4), np.float32), *box, np.zeros(1, np.int64))
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def middle(self, leaf: np.ndarray) -> np.ndarray:
+        """[K, 3] float32 centres of leaves: where they would be split."""
+        return np.float32(0.5) * (self.low[leaf] + self.high[leaf])
+
+    def split(self, leaf: int, axis: int) -> int:
+        """Split a leaf at its middle; returns the number of the upper half."""
+        threshold = self.middle(leaf)[axis]
+        upper, row = len(self), len(self.nodes)
+        for column in (2, 3):
+            self.nodes[self.nodes[:, column] == -1 - leaf, column] = row
+        added = np.array([[axis, threshold, -1 - leaf, -1 - upper]], np.float32)
+        self.nodes = np.concatenate([self.nodes, added])
+        self.depth[leaf] += 1
+        self.low, self.high = (np.concatenate([a, a[leaf : leaf + 1]]) for a in (self.low, self.high))
+        self.depth = np.append(self.depth, self.depth[leaf])
+        self.high[leaf, axis] = self.low[upper, axis] = threshold
+        return upper
+
+    def locate(self, position: np.ndarray) -> np.ndarray:
+        """[N] leaf of each position [N, 3]; below a threshold means strictly below, as in the graph's op ``tree``."""
+        return walk(self.rows, position)
+
+    @property
+    def levels(self) -> int:
+        """Levels of interior nodes, at least 1: the parameter ``depth`` of the op ``tree``."""
+        return max(int(self.depth.max()), 1)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The nodes as the op ``tree`` wants them: a single leaf is a node with both sides alike."""
+        return self.nodes if len(self.nodes) else np.array([[0, 0, -1, -1]], np.float32)
+
+    def arrays(self) -> Arrays:
+        """For checkpoints."""
+        return {"nodes": self.nodes, "low": self.low, "high": self.high, "depth": self.depth}
+
+
+def walk(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """[N] leaf of each row of values [N, C], as the graph's op ``tree`` finds it; nodes: [n, 4], the root first."""
+    at = np.zeros(len(values), np.int64)
+    walking = np.arange(len(values))
+    while len(walking):
+        axis, threshold, below, above = nodes[at[walking]].T
+        at[walking] = np.where(values[walking, axis.astype(np.int64)] < threshold, below, above)
+        walking = walking[at[walking] >= 0]
+    return -1 - at

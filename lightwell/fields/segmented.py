@@ -1,0 +1,216 @@
+"""What fields of many small networks share: one network per segment, how it is driven, predicted, lowered and kept.
+
+A segment is a leaf or an expert; its number is a function of the query. Notation: E segments, N rows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup, Progress
+from lightwell.fields.examples import Examples
+from lightwell.fields.features import FeatureOctaves, open_builder
+from lightwell.fields.inputs import Inputs, Kind
+from lightwell.graph import Builder, Graph, quantise
+from lightwell.networks import Mlp, TrainingSettings
+from lightwell.networks.checkpoint import Arrays, load_arrays, prefixed, save_arrays, under
+from lightwell.networks.grouped import GroupedRows
+from lightwell.networks.training import TrainingState
+from lightwell.transport.samples import Query, Samples
+
+# Keeps 1/reflectance finite where the learned value is radiance.
+REFLECTANCE_FLOOR = 1e-9
+
+
+@dataclass(frozen=True)
+class NetworkPreset:
+    """The small networks of a field: their inputs, shape and training."""
+
+    training: TrainingSettings
+    inputs: Kind = "local"
+    hidden: tuple[int, ...] = (20, 10)
+    demodulated: bool = True
+    """Targets divided by the reflectance."""
+    activation: str = "silu"
+    output: str = "exp"
+    octaves: FeatureOctaves | None = None
+    """How finely 'encoded' inputs are encoded."""
+    storage: str = "float16"
+    """Type of the shipped weights."""
+
+
+class SegmentedFit:
+    """See ``lightwell.fields.base.Fit``. A subclass gives ``segment``, ``weights``, ``_lower_segment``, ``_step``,
+    ``_look`` and what it keeps in a checkpoint."""
+
+    def __init__(self, setup: FieldSetup, preset: NetworkPreset, seed: int) -> None:
+        self.setup, self.preset, self.seed = setup, preset, seed
+        self.inputs = Inputs(setup, preset.inputs, preset.octaves)
+        self.mlp = Mlp((self.inputs.width, *preset.hidden, 3), preset.activation, preset.output)
+        self.state = TrainingState()
+        self.facts: dict[str, Any] = {}
+        self.examples: Examples | None = None
+        self.validation: Examples | None = None
+
+    # ------------------------------------------------------------------ what a subclass gives
+
+    def segment(self, query: Query) -> np.ndarray:
+        """[N] int number of the segment of each point."""
+        raise NotImplementedError
+
+    @property
+    def weights(self) -> dict[str, np.ndarray]:
+        """[E, …] best weights of all segments so far."""
+        raise NotImplementedError
+
+    @property
+    def macs(self) -> int:
+        """Multiply-accumulates per pixel of the result."""
+        raise NotImplementedError
+
+    def _lower_segment(self, b: Builder, x: str) -> str:
+        """Add what finds the segment to a graph; x: the value that holds the networks' inputs."""
+        raise NotImplementedError
+
+    def _step(self, total: int) -> bool:
+        """One step of ``total``; returns whether nothing is left to do."""
+        raise NotImplementedError
+
+    def _look(self) -> tuple[float, float]:
+        """(training loss, validation error); keeps what is best."""
+        raise NotImplementedError
+
+    def _arrays(self) -> Arrays:
+        """What a resumed training needs besides state and facts."""
+        raise NotImplementedError
+
+    def _restore(self, arrays: Arrays) -> None:
+        """Take up what ``_arrays`` gave."""
+        raise NotImplementedError
+
+    def _rearrange(self) -> None:
+        """Called when the samples or the state have been replaced."""
+
+    # ------------------------------------------------------------------ data
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples; those with a target that is not finite are dropped and counted."""
+        self.examples = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
+        self.facts["dropped_samples"] = self.examples.dropped
+        self._rearrange()
+
+    def validate_on(self, samples: Samples) -> None:
+        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        self.validation = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
+        self._rearrange()
+
+    def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
+        """[N, 3] outputs of the networks of each row's segment."""
+        weights = weights or self.weights
+        segments = len(next(iter(weights.values())))
+        rows = GroupedRows(examples.features, self.segment(examples.query), segments)
+        return rows.evaluate(self.mlp, weights)
+
+    def validation_error(self) -> float:
+        """Mean relative error on the validation samples."""
+        return float(self.validation.relative_error(self.outputs(self.validation)).mean())
+
+    # ------------------------------------------------------------------ fit
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        settings, state = self.preset.training, self.state
+        while state.step < until:
+            finished = self._step(total)
+            state.step += 1
+            if not finished and state.step % settings.evaluate_every and state.step != until:
+                continue
+            self._record(*self._look())
+            if progress:
+                progress(state, total)
+            if checkpoint:
+                checkpoint()
+            enough = max(settings.patience * settings.evaluate_every, total // 5)
+            if finished or (settings.patience and state.step - state.best_step >= enough):
+                return True
+        return False
+
+    def _record(self, loss: float, error: float) -> None:
+        state = self.state
+        if not (np.isfinite(loss) and np.isfinite(error)):
+            raise RuntimeError(
+                f"train: loss {loss} and error {error} at step {state.step} are not finite; "
+                f"lower the learning rate (now {self.preset.training.rate}) or look for broken targets"
+            )
+        state.history.append((state.step, loss, error))
+        if error < state.best_error:
+            state.best_error, state.best_step = error, state.step
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        weights = self.weights
+        rows = GroupedRows(self.inputs.rows(query), self.segment(query), len(next(iter(weights.values()))))
+        scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
+        return rows.evaluate(self.mlp, weights) * scale
+
+    # ------------------------------------------------------------------ lower
+
+    def lower(self) -> Graph:
+        """The field as it ships; its output ``segment`` is the number of the expert or leaf of a point."""
+        b = open_builder()
+        x = self.inputs.node(b)
+        segment = self._lower_segment(b, x)
+        weights = self.weights
+        for k in range(self.mlp.layers):
+            x = b.linear(x, weights[f"w{k}"].transpose(0, 2, 1), weights[f"b{k}"][:, 0], segment)
+            x = b.activate(x, self.mlp.activation if k + 1 < self.mlp.layers else self.mlp.output)
+        return quantise(b.build(radiance=self._radiance(b, x), segment=segment), self.preset.storage)
+
+    def _radiance(self, b: Builder, x: str) -> str:
+        return as_radiance(b, x, self.preset.demodulated, self.setup.unit)
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically."""
+        save_arrays(path, state_arrays(self.state, self.facts) | prefixed("field", self._arrays()))
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint; field, preset and samples must be the same."""
+        arrays = load_arrays(path)
+        self.state, facts = state_of(arrays)
+        self.facts |= facts
+        self._restore(under("field", arrays))
+        self._rearrange()
+
+
+def as_radiance(b: Builder, x: str, demodulated: bool, unit: float) -> str:
+    """From a network's output to the graph's output: radiance divided by the reflectance."""
+    if not demodulated:
+        x = b.multiply(x, b.reciprocal("reflectance", REFLECTANCE_FLOOR))
+    return b.scale(x, unit)
+
+
+def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:
+    """The state of a training and the facts of a fit as arrays of a checkpoint."""
+    return {
+        "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
+        "best_error": np.array(state.best_error),
+        "history": np.array(state.history, np.float64).reshape(-1, 3),
+        "facts": np.array(json.dumps(facts)),
+    }
+
+
+def state_of(arrays: Arrays) -> tuple[TrainingState, dict[str, Any]]:
+    """What ``state_arrays`` was given."""
+    step, seen, best_step = (int(v) for v in arrays["step"])
+    history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
+    return TrainingState(step, seen, float(arrays["best_error"]), best_step, history), json.loads(str(arrays["facts"]))
