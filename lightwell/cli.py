@@ -249,7 +249,7 @@ def _add_compare(verbs) -> None:
         "  OUT/FIELD/         scene.glb, page and report of each field, as bake writes them\n"
         "Ctrl-C keeps what is done; --resume goes on.",
     )
-    parser.add_argument("paths", metavar="OUT|SCENE", nargs="+", help="folders written by bake, or one scene")
+    parser.add_argument("targets", metavar="OUT|SCENE", nargs="+", help="folders written by bake, or one scene")
     parser.add_argument(
         "--fields", metavar="FIELD[:PRESET],…", help="fields to train, for example mlp,mlp:report-20,factored"
     )
@@ -281,7 +281,7 @@ def _compare(arguments) -> int:
 
     if arguments.out:
         raise ValueError("compare: -o needs --fields; name the fields to train, for example --fields mlp,mlp:report-20")
-    rows = comparison([Path(out) for out in arguments.paths])
+    rows = comparison([Path(out) for out in arguments.targets])
     print(json.dumps(rows, indent=1) if arguments.json else table(rows))
     return 0
 
@@ -292,12 +292,12 @@ def _compare_fields(arguments) -> int:
     from lightwell.bake.progress import Progress
     from lightwell.bake.settings import Budget
 
-    if len(arguments.paths) != 1:
-        raise ValueError(f"compare: --fields wants one scene, not {len(arguments.paths)}; name it once")
+    if len(arguments.targets) != 1:
+        raise ValueError(f"compare: --fields wants one scene, not {len(arguments.targets)}; name it once")
     if not arguments.out:
         raise ValueError("compare: --fields wants a folder to write; name it with -o")
     settings = CompareSettings(
-        scene=arguments.paths[0],
+        scene=arguments.targets[0],
         out=Path(arguments.out),
         fields=parse_fields(arguments.fields),
         budget=Budget.parse(arguments.budget) if arguments.budget else Budget(),

@@ -57,4 +57,4 @@ class Progress:
     def say(self, text: str) -> None:
         """One line of news."""
         if not self.quiet:
-            self._console.print(text, highlight=False)
+            self._console.print(text, highlight=False, soft_wrap=True)
