@@ -25,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_most, publish
+from rows import Row, at_most, publish, without_bar
 from wgsl import available, wgsl
 
 from lightwell.graph import Graph, evaluate
@@ -155,22 +155,12 @@ def _rows(one: Candidate, pixels: str, ms: float, ratio: float, worst: float, in
     """Milliseconds (a bar only where a GPU ran them), the ratio, and the agreement with NumPy."""
     software = is_software(info)
     what = f"GPU shading: {one.name} at {pixels}"
-    time = at_most(what, one.bar or np.inf, None if software else ms, "ms", _software(note) if software else note)
-    kind = "software rasteriser" if software else info["device"]
-    over = at_most(f"{what}, over a textured pass, {kind}", np.inf, ratio, "ratio", note)
+    note = f"no GPU on this machine; {note}" if software else note
+    measured, kind = (None, "software rasteriser") if software else (ms, info["device"])
+    time = at_most(what, one.bar, measured, "ms", note) if one.bar else without_bar(what, measured, "ms", note)
+    over = without_bar(f"{what}, over a textured pass, {kind}", ratio, "ratio", note)
     agree = at_most(f"{what}, GPU against NumPy, {kind}", PARITY_BAR, worst, "of max(1, value)", info["device"])
-    return [_open(time) if one.bar is None else time, _open(over), agree]
-
-
-def _open(row: Row) -> Row:
-    """A figure that nothing is asked of."""
-    from dataclasses import replace
-
-    return replace(row, asked="–", holds=None)
-
-
-def _software(note: str) -> str:
-    return f"no GPU on this machine; {note}"
+    return [time, over, agree]
 
 
 def main() -> None:

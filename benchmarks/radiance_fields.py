@@ -25,7 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_least, at_most, publish
+from rows import Row, at_least, at_most, publish, without_bar
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes"
@@ -142,27 +142,25 @@ def _report_rows(setting: str, numbers: dict[str, Any] | None) -> list[Row]:
     """Claim by claim; a field that does not exist, or failed, is not measured."""
     by_name = numbers["by_name"] if numbers else {}
 
-    def figure(name: str, bar, value: float, of) -> Row:
+    def figure(name: str, key: str) -> tuple[str, float | None, str]:
+        """What it is, how large, and a note."""
         field = by_name.get(name)
-        what = f"report, {name}, {setting}"
-        note = _note(numbers, field) if field else "not in this version"
-        return bar(what, value, of(field) if field else None, *(["leaves"] if bar is _leaves else ["of 1"]), note)
+        value = field and (field["facts"].get("leaves") if key == "leaves" else field[key])
+        return f"report, {name}, {setting}", value, _note(numbers, field) if field else "not in this version"
 
-    error = lambda field: field["relative_error"]  # noqa: E731
-    rows = [
-        figure("mlp:report-200", at_most, 0.01, error),
-        figure("mlp:report-20", at_least, 0.08, error),
-        figure("kdtree:report", _leaves, 6000, lambda field: field["facts"].get("leaves")),
-    ]
-    # The report gives no error for its experts; its kd-tree is to stop at 5 %.
-    rows.append(figure("kdtree:report", at_most, 0.05, error))
-    experts = figure("experts:report", at_most, 1.0, error)
-    rows.append(replace(experts, asked="–", holds=None))
+    rows = []
+    for name, bar, sign in (("mlp:report-200", 0.01, at_most), ("mlp:report-20", 0.08, at_least)):
+        what, value, note = figure(name, "relative_error")
+        rows.append(sign(f"{what}: error", bar, value, "of 1", note))
+    # The kd-tree is to stop at an error of 5 % in every leaf.
+    what, value, note = figure("kdtree:report", "relative_error")
+    rows.append(at_most(f"{what}: error", 0.05, value, "of 1", note))
+    what, value, note = figure("kdtree:report", "leaves")
+    rows.append(at_least(f"{what}: leaves", 6000, value, "leaves", note))
+    # The report gives no error for its experts.
+    what, value, note = figure("experts:report", "relative_error")
+    rows.append(without_bar(f"{what}: error", value, "of 1", note))
     return rows
-
-
-def _leaves(what: str, bar: float, measured: float | None, unit: str, note: str) -> Row:
-    return at_least(f"{what}, leaves", bar, measured, unit, note)
 
 
 def cornell(run: Run) -> list[Row]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from lightwell.doctor import machine, version_of
 
 RESULTS = Path(__file__).parent / "results"
+VERDICTS = {True: "yes", False: "**no**", None: "–"}
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,16 @@ def _processor() -> str:
         return platform.processor() or "unknown processor"
 
 
+def without_bar(what: str, measured: float | None, unit: str, note: str = "") -> Row:
+    """A row that nothing is asked of."""
+    return Row(what, "–", _rounded(measured), unit, None, _machine(), note)
+
+
 def publish(topic: str, rows: list[Row], quick: bool) -> None:
     """Print the rows; write ``results/TOPIC.json`` unless it is only a smoke run. Rows not measured now are kept."""
     for row in rows:
-        verdict = {True: "holds", False: "DOES NOT HOLD", None: "not measured"}[row.holds]
+        verdict = {True: "holds", False: "DOES NOT HOLD", None: "no bar"}[row.holds]
+        verdict = "not measured" if row.measured is None else verdict
         measured = "–" if row.measured is None else f"{row.measured:g} {row.unit}"
         print(f"{row.what:<72} asked {row.asked:<10} measured {measured:<22} {verdict}  {row.note}")
     if quick:
@@ -81,7 +88,7 @@ def markdown(topic: str) -> str:
     for row in json.loads((RESULTS / f"{topic}.json").read_text()):
         measured = "–" if row["measured"] is None else f"{row['measured']:g} {row['unit']}"
         asked = row["asked"].replace(">=", "≥").replace("<=", "≤")
-        lines.append(f"| {row['what']} | {asked} | {measured} | {'yes' if row['holds'] else '**no**'} |")
+        lines.append(f"| {row['what']} | {asked} | {measured} | {VERDICTS[row['holds']]} |")
     return "\n".join(lines)
 
 
