@@ -11,16 +11,26 @@ import {
   Vector3,
 } from "three";
 import type { FieldRecord } from "./extension.ts";
-import { evaluateFrame, type FrameUniform, type GlslProgram, printGlsl } from "./graph/index.ts";
+import {
+  evaluateFrame,
+  type FrameUniform,
+  type GlslProgram,
+  type Graph,
+  only,
+  printGlsl,
+  type TexelTexture,
+} from "./graph/index.ts";
+import { MAX_LAMPS } from "./variables.ts";
 
 /** Where a field's weights live in the shader. */
 export type WeightPlacement = "inline" | "texture";
 
-/** GLSL expressions of the graph's inputs inside `lightwellRadiance`. */
+/** GLSL expressions of the graph's inputs inside a function of a surface; `light` is that of the loop over lamps. */
 const INPUTS: Readonly<Record<string, string>> = {
   position: "position",
   normal: "normal",
   view: "view",
+  light: "light",
   reflectance: "reflectance",
   roughness: "roughness",
   metallic: "metallic",
@@ -28,56 +38,47 @@ const INPUTS: Readonly<Record<string, string>> = {
   uv1: "uv.zw",
 };
 
-/** One field, printed. */
+/**
+ * Some outputs of a field, printed for any number of lamps that the field is evaluated for. The uniforms are the same
+ * objects whatever that number is, so that programs compiled for different numbers can share them.
+ */
 export class FieldProgram {
   readonly record: FieldRecord;
-  /** GLSL text of the field's functions and uniforms. */
-  readonly code: string;
-  /** GLSL expression of the demodulated radiance, over the parameters of `lightwellRadiance`. */
-  readonly call: string;
-  /** Name of the vec3 uniform that scales the field: colour times intensity, or 0 when it is off. */
-  readonly gain: string;
-  readonly uniforms: Record<string, IUniform>;
-  readonly readsUv: boolean;
+  /** The part of the record's graph that the outputs need. */
+  readonly graph: Graph;
+  /** Name of the function and prefix of everything else. */
+  readonly name: string;
+  readonly uniforms: Record<string, IUniform> = {};
   readonly placement: WeightPlacement;
-  /** Value of the declared light that the field follows; shared with its lamp. */
-  private readonly light: Vector3;
-  private readonly frame: FrameUniform | null;
-  /** The light for which the per-frame part was evaluated. */
-  private readonly evaluated = new Vector3(Number.NaN, 0, 0);
-  private readonly textures: DataTexture[] = [];
+  private program: GlslProgram;
+  /** Values of the declared light that the field is evaluated for; shared with the lamps. */
+  private lights: readonly Vector3[] = [];
+  private readonly lightSlots = slots();
+  private readonly gainSlots = slots();
+  /** Per-frame values of every lamp, and the lights that they were evaluated for. */
+  private frameValues: Float32Array<ArrayBuffer> = new Float32Array(0);
+  private readonly evaluated = Array.from({ length: MAX_LAMPS }, () => new Vector3(Number.NaN, 0, 0));
+  private readonly textures = new Map<string, DataTexture>();
 
-  /** Print the field number `index` of a scene. */
-  constructor(record: FieldRecord, index: number, light: Vector3, placement: WeightPlacement) {
-    const name = `lightwellField${index}`;
+  constructor(record: FieldRecord, name: string, outputs: readonly string[], placement: WeightPlacement) {
     this.record = record;
-    this.light = light;
-    this.gain = `lightwellGain${index}`;
+    this.graph = only(record.graph, ...outputs);
+    this.name = name;
     this.placement = placement;
-    const program = printGlsl(record.graph, { name, weights: this.placement });
-    const lightName = `lightwellLight${index}`;
-    this.code = `uniform vec3 ${this.gain};\nuniform vec3 ${lightName};\n${program.code}`;
-    this.call = callOf(name, program, record, lightName);
-    this.readsUv = program.parameters.some(
-      (parameter) => parameter.name === "uv" || parameter.name === "uv1",
-    );
-    this.frame = program.frame;
-    this.uniforms = { [this.gain]: { value: new Vector3() }, [lightName]: { value: light } };
-    for (const { name, width, height, format, data } of program.textures) {
-      const texture = this.addTexture(
-        data,
-        width,
-        height,
-        format === "rgba16float" ? HalfFloatType : FloatType,
-      );
-      this.uniforms[name] = { value: texture };
-    }
-    if (this.frame) this.addFrame(this.frame);
+    this.uniforms[`${name}_light`] = { value: this.lightSlots };
+    this.uniforms[`${name}_gain`] = { value: this.gainSlots };
+    this.program = this.print(1);
+    for (const texels of this.program.textures) this.uniforms[texels.name] = { value: this.texture(texels) };
   }
 
-  /** Multiply-adds per pixel. */
+  /** How many lamps the field is evaluated for. */
+  get lamps(): number {
+    return Math.max(this.lights.length, 1);
+  }
+
+  /** Multiply-adds per pixel, for all lamps. */
   get macs(): number {
-    return this.record.graph.macs;
+    return this.graph.macs * this.lamps;
   }
 
   /** Bytes of the stored buffers. */
@@ -85,48 +86,100 @@ export class FieldProgram {
     return [...this.record.buffers.values()].reduce((sum, buffer) => sum + buffer.data.byteLength, 0);
   }
 
-  /** Evaluate the per-frame part when the light has moved; call before drawing. */
+  /** Whether the surface must hand over its texture coordinates. */
+  get readsUv(): boolean {
+    return this.graph.inputs.has("uv") || this.graph.inputs.has("uv1");
+  }
+
+  /** GLSL text of the field's functions and uniforms, for the lamps that it follows now. */
+  get code(): string {
+    const size = `[ ${this.lamps} ]`;
+    return `uniform vec3 ${this.name}_light${size};\nuniform vec3 ${this.name}_gain${size};\n${this.program.code}`;
+  }
+
+  /** Type of the GLSL value that `call` yields. */
+  get type(): string {
+    return this.program.type;
+  }
+
+  /** GLSL call, where `light` and the other inputs of a surface are in scope. */
+  get call(): string {
+    return `${this.name}( ${this.program.parameters.map((parameter) => INPUTS[parameter.name]!).join(", ")} )`;
+  }
+
+  /** GLSL expression of an output of the graph, as one to four components of the value of `call`. */
+  output(name: string, value: string): string {
+    if (!this.program.type.endsWith("_result")) return value;
+    const width = this.graph.widths.get(this.graph.outputs.get(name)!)!;
+    return `${value}.o${[...this.graph.outputs.keys()].indexOf(name)}[ 0 ].${"xyzw".slice(0, width)}`;
+  }
+
+  /** GLSL statements for every lamp, which are given the name of an int variable; `light` and `gain` are set. */
+  forEachLamp(statements: string): string {
+    const { name } = this;
+    const slot = this.program.frame?.slot;
+    return `for ( int lamp = 0; lamp < ${this.lamps}; lamp ++ ) {
+    vec3 light = ${name}_light[ lamp ], gain = ${name}_gain[ lamp ];
+    ${slot ? `${slot} = lamp;` : ""}
+    ${statements}
+  }`;
+  }
+
+  /** Follow these lights (at least one); after a change of their number the shaders must be compiled anew. */
+  follow(lights: readonly Vector3[]): void {
+    this.lights = lights;
+    this.program = this.print(lights.length);
+    for (const evaluated of this.evaluated) evaluated.set(Number.NaN, 0, 0);
+  }
+
+  /** Set what the value for a lamp is multiplied by: colour times intensity, or 0 where it is off. */
+  setGain(lamp: number, gain: Vector3): void {
+    this.gainSlots[lamp]!.copy(gain);
+  }
+
+  /** Evaluate the per-frame part of each light that has moved; call before drawing. */
   update(): void {
-    if (!this.frame || this.evaluated.equals(this.light)) return;
-    this.evaluated.copy(this.light);
-    const uniform = this.uniforms[this.frame.name]!;
-    const texture = this.frame.kind === "texture" ? (uniform.value as DataTexture) : null;
-    const values = (texture ? texture.image.data : uniform.value) as Float32Array<ArrayBuffer>;
-    evaluateFrame(this.record.graph, { light: this.light.toArray() }, values);
-    if (texture) texture.needsUpdate = true;
+    this.lights.forEach((light, lamp) => {
+      this.lightSlots[lamp]!.copy(light);
+      if (!this.program.frame || this.evaluated[lamp]!.equals(light)) return;
+      this.evaluated[lamp]!.copy(light);
+      const { blocks } = this.program.frame;
+      const values = this.frameValues.subarray(4 * blocks * lamp, 4 * blocks * (lamp + 1));
+      evaluateFrame(this.graph, { light: light.toArray() }, values);
+      const texture = this.textures.get(this.program.frame.name);
+      if (texture) texture.needsUpdate = true;
+    });
   }
 
   dispose(): void {
-    for (const texture of this.textures) texture.dispose();
+    for (const texture of this.textures.values()) texture.dispose();
+  }
+
+  private print(lights: number): GlslProgram {
+    const program = printGlsl(this.graph, { name: this.name, weights: this.placement, lights });
+    if (program.frame) this.addFrame(program.frame);
+    return program;
   }
 
   private addFrame({ name, kind, blocks }: FrameUniform): void {
-    const values = new Float32Array(4 * blocks) as Float32Array<ArrayBuffer>;
-    this.uniforms[name] = {
-      value: kind === "array" ? values : this.addTexture(values, blocks, 1, FloatType),
-    };
+    if (this.uniforms[name]) return;
+    if (this.frameValues.length === 0) this.frameValues = new Float32Array(4 * blocks * MAX_LAMPS);
+    const data = this.frameValues;
+    const texels = { name, width: blocks, height: MAX_LAMPS, format: "rgba32float", data } as const;
+    this.uniforms[name] = { value: kind === "array" ? data : this.texture(texels) };
   }
 
-  private addTexture(
-    data: Uint16Array<ArrayBuffer> | Float32Array<ArrayBuffer>,
-    width: number,
-    height: number,
-    type: TextureDataType,
-  ): DataTexture {
+  private texture({ name, data, width, height, format }: TexelTexture): DataTexture {
+    const type: TextureDataType = format === "rgba16float" ? HalfFloatType : FloatType;
     const texture = new DataTexture(data, width, height, RGBAFormat, type);
     texture.minFilter = texture.magFilter = NearestFilter;
     texture.needsUpdate = true;
-    this.textures.push(texture);
+    this.textures.set(name, texture);
     return texture;
   }
 }
 
-/** The call of a printed graph, narrowed to its output `radiance`. */
-function callOf(name: string, program: GlslProgram, record: FieldRecord, light: string): string {
-  const inputs = program.parameters.map((parameter) =>
-    parameter.name === "light" ? light : INPUTS[parameter.name]!,
-  );
-  const call = `${name}( ${inputs.join(", ")} )`;
-  const output = [...record.graph.outputs.keys()].indexOf("radiance");
-  return program.type === "vec3" ? call : `${call}.o${output}[ 0 ].xyz`;
+/** A vector for each lamp that there may be. */
+function slots(): Vector3[] {
+  return Array.from({ length: MAX_LAMPS }, () => new Vector3());
 }

@@ -3,24 +3,28 @@
 import {
   Box3,
   type Camera,
-  DoubleSide,
+  Color,
   type Group,
   type IUniform,
   Light,
-  type Material,
-  Mesh,
-  MeshStandardMaterial,
   Object3D,
+  type PerspectiveCamera,
   type Scene,
   Vector3,
   type WebGLRenderer,
 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { inlineLimit } from "./device.ts";
+import type { FieldRecord } from "./extension.ts";
 import { FieldProgram, type WeightPlacement } from "./field-program.ts";
+import { HalfResolution, upsampledFinish } from "./half-resolution.ts";
 import { createLamp, type Lamp } from "./lamp.ts";
 import { learnedLight } from "./loader.ts";
-import { addLearnedLight } from "./surface-shader.ts";
+import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
+import { SEGMENT_OUTPUTS, segmentFinish } from "./segments.ts";
+import { indirectFinish, learnedFinish } from "./surface-finish.ts";
+import { MAX_LAMPS, type Variable } from "./variables.ts";
+import { type Outfit, Wardrobe } from "./wardrobe.ts";
 
 /** Which parts of the light are shown. */
 export interface Parts {
@@ -40,11 +44,12 @@ export interface LearnedSceneOptions {
   readonly renderer?: WebGLRenderer;
 }
 
-/** The materials of a mesh, with and without learned light. */
-interface Dress {
-  readonly mesh: Mesh;
-  readonly plain: Mesh["material"];
-  readonly learned: Mesh["material"];
+/** How the learned light is drawn. */
+export interface Look {
+  /** Evaluate it at half the width and height, and bring it back by a joint bilateral filter. */
+  readonly half: boolean;
+  /** Show which expert shades each point instead of any light; only where `hasSegments`. */
+  readonly segments: boolean;
 }
 
 /** Scenes so far: their shaders differ, and so must their names. */
@@ -53,35 +58,49 @@ let scenes = 0;
 /**
  * Owns the scene graph of a loaded file, its lamps and its fields.
  *
- * Add `root` to a three.js scene, render with shadow maps enabled, call `dispose` at the end.
+ * Add `root` to a three.js scene, enable shadow maps, call `update` before each frame and `dispose` at the end. Full
+ * resolution needs nothing else; other looks are drawn by `render`.
  */
 export class LearnedScene {
   readonly root: Group;
   readonly bounds: Box3;
-  readonly lamps: readonly Lamp[];
+  readonly variables: readonly Variable[];
   readonly fields: readonly FieldProgram[];
+  /** The declared lights in their order, then those that were added. */
+  lamps: readonly Lamp[];
   private readonly raster: IUniform<number> = { value: 1 };
-  private readonly dresses: readonly Dress[];
-  private readonly id = scenes++;
-  private disposed = false;
+  private readonly half = new HalfResolution();
+  private readonly segments: FieldProgram | null;
+  private readonly wardrobe: Wardrobe;
   private shown: Parts = { raster: true, indirect: true, still: true };
+  /** What is drawn; `look` is what will be, once it is compiled. */
+  private drawn: Look | "plain" = { half: false, segments: false };
+  private look: Look = { half: false, segments: false };
+  /** Counts compilations: one that was overtaken changes nothing. */
+  private compilations = 0;
 
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
     const { variables, fields } = learnedLight(gltf);
     this.root = gltf.scene;
+    this.variables = variables;
     this.bounds = new Box3().setFromObject(this.root);
     if (fields.length > 0 || variables.length > 0) removeLights(this.root);
     this.lamps = variables.map((variable) => createLamp(variable, this.bounds));
     for (const lamp of this.lamps) this.root.add(lamp.object);
-    const still = new Vector3();
     const limit = inlineLimit(options.renderer);
-    this.fields = fields.map((field, i) => {
-      const weights = options.weights ?? (field.graph.macs <= limit ? "inline" : "texture");
-      return new FieldProgram(field, i, this.lamps[field.variable]?.value ?? still, weights);
-    });
-    this.dresses = this.patchMaterials();
-    this.useFields(true);
-    this.show(this.shown);
+    const print = (record: FieldRecord, name: string, outputs: readonly string[]) =>
+      new FieldProgram(
+        record,
+        name,
+        outputs,
+        options.weights ?? (record.graph.macs <= limit ? "inline" : "texture"),
+      );
+    this.fields = fields.map((record, i) => print(record, `lightwellField${i}`, ["radiance"]));
+    const segmented = fields.find((record) => record.graph.outputs.has("segment"));
+    this.segments = segmented ? print(segmented, "lightwellSegment", SEGMENT_OUTPUTS) : null;
+    this.wardrobe = this.createWardrobe(`${scenes++}`);
+    this.wardrobe.wear("learned");
+    this.followLamps();
   }
 
   /** Whether any field is the light of the scene's own emitters. */
@@ -92,6 +111,22 @@ export class LearnedScene {
   /** Whether any field follows a declared light. */
   get hasIndirectLight(): boolean {
     return this.fields.some((field) => field.record.role === "indirect");
+  }
+
+  /** Whether any field says which expert shades a point. */
+  get hasSegments(): boolean {
+    return this.segments !== null;
+  }
+
+  /** Whether the segmentation is drawn now. */
+  get showsSegments(): boolean {
+    return this.drawn !== "plain" && this.drawn.segments;
+  }
+
+  /** Multiply-adds per pixel of all fields and lamps. */
+  get macs(): number {
+    const sum = this.fields.reduce((total, field) => total + field.macs, 0);
+    return this.look.half ? sum / 4 : sum;
   }
 
   /** Choose which parts of the light are shown. */
@@ -105,90 +140,146 @@ export class LearnedScene {
   tint(): void {
     for (const lamp of this.lamps) lamp.tint();
     for (const field of this.fields) {
-      const gain = field.uniforms[field.gain]!.value as Vector3;
-      const lamp = this.lamps[field.record.variable];
-      if (lamp)
-        gain
-          .set(lamp.color.r, lamp.color.g, lamp.color.b)
-          .multiplyScalar(this.shown.indirect ? lamp.intensity : 0);
-      else gain.setScalar(this.shown.still ? 1 : 0);
+      const lamps = this.lampsOf(field);
+      lamps.forEach(({ color, intensity }, i) => {
+        const gain = this.shown.indirect ? intensity : 0;
+        field.setGain(i, new Vector3(color.r, color.g, color.b).multiplyScalar(gain));
+      });
+      if (lamps.length === 0) field.setGain(0, new Vector3().setScalar(this.isOn(field) ? 1 : 0));
     }
   }
 
   /** Bring the fields' per-frame parts up to date; call before drawing. */
   update(): void {
     for (const field of this.fields) field.update();
+    this.segments?.update();
   }
 
   /**
-   * Compile the fields' shaders without holding up the page: until this resolves, the scene is drawn with direct light
-   * alone. The renderer must be set to the target that will be drawn into; `scene` holds `root` and all lights.
+   * Add a lamp of the kind of a declared light, where there is room; null when there are enough. Direct light alone is
+   * drawn until `compile` has run, because shaders depend on the number of lights.
    */
-  async compile(renderer: WebGLRenderer, scene: Scene, camera: Camera): Promise<void> {
+  addLamp(variable = 0): Lamp | null {
+    const declared = this.variables[variable];
+    if (!declared || this.lamps.length >= MAX_LAMPS) return null;
+    const lamp = createLamp(declared, this.bounds);
+    const alike = this.lamps.filter((other) => other.variable === declared);
+    lamp.move(roomiestPlace(lamp, alike));
+    lamp.intensity *= ADDED_SHARE;
+    lamp.color.copy(tintOf(new Color(...declared.color), alike.length));
+    this.root.add(lamp.object);
+    this.setLamps([...this.lamps, lamp]);
+    return lamp;
+  }
+
+  /** Take an added lamp away; returns whether there was one of this number. Then as for `addLamp`. */
+  removeLamp(index: number): boolean {
+    const lamp = this.lamps[index];
+    if (!lamp || index < this.variables.length) return false;
+    lamp.object.removeFromParent();
+    lamp.dispose();
+    this.setLamps(this.lamps.filter((other) => other !== lamp));
+    return true;
+  }
+
+  /**
+   * Compile the shaders of a look without holding up the page: until this resolves, the scene is drawn as before, or with
+   * direct light alone. The renderer must be set to the target that will be drawn into; `scene` holds `root` and all lights.
+   */
+  async compile(renderer: WebGLRenderer, scene: Scene, camera: Camera, look = this.look): Promise<void> {
+    this.look = look;
+    const compilation = ++this.compilations;
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
-    if (!renderer.extensions.has("KHR_parallel_shader_compile")) {
-      this.useFields(true);
-      return;
+    if (renderer.extensions.has("KHR_parallel_shader_compile")) {
+      // The compilation of all that is worn starts at once; only the waiting is asynchronous.
+      const compiled = outfitsOf(look).map((outfit) => {
+        this.wardrobe.wear(outfit);
+        return renderer.compileAsync(outfit === "indirect" ? this.root : scene, camera);
+      });
+      await Promise.all(compiled);
     }
-    // The compilation of all that is worn starts at once; only the waiting is asynchronous.
-    this.useFields(true);
-    const compiled = renderer.compileAsync(scene, camera);
-    this.useFields(false);
-    await compiled;
-    if (!this.disposed) this.useFields(true);
+    if (compilation === this.compilations) this.drawn = look;
   }
 
   /** Draw with learned light, or with the shaders that have none: when its own fail or are not yet compiled. */
   useFields(on: boolean): void {
-    for (const { mesh, plain, learned } of this.dresses) mesh.material = on ? learned : plain;
+    this.drawn = on ? this.look : "plain";
+  }
+
+  /** Draw `scene`, which holds `root`, into the renderer's current target of `width` × `height` pixels. */
+  render(
+    renderer: WebGLRenderer,
+    scene: Scene,
+    camera: PerspectiveCamera,
+    width: number,
+    height: number,
+  ): void {
+    const outfits = this.drawn === "plain" ? (["plain"] as const) : outfitsOf(this.drawn);
+    for (const outfit of outfits) {
+      this.wardrobe.wear(outfit);
+      if (outfit !== "indirect") renderer.render(scene, camera);
+      else
+        this.half.render(renderer, camera, width, height, () =>
+          renderer.render(this.root as unknown as Scene, camera),
+        );
+    }
   }
 
   dispose(): void {
-    this.disposed = true;
+    this.compilations++;
     for (const lamp of this.lamps) lamp.dispose();
     for (const field of this.fields) field.dispose();
-    for (const { mesh, plain, learned } of this.dresses) {
-      mesh.geometry.dispose();
-      for (const material of [plain, learned].flat()) disposeMaterial(material);
-    }
+    this.segments?.dispose();
+    this.half.dispose();
+    this.wardrobe.dispose();
     this.root.removeFromParent();
   }
 
-  private patchMaterials(): Dress[] {
-    const uniforms = { lightwellRaster: this.raster };
-    const plain = { fields: [], uniforms, key: "plain" };
-    const learned = { fields: this.fields, uniforms, key: `${this.id}` };
-    const twins = new Map<Material, Material>();
-    /** The material with learned light; `material` itself when there is none to add. */
-    const twinOf = (material: Material): Material => {
-      let twin = twins.get(material);
-      if (!twin) {
-        // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
-        material.shadowSide = DoubleSide;
-        const adds = this.fields.length > 0 && material instanceof MeshStandardMaterial;
-        twin = adds ? material.clone() : material;
-        if (material instanceof MeshStandardMaterial) addLearnedLight(material, plain);
-        if (adds) addLearnedLight(twin as MeshStandardMaterial, learned);
-        twins.set(material, twin);
-      }
-      return twin;
-    };
-    const dresses: Dress[] = [];
-    this.root.traverse((mesh) => {
-      if (!(mesh instanceof Mesh)) return;
-      const worn: Mesh["material"] = mesh.material;
-      mesh.receiveShadow = true;
-      mesh.castShadow = [worn].flat().some(blocksLight);
-      dresses.push({ mesh, plain: worn, learned: Array.isArray(worn) ? worn.map(twinOf) : twinOf(worn) });
+  private createWardrobe(id: string): Wardrobe {
+    const { fields, half, raster, segments } = this;
+    const plain = learnedFinish("plain", [], raster);
+    if (fields.length === 0) return new Wardrobe(this.root, { plain });
+    return new Wardrobe(this.root, {
+      plain,
+      learned: learnedFinish(`learned${id}`, fields, raster),
+      indirect: indirectFinish(`indirect${id}`, fields),
+      upsampled: upsampledFinish(half, raster),
+      ...(segments ? { segments: segmentFinish(`segments${id}`, segments) } : {}),
     });
-    return dresses;
+  }
+
+  private setLamps(lamps: readonly Lamp[]): void {
+    this.lamps = lamps;
+    this.followLamps();
+    this.wardrobe.renew();
+    this.drawn = "plain";
+  }
+
+  /** Tell every field which lamps it is evaluated for. */
+  private followLamps(): void {
+    const still = [new Vector3()];
+    for (const field of [...this.fields, ...(this.segments ? [this.segments] : [])]) {
+      const lights = this.lampsOf(field).map((lamp) => lamp.value);
+      field.follow(lights.length > 0 ? lights : still);
+    }
+    this.show(this.shown);
+  }
+
+  private lampsOf(field: FieldProgram): Lamp[] {
+    const variable = this.variables[field.record.variable];
+    return this.lamps.filter((lamp) => lamp.variable === variable);
+  }
+
+  /** Whether a field that follows no lamp is shown. */
+  private isOn(field: FieldProgram): boolean {
+    return field.record.role === "static" ? this.shown.still : this.shown.indirect;
   }
 }
 
-/** Blended and transmissive surfaces would cast solid shadows. */
-function blocksLight(material: Material): boolean {
-  const transmission = (material as { transmission?: number }).transmission ?? 0;
-  return !material.transparent && transmission < 0.5;
+/** What is worn, one after the other, to draw a look. */
+function outfitsOf({ half, segments }: Look): readonly Outfit[] {
+  if (segments) return ["segments"];
+  return half ? ["indirect", "upsampled"] : ["learned"];
 }
 
 /** The light of the file's own lights is in the static field, if anywhere; what hangs on them stays. */
@@ -203,13 +294,4 @@ function removeLights(root: Object3D): void {
     if (children.length > 0) light.parent?.add(node.add(...children));
     light.removeFromParent();
   }
-}
-
-function disposeMaterial(material: Material): void {
-  for (const value of Object.values(material)) {
-    if (value && typeof value === "object" && (value as { isTexture?: boolean }).isTexture) {
-      (value as { dispose(): void }).dispose();
-    }
-  }
-  material.dispose();
 }

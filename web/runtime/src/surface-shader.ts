@@ -1,24 +1,15 @@
-/** Adds learned light and a tighter shadow test to the shaders of three.js' standard and physical materials. */
+/** Finishes the shaders of three.js' standard and physical materials, and gives them a tighter shadow test. */
 
 import {
-  type IUniform,
   type MeshStandardMaterial,
   ShaderChunk,
   type WebGLProgramParametersWithUniforms,
   type WebGLRenderer,
 } from "three";
 import { rendererName } from "./device.ts";
-import type { FieldProgram } from "./field-program.ts";
 import { SHADOW_RADIUS } from "./lamp.ts";
 import { PRINCIPLED_LIGHT } from "./principled.ts";
-
-/** What the shaders of all materials of a scene share. */
-export interface SharedLight {
-  readonly fields: readonly FieldProgram[];
-  readonly uniforms: Readonly<Record<string, IUniform>>;
-  /** Names the fields' program; equal for materials that may share one. */
-  readonly key: string;
-}
+import type { SurfaceFinish } from "./surface-finish.ts";
 
 /** Smallest reflectance that a learned value is multiplied by (format/FORMAT.md). */
 const MIN_REFLECTANCE = "1e-3";
@@ -27,28 +18,24 @@ const MIN_REFLECTANCE = "1e-3";
 const DIELECTRIC_F0 = "0.04";
 
 /** Patch a material in place; its program is compiled anew. */
-export function addLearnedLight(material: MeshStandardMaterial, light: SharedLight): void {
-  material.onBeforeCompile = (shader, renderer) => patchSurfaceShader(shader, renderer, light);
-  material.customProgramCacheKey = () => `lightwell:${light.key}`;
+export function finishMaterial(material: MeshStandardMaterial, finish: SurfaceFinish): void {
+  material.onBeforeCompile = (shader, renderer) => patchSurfaceShader(shader, renderer, finish);
+  material.customProgramCacheKey = () => `lightwell:${finish.key()}`;
   material.needsUpdate = true;
 }
 
 function patchSurfaceShader(
   shader: WebGLProgramParametersWithUniforms,
   renderer: WebGLRenderer,
-  light: SharedLight,
+  finish: SurfaceFinish,
 ): void {
-  Object.assign(shader.uniforms, light.uniforms);
-  for (const field of light.fields) Object.assign(shader.uniforms, field.uniforms);
+  Object.assign(shader.uniforms, finish.uniforms);
   passCentroid(shader, renderer);
-  if (light.fields.some((field) => field.readsUv)) passTextureCoordinates(shader);
+  if (finish.readsUv) passTextureCoordinates(shader);
   shader.fragmentShader = shader.fragmentShader
-    .replace(
-      "void main() {",
-      `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\n${radianceFunction(light.fields)}\nvoid main() {`,
-    )
+    .replace("void main() {", `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\n${finish.functions()}\nvoid main() {`)
     .replace("#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin))
-    .replace("#include <opaque_fragment>", `${ADD_RADIANCE}\n#include <opaque_fragment>`);
+    .replace("#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`);
 }
 
 /**
@@ -83,32 +70,14 @@ function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): voi
   shader.fragmentShader = `varying vec4 vLightwellUv;\n${shader.fragmentShader}`;
 }
 
-/** `lightwellRadiance(...)`: the sum of all fields, demodulated by the reflectance. */
-function radianceFunction(fields: readonly FieldProgram[]): string {
-  const uv = fields.some((field) => field.readsUv) ? "vLightwellUv" : "vec4( 0.0 )";
-  return `
-uniform float lightwellRaster;
-${fields.map((field) => field.code).join("\n")}
-vec3 lightwellRadiance( vec3 position, vec3 normal, vec3 view, vec3 reflectance, float roughness, float metallic ) {
-  vec4 uv = ${uv};
-  vec3 sum = vec3( 0.0 );
-  ${fields.map((field) => `if ( ${field.gain} != vec3( 0.0 ) ) sum += ${field.gain} * max( ${field.call}, 0.0 );`).join("\n  ")}
-  return sum;
-}`;
-}
-
-/** The sum of raster and learned light; point and facet are those of the shadow test. */
-const ADD_RADIANCE = `
-{
+/** What a finish may know of the surface; point and facet are those of the shadow test. */
+const SURFACE = `
   vec3 lwView = cameraPosition - lwPosition;
   vec3 lwNormal = normalize( ( vec4( nonPerturbedNormal, 0.0 ) * viewMatrix ).xyz );
   lwView = normalize( lwView );
   // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   lwNormal *= ( dot( lwFacet, lwView ) < 0.0 ) == ( dot( lwFacet, lwNormal ) < 0.0 ) ? 1.0 : - 1.0;
-  vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );
-  outgoingLight = lightwellRaster * outgoingLight + lwReflectance
-    * lightwellRadiance( lwPosition, lwNormal, lwView, lwReflectance, roughnessFactor, metalnessFactor );
-}`;
+  vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );`;
 
 /**
  * The shadow test happens at a point lifted off the facet, towards the light, just far enough that the filter's

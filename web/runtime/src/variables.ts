@@ -41,6 +41,9 @@ export type Variable = PointVariable | SunVariable;
 /** Largest number of declared lights: each one costs a shadow map and an evaluation of its field. */
 export const MAX_VARIABLES = 4;
 
+/** Largest number of lamps in a scene: those of the declared lights, and more of the same kind. */
+export const MAX_LAMPS = 4;
+
 const MAX_INTENSITY = 1e12;
 
 /** Read `extension.variables`. */

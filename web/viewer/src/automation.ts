@@ -11,6 +11,8 @@ export interface Stats {
   readonly view: number | null;
   readonly views: number;
   readonly lights: number[][];
+  readonly half: boolean;
+  readonly experts: boolean;
   /** Name that the driver gives itself. */
   readonly renderer: string;
   /** Where the weights of the fields live. */
@@ -34,7 +36,8 @@ export interface Automation {
   /** Resolves when the first frame with learned light is drawn; rejects with the message that the page shows. */
   readonly ready: Promise<void>;
   renderOnce(): void;
-  setMode(mode: Mode): void;
+  /** Resolves when the mode is drawn. */
+  setMode(mode: Mode): Promise<void>;
   /** Go to a saved view and wait for its reference. */
   setView(index: number): Promise<void>;
   setCamera(position: number[], target: number[], fovY?: number): void;
@@ -43,6 +46,11 @@ export interface Automation {
   setIntensity(intensity: number, index?: number): void;
   setColor(linear: number[], index?: number): void;
   setStillLight(on: boolean): void;
+  /** Add a lamp; resolves with its number, or -1, when it is drawn with learned light. */
+  addLamp(variable?: number): Promise<number>;
+  removeLamp(index: number): Promise<void>;
+  /** Learned light at half resolution, or at full; resolves when it is drawn so. */
+  setHalf(on: boolean): Promise<void>;
   stats(): Stats;
   /** The canvas: 8-bit RGBA. */
   readPixels(): { width: number; height: number; data: Uint8Array };
@@ -70,7 +78,10 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
   window.lightwell = {
     ready,
     renderOnce: () => viewer.renderOnce(),
-    setMode: (mode) => viewer.setMode(mode),
+    async setMode(mode) {
+      viewer.setMode(mode);
+      if (mode === "experts") await viewer.prepared();
+    },
     async setView(index) {
       viewer.setView(index);
       if (viewer.page.views[index]?.reference) await viewer.reference(index);
@@ -80,6 +91,19 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
     setIntensity: (intensity, index = 0) => viewer.setIntensity(index, intensity),
     setColor: (linear, index = 0) => viewer.setColor(index, new Color().fromArray(linear)),
     setStillLight: (on) => viewer.setStillLight(on),
+    async addLamp(variable) {
+      const index = viewer.addLamp(variable);
+      await viewer.prepared();
+      return index;
+    },
+    async removeLamp(index) {
+      viewer.removeLamp(index);
+      await viewer.prepared();
+    },
+    async setHalf(on) {
+      viewer.setHalf(on);
+      await viewer.prepared();
+    },
     stats: () => stats(viewer, notice, trouble),
     readPixels: () => viewer.readPixels(),
     readRadiance: () => viewer.readRadiance(),
@@ -95,9 +119,11 @@ function stats(viewer: Viewer, notice: string, trouble: string): Stats {
     view: viewer.view,
     views: viewer.page.views.length,
     lights: viewer.lamps.map((lamp) => lamp.value.toArray()),
+    half: viewer.half,
+    experts: viewer.hasExperts,
     renderer: viewer.rendererName,
     weights: placements.size > 1 ? "mixed" : ([...placements][0] ?? "none"),
-    macs: viewer.fields.reduce((sum, field) => sum + field.macs, 0),
+    macs: viewer.learned?.macs ?? 0,
     preparing: viewer.preparing,
     fields: viewer.fields.map(({ record, placement, macs, bytes }) => ({
       name: record.name,

@@ -12,4 +12,6 @@ export interface ViewerEvents extends Record<string, unknown> {
   trouble: string;
   /** A scene was loaded. */
   loaded: undefined;
+  /** There are other lamps than before: after `loaded`, and when one is added or removed. */
+  lamps: undefined;
 }

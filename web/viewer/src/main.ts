@@ -1,6 +1,7 @@
 /** Starts the page. */
 
 import "./style.css";
+import { Color, Vector3 } from "three";
 import { findAsset, type LoadedAsset } from "./asset.ts";
 import { automate } from "./automation.ts";
 import { readOptions } from "./options.ts";
@@ -8,7 +9,7 @@ import { el } from "./ui/dom.ts";
 import { createHelp } from "./ui/help.ts";
 import { listenToKeys } from "./ui/keys.ts";
 import { LampHandle } from "./ui/lamp-handle.ts";
-import { createLegend } from "./ui/legend.ts";
+import { createLegends } from "./ui/legend.ts";
 import { createModeBar } from "./ui/mode-bar.ts";
 import { createNotices } from "./ui/notices.ts";
 import { createPanel } from "./ui/panel.ts";
@@ -50,6 +51,8 @@ function addControls(viewer: Viewer): void {
   viewer.on("loaded", () => {
     heading.textContent = viewer.title;
     document.title = `${viewer.title} · lightwell`;
+  });
+  viewer.on("lamps", () => {
     const points = [...viewer.lamps.keys()].filter((index) => viewer.lamps[index]!.variable.kind === "point");
     handles = points.map((index) => new LampHandle(viewer, index));
     lamps.replaceChildren(...handles.map((handle) => handle.element));
@@ -58,7 +61,7 @@ function addControls(viewer: Viewer): void {
     for (const handle of handles) handle.update();
   });
   const header = el("header", {}, heading, el("span", { class: "wordmark" }, "lightwell"));
-  const bottom = el("footer", {}, createLegend(viewer), createModeBar(viewer), createViewsStrip(viewer));
+  const bottom = el("footer", {}, ...createLegends(viewer), createModeBar(viewer), createViewsStrip(viewer));
   root.append(lamps, createSplitHandle(viewer), header, bottom, panel, help.element);
   panel.prepend(help.button);
   listenToKeys(viewer, {
@@ -84,14 +87,27 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
   await viewer.load(asset).finally(stop);
 }
 
-/** Mode and view that the address asks for. */
+/** Lamps that the address asks for. */
+function applyLights(viewer: Viewer): void {
+  options.lights.forEach(({ value, color, intensity }, index) => {
+    const lamp = viewer.lamps[index] ? index : viewer.addLamp();
+    if (lamp < 0) return;
+    if (value) viewer.setLight(lamp, new Vector3(...value));
+    if (color) viewer.setColor(lamp, new Color(color));
+    if (intensity !== undefined) viewer.setIntensity(lamp, intensity);
+  });
+}
+
+/** Mode, view and lamps that the address asks for. */
 async function applyOptions(viewer: Viewer): Promise<void> {
   if (options.view !== null && viewer.page.views[options.view]) {
     viewer.setView(options.view);
     if (viewer.page.views[options.view]!.reference) await viewer.reference(options.view);
   }
+  applyLights(viewer);
   if (options.mode) viewer.setMode(options.mode);
   if (viewer.view !== null && viewer.page.views[viewer.view]?.reference) await viewer.reference(viewer.view);
+  await viewer.prepared();
   viewer.renderOnce();
 }
 

@@ -1,5 +1,6 @@
 /** Options of the page's address, for tests, screenshots and links. */
 
+import { readLights, type LightOption } from "./light-options.ts";
 import { MODES, type Mode } from "./modes.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
 
@@ -23,6 +24,10 @@ export interface Options {
   readonly weights: "inline" | "texture" | null;
   /** Samples per pixel of the rasteriser: 0 or 4. */
   readonly samples: number;
+  /** Lamps to start with, the declared ones first; empty for those alone. */
+  readonly lights: readonly LightOption[];
+  /** Whether the learned light is evaluated at half resolution. */
+  readonly half: boolean;
 }
 
 const MAX_SIDE = 8192;
@@ -43,6 +48,8 @@ export function readOptions(search: string): Options {
     dither: query.get("dither") !== "0",
     weights: weights === "inline" || weights === "texture" ? weights : null,
     samples: query.get("samples") === "0" ? 0 : 4,
+    lights: readLights(query.get("lights")),
+    half: query.get("half") === "1",
   };
 }
 

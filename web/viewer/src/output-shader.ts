@@ -3,7 +3,7 @@
 import { TONE_MAPPING_TEXTS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** Values of the uniform `show`. */
-export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3 } as const;
+export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4 } as const;
 
 /** Relative errors from 1 % to 100 % are spread over the two arms of the difference scale. */
 export const DIFFERENCE_RANGE = [0.01, 1] as const;
@@ -72,6 +72,8 @@ export function outputFragment(toneMapping: ToneMappingName): string {
     vec2 at = ( vUv - frame.xy ) / frame.zw;
     bool inFrame = all( greaterThanEqual( at, vec2( 0.0 ) ) ) && all( lessThanEqual( at, vec2( 1.0 ) ) );
     vec3 shown = over( learned.rgb, learned.a );
+    // Colours that mean something are shown as they are, whatever the exposure.
+    if ( show == ${SHOW.experts} ) shown = mix( backdrop( vUv ), sRGBTransferOETF( learned / max( learned.a, 1e-4 ) ).rgb, learned.a );
     if ( show == ${SHOW.reference} || ( show == ${SHOW.split} && vUv.x < split ) ) {
       vec3 truth = texture( reference, vec2( at.x, 1.0 - at.y ) ).rgb;
       float coverage = max( learned.a, any( greaterThan( truth, vec3( 0.0 ) ) ) ? 1.0 : 0.0 );

@@ -2,7 +2,6 @@
 
 import {
   BufferGeometry,
-  type Camera,
   Float32BufferAttribute,
   GLSL3,
   HalfFloatType,
@@ -10,6 +9,7 @@ import {
   Mesh,
   NoBlending,
   OrthographicCamera,
+  type PerspectiveCamera,
   type Scene,
   ShaderMaterial,
   type Texture,
@@ -18,6 +18,7 @@ import {
   WebGLRenderTarget,
 } from "three";
 import { OUTPUT_VERTEX, outputFragment, SHOW } from "./output-shader.ts";
+import type { Stage } from "./stage.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
 
 /** Owns the render targets and the output pass. */
@@ -60,12 +61,15 @@ export class Pipeline {
   }
 
   /** Render radiance into a target of this pipeline. */
-  renderScene(target: WebGLRenderTarget, width: number, height: number, scene: Scene, camera: Camera): void {
+  renderStage(
+    target: WebGLRenderTarget,
+    width: number,
+    height: number,
+    stage: Stage,
+    camera: PerspectiveCamera,
+  ): void {
     target.setSize(Math.max(1, Math.round(width)), Math.max(1, Math.round(height)));
-    this.renderer.setRenderTarget(target);
-    this.renderer.clear();
-    this.renderer.render(scene, camera);
-    this.renderer.setRenderTarget(null);
+    stage.render(target, camera);
   }
 
   /** Show the pictures on the canvas, or in a target. */

@@ -1,10 +1,10 @@
 /** What stands in the scene: the loaded file, its lamps, and their visible bodies. */
 
-import { type Lamp, LearnedScene, type Parts, type WeightPlacement } from "lightwell";
+import { type Lamp, LearnedScene, type Look, type Parts, type WeightPlacement } from "lightwell";
 import {
-  type Camera,
   HemisphereLight,
   Light,
+  type PerspectiveCamera,
   Scene,
   Vector3,
   type WebGLRenderer,
@@ -40,18 +40,32 @@ export class Stage {
     this.learned = learned;
     scene.add(learned.root);
     if (isUnlit(learned)) scene.add(new HemisphereLight(0xffffff, 0x8d8478, 2.5));
-    const radius = learned.bounds.getSize(new Vector3()).length() * BALL_SHARE;
-    this.glows = this.lamps
-      .filter((lamp) => lamp.variable.kind === "point")
-      .map((lamp) => new LampGlow(lamp, radius));
-    for (const glow of this.glows) scene.add(glow.object);
+    this.embody();
     return learned;
   }
 
-  /** Compile the learned light for the target that it is drawn into, on which shaders depend. */
-  async compile(target: WebGLRenderTarget, camera: Camera): Promise<void> {
+  /** Give every point lamp a visible body. */
+  embody(): void {
+    for (const glow of this.glows) glow.dispose();
+    const size = this.learned?.bounds.getSize(new Vector3()).length() ?? 0;
+    this.glows = this.lamps
+      .filter((lamp) => lamp.variable.kind === "point")
+      .map((lamp) => new LampGlow(lamp, size * BALL_SHARE));
+    for (const glow of this.glows) this.scene.add(glow.object);
+  }
+
+  /** Draw into a target. */
+  render(target: WebGLRenderTarget, camera: PerspectiveCamera): void {
     this.renderer.setRenderTarget(target);
-    const compiled = this.learned?.compile(this.renderer, this.scene, camera);
+    this.renderer.clear();
+    this.learned?.render(this.renderer, this.scene, camera, target.width, target.height);
+    this.renderer.setRenderTarget(null);
+  }
+
+  /** Compile a look for the target that it is drawn into, on which shaders depend. */
+  async compile(target: WebGLRenderTarget, camera: PerspectiveCamera, look: Look): Promise<void> {
+    this.renderer.setRenderTarget(target);
+    const compiled = this.learned?.compile(this.renderer, this.scene, camera, look);
     this.renderer.setRenderTarget(null);
     await compiled;
   }

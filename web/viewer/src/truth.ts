@@ -1,6 +1,6 @@
 /** The path-traced pictures of the saved views, and how far the learned picture is from them. */
 
-import { type DataTexture, DataUtils, type Scene, Vector3, type WebGLRenderer } from "three";
+import { type DataTexture, DataUtils, Vector3, type WebGLRenderer } from "three";
 import type { CameraRig } from "./camera-rig.ts";
 import { type Comparison, compare, FLOOR_SHARE, meanRadiance } from "./comparison.ts";
 import type { Mode } from "./modes.ts";
@@ -8,6 +8,7 @@ import { SHOW } from "./output-shader.ts";
 import type { ViewData } from "./page-data.ts";
 import type { Pipeline } from "./pipeline.ts";
 import { decodeReference } from "./reference.ts";
+import type { Stage } from "./stage.ts";
 
 /** Exposed luminance that half of a picture may exceed before it looks washed out, and the side of a metered block. */
 const CALM_LUMINANCE = 0.45;
@@ -19,7 +20,7 @@ export interface Compared {
   readonly view: ViewData;
   readonly mode: Mode;
   readonly split: number;
-  readonly scene: Scene;
+  readonly stage: Stage;
   readonly rig: CameraRig;
 }
 
@@ -56,7 +57,7 @@ export class Truth {
   }
 
   /** Set up reference and difference for the next presentation; returns whether `comparison` is new. */
-  draw({ index, view, mode, split, scene, rig }: Compared): boolean {
+  draw({ index, view, mode, split, stage, rig }: Compared): boolean {
     const { uniforms } = this.pipeline;
     const reference = this.decoded.get(index)!;
     const truth = reference.image.data as unknown as Uint16Array;
@@ -67,7 +68,7 @@ export class Truth {
     if (this.comparison !== null && mode !== "difference") return false;
     const { width, height } = view;
     uniforms.floorRadiance.value = FLOOR_SHARE * meanRadiance(truth);
-    this.pipeline.renderScene(this.pipeline.picture, width, height, scene, rig.frameCamera());
+    this.pipeline.renderStage(this.pipeline.picture, width, height, stage, rig.frameCamera());
     if (this.comparison !== null) return false;
     const pixels = new Uint16Array(width * height * 4);
     this.renderer.readRenderTargetPixels(this.pipeline.picture, 0, 0, width, height, pixels);

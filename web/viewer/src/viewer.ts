@@ -45,6 +45,8 @@ export class Viewer extends Emitter<ViewerEvents> {
   split = 0.5;
   /** Whether the shaders of the learned light are still being compiled: only direct light is shown. */
   preparing = false;
+  /** Whether the learned light is evaluated at half resolution. */
+  half: boolean;
   /** Exposure of the scene, and that of the view that was chosen last. */
   private sceneExposure = 1;
   private baseExposure = 1;
@@ -54,6 +56,8 @@ export class Viewer extends Emitter<ViewerEvents> {
   private readonly stage: Stage;
   private readonly truth: Truth;
   private requested = 0;
+  /** Counts compilations; the last one ends `preparing`. */
+  private compilations = 0;
   private userMoved = false;
   private shaderError = "";
   private readonly resizeObserver: ResizeObserver;
@@ -62,6 +66,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     super();
     this.canvas = canvas;
     this.options = options;
+    this.half = options.half;
     this.renderer = createRenderer(canvas);
     this.pipeline = new Pipeline(this.renderer, options.samples);
     this.stage = new Stage(this.renderer);
@@ -88,6 +93,11 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   get lamps(): readonly Lamp[] {
     return this.stage.lamps;
+  }
+
+  /** Whether the learned light has parts that can be shown. */
+  get hasExperts(): boolean {
+    return this.learned?.hasSegments ?? false;
   }
 
   get fields(): readonly FieldProgram[] {
@@ -133,17 +143,27 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.meter(exposure);
     this.renderOnce();
     this.emit("loaded", undefined);
+    this.emit("lamps", undefined);
     this.changed();
     await seen();
-    if (this.learned === learned) await this.stage.compile(this.pipeline.total, this.rig.camera);
+    if (this.learned === learned) await this.compile();
     if (this.learned !== learned) return;
-    this.preparing = false;
-    this.truth.comparison = null;
     if (exposure === null) this.meter(exposure);
     this.renderOnce();
     // The first frame carried the upload of everything; the second says what a frame costs.
     if (this.options.ui) this.measure(1);
     this.changed();
+  }
+
+  /** Resolves when nothing is being compiled. */
+  async prepared(): Promise<void> {
+    while (this.preparing)
+      await new Promise<void>((resolve) => {
+        const stop = this.on("change", () => {
+          stop();
+          resolve();
+        });
+      });
   }
 
   /** Draw a frame soon. */
@@ -155,6 +175,10 @@ export class Viewer extends Emitter<ViewerEvents> {
   renderOnce = (): void => this.draw(1);
 
   setMode(mode: Mode): void {
+    if (mode === "experts" && !this.hasExperts) {
+      this.say("The learned light of this file has no parts to tell apart.");
+      return;
+    }
     if (needsReference(mode)) {
       if (!this.hasReferences) {
         this.say("This file carries no path-traced pictures to compare with.");
@@ -165,7 +189,9 @@ export class Viewer extends Emitter<ViewerEvents> {
       }
       this.resetLight();
     }
+    const [before, after] = [this.mode, mode].map((name) => name === "experts");
     this.mode = mode;
+    if (before !== after) void this.compile();
     this.changed();
   }
 
@@ -175,9 +201,9 @@ export class Viewer extends Emitter<ViewerEvents> {
     if (!view) return;
     if (needsReference(this.mode) && !view.reference) this.mode = "learned";
     this.place(() => this.rig.place(view.camera, view.width / view.height));
+    this.resetLight();
     const lamp = this.lamps[0];
     if (lamp && view.light) lamp.move(new Vector3(...view.light));
-    this.resetLight();
     this.view = index;
     this.truth.comparison = null;
     this.baseExposure = this.sceneExposure;
@@ -195,8 +221,8 @@ export class Viewer extends Emitter<ViewerEvents> {
     const camera = home ?? views[0]?.camera ?? overview(this.learned?.bounds ?? new Box3());
     this.leaveView();
     this.place(() => this.rig.place(camera, 1));
-    for (const lamp of this.lamps) lamp.move(new Vector3(...lamp.variable.initial));
     this.resetLight();
+    for (const lamp of this.lamps) lamp.move(new Vector3(...lamp.variable.initial));
     this.baseExposure = this.sceneExposure;
     this.changed();
   }
@@ -226,6 +252,38 @@ export class Viewer extends Emitter<ViewerEvents> {
   setColor(index: number, color: Color): void {
     this.lamps[index]?.color.copy(color);
     this.relit();
+  }
+
+  /** Whether a lamp was added to those of the file. */
+  isAdded(index: number): boolean {
+    return index >= (this.learned?.variables.length ?? 0);
+  }
+
+  /** Add a lamp of the kind of a declared light; returns its number, or -1 when there are enough. */
+  addLamp(variable = 0): number {
+    if (!this.learned?.addLamp(variable)) {
+      this.say(this.lamps.length ? "There is no room for another lamp." : "This file has no lamp that can move.");
+      return -1;
+    }
+    this.leaveView();
+    this.relamped();
+    return this.lamps.length - 1;
+  }
+
+  /** Take the lamp of this number away, if it was added. */
+  removeLamp(index: number): void {
+    if (!this.learned?.removeLamp(index)) return;
+    this.leaveView();
+    this.relamped();
+  }
+
+  /** Evaluate the learned light at half resolution, or at full. */
+  setHalf(on: boolean): void {
+    if (this.half === on) return;
+    this.half = on;
+    this.truth.comparison = null;
+    void this.compile();
+    this.changed();
   }
 
   setStops(stops: number): void {
@@ -353,9 +411,37 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.say("Path-traced pictures exist for the saved views alone. Back to learned light.");
   }
 
+  /** The light of the bake: its lamps alone, as they were. */
   private resetLight(): void {
+    const { learned } = this;
+    const declared = learned?.variables.length ?? 0;
+    if (this.lamps.length > declared) {
+      while (this.lamps.length > declared) learned?.removeLamp(this.lamps.length - 1);
+      this.relamped();
+    }
     this.stage.resetLamps();
     this.stillLight = true;
+  }
+
+  /** There are other lamps than before, for which shaders must be compiled. */
+  private relamped(): void {
+    this.stage.embody();
+    this.emit("lamps", undefined);
+    void this.compile();
+    this.changed();
+  }
+
+  /** Compile what is to be shown; until then it is as before, or without the learned light. */
+  private async compile(): Promise<void> {
+    const { learned } = this;
+    const look = { half: this.half, segments: this.mode === "experts" };
+    const compilation = ++this.compilations;
+    this.preparing = true;
+    await this.stage.compile(this.pipeline.total, this.rig.camera, look);
+    if (this.learned !== learned || compilation !== this.compilations) return;
+    this.preparing = false;
+    this.truth.comparison = null;
+    this.changed();
   }
 
   private relit(): void {
@@ -395,7 +481,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.prepare();
     const { width, height } = this.canvas;
     const { pipeline, rig } = this;
-    pipeline.renderScene(pipeline.total, width * scale, height * scale, this.stage.scene, rig.camera);
+    pipeline.renderStage(pipeline.total, width * scale, height * scale, this.stage, rig.camera);
     if (this.shaderError) {
       this.recover();
       return;
@@ -410,21 +496,22 @@ export class Viewer extends Emitter<ViewerEvents> {
     const { mode } = this;
     const still = this.stillLight && mode !== "direct";
     const parts = { raster: mode !== "indirect", indirect: mode !== "direct", still };
-    this.stage.prepare(parts, this.exposure, this.options.ui && !needsReference(mode));
+    const glowing = this.options.ui && !needsReference(mode) && mode !== "experts";
+    this.stage.prepare(parts, this.exposure, glowing);
     this.pipeline.uniforms.toneMappingExposure.value = this.exposure;
   }
 
   /** Set up reference and difference, once the reference is decoded. */
   private drawComparison(): void {
-    const { truth, view: index, mode, split, rig } = this;
-    const { scene } = this.stage;
+    const { truth, view: index, mode, split, rig, stage } = this;
     if (!truth.has(index) || !needsReference(mode)) {
-      this.pipeline.uniforms.show.value = SHOW.learned;
+      const segments = stage.learned?.showsSegments ?? false;
+      this.pipeline.uniforms.show.value = segments ? SHOW.experts : SHOW.learned;
       return;
     }
     // A picture that lacks the learned light says nothing about it.
     if (this.preparing) truth.comparison = null;
-    const isNew = truth.draw({ index, view: this.page.views[index]!, mode, split, scene, rig });
+    const isNew = truth.draw({ index, view: this.page.views[index]!, mode, split, stage, rig });
     if (isNew && !this.preparing) this.emit("change", undefined);
   }
 

@@ -18,12 +18,17 @@ export interface TexelTexture {
   readonly data: Uint16Array<ArrayBuffer> | Float32Array<ArrayBuffer>;
 }
 
-/** What depends on the frame only: an array of vec4 to fill with `evaluateFrame` whenever its inputs change. */
+/** What depends on the frame only: blocks to fill with `evaluateFrame` whenever its inputs change, light after light. */
 export interface FrameUniform extends FrameLayout {
   /** Name of the uniform. */
   readonly name: string;
-  /** Up to `FRAME_UNIFORM_LIMIT` blocks it is `uniform vec4 name[blocks]`, beyond an RGBA32F texture of one row. */
+  /**
+   * Up to `FRAME_UNIFORM_LIMIT` blocks of all lights it is `uniform vec4 name[lights * blocks]`, beyond an RGBA32F texture
+   * with a row a light.
+   */
   readonly kind: "array" | "texture";
+  /** Global int variable that says for which light the function is evaluated; null when there is one light. */
+  readonly slot: string | null;
 }
 
 export interface GlslProgram {
@@ -42,6 +47,8 @@ export interface GlslOptions {
   readonly name: string;
   /** `inline`: literals, for a few small networks. `texture`: loops over `texelFetch`. Tables and experts are always textures. */
   readonly weights: "inline" | "texture";
+  /** How many sets of per-frame values there are, one a light; 1 unless given. */
+  readonly lights?: number;
 }
 
 /** Blocks of per-frame values that still travel as a uniform array: WebGL2 guarantees 224 in all. */
@@ -50,7 +57,7 @@ export const FRAME_UNIFORM_LIMIT = 128;
 const TEXTURE_SIDE = 2048;
 
 /** Print a graph as `TYPE name(inputs…)`. */
-export function printGlsl(graph: Graph, { name, weights }: GlslOptions): GlslProgram {
+export function printGlsl(graph: Graph, { name, weights, lights = 1 }: GlslOptions): GlslProgram {
   const { printer, frame, parameters, outputs } = printProgram(
     graph,
     GLSL,
@@ -79,10 +86,10 @@ export function printGlsl(graph: Graph, { name, weights }: GlslOptions): GlslPro
   const struct = `struct ${type} {\n${outputs
     .map(({ name: output, value }, i) => `  vec4 o${i}[${value.blocks}]; // ${output}\n`)
     .join("")}};`;
-  const uniform = frame.blocks ? frameUniform(name, frame) : null;
+  const uniform = frame.blocks ? frameUniform(name, frame, lights) : null;
   const code = [
     ...textures.map(readTexel),
-    ...(uniform ? [readFrame(uniform, name)] : []),
+    ...(uniform ? [readFrame(uniform, name, lights)] : []),
     ...(single ? [] : [struct]),
     ...printer.helpers.values(),
     `${type} ${name}(${types.join(", ")}) {`,
@@ -110,14 +117,25 @@ function readTexel({ name, width }: TexelTexture): string {
   return `uniform highp sampler2D ${name};\nvec4 ${read}(int i) { return texelFetch(${name}, ${at}, 0); }`;
 }
 
-function frameUniform(name: string, frame: FrameLayout): FrameUniform {
-  return { ...frame, name: `${name}_frame`, kind: frame.blocks <= FRAME_UNIFORM_LIMIT ? "array" : "texture" };
+function frameUniform(name: string, frame: FrameLayout, lights: number): FrameUniform {
+  const slot = lights > 1 ? `${name}_slot` : null;
+  // Two names, so that a program for few lights and one for many can share a set of uniforms.
+  return lights * frame.blocks <= FRAME_UNIFORM_LIMIT
+    ? { ...frame, name: `${name}_frame`, kind: "array", slot }
+    : { ...frame, name: `${name}_frame_texels`, kind: "texture", slot };
 }
 
-function readFrame({ name: uniform, kind, blocks }: FrameUniform, name: string): string {
-  return kind === "array"
-    ? `uniform highp vec4 ${uniform}[${blocks}];\nvec4 ${name}_frame_at(int i) { return ${uniform}[i]; }`
-    : `uniform highp sampler2D ${uniform};\nvec4 ${name}_frame_at(int i) { return texelFetch(${uniform}, ivec2(i, 0), 0); }`;
+function readFrame({ name: uniform, kind, blocks, slot }: FrameUniform, name: string, lights: number): string {
+  const declaration =
+    kind === "array"
+      ? `uniform highp vec4 ${uniform}[${lights * blocks}];`
+      : `uniform highp sampler2D ${uniform};`;
+  const value =
+    kind === "array"
+      ? `${uniform}[${slot ? `${slot} * ${blocks} + i` : "i"}]`
+      : `texelFetch(${uniform}, ivec2(i, ${slot ?? 0}), 0)`;
+  const variable = slot ? `int ${slot} = 0;\n` : "";
+  return `${declaration}\n${variable}vec4 ${name}_frame_at(int i) { return ${value}; }`;
 }
 
 /** All numbers of one precision as a texture; null when there are none. */

@@ -9,6 +9,8 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["Right drag · two fingers", "Pan"],
   ["Drag the lamp", "Move the light; wheel over it: depth"],
   ["Arrows, Page ↑ ↓", "Move the light when it has focus; Shift: finer"],
+  ["+ · −", "Add a lamp, remove the last one; Delete: the one that has focus"],
+  ["R", "Learned light at half resolution, or at full"],
   ["V", "Next saved view"],
   ["H", "Start again"],
   ["L", "Focus the light"],
@@ -31,7 +33,8 @@ export function createHelp(): { element: HTMLDialogElement; button: HTMLElement;
   );
   const about =
     "The light that comes straight from the lamp is rasterised. All other light, bounced from surface to " +
-    "surface, is computed for every pixel by a small learned function.";
+    "surface, is computed for every pixel by a small learned function. Light adds up: several lamps are the " +
+    "sum of the same function.";
   const element = el(
     "dialog",
     { class: "help glass", "aria-label": "Help" },

@@ -20,6 +20,10 @@ export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
       p: actions.panel,
       l: actions.light,
       h: () => viewer.goHome(),
+      r: () => viewer.setHalf(!viewer.half),
+      "+": () => viewer.addLamp(),
+      "=": () => viewer.addLamp(),
+      "-": () => viewer.removeLamp(viewer.lamps.length - 1),
       v: () => viewer.setView(((viewer.view ?? -1) + 1) % Math.max(viewer.page.views.length, 1)),
     }[event.key.toLowerCase()];
     action?.();

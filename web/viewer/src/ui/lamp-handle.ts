@@ -1,8 +1,10 @@
 /** A handle over a point lamp: drag it in the camera plane, wheel or keys for depth. */
 
 import { Plane, Raycaster, Vector2, Vector3 } from "three";
+import { needsReference } from "../modes.ts";
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
+import { hexOf, lampName } from "./light-controls.ts";
 
 /** A lamp outside of the picture is shown at its rim: distance from there, CSS pixels. */
 const RIM = 30;
@@ -32,7 +34,7 @@ export class LampHandle {
   constructor(viewer: Viewer, index: number) {
     this.viewer = viewer;
     this.index = index;
-    const { name } = viewer.lamps[index]!.variable;
+    const name = lampName(viewer, index);
     this.element = el("button", {
       type: "button",
       class: "lamp",
@@ -50,10 +52,12 @@ export class LampHandle {
   /** Follow the lamp on the page. */
   update(): void {
     const { viewer, element } = this;
+    // Added lamps are told apart at the rim by their colour.
+    if (viewer.isAdded(this.index))
+      element.style.setProperty("--tint", `#${hexOf(viewer.lamps[this.index]!.color)}`);
     const at = this.lamp.clone().project(viewer.rig.camera);
     const { clientWidth, clientHeight } = viewer.canvas;
-    element.hidden =
-      viewer.mode === "reference" || viewer.mode === "difference" || viewer.mode === "split" || at.z > 1;
+    element.hidden = needsReference(viewer.mode) || viewer.mode === "experts" || at.z > 1;
     const [x, y] = [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
     const [px, py] = [within(x, clientWidth), within(y, clientHeight)];
     const away = Math.hypot(x - px, y - py) > RIM;
@@ -100,6 +104,7 @@ export class LampHandle {
   }
 
   private key(event: KeyboardEvent): void {
+    if (event.key === "Delete" || event.key === "Backspace") return this.viewer.removeLamp(this.index);
     const direction = KEYS[event.key];
     if (!direction) return;
     event.preventDefault();

@@ -1,11 +1,33 @@
-/** The colour scale of the difference picture. */
+/** What the colours of the difference picture and of the experts mean. */
 
+import { SEGMENT_COLORS } from "lightwell";
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
 
 const TICKS = ["−100 %", "−10", "±1", "+10", "+100 %"];
 
-export function createLegend(viewer: Viewer): HTMLElement {
+/** The legend of the mode that is shown; nothing where colours are light. */
+export function createLegends(viewer: Viewer): readonly HTMLElement[] {
+  return [createScale(viewer), createSwatches(viewer)];
+}
+
+/** Swatches of the first experts, and what stripes mean. */
+function createSwatches(viewer: Viewer): HTMLElement {
+  const swatches = SEGMENT_COLORS.map((color) => el("i", { style: `background:${color}` }));
+  const legend = el(
+    "figure",
+    { class: "palette glass", "aria-label": "A colour for every expert" },
+    el("div", { class: "ends" }, el("span", {}, "One colour an expert"), el("span", {}, "stripes: two share")),
+    el("div", { class: "swatches", "aria-hidden": "true" }, ...swatches),
+  );
+  viewer.on("change", () => {
+    legend.hidden = viewer.mode !== "experts";
+  });
+  legend.hidden = true;
+  return legend;
+}
+
+function createScale(viewer: Viewer): HTMLElement {
   const ticks = el("div", { class: "ticks" }, ...TICKS.map((text) => el("span", {}, text)));
   const ends = el("div", { class: "ends" }, el("span", {}, "too dark"), el("span", {}, "too bright"));
   const legend = el(

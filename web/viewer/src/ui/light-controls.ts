@@ -44,7 +44,7 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
     if (sun) arc?.set(sun.arc.nearest(lamp.value));
   };
   const stop = viewer.on("change", update);
-  viewer.on("loaded", stop);
+  viewer.on("lamps", stop);
   update();
   const rows = [
     ...(arc ? [arc.element] : []),
@@ -57,15 +57,26 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
       place,
     ),
   ];
-  return createSection(title(variable.name), ...rows);
+  const section = createSection(lampName(viewer, index), ...rows);
+  if (viewer.isAdded(index)) section.querySelector("h2")?.append(createRemove(viewer, index));
+  return section;
 }
 
-function title(name: string): string {
-  return name.charAt(0).toUpperCase() + name.slice(1);
+function createRemove(viewer: Viewer, index: number): HTMLElement {
+  const onclick = () => viewer.removeLamp(index);
+  return el("button", { type: "button", class: "text", title: "Take this lamp away (−)", onclick }, "Remove");
 }
 
-/** sRGB hex of a colour whose brightest component is brought to 1 when above. */
-function hexOf(color: Color): string {
+/** The name of a lamp, with a number where there are several of its kind. */
+export function lampName(viewer: Viewer, index: number): string {
+  const { variable } = viewer.lamps[index]!;
+  const name = variable.name.charAt(0).toUpperCase() + variable.name.slice(1);
+  const alike = viewer.lamps.filter((lamp) => lamp.variable === variable);
+  return alike.length > 1 ? `${name} ${alike.indexOf(viewer.lamps[index]!) + 1}` : name;
+}
+
+/** sRGB hex digits of a colour whose brightest component is brought to 1 when above. */
+export function hexOf(color: Color): string {
   const peak = Math.max(color.r, color.g, color.b, 1);
   return color
     .clone()

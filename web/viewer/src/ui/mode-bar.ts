@@ -23,7 +23,8 @@ export function createModeBar(viewer: Viewer): HTMLElement {
       if (checked && button.ariaChecked !== "true")
         button.scrollIntoView({ block: "nearest", inline: "nearest" });
       button.setAttribute("aria-checked", String(checked));
-      button.hidden = needsReference(mode) && !viewer.hasReferences;
+      button.hidden =
+        (needsReference(mode) && !viewer.hasReferences) || (mode === "experts" && !viewer.hasExperts);
     }
   });
   return bar;

@@ -38,11 +38,10 @@ export function createNumbers(viewer: Viewer): HTMLElement {
 type Row = [name: string, value: string];
 
 function costs(viewer: Viewer): Row[] {
-  const macs = viewer.fields.reduce((sum, field) => sum + field.macs, 0);
   const bytes = viewer.fields.reduce((sum, field) => sum + field.bytes, 0);
   const rows: Row[] = [["Frame", frameTime(viewer)]];
   if (viewer.fields.length > 0)
-    rows.push(["Multiply-adds", `${grouped(macs)} / px`], ["Learned data", size(bytes)]);
+    rows.push(["Multiply-adds", `${grouped(Math.round(viewer.learned?.macs ?? 0))} / px`], ["Learned data", size(bytes)]);
   return rows;
 }
 

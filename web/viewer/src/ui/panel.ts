@@ -2,7 +2,7 @@
 
 import type { Viewer } from "../viewer.ts";
 import { el, ICONS, icon } from "./dom.ts";
-import { createLightControls } from "./light-controls.ts";
+import { createLights } from "./lights.ts";
 import { createNumbers } from "./numbers.ts";
 import { createPictureControls } from "./picture-controls.ts";
 
@@ -32,8 +32,7 @@ export function createPanel(viewer: Viewer): HTMLElement {
   setOpen(matchMedia(WIDE).matches);
   body.classList.add("glass");
   viewer.on("loaded", () => {
-    const lights = viewer.lamps.map((_, index) => createLightControls(viewer, index));
-    body.replaceChildren(...lights, createPictureControls(viewer), createNumbers(viewer));
+    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createNumbers(viewer));
   });
   return panel;
 }

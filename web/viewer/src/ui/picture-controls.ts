@@ -14,10 +14,13 @@ export function createPictureControls(viewer: Viewer): HTMLElement {
   curve.addEventListener("change", () => viewer.setToneMapping(curve.value as ToneMappingName));
   const lights = el("input", { type: "checkbox", role: "switch" });
   lights.addEventListener("change", () => viewer.setStillLight(lights.checked));
+  const half = el("input", { type: "checkbox", role: "switch" });
+  half.addEventListener("change", () => viewer.setHalf(half.checked));
   const update = () => {
     exposure.set(viewer.stops);
     curve.value = viewer.toneMapping;
     lights.checked = viewer.stillLight;
+    half.checked = viewer.half;
   };
   const stop = viewer.on("change", update);
   viewer.on("loaded", stop);
@@ -25,6 +28,10 @@ export function createPictureControls(viewer: Viewer): HTMLElement {
   const rows = [exposure.element, el("label", { class: "row" }, el("span", {}, "Tone curve"), curve)];
   if (viewer.learned?.hasStillLight) {
     rows.push(el("label", { class: "row" }, el("span", {}, "Scene lights"), lights));
+  }
+  if (viewer.fields.length > 0) {
+    const title = "Evaluate the learned light for every fourth pixel and fill in along surfaces (R)";
+    rows.push(el("label", { class: "row", title }, el("span", {}, "Half resolution"), half));
   }
   return createSection("Picture", ...rows);
 }

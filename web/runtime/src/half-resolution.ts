@@ -1,0 +1,123 @@
+/**
+ * Learned light at half the width and height, brought back by a joint bilateral filter: Kopf et al., Joint Bilateral
+ * Upsampling, 2007. The light is demodulated, so textures stay as sharp as they are; only the learned part softens.
+ */
+
+import {
+  HalfFloatType,
+  type IUniform,
+  NearestFilter,
+  type PerspectiveCamera,
+  type Texture,
+  Vector2,
+  Vector4,
+  type WebGLRenderer,
+  WebGLRenderTarget,
+} from "three";
+import type { SurfaceFinish } from "./surface-finish.ts";
+
+/** A tap counts while it is nearer to the surface's tangent plane than this share of the distance to the eye. */
+const PLANE_SHARE = 0.005;
+/** Cosines of the angle between normals from which a tap begins to count, and from which it counts fully. */
+const NORMAL_COSINES = [0.7, 0.95] as const;
+/** A sum of weights below this is nothing: then the tap that agrees best is taken as it is. */
+const LEAST_WEIGHT = 1e-3;
+
+/** Owns the small targets: demodulated radiance, and world normal with depth along the view axis. */
+export class HalfResolution {
+  readonly target = new WebGLRenderTarget(1, 1, {
+    count: 2,
+    type: HalfFloatType,
+    minFilter: NearestFilter,
+    magFilter: NearestFilter,
+  });
+  readonly uniforms: Record<string, IUniform> = {
+    lightwellHalfLight: { value: this.target.textures[0] as Texture },
+    lightwellHalfSurface: { value: this.target.textures[1] as Texture },
+    /** Small texels per pixel of the full picture. */
+    lightwellHalfScale: { value: new Vector2() },
+    /** View-space x and y over depth are ndc · xy + zw. */
+    lightwellUnproject: { value: new Vector4() },
+  };
+
+  /** Draw the small picture that belongs to one of `width` × `height` pixels; `draw` renders into the current target. */
+  render(
+    renderer: WebGLRenderer,
+    camera: PerspectiveCamera,
+    width: number,
+    height: number,
+    draw: () => void,
+  ): void {
+    const { target, uniforms } = this;
+    const outer = renderer.getRenderTarget();
+    target.setSize(Math.ceil(width / 2), Math.ceil(height / 2));
+    uniforms.lightwellHalfScale!.value.set(target.width / width, target.height / height);
+    const p = camera.projectionMatrix.elements;
+    uniforms.lightwellUnproject!.value.set(1 / p[0]!, 1 / p[5]!, p[8]! / p[0]!, p[9]! / p[5]!);
+    renderer.setRenderTarget(target);
+    renderer.clear();
+    draw();
+    renderer.setRenderTarget(outer);
+  }
+
+  dispose(): void {
+    this.target.dispose();
+  }
+}
+
+/** Rasterised light plus the small picture's learned light times the surface's reflectance. */
+export function upsampledFinish(half: HalfResolution, raster: IUniform<number>): SurfaceFinish {
+  return {
+    key: () => "upsampled",
+    uniforms: { ...half.uniforms, lightwellRaster: raster },
+    readsUv: false,
+    functions: () => `uniform float lightwellRaster;\n${UPSAMPLE}`,
+    statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellUpsampled( lwNormal, lwFacet );`,
+  };
+}
+
+/** Four taps around the pixel; a tap counts as far as it lies on the pixel's tangent plane and faces as the pixel does. */
+const UPSAMPLE = `
+uniform sampler2D lightwellHalfLight;
+uniform sampler2D lightwellHalfSurface;
+uniform vec2 lightwellHalfScale;
+uniform vec4 lightwellUnproject;
+
+// How little a tap agrees: distance from the tangent plane in units of what counts, and 1 - cosine; huge for the void.
+vec2 lightwellDisagreement( ivec2 tap, vec3 normal, vec3 plane ) {
+  vec4 surface = texelFetch( lightwellHalfSurface, tap, 0 );
+  if ( surface.w <= 0.0 ) return vec2( 1e9 );
+  vec2 ndc = 2.0 * ( vec2( tap ) + 0.5 ) / vec2( textureSize( lightwellHalfSurface, 0 ) ) - 1.0;
+  vec3 point = vec3( ndc * lightwellUnproject.xy + lightwellUnproject.zw, - 1.0 ) * surface.w;
+  float reach = ${PLANE_SHARE} * vLightwellToEye.z;
+  return vec2( abs( dot( plane, point + vLightwellToEye ) ) / reach, 1.0 - dot( normal, surface.xyz ) );
+}
+
+vec3 lightwellUpsampled( vec3 normal, vec3 facet ) {
+  vec3 plane = ( viewMatrix * vec4( facet, 0.0 ) ).xyz;
+  vec2 at = gl_FragCoord.xy * lightwellHalfScale - 0.5;
+  ivec2 low = ivec2( floor( at ) ), last = textureSize( lightwellHalfLight, 0 ) - 1;
+  vec2 share = at - floor( at );
+  vec4 sum = vec4( 0.0 );
+  for ( int i = 0; i < 4; i ++ ) {
+    ivec2 corner = ivec2( i & 1, i >> 1 );
+    ivec2 tap = clamp( low + corner, ivec2( 0 ), last );
+    vec2 off = lightwellDisagreement( tap, normal, plane );
+    vec2 linear = mix( 1.0 - share, share, vec2( corner ) );
+    float weight = linear.x * linear.y * max( 1.0 - off.x * off.x, 0.0 )
+      * smoothstep( ${NORMAL_COSINES.map((c) => c.toFixed(2)).join(", ")}, 1.0 - off.y );
+    sum += weight * vec4( texelFetch( lightwellHalfLight, tap, 0 ).rgb, 1.0 );
+  }
+  if ( sum.w > ${LEAST_WEIGHT} ) return sum.rgb / sum.w;
+  // A thing too thin for the small picture, or a rim: what agrees best of a wider neighbourhood.
+  vec3 light = vec3( 0.0 );
+  float best = 1e8;
+  for ( int i = 0; i < 16; i ++ ) {
+    ivec2 tap = clamp( low + ivec2( i & 3, i >> 2 ) - 1, ivec2( 0 ), last );
+    vec2 off = lightwellDisagreement( tap, normal, plane );
+    if ( off.x + 10.0 * off.y >= best ) continue;
+    best = off.x + 10.0 * off.y;
+    light = texelFetch( lightwellHalfLight, tap, 0 ).rgb;
+  }
+  return light;
+}`;

@@ -1,0 +1,87 @@
+/** What a surface shows: GLSL that is added to the shaders of three.js' standard and physical materials. */
+
+import type { IUniform } from "three";
+import type { FieldProgram } from "./field-program.ts";
+
+/** One way to finish a surface. */
+export interface SurfaceFinish {
+  /** Names the program; equal for materials that may share one. */
+  key(): string;
+  readonly uniforms: Readonly<Record<string, IUniform>>;
+  /** Whether the functions read `vLightwellUv`. */
+  readonly readsUv: boolean;
+  /** GLSL before `main`. */
+  functions(): string;
+  /**
+   * GLSL statements that set `outgoingLight`, which holds the rasterised light. In scope: `lwPosition`, `lwNormal`,
+   * `lwFacet`, `lwView` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`.
+   */
+  readonly statements: string;
+}
+
+/** Parameters of a GLSL function of a surface, and what they are given. */
+export const SURFACE_PARAMETERS =
+  "vec3 position, vec3 normal, vec3 view, vec3 reflectance, float roughness, float metallic";
+export const SURFACE_ARGUMENTS =
+  "lwPosition, lwNormal, lwView, lwReflectance, roughnessFactor, metalnessFactor";
+
+/** Uniforms of fields, and what else a finish needs. */
+export function uniformsOf(
+  fields: readonly FieldProgram[],
+  own: Readonly<Record<string, IUniform>> = {},
+): Record<string, IUniform> {
+  return Object.assign({}, own, ...fields.map((field) => field.uniforms));
+}
+
+/** GLSL that declares the texture coordinates that fields read. */
+export function uvOf(fields: readonly FieldProgram[]): string {
+  return `vec4 uv = ${fields.some((field) => field.readsUv) ? "vLightwellUv" : "vec4( 0.0 )"};`;
+}
+
+/** `lightwellRadiance(...)`: the sum of all fields over all of their lamps, demodulated by the reflectance. */
+function radianceFunction(fields: readonly FieldProgram[]): string {
+  const sums = fields.map((field) =>
+    field.forEachLamp(`if ( gain != vec3( 0.0 ) ) sum += gain * max( ${field.call}, 0.0 );`),
+  );
+  return `
+${fields.map((field) => field.code).join("\n")}
+vec3 lightwellRadiance( ${SURFACE_PARAMETERS} ) {
+  ${uvOf(fields)}
+  vec3 sum = vec3( 0.0 );
+  ${sums.join("\n  ")}
+  return sum;
+}`;
+}
+
+/** The numbers of lamps that fields are evaluated for: a part of a program's name. */
+export function lampsOf(fields: readonly FieldProgram[]): string {
+  return fields.map((field) => field.lamps).join();
+}
+
+/** Rasterised light plus what `fields` add; `raster` switches the former. */
+export function learnedFinish(
+  key: string,
+  fields: readonly FieldProgram[],
+  raster: IUniform<number>,
+): SurfaceFinish {
+  return {
+    key: () => `${key}:${lampsOf(fields)}`,
+    uniforms: uniformsOf(fields, { lightwellRaster: raster }),
+    readsUv: fields.some((field) => field.readsUv),
+    functions: () => `uniform float lightwellRaster;\n${radianceFunction(fields)}`,
+    statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellRadiance( ${SURFACE_ARGUMENTS} );`,
+  };
+}
+
+/** Demodulated learned light alone, and the surface's normal and depth in a second target. */
+export function indirectFinish(key: string, fields: readonly FieldProgram[]): SurfaceFinish {
+  return {
+    key: () => `${key}:${lampsOf(fields)}`,
+    uniforms: uniformsOf(fields),
+    readsUv: fields.some((field) => field.readsUv),
+    functions: () => `layout( location = 1 ) out highp vec4 lightwellSurface;\n${radianceFunction(fields)}`,
+    statements: `
+  outgoingLight = lightwellRadiance( ${SURFACE_ARGUMENTS} );
+  lightwellSurface = vec4( lwNormal, vLightwellToEye.z );`,
+  };
+}
