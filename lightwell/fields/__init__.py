@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import ModuleType
 
-from lightwell.fields import mlp
+from lightwell.fields import experts, factored, hard_mixture, kdtree, mlp, tree
 from lightwell.fields.base import FieldSetup as FieldSetup
 from lightwell.fields.base import Fit as Fit
 from lightwell.fields.base import query_inputs as query_inputs
 from lightwell.fields.base import radiance_unit as radiance_unit
 
 # Every representation is a module with PRESETS and start(setup, preset, seed).
-FIELDS: dict[str, ModuleType] = {"mlp": mlp}
+FIELDS: dict[str, ModuleType] = {"mlp": mlp, "factored": factored, "tree": tree, "kdtree": kdtree, "experts": experts, "hard-mixture": hard_mixture}
 
 
 def presets(field: str) -> list[str]:

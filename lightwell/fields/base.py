@@ -11,7 +11,7 @@ import numpy as np
 
 from lightwell.graph import Graph
 from lightwell.networks.training import TrainingState
-from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene import Material, Scene
 from lightwell.transport.samples import Query, Samples
 
 # The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
@@ -32,12 +32,28 @@ class FieldSetup:
     """Radiance unit S: targets are divided by it."""
     light: Literal["point", "sun", "static"]
     """What the declared light is; 'static' fields have none."""
+    size: tuple[float, float, float] | None = None
+    """Edges of the scene's bounds, metres; None: a cube of ``half_extent``."""
+    matte: bool = False
+    """Whether all surfaces look alike from everywhere: no glossy reflection, so no need to know the eye."""
 
     @staticmethod
     def of(scene: Scene, unit: float, light: Literal["point", "sun", "static"]) -> FieldSetup:
         """The set-up for a loaded scene."""
-        center = tuple(float(c) for c in scene.center)
-        return FieldSetup(center, 0.5 * scene.extent, unit, light)
+        center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
+        matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
+        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte)
+
+
+# Perceptual roughness from which reflection no longer follows the eye.
+MATTE_ROUGHNESS = 0.9
+
+
+def is_matte(material: Material) -> bool:
+    """Whether a surface of this material looks nearly the same from everywhere."""
+    smooth = material.roughness < MATTE_ROUGHNESS or material.metallic_roughness_texture is not None
+    layers = (material.metallic, material.clearcoat, material.sheen, material.transmission)
+    return not (smooth or material.delta or any(layers))
 
 
 class Fit(Protocol):

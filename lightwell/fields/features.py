@@ -89,3 +89,45 @@ def encoded_features(b: Builder, setup: FieldSetup, octaves: FeatureOctaves) -> 
     pixel += [direction, b.dot("normal", direction), b.dot(r, direction)]
     pixel += [b.log(distance, DISTANCE_SOFTENING), b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)]
     return pixel, [l, _waves(b, l, octaves.light, octaves.falloff, per_frame=True)]
+
+
+# The hash grid's cube is a little larger than the scene, so that no surface lies on its faces.
+GRID_MARGIN = 1.02
+
+
+def grid_point(b: Builder, setup: FieldSetup) -> str:
+    """The position in [0, 1]³ where a grid over the scene is read."""
+    scale = 0.5 / (GRID_MARGIN * setup.half_extent)
+    return b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
+
+
+def local_features(b: Builder, setup: FieldSetup) -> list[str]:
+    """What a grid cannot know of a pixel: the geometry of light, normal and, unless all is matte, eye and surface."""
+    pixel = ["normal"]
+    if not setup.matte:
+        r = b.normalize(b.reflect("normal", "view"))
+        pixel += [r, b.dot("normal", "view"), "reflectance", "roughness", "metallic"]
+    if setup.light == "sun":
+        pixel += [b.dot("normal", "light")] + ([] if setup.matte else [b.dot(r, "light")])
+    if setup.light == "point":
+        to_light = b.subtract(_light(b, setup), normalised(b, "position", setup))
+        distance, direction = b.length(to_light), b.normalize(to_light)
+        pixel += [direction, b.dot("normal", direction), b.log(distance, DISTANCE_SOFTENING)]
+        pixel += [b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)]
+        pixel += [] if setup.matte else [b.dot(r, direction)]
+    return pixel
+
+
+def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) -> list[str]:
+    """What a network of the light alone sees: its place, waves of it, and log distances to the scene's bounds."""
+    if setup.light == "static":
+        return []
+    l = _light(b, setup)
+    waves = _waves(b, l, octaves, falloff, per_frame=True)
+    if setup.light == "sun":
+        return [l, waves]
+    walls = []
+    for sign in (-1.0, 1.0):
+        half = [0.5 * edge / setup.half_extent for edge in setup.size or (2 * setup.half_extent,) * 3]
+        walls.append(b.log(b.affine(l, [sign] * 3, half, per_frame=True), DISTANCE_SOFTENING, per_frame=True))
+    return [l, *walls, waves]

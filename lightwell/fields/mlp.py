@@ -114,7 +114,7 @@ class MlpFit:
     @property
     def macs(self) -> int:
         """Multiply-accumulates per pixel; what depends on the light alone is evaluated once per frame."""
-        mlp = self._trainer.mlp
+        mlp = self._trainer.network
         return mlp.macs - (mlp.sizes[0] - self._pixel_width) * mlp.sizes[1]
 
     # ------------------------------------------------------------------ data
@@ -153,7 +153,7 @@ class MlpFit:
 
     def _error(self, parameters: dict[str, np.ndarray]) -> float:
         features, scale, truth = self._validation
-        prediction = self._trainer.mlp.evaluate(parameters, features) * scale
+        prediction = self._trainer.network.evaluate(parameters, features) * scale
         return float(np.mean(np.abs(prediction - truth) / (truth + EPSILON)))
 
     # ------------------------------------------------------------------ fit
@@ -166,7 +166,7 @@ class MlpFit:
 
     def predict(self, query: Query) -> np.ndarray:
         """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
-        output = self._trainer.mlp.evaluate(self._trainer.best, np.array(self._feature_rows(query)))
+        output = self._trainer.network.evaluate(self._trainer.best, np.array(self._feature_rows(query)))
         return output * self._modulation(query)
 
     def save(self, path: Path) -> None:
@@ -185,7 +185,7 @@ class MlpFit:
         pixel, frame = self._feature_nodes(b)
         weights = self._trainer.best
         x = self._first_layer(b, pixel, frame, weights)
-        layers = self._trainer.mlp.layers
+        layers = self._trainer.network.layers
         for k in range(layers):
             if k:
                 x = b.linear(x, weights[f"w{k}"].T, weights[f"b{k}"][0])

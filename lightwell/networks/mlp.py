@@ -35,6 +35,12 @@ ACTIVATIONS = {
 }
 
 
+def glorot(rng: np.random.Generator, inputs: int, outputs: int) -> np.ndarray:
+    """[in, out] float32 weights U(±√(6/(in+out))) (Glorot & Bengio 2010)."""
+    bound = np.sqrt(6.0 / (inputs + outputs))
+    return rng.uniform(-bound, bound, (inputs, outputs)).astype(np.float32)
+
+
 @dataclass(frozen=True)
 class Mlp:
     """Layers W x + b with one activation inside and one at the end.
@@ -58,12 +64,11 @@ class Mlp:
         return sum(a * b for a, b in zip(self.sizes, self.sizes[1:]))
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Weights U(±√(6/(in+out))) (Glorot & Bengio 2010) and constant biases, float32."""
+        """Weights as in ``glorot`` and constant biases, float32."""
         rng = np.random.default_rng(seed)
         parameters: dict[str, np.ndarray] = {}
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
-            bound = np.sqrt(6.0 / (a + b))
-            parameters[f"w{k}"] = rng.uniform(-bound, bound, (a, b)).astype(np.float32)
+            parameters[f"w{k}"] = glorot(rng, a, b)
             parameters[f"b{k}"] = np.full((1, b), bias, np.float32)
         return parameters
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.losses import LOSSES
-from lightwell.networks.mlp import Mlp
 from lightwell.networks.optimisers import OPTIMISERS
 from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
 
@@ -63,13 +62,19 @@ class TrainingSet:
     def __len__(self) -> int:
         return self.features.shape[0]
 
+    @property
+    def grain(self) -> int:
+        """Rows that stay together in batches."""
+        return 1
+
     def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
         """``count`` rows from row ``start`` (UInt32 of width 1) on, round the end: [B, F], [B, 3], [B, 1]."""
         weight = mi.TensorXf(self.weight, (len(self), 1))
-        return tuple(_run(table, start, count) for table in (self.features, self.target, weight))
+        return tuple(rows_from(table, start, count) for table in (self.features, self.target, weight))
 
 
-def _run(table: Any, start: Any, count: int) -> Any:
+def rows_from(table: Any, start: Any, count: int) -> Any:
+    """[count, F] rows of a table [N, F] from row ``start`` (UInt32 of width 1) on, round the end."""
     rows, width = table.shape
     source = dr.arange(mi.UInt32, count * width) + start * width
     end = rows * width
@@ -92,17 +97,40 @@ class TrainingState:
 Progress = Callable[[TrainingState, int], None]
 
 
+class Network(Protocol):
+    """What can be trained; hashable, because a frozen step belongs to it."""
+
+    def initial(self, seed: int, bias: float) -> dict[str, np.ndarray]:
+        """Named arrays of parameters."""
+
+    def __call__(self, parameters: Mapping[str, Any], inputs: Any) -> Any:
+        """The inputs of a batch as ``rows`` of its data gives them → [B, 3] tensor."""
+
+
+class TrainingData(Protocol):
+    """Rows on the device in random order, such as ``TrainingSet``."""
+
+    grain: int
+    """Rows that stay together: batches start and end at multiples of it, and so do the data."""
+
+    def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
+        """Inputs, targets [B, 3] and weights [B, 1] of ``count`` rows from ``start`` on, round the end."""
+
+    def __len__(self) -> int:
+        """Number of rows."""
+
+
 class Trainer:
-    """Fits an ``Mlp`` to a ``TrainingSet``; the same seed and plan give the same weights.
+    """Fits a network to rows such as a ``TrainingSet``; the same seed and plan give the same weights.
 
     ``error`` maps the parameters (dict of NumPy arrays) to the validation error that early stopping watches; the
     parameters with the smallest error seen are kept in ``best``.
     """
 
-    def __init__(self, mlp: Mlp, settings: TrainingSettings, seed: int) -> None:
-        self.mlp, self.settings, self.seed = mlp, settings, seed
+    def __init__(self, network: Network, settings: TrainingSettings, seed: int) -> None:
+        self.network, self.settings, self.seed = network, settings, seed
         self.state = TrainingState()
-        self.best = mlp.initial(seed, settings.initial_bias)
+        self.best = network.initial(seed, settings.initial_bias)
         # Weights and Adam's two moments on the device.
         self._values = _upload(self.best)
         self._moments = tuple(_upload({k: np.zeros_like(v) for k, v in self.best.items()}) for _ in range(2))
@@ -117,41 +145,41 @@ class Trainer:
 
     # ------------------------------------------------------------------ one step
 
-    def _batch(self, rows: int) -> int:
-        return min(self.settings.batch, rows)
+    def _batch(self, data: TrainingData) -> int:
+        return max(min(self.settings.batch, len(data)) // data.grain, 1) * data.grain
 
-    def _next_start(self, rows: int) -> int:
+    def _next_start(self, data: TrainingData) -> int:
         """First row of the next batch; depends on (seed, step, rows) alone, so that a resumed training repeats it."""
-        batch = self._batch(rows)
+        batch, rows = self._batch(data), len(data)
         per_epoch = max(rows // batch, 1)
         epoch, position = divmod(self.state.step, per_epoch)
         if self._starts_key != (epoch, rows):
             rng = np.random.default_rng((self.seed, epoch, rows))
             # A random phase gives every epoch other batches, although rows keep their neighbours.
-            self._starts = (rng.permutation(per_epoch) * batch + rng.integers(rows)) % rows
+            self._starts = (rng.permutation(per_epoch) * batch + data.grain * rng.integers(rows // data.grain)) % rows
             self._starts_key = (epoch, rows)
         return int(self._starts[position])
 
-    def step(self, data: TrainingSet, total: int) -> Any:
+    def step(self, data: TrainingData, total: int) -> Any:
         """One optimiser step of ``total``; returns the loss as an unevaluated-on-host array of width 1."""
         epoch = self.state.samples_seen / len(data)
         schedule = SCHEDULES[self.settings.schedule]
         rate = schedule(self.settings.rate, self.state.step / max(total, 1), epoch, self.settings.tau)
         _, corrected = OPTIMISERS[self.settings.optimiser]
-        start = dr.opaque(mi.UInt32, self._next_start(len(data)))
+        start = dr.opaque(mi.UInt32, self._next_start(data))
         self.state.step += 1
         rate = dr.opaque(mi.Float, corrected(rate, self.state.step))
-        step = frozen_step(self.mlp, self.settings, self._batch(len(data)), len(data))
+        step = frozen_step(self.network, self.settings, self._batch(data), len(data))
         self._values, self._moments, loss = step(self._values, self._moments, data, start, rate)
         dr.eval(self._values, self._moments, loss)
-        self.state.samples_seen += self._batch(len(data))
+        self.state.samples_seen += self._batch(data)
         return loss
 
     # ------------------------------------------------------------------ the loop
 
     def fit(
         self,
-        data: TrainingSet,
+        data: TrainingData,
         error: Callable[[dict[str, np.ndarray]], float],
         until: int,
         total: int,
@@ -223,7 +251,9 @@ class Trainer:
 
 
 @functools.lru_cache(maxsize=256)
-def frozen_step(mlp: Mlp, settings: TrainingSettings, batch: int, rows: int) -> Callable[..., tuple[Any, Any, Any]]:
+def frozen_step(
+    network: Network, settings: TrainingSettings, batch: int, rows: int
+) -> Callable[..., tuple[Any, Any, Any]]:
     """One optimiser step as a frozen function: its kernels are launched again without being traced again.
 
     ``rows``, the length of the training set, is compiled in: a recording serves one length only.
@@ -231,11 +261,11 @@ def frozen_step(mlp: Mlp, settings: TrainingSettings, batch: int, rows: int) -> 
     while another one records.
     """
 
-    def step(values: Any, moments: Any, data: TrainingSet, start: Any, rate: Any) -> tuple[Any, Any, Any]:
+    def step(values: Any, moments: Any, data: TrainingData, start: Any, rate: Any) -> tuple[Any, Any, Any]:
         x, y, w = data.rows(start, batch)
         values = {name: mi.TensorXf(value) for name, value in values.items()}
         dr.enable_grad(values)
-        loss = dr.mean(LOSSES[settings.loss](mlp(values, x), y) * w, axis=None)
+        loss = dr.mean(LOSSES[settings.loss](network(values, x), y) * w, axis=None)
         dr.backward(loss)
         gradients = {name: dr.grad(value) for name, value in values.items()}
         values = {name: dr.detach(value) for name, value in values.items()}

@@ -34,6 +34,7 @@ PRIOR_SAMPLES = 4.0
 EPSILON = 0.2
 # Share of new samples that stay area-uniform.
 UNIFORM_SHARE = 0.5
+TINY = 1e-12
 # Surface points offered per new sample, and lights offered in all.
 POOL, LIGHT_POOL = 2, 4096
 
@@ -144,35 +145,50 @@ def refine(
 def mixture(
     scene: Scene, density: ResidualDensity, pool: SurfaceDraw, lights: np.ndarray, count: int, seed: int
 ) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
-    """Half of ``count`` samples as the pool offers them, half by the density; weights 1 / density of the sum."""
+    """``count`` samples in light-major order: runs of count / len(lights) rows share a light.
+
+    Half of the lights as offered and half where the mean residual of their cell is large; under each light half of the
+    points as the pool offers them and half by the density; weights 1 / density of it all.
+    """
     rng = np.random.default_rng(seed)
-    position = frames(scene, pool.points)[0]
-    table = density.table(position, pool.points.shape)  # [P, cells]
+    table = density.table(frames(scene, pool.points)[0], pool.points.shape)  # [P, cells]
+    # Odds of a point: its weight undoes the floors of the pool, so that 1 means area-uniform.
+    share = (pool.weight / pool.weight.sum())[:, None]
+    of_cell = (table * share).sum(axis=0)
     cell = density.light_cell(lights)
-    by_cell = np.bincount(cell, minlength=table.shape[1]) / len(lights)
-    # Odds of (point, light cell): its weight undoes the floors of the pool, so that 1 means area-uniform.
-    odds = table * by_cell * (pool.weight / pool.weight.mean())[:, None]
-    mean = odds.sum() / len(table)
-    uniform = count if mean == 0 else round(UNIFORM_SHARE * count)
-    point = rng.permutation(len(table))[:uniform]
-    light = rng.integers(0, len(lights), uniform)
-    if uniform < count:
-        flat = np.searchsorted(np.cumsum(odds.ravel()), rng.random(count - uniform) * odds.sum(), side="right")
-        more, wanted = np.divmod(np.minimum(flat, odds.size - 1), table.shape[1])
-        point, light = np.append(point, more), np.append(light, _lights_of_cells(cell, wanted, rng))
-    share = uniform / count
-    extra = density(position[point], pool.points.shape[point], lights[light]) / mean if mean else 0.0
-    relative = share / pool.weight[point] + (1 - share) * extra
-    order = rng.permutation(count)
-    return pool.points[point[order]], lights[light[order]], (1 / relative)[order].astype(np.float32)
+    mean = of_cell[cell].mean()
+    adaptive = 1 - UNIFORM_SHARE if mean > 0 else 0.0
+    run = max(count // len(lights), 1)
+    chosen = _choose(rng, -(-count // run), of_cell[cell], adaptive)
+    light = np.repeat(chosen, run)[:count]
+    point = _points(rng, table * share, cell[light], adaptive)
+    wanted = cell[light]
+    of_light = 1 - adaptive + adaptive * of_cell[wanted] / max(mean, TINY)
+    # A cell without residual has no adaptive points: they are uniform there.
+    local = np.where(of_cell[wanted] > 0, adaptive, 0.0)
+    of_point = (1 - local) / pool.weight[point] + local * table[point, wanted] / np.maximum(of_cell[wanted], TINY)
+    return pool.points[point], lights[light], (1 / (of_light * of_point)).astype(np.float32)
 
 
-def _lights_of_cells(cell: np.ndarray, wanted: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A random light of each wanted cell."""
-    order = np.argsort(cell, kind="stable")
-    first = np.searchsorted(cell[order], wanted, side="left")
-    last = np.searchsorted(cell[order], wanted, side="right")
-    return order[first + (rng.random(len(wanted)) * (last - first)).astype(int)]
+def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: float) -> np.ndarray:
+    """[count] indices: a share ``adaptive`` of them by the odds, the others evenly."""
+    by_odds = rng.random(count) < adaptive
+    total = np.cumsum(odds)
+    index = np.resize(rng.permutation(len(odds)), count)
+    index[by_odds] = np.searchsorted(total, rng.random(by_odds.sum()) * total[-1], side="right")
+    return np.minimum(index, len(odds) - 1)
+
+
+def _points(rng: np.random.Generator, odds: np.ndarray, cell: np.ndarray, adaptive: float) -> np.ndarray:
+    """[N] points of the pool for rows whose light lies in ``cell`` [N]; odds [P, cells] of the adaptive share."""
+    point = np.resize(rng.permutation(len(odds)), len(cell))
+    by_odds = rng.random(len(cell)) < adaptive
+    for c in np.unique(cell[by_odds]):
+        rows = np.flatnonzero(by_odds & (cell == c))
+        total = np.cumsum(odds[:, c])
+        if total[-1] > 0:
+            point[rows] = np.searchsorted(total, rng.random(len(rows)) * total[-1], side="right")
+    return np.minimum(point, len(odds) - 1)
 
 
 def _default_lights(scene: Scene, variable: Variable) -> Callable[[int, int], np.ndarray]:

@@ -22,7 +22,7 @@ def _trainer(settings=None, seed=0):
 
 
 def _error(trainer, x, y):
-    return lambda p: float(np.mean(np.abs(trainer.mlp.evaluate(p, x) - y) / (y + 0.01)))
+    return lambda p: float(np.mean(np.abs(trainer.network.evaluate(p, x) - y) / (y + 0.01)))
 
 
 def _fit(data, steps, total, trainer=None, weight=None):
@@ -104,12 +104,12 @@ def test_weights_count(data):
     assert trainer.state.best_error < 0.1
 
 
-def test_batches_cover_every_row_in_an_epoch():
+def test_batches_cover_every_row_in_an_epoch(data):
     trainer = _trainer(TrainingSettings(batch=512))
     seen = np.zeros(ROWS, int)
     for step in range(ROWS // 512):
         trainer.state.step = step
-        start = trainer._next_start(ROWS)
+        start = trainer._next_start(TrainingSet.from_numpy(*data, np.ones(ROWS)))
         seen[(start + np.arange(512)) % ROWS] += 1
     assert (seen == 1).all()
 

@@ -1,0 +1,192 @@
+"""Factored light transport: a hash grid of features over the scene, read by a layer that the light writes.
+
+A pixel costs a few table reads and two small layers, because everything about the light alone is computed once per
+frame by a network that may be large. See ``lightwell.networks.factored`` for the formula.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup, Progress
+from lightwell.fields.features import grid_point, light_features, local_features, open_builder
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Builder, Graph, pack
+from lightwell.networks import Trainer, TrainingSettings
+from lightwell.networks.factored import FactoredNetwork
+from lightwell.networks.hashgrid import HashGrid
+from lightwell.networks.light_major import LightMajorSet, light_runs
+from lightwell.networks.losses import EPSILON
+from lightwell.networks.training import TrainingState
+from lightwell.transport.samples import Query, Samples
+
+_DEFAULT_GRID = HashGrid()
+_DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 14, evaluate_every=100)
+
+
+@dataclass(frozen=True)
+class FactoredPreset:
+    """Everything that defines a ``factored`` field."""
+
+    grid: HashGrid = _DEFAULT_GRID
+    light_hidden: tuple[int, ...] = (64, 64)
+    hidden: tuple[int, ...] = (24, 14)
+    light_octaves: int = 4
+    light_falloff: float = 0.5
+    training: TrainingSettings = _DEFAULT_TRAINING
+    table_storage: str = "int8"
+    """Type of the shipped grid and of the light network's last layer, which is most of it."""
+    storage: str = "float16"
+    """Type of all other weights."""
+
+
+PRESETS: dict[str, FactoredPreset] = {
+    "default": FactoredPreset(),
+    "large": FactoredPreset(HashGrid(levels=4, base=8, growth=2, entries_log2=14), hidden=(32, 16)),
+}
+
+
+@dataclass
+class FactoredFit:
+    """See ``lightwell.fields.base.Fit``."""
+
+    setup: FieldSetup
+    preset: FactoredPreset
+    seed: int
+    network: FactoredNetwork = field(init=False)
+    _inputs: Tabulated = field(init=False)
+    _trainer: Trainer = field(init=False)
+    _data: LightMajorSet | None = None
+    _validation: tuple[Any, ...] | None = None
+
+    def __post_init__(self) -> None:
+        b = open_builder()
+        point, pixel, frame = self._nodes(b)
+        outputs = {"point": point, "pixel": b.concat(*pixel)} | ({"frame": b.concat(*frame)} if frame else {})
+        self._inputs = Tabulated(b.build(**outputs))
+        width = self._inputs.width("frame") if frame else 0
+        preset = self.preset
+        self.network = FactoredNetwork(
+            preset.grid, self._inputs.width("pixel"), width, preset.light_hidden, preset.hidden
+        )
+        self._trainer = Trainer(self.network, preset.training, self.seed)
+
+    def _nodes(self, b: Builder) -> tuple[str, list[str], list[str]]:
+        """(place in the grid, other inputs of a pixel, inputs of the light network)."""
+        frame = light_features(b, self.setup, self.preset.light_octaves, self.preset.light_falloff)
+        return grid_point(b, self.setup), local_features(b, self.setup), frame
+
+    @property
+    def state(self) -> TrainingState:
+        """Steps, errors and history of the training."""
+        return self._trainer.state
+
+    @property
+    def macs(self) -> int:
+        """Multiply-accumulates per pixel; table reads and what runs once per frame are not among them."""
+        head = self.network.head_sizes
+        first = (self.network.grid.width + self.network.pixel) * head[0]
+        return first + sum(a * b for a, b in pairwise(head))
+
+    # ------------------------------------------------------------------ data
+
+    def _rows(self, query: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(points [N, 3], pixel inputs [N, G], frame inputs [K, F]) of rows in light-major order."""
+        run = light_runs(query.light)
+        table = self._inputs(query)
+        frame = table["frame"][::run] if "frame" in table else np.zeros((len(query) // run, 1), np.float32)
+        return table["point"], table["pixel"], frame
+
+    def _modulation(self, query: Query) -> np.ndarray:
+        """[N, 3] factor between the network's output and radiance."""
+        return self.setup.unit * query.reflectance
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples, which come light by light; whole lights are put in random order."""
+        run = light_runs(samples.query.light)
+        lights = np.random.default_rng((self.seed, len(samples))).permutation(len(samples) // run)
+        order = (lights[:, None] * run + np.arange(run)).ravel()
+        shuffled = samples[order]
+        target = shuffled.radiance / self._modulation(shuffled.query)
+        finite = np.isfinite(target).all(axis=1)
+        weight = np.where(finite, shuffled.weight, 0)
+        self._data = LightMajorSet.from_numpy(
+            *self._rows(shuffled.query), np.where(finite[:, None], target, 0), weight / max(weight.mean(), 1e-12)
+        )
+
+    def validate_on(self, samples: Samples) -> None:
+        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        scale = self._modulation(samples.query) / self.setup.unit
+        self._validation = (self._rows(samples.query), scale, samples.radiance / self.setup.unit)
+
+    def _error(self, parameters: dict[str, np.ndarray]) -> float:
+        inputs, scale, truth = self._validation
+        prediction = self.network.evaluate(parameters, inputs) * scale
+        return float(np.mean(np.abs(prediction - truth) / (truth + EPSILON)))
+
+    # ------------------------------------------------------------------ fit
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        return self.network.evaluate(self._trainer.best, self._rows(query)) * self._modulation(query)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically."""
+        self._trainer.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        self._trainer.load(path)
+
+    # ------------------------------------------------------------------ lower
+
+    def lower(self) -> Graph:
+        """The field as it ships: the light network per frame; grid, emitted layer and head per pixel."""
+        b = open_builder()
+        point, pixel, frame = self._nodes(b)
+        weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation
+        table = pack(weights["grid"], self.preset.table_storage, per_row=False)
+        u = b.hashgrid(point, table, grid.levels, grid.base, grid.growth, grid.entries_log2)
+        small = lambda values: pack(values, self.preset.storage)  # noqa: E731
+        x = b.linear(b.concat(*pixel), small(weights["pixel_w"].T), small(np.zeros(self.network.hidden[0])))
+        x = b.activate(b.add(x, self._emitted(b, u, frame, small)), act)
+        last = len(self.network.head_sizes) - 2
+        for k in range(last + 1):
+            x = b.linear(x, small(weights[f"w{k}"].T), small(weights[f"b{k}"][0]))
+            x = b.activate(x, self.network.output if k == last else act)
+        return b.build(radiance=b.scale(x, self.setup.unit))
+
+    def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable) -> str:
+        """W u + b of the layer that the light writes (the same for all without one)."""
+        weights, units, width = self._trainer.best, self.network.hidden[0], self.network.grid.width
+        # The graph's matrices are [out, in] row by row; training emits [in, out], then the bias.
+        rows = np.arange(width * units).reshape(width, units).T.ravel()
+        if not frame:
+            layer = weights["emit_b"][0]
+            return b.linear(u, small(layer[rows].reshape(units, width)), small(layer[width * units :]))
+        x = b.concat(*frame, per_frame=True)
+        for k in range(len(self.preset.light_hidden)):
+            x = b.linear(x, small(weights[f"light_w{k}"].T), small(weights[f"light_b{k}"][0]), per_frame=True)
+            x = b.activate(x, self.network.activation, per_frame=True)
+        emit, bias = weights["emit_w"].T, weights["emit_b"][0]
+        large = lambda values: pack(values, self.preset.table_storage)  # noqa: E731
+        matrix = b.linear(x, large(emit[rows]), small(bias[rows]), per_frame=True)
+        offset = b.linear(x, large(emit[width * units :]), small(bias[width * units :]), per_frame=True)
+        return b.add(b.matvec(matrix, u, units), offset)
+
+
+def start(setup: FieldSetup, preset: str, seed: int) -> FactoredFit:
+    """Begin a fit with a named preset."""
+    return FactoredFit(setup, PRESETS[preset], seed)

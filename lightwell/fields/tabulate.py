@@ -1,0 +1,38 @@
+"""Inputs of networks computed for many rows by the shading graph that will compute them in the viewer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import query_inputs
+from lightwell.graph import Compiled, Graph, compile
+from lightwell.transport.samples import Query
+
+# Rows that are computed at a time; bounds memory.
+ROWS_AT_ONCE = 1 << 20
+
+
+class Tabulated:
+    """A graph over a query as a function to NumPy rows."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self._compiled: Compiled = compile(graph)
+
+    def width(self, output: str) -> int:
+        """Numbers per row of an output."""
+        return self.graph.widths[self.graph.outputs[output]]
+
+    def __call__(self, query: Query) -> dict[str, np.ndarray]:
+        """Output name → [N, C] float32."""
+        out = {name: np.empty((len(query), self.width(name)), np.float32) for name in self.graph.outputs}
+        for begin in range(0, len(query), ROWS_AT_ONCE):
+            part = query[begin : begin + ROWS_AT_ONCE]
+            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in v.T] for name, v in query_inputs(part).items()}
+            values = self._compiled(columns)
+            dr.eval(values)
+            for name, found in values.items():
+                for k, column in enumerate(found):
+                    out[name][begin : begin + len(part), k] = np.array(column)
+        return out

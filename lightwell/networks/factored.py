@@ -1,0 +1,111 @@
+"""Factored transport: features of the point, read by a layer that a network of the light writes anew for every light.
+
+    u = grid(x),   W, b = light network(l),   h = act(W u + b + V g),   f = head(h)
+
+The light network is large and runs once per frame; a pixel pays for the grid, the first layer and the head. Notation:
+B rows, K lights with R rows each (B = K R), U features of the point, G other inputs of a pixel, H hidden units.
+
+The first layer of the pixel network is emitted as in hypernetworks (Ha, Dai & Le 2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.networks.hashgrid import HashGrid
+from lightwell.networks.mlp import ACTIVATIONS, glorot
+
+# What the light network adds to the layer at first, relative to what it starts from: small, so that training begins
+# from one layer for all lights.
+EMITTED_SCALE = 0.3
+
+
+@dataclass(frozen=True)
+class FactoredNetwork:
+    """Parameters are a dict of tensors: ``grid``; ``light_w0, light_b0 …`` and ``emit_w, emit_b`` of the light network;
+    ``pixel_w`` (V); ``w0, b0 …`` of the head. Without a light, ``emit_w`` is missing and ``emit_b`` is the layer."""
+
+    grid: HashGrid
+    pixel: int
+    """G, inputs of a pixel beside the grid's."""
+    frame: int
+    """Inputs of the light network; 0: no light."""
+    light_hidden: tuple[int, ...] = (64, 64)
+    hidden: tuple[int, ...] = (24, 14)
+    activation: str = "silu"
+    output: str = "exp"
+
+    @property
+    def emitted(self) -> int:
+        """Numbers that the light network writes: W [U, H] row by row, then b [H]."""
+        return (self.grid.width + 1) * self.hidden[0]
+
+    @property
+    def light_sizes(self) -> tuple[int, ...]:
+        """Widths of the light network without its last layer, input first."""
+        return (self.frame, *self.light_hidden) if self.frame else ()
+
+    @property
+    def head_sizes(self) -> tuple[int, ...]:
+        """Widths of the head, H first."""
+        return (*self.hidden, 3)
+
+    def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
+        """Weights as in Glorot & Bengio 2010, biases constant, float32."""
+        rng = np.random.default_rng(seed)
+        first = glorot(rng, self.grid.width + self.pixel, self.hidden[0])
+        start = np.concatenate([first[: self.grid.width].ravel(), np.full(self.hidden[0], bias, np.float32)])
+        parameters = {"grid": self.grid.initial(rng), "pixel_w": first[self.grid.width :], "emit_b": start[None]}
+        for k, (a, b) in enumerate(zip(self.light_sizes, self.light_sizes[1:])):
+            parameters |= {f"light_w{k}": glorot(rng, a, b), f"light_b{k}": np.full((1, b), bias, np.float32)}
+        if self.frame:
+            parameters["emit_w"] = EMITTED_SCALE * glorot(rng, self.light_sizes[-1], self.emitted)
+        for k, (a, b) in enumerate(zip(self.head_sizes, self.head_sizes[1:])):
+            parameters |= {f"w{k}": glorot(rng, a, b), f"b{k}": np.full((1, b), bias, np.float32)}
+        return parameters
+
+    def __call__(self, parameters: Mapping[str, Any], inputs: tuple[Any, Any, Any]) -> Any:
+        """(grid points [B, 3], pixel inputs [B, G], frame inputs [K, F]) → [B, 3], differentiable.
+
+        Rows k R … (k + 1) R − 1 belong to light k; without a light, frame is not used. Biases enter as
+        products: see ``Mlp``.
+        """
+        points, pixel, frame = inputs
+        rows, units, act = points.shape[0], self.hidden[0], ACTIVATIONS[self.activation]
+        layer = self._emit(parameters, frame)
+        lights = layer.shape[0]
+        weights = dr.reshape(layer[:, : -self.hidden[0]], (lights, self.grid.width, units))
+        bias = dr.reshape(layer[:, -self.hidden[0] :], (lights, 1, units))
+        u = dr.reshape(self.grid(parameters["grid"], points), (lights, rows // lights, self.grid.width))
+        x = dr.matmul(u, weights) + dr.matmul(_ones(lights, rows // lights, 1), bias)
+        x = act(dr.reshape(x, (rows, units)) + dr.matmul(pixel, parameters["pixel_w"]))
+        last = len(self.head_sizes) - 2
+        for k in range(last + 1):
+            x = dr.matmul(x, parameters[f"w{k}"]) + dr.matmul(_ones(rows, 1), parameters[f"b{k}"])
+            x = ACTIVATIONS[self.output](x) if k == last else act(x)
+        return x
+
+    def _emit(self, parameters: Mapping[str, Any], frame: Any) -> Any:
+        """[K, emitted] layers of all lights; one for all without a light."""
+        if not self.frame:
+            return parameters["emit_b"]
+        ones, x = _ones(frame.shape[0], 1), frame
+        for k in range(len(self.light_sizes) - 1):
+            x = dr.matmul(x, parameters[f"light_w{k}"]) + dr.matmul(ones, parameters[f"light_b{k}"])
+            x = ACTIVATIONS[self.activation](x)
+        return dr.matmul(x, parameters["emit_w"]) + dr.matmul(ones, parameters["emit_b"])
+
+    def evaluate(self, parameters: Mapping[str, np.ndarray], inputs: tuple[np.ndarray, ...]) -> np.ndarray:
+        """The same on NumPy arrays, no gradients."""
+        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
+        with dr.suspend_grad():
+            return np.array(self(tensors, tuple(mi.TensorXf(np.ascontiguousarray(x, np.float32)) for x in inputs)))
+
+
+def _ones(*shape: int) -> Any:
+    return dr.full(mi.TensorXf, 1, shape)

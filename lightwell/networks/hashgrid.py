@@ -1,0 +1,141 @@
+"""A trainable multi-resolution hash grid in tensor mode: Müller et al., Instant Neural Graphics Primitives, 2022.
+
+The layout is that of the shading graph's ``hashgrid`` op (format/FORMAT.md). Notation: B points, L levels, C channels.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.graph.ops.hashgrid import PRIMES, Level, levels
+
+# Gradients are summed as whole numbers of this many parts of one: sums of integers do not depend on their order, so
+# that the same seed gives the same weights; range (± 2^23) and resolution are beyond those of sums of 32-bit floats.
+FIXED_POINT = 2.0**40
+# Numbers that are read, and summed, at once.
+PACKET = 4
+Int64x4, UInt64x4 = (getattr(sys.modules[mi.Float.__module__], f"Array4{kind}64") for kind in "iu")
+
+
+@dataclass(frozen=True)
+class HashGrid:
+    """[B, 3] points in [0, 1]³ → [B, L · C] features, level-major."""
+
+    levels: int = 3
+    base: float = 8.0
+    """Cells of the first level along each axis."""
+    growth: float = 2.0
+    """Cells of a level relative to the one before."""
+    entries_log2: int = 13
+    """Levels with more vertices than 2^this share entries by a hash."""
+    channels: int = 4
+    """Features per level, a multiple of four: entries are read and written in packets."""
+
+    def __post_init__(self) -> None:
+        if self.channels % PACKET:
+            raise ValueError(f"hash grid: {self.channels} channels, expected a multiple of {PACKET}")
+
+    @cached_property
+    def layout(self) -> list[Level]:
+        """Lattices of the levels."""
+        return levels(self.levels, self.base, self.growth, self.entries_log2)
+
+    @property
+    def entries(self) -> int:
+        """Rows of the table."""
+        return self.layout[-1].offset + self.layout[-1].entries
+
+    @property
+    def packets(self) -> int:
+        """Packets per entry."""
+        return self.channels // PACKET
+
+    @property
+    def width(self) -> int:
+        """Features per point."""
+        return self.levels * self.channels
+
+    def initial(self, rng: np.random.Generator, bound: float = 0.1) -> np.ndarray:
+        """[entries, C] float32 table, U(±bound)."""
+        return rng.uniform(-bound, bound, (self.entries, self.channels)).astype(np.float32)
+
+    def __call__(self, table: Any, points: Any) -> Any:
+        """Interpolated features of [B, 3] points; differentiable in the table, not in the points."""
+        return dr.custom(_Encode, self, table, points)
+
+    def evaluate(self, table: Any, points: Any) -> Any:
+        """The same without derivatives."""
+        count = points.shape[0]
+        total = [mi.Vector4f(0)] * self.packets
+        for entry, weight in self._corners(points):
+            rows = [dr.gather(mi.Vector4f, table.array, entry * self.packets + k) for k in range(self.packets)]
+            total = [t + weight * row for t, row in zip(total, rows)]
+        # One lane per (point, level): its channels lie side by side.
+        lane = dr.arange(mi.UInt32, count * self.levels) * self.packets
+        out = dr.empty(mi.Float, count * self.width)
+        for packet, value in enumerate(total):
+            dr.scatter(out, value, lane + packet)
+        return mi.TensorXf(out, (count, self.width))
+
+    def gradient(self, points: Any, features: Any) -> Any:
+        """[entries, C] gradient of the table from the gradient [B, L · C] of the features."""
+        lane = dr.arange(mi.UInt32, points.shape[0] * self.levels) * self.packets
+        # Two's complement: negative numbers wrap and wrap back. Packets are ten times faster than single numbers.
+        total = dr.zeros(mi.UInt64, self.entries * self.channels)
+        parts = [dr.gather(mi.Vector4f, features.array, lane + k) * FIXED_POINT for k in range(self.packets)]
+        for entry, weight in self._corners(points):
+            for packet, part in enumerate(parts):
+                value = UInt64x4(Int64x4(weight * part))
+                dr.scatter_add(total, value, entry * self.packets + packet)
+        return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.entries, self.channels))
+
+    def _corners(self, points: Any):
+        """(entry, weight) of the eight vertices round each (point, level)."""
+        lane = dr.arange(mi.UInt32, points.shape[0] * self.levels)
+        point = lane // self.levels
+        level = lane - point * self.levels
+        pick = lambda name: _by_level(level, [int(getattr(lattice, name)) for lattice in self.layout])  # noqa: E731
+        cells, offset, dense, entries = (pick(name) for name in ("cells", "offset", "dense", "entries"))
+        at = [dr.clip(dr.gather(mi.Float, points.array, point * 3 + k), 0, 1) * mi.Float(cells) for k in range(3)]
+        low = [dr.minimum(mi.UInt32(a), cells - 1) for a in at]
+        fraction = [a - mi.Float(i) for a, i in zip(at, low)]
+        side = cells + 1
+        for corner in range(8):
+            upper = [corner >> axis & 1 for axis in range(3)]
+            x, y, z = (i + u for i, u in zip(low, upper))
+            hashed = (x ^ y * mi.UInt32(PRIMES[1]) ^ z * mi.UInt32(PRIMES[2])) & (entries - 1)
+            weight = mi.Float(1)
+            for f, u in zip(fraction, upper):
+                weight *= f if u else 1 - f
+            yield offset + dr.select(dense != 0, x + side * (y + side * z), hashed), weight
+
+
+def _by_level(level: Any, values: list[int]) -> Any:
+    """The value of each lane's level, chosen among literals: a table would be an input of frozen functions."""
+    chosen = mi.UInt32(values[0])
+    for number, value in enumerate(values[1:], 1):
+        chosen = dr.select(level == number, mi.UInt32(value), chosen)
+    return chosen
+
+
+class _Encode(dr.CustomOp):
+    """Interpolation with a gradient whose sum does not depend on the order of its terms."""
+
+    def eval(self, grid: HashGrid, table: Any, points: Any) -> Any:
+        self._grid, self._points = grid, points
+        return grid.evaluate(table, points)
+
+    def backward(self) -> None:
+        self.set_grad_in("table", self._grid.gradient(self._points, self.grad_out()))
+
+    def forward(self) -> None:
+        raise NotImplementedError("a hash grid is differentiated in reverse mode only")
+
+    def name(self) -> str:
+        return "hash grid"

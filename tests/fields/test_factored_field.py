@@ -1,0 +1,93 @@
+"""The factored field: what it ships is what it learned, for every kind of light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightwell.fields import factored
+from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.graph import evaluate
+from lightwell.transport.samples import Query, Samples
+
+SETUP = FieldSetup((0.0, 1.0, 0.0), 1.0, 0.5, "point", (2.0, 2.0, 2.0), False)
+RUN = 64
+
+
+def samples(kind: str = "point", lights: int = 32, seed: int = 0) -> Samples:
+    """A cube whose light falls off with the distance to the lamp."""
+    rng = np.random.default_rng(seed)
+    rows = lights * RUN
+    unit = lambda n: (v := rng.standard_normal((n, 3))) / np.linalg.norm(v, axis=1, keepdims=True)  # noqa: E731
+    position = rng.uniform((-1, 0, -1), (1, 2, 1), (rows, 3))
+    light = unit(lights) if kind == "sun" else rng.uniform((-0.8, 0.2, -0.8), (0.8, 1.8, 0.8), (lights, 3))
+    light = light.repeat(RUN, axis=0)
+    reflectance = rng.uniform(0.2, 0.8, (rows, 3))
+    query = Query(
+        *(np.asarray(a, np.float32) for a in (position, unit(rows), unit(rows), light, reflectance)),
+        np.full((rows, 1), 0.5, np.float32),
+        np.zeros((rows, 1), np.float32),
+    )
+    radiance = (reflectance / (0.3 + ((position - light) ** 2).sum(axis=1, keepdims=True))).astype(np.float32)
+    return Samples(query, radiance, radiance, np.ones(rows, np.float32), np.zeros(rows, np.uint32))
+
+
+def fitted(setup: FieldSetup = SETUP, steps: int = 200, lights: int = 32) -> factored.FactoredFit:
+    preset = factored.PRESETS["default"]
+    preset = replace(preset, training=replace(preset.training, batch=16 * RUN))
+    fit = factored.FactoredFit(setup, preset, 0)
+    fit.learn_from(samples(setup.light, lights))
+    fit.validate_on(samples(setup.light, 8, seed=1))
+    fit.train(steps, steps)
+    return fit
+
+
+@pytest.mark.parametrize("light", ["point", "sun", "static"])
+@pytest.mark.parametrize("matte", [False, True])
+def test_the_graph_is_what_was_learned(light, matte):
+    fit = fitted(replace(SETUP, light=light, matte=matte), steps=20)
+    graph, query = fit.lower(), samples(light, 4, seed=2).query
+    inputs = {name: value for name, value in query_inputs(query).items() if name in graph.inputs}
+    found = evaluate(graph, inputs)["radiance"] * query.reflectance
+    predicted = fit.predict(query)
+    # Bytes for the grid and the emitted layer, halves for the rest.
+    np.testing.assert_allclose(found, predicted, rtol=0.05, atol=0.01 * predicted.mean())
+    # Three dot products of directions are counted in the graph alone.
+    assert 0 <= graph.macs - fit.macs <= 9
+
+
+def test_learns_how_light_falls_off():
+    fit = fitted(steps=600, lights=512)
+    assert fit.state.best_error < 0.1
+
+
+def test_a_resumed_fit_ends_with_the_same_bytes(tmp_path):
+    whole = fitted(steps=200)
+    half = fitted(steps=1)
+    half.train(100, 200)
+    half.save(tmp_path / "fit.npz")
+    again = factored.FactoredFit(SETUP, half.preset, 0)
+    again.learn_from(samples())
+    again.validate_on(samples(lights=8, seed=1))
+    again.load(tmp_path / "fit.npz")
+    again.train(200, 200)
+    for name, value in whole._trainer.parameters.items():
+        assert np.array_equal(value, again._trainer.parameters[name]), name
+
+
+def test_a_broken_target_is_left_out():
+    broken = samples()
+    broken.half_a[7] = np.nan
+    fit = factored.FactoredFit(SETUP, factored.PRESETS["default"], 0)
+    fit.learn_from(broken)
+    fit.validate_on(samples(lights=8, seed=1))
+    fit.train(20, 20)
+    assert np.isfinite(fit.predict(samples().query)).all()
+
+
+def test_default_costs_less_than_a_thousand_multiply_adds_on_matte_scenes():
+    fit = factored.FactoredFit(replace(SETUP, matte=True), factored.PRESETS["default"], 0)
+    assert fit.macs <= 1000
+    assert fit.lower().nbytes <= 100_000
