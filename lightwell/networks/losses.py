@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lightwell.backend import dr
+from lightwell.backend import dr, mi
 
 # ε of the relative error in unit S (the report's value).
 EPSILON = 1e-2
@@ -44,7 +44,21 @@ def relative2(f: Any, y: Any) -> Any:
     return dr.square(f - y) / (dr.square(dr.detach(f)) + EPSILON_SQUARED_LOSS**2)
 
 
+def expected(z: Any, l: Any) -> Any:
+    """p_j l_j with p = softmax(z): what a gate with outputs z expects to lose when expert j loses l_j. Both [..., M].
+
+    The gradient of the sum over j by z, p_j (l_j − Σ_k p_k l_k), is written down: it needs no sums in an unknown order.
+    """
+    experts, held, l = z.shape[-1], dr.detach(z).array, dr.detach(l).array
+    at = dr.arange(mi.UInt32, dr.width(held)) // experts
+    e = dr.exp(held - dr.gather(mi.Float, dr.block_reduce(dr.ReduceOp.Max, held, experts), at))
+    p = e / dr.gather(mi.Float, dr.block_sum(e, experts), at)
+    slope = p * (l - dr.gather(mi.Float, dr.block_sum(p * l, experts), at))
+    return mi.TensorXf(p * l + slope * (z.array - held), z.shape)
+
+
 LOSSES: dict[str, Callable[[Any, Any], Any]] = {
+    "expected": expected,
     "l1": l1,
     "l2": l2,
     "relative": relative,

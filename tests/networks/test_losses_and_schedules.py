@@ -44,6 +44,21 @@ def test_report_schedule_halves_after_fifty_epochs():
     assert SCHEDULES["report"](0.5, 0.0, 50.0) == 0.25
 
 
+def test_expected_loss_and_its_gradient():
+    """Against NumPy: Σ p l, ∂/∂z = p (l − Σ p l); large outputs do not overflow."""
+    from lightwell.backend import dr
+
+    values = np.array([[1.0, -2.0, 0.5], [90.0, 0.0, -90.0]])
+    l = np.array([[0.2, 1.0, 3.0], [0.25, 0.25, 0.5]])
+    z = mi.TensorXf(values.astype(np.float32))
+    dr.enable_grad(z)
+    loss = LOSSES["expected"](z, mi.TensorXf(l.astype(np.float32)))
+    p = np.exp(values - np.logaddexp.reduce(values, axis=1, keepdims=True))
+    np.testing.assert_allclose(np.array(dr.detach(loss)), p * l, rtol=1e-5, atol=1e-6)
+    dr.backward(dr.sum(loss, axis=None))
+    np.testing.assert_allclose(np.array(dr.grad(z)), p * (l - (p * l).sum(1, keepdims=True)), rtol=1e-4, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "rate, tau, epoch, expected",
     # The report's text and code: experts, single network, gate. (μ0, τ, e, μ0 τ / (τ + e)).
