@@ -12,7 +12,14 @@ from lightwell.fields.base import query_inputs as query_inputs
 from lightwell.fields.base import radiance_unit as radiance_unit
 
 # Every representation is a module with PRESETS and start(setup, preset, seed).
-FIELDS: dict[str, ModuleType] = {"mlp": mlp, "factored": factored, "tree": tree, "kdtree": kdtree, "experts": experts, "hard-mixture": hard_mixture}
+FIELDS: dict[str, ModuleType] = {
+    "mlp": mlp,
+    "factored": factored,
+    "tree": tree,
+    "kdtree": kdtree,
+    "experts": experts,
+    "hard-mixture": hard_mixture,
+}
 
 
 def presets(field: str) -> list[str]:
