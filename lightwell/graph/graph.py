@@ -24,7 +24,7 @@ NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 FRAME_INPUTS = ("light",)
 MAX_INPUTS = 64
 # Widths of the outputs that runtimes know; a graph may have others, of any width.
-OUTPUT_WIDTHS = {"radiance": 3, "segment": 1, "overlap": 1}
+OUTPUT_WIDTHS = {"radiance": 3, "segment": 1, "overlap": 1, "second": 1}
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import type { Browser, Page } from "playwright-core";
 import { DataUtils } from "three";
 import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
 import { launch, openPage, Site } from "./support/browser.ts";
+import { expertField } from "./support/experts.ts";
 import { CAMERA, furnishedRoom, linearField, plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 import { BUILT_PAGE, packReference, pageWith } from "./support/page.ts";
@@ -256,6 +257,53 @@ it("moves a sun along its arc by a slider", async () => {
   const [direction] = (await stats(page)).lights;
   expect(direction![0]).toBeCloseTo(-1 / Math.hypot(1, 0.2), 5);
   expect(await page.locator(".lamp").count()).toBe(0);
+});
+
+it("adds and removes lamps by keys and by the panel, and halves the resolution", async () => {
+  const page = await open(900, 900, html());
+  const lights = async () => (await stats(page)).lights.length;
+  await page.keyboard.press("+");
+  expect(await lights()).toBe(2);
+  await page.getByRole("button", { name: "Add a lamp" }).click();
+  expect(await lights()).toBe(3);
+  expect(await page.locator(".lamp").count()).toBe(3);
+  expect(await page.locator(".lights h2").allInnerTexts()).toEqual([
+    "Light 1",
+    expect.stringMatching(/^Light 2\s*Remove$/),
+    expect.stringMatching(/^Light 3\s*Remove$/),
+  ]);
+  // The farthest of all places is taken.
+  const [[x, , z]] = (await stats(page)).lights.slice(1) as [number[]];
+  expect(Math.hypot(x!, z!)).toBeGreaterThan(0.5);
+  await page.getByRole("button", { name: "Remove" }).first().click();
+  await page.keyboard.press("-");
+  await page.keyboard.press("-");
+  expect(await lights()).toBe(1);
+  expect(await page.getByRole("button", { name: "Remove" }).count()).toBe(0);
+  await page.keyboard.press("r");
+  expect((await stats(page)).half).toBe(true);
+  await page.getByRole("switch", { name: "Half resolution" }).click();
+  expect((await stats(page)).half).toBe(false);
+  // A saved view is the light of the bake.
+  await page.keyboard.press("+");
+  await page.locator(".view").nth(1).click();
+  await expect.poll(() => stats(page)).toMatchObject({ view: 1, lights: [[-0.2, 1, 0.2]], preparing: false });
+});
+
+it("offers experts where a field has them", async () => {
+  const page = await open(900, 640, html());
+  expect(await page.getByRole("radio", { name: "Experts" }).isVisible()).toBe(false);
+  await page.keyboard.press("7");
+  expect(await stats(page)).toMatchObject({ mode: "learned", notice: expect.stringContaining("no parts") });
+  await page.close();
+  const other = await open(900, 640, pageWith(writeGlb(plainRoom({ fields: [expertField()] })), data));
+  await other.getByRole("radio", { name: "Experts" }).click();
+  expect((await stats(other)).mode).toBe("experts");
+  expect(await other.locator(".palette").innerText()).toContain("stripes: two share");
+  expect(await other.locator(".lamp").isVisible()).toBe(false);
+  await other.keyboard.press("2");
+  await expect.poll(() => stats(other)).toMatchObject({ mode: "reference", preparing: false });
+  expect((await stats(other)).comparison).not.toBeNull();
 });
 
 it("opens a chosen file when it carries none", async () => {

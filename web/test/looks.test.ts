@@ -8,7 +8,7 @@ import { readLights } from "../viewer/src/light-options.ts";
 import type { Mode } from "../viewer/src/modes.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { BAND, expertField } from "./support/experts.ts";
-import { CAMERA, LAMP, plainRoom, WHITE } from "./support/fixtures.ts";
+import { CAMERA, LAMP, plainRoom, room, WHITE } from "./support/fixtures.ts";
 import { type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint, lambert } from "./support/optics.ts";
 import { pageWith } from "./support/page.ts";
@@ -163,33 +163,30 @@ it("takes malformed lamps for none", () => {
     expect(readLights(text)).toEqual([]);
 });
 
-/** Radiance that grows from 0.05 at the back wall, z = −1, to 0.9 at z = 0.3: a leak over the edge would be seen. */
+/** Radiance from about 0.05 at the back wall, z = −1, to 0.9 at z = 0.3: a leak over the edge would be seen. */
 function depthField(): FixtureField {
   const slope = 0.85 / 1.3;
-  const row = { scale: [slope, slope, slope], offset: Array(3).fill(0.05 + slope) as number[] };
+  const row = [0.01, 0.005, slope];
   return {
     role: "indirect",
     variable: 0,
     graph: {
       version: 1,
       inputs: { position: 3 },
-      buffers: {},
-      nodes: [
-        { id: "z", op: "slice", inputs: ["position"], start: 2, width: 1 },
-        { id: "zzz", op: "concat", inputs: ["z", "z", "z"] },
-        { id: "y", op: "affine", inputs: ["zzz"], ...row },
-      ],
+      buffers: {
+        w: { shape: [3, 3], type: "float32", values: [...row, ...row, ...row] },
+        b: { shape: [3], type: "float32", values: Array(3).fill(0.05 + slope) as number[] },
+      },
+      nodes: [{ id: "y", op: "linear", inputs: ["position"], weights: "w", bias: "b" }],
       outputs: { radiance: "y" },
     },
   };
 }
 
 it("at half resolution, light stays on its side of a depth edge", async () => {
-  const base = plainRoom({ fields: [depthField()] });
-  // A sheet before the back wall, parallel to it, with a slanted edge; and one of a pixel's width.
+  // A sheet before the back wall, parallel to it, with slanted edges.
   const sheet = quad(0, [-0.6, 0.5, 0.3], [0.55, 0.1, 0], [-0.1, 0.9, 0]);
-  const wire = quad(0, [0.5, 0.3, 0.3], [0.022, 0, 0], [0.05, 1.2, 0]);
-  const page = await open({ ...base, meshes: [...base.meshes, sheet, wire] });
+  const page = await open(plainRoom({ fields: [depthField()], meshes: [room()[2]!, sheet] }));
   const full = await radiance(page, "indirect");
   await page.evaluate(() => window.lightwell.setHalf(true));
   const half = await radiance(page, "indirect");
@@ -209,9 +206,9 @@ it("at half resolution, light stays on its side of a depth edge", async () => {
     }
   }
   // The wall is up to 18 times darker than the sheet; a plain bilinear filter would be off by more than 100 % there.
-  expect(edges).toBeGreaterThan(80);
-  expect(worst).toBeLessThan(0.1);
-  expect(sum / count).toBeLessThan(0.005);
+  expect(edges).toBeGreaterThan(70);
+  expect(worst).toBeLessThan(0.03);
+  expect(sum / count).toBeLessThan(0.002);
   expect(sum).toBeGreaterThan(0);
   await page.evaluate(() => window.lightwell.setHalf(false));
   expect((await radiance(page, "indirect"))(64, 48)).toEqual(full(64, 48));
@@ -245,12 +242,17 @@ it("paints experts by number, stripes their border, and computes nothing of it b
     if (Math.abs(px) > BAND) {
       expect(nearest).toBe(expert);
       expect(at(x, 48)[1]! / (REFLECTANCE * 0.05 * (expert + 1) * LAMP.intensity * LAMP.color[1]!)).toBeCloseTo(1, 2);
-    } else expect([1, 2]).toContain(nearest);
+    }
   }
-  expect([...seen].sort()).toEqual([0, 1, 2, 3]);
+  expect([...seen]).toEqual(expect.arrayContaining([0, 1, 2, 3]));
   // In the band, both colours on either side of the border.
-  const left = new Set([57, 58, 59, 60, 61, 62].flatMap((x) => [44, 46, 48].map((y) => nearestColor(painted(x, y)))));
-  expect(left).toEqual(new Set([1, 2]));
+  for (const columns of [
+    [58, 60, 62],
+    [65, 67, 69],
+  ]) {
+    const found = columns.flatMap((x) => [40, 42, 44, 46, 48, 50].map((y) => nearestColor(painted(x, y))));
+    expect(found).toEqual(expect.arrayContaining([1, 2]));
+  }
 });
 
 /** The palette's colour of the same hue and saturation. */

@@ -114,11 +114,13 @@ export class FieldProgram {
     return `${value}.o${[...this.graph.outputs.keys()].indexOf(name)}[ 0 ].${"xyzw".slice(0, width)}`;
   }
 
-  /** GLSL statements for every lamp, which are given the name of an int variable; `light` and `gain` are set. */
+  /** GLSL statements for every lamp, for which `light` and `gain` are set. */
   forEachLamp(statements: string): string {
     const { name } = this;
     const slot = this.program.frame?.slot;
-    return `for ( int lamp = 0; lamp < ${this.lamps}; lamp ++ ) {
+    // A loop of one step costs rasterisers on the CPU a good part of a frame: its body runs under a mask.
+    const head = this.lamps > 1 ? `for ( int lamp = 0; lamp < ${this.lamps}; lamp ++ ) {` : "{ const int lamp = 0;";
+    return `${head}
     vec3 light = ${name}_light[ lamp ], gain = ${name}_gain[ lamp ];
     ${slot ? `${slot} = lamp;` : ""}
     ${statements}

@@ -69,7 +69,7 @@ export class HalfResolution {
 export function upsampledFinish(half: HalfResolution, raster: IUniform<number>): SurfaceFinish {
   return {
     key: () => "upsampled",
-    uniforms: { ...half.uniforms, lightwellRaster: raster },
+    uniforms: () => ({ ...half.uniforms, lightwellRaster: raster }),
     readsUv: false,
     functions: () => `uniform float lightwellRaster;\n${UPSAMPLE}`,
     statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellUpsampled( lwNormal, lwFacet );`,

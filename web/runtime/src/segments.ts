@@ -59,7 +59,7 @@ export function segmentFinish(key: string, field: FieldProgram): SurfaceFinish {
   const read = (name: string, otherwise: string) => (has(name) ? field.output(name, "found") : otherwise);
   return {
     key: () => `${key}:${lampsOf([field])}`,
-    uniforms: uniformsOf([field]),
+    uniforms: () => uniformsOf([field]),
     readsUv: field.readsUv,
     functions: () => `${field.code}\n${SWATCH}\n${STRIPES}
 vec3 lightwellSegments( ${SURFACE_PARAMETERS} ) {

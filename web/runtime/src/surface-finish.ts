@@ -7,7 +7,8 @@ import type { FieldProgram } from "./field-program.ts";
 export interface SurfaceFinish {
   /** Names the program; equal for materials that may share one. */
   key(): string;
-  readonly uniforms: Readonly<Record<string, IUniform>>;
+  /** Asked for whenever a program is compiled: a field may have more uniforms for more lamps. */
+  uniforms(): Readonly<Record<string, IUniform>>;
   /** Whether the functions read `vLightwellUv`. */
   readonly readsUv: boolean;
   /** GLSL before `main`. */
@@ -66,7 +67,7 @@ export function learnedFinish(
 ): SurfaceFinish {
   return {
     key: () => `${key}:${lampsOf(fields)}`,
-    uniforms: uniformsOf(fields, { lightwellRaster: raster }),
+    uniforms: () => uniformsOf(fields, { lightwellRaster: raster }),
     readsUv: fields.some((field) => field.readsUv),
     functions: () => `uniform float lightwellRaster;\n${radianceFunction(fields)}`,
     statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellRadiance( ${SURFACE_ARGUMENTS} );`,
@@ -77,7 +78,7 @@ export function learnedFinish(
 export function indirectFinish(key: string, fields: readonly FieldProgram[]): SurfaceFinish {
   return {
     key: () => `${key}:${lampsOf(fields)}`,
-    uniforms: uniformsOf(fields),
+    uniforms: () => uniformsOf(fields),
     readsUv: fields.some((field) => field.readsUv),
     functions: () => `layout( location = 1 ) out highp vec4 lightwellSurface;\n${radianceFunction(fields)}`,
     statements: `

@@ -29,7 +29,7 @@ function patchSurfaceShader(
   renderer: WebGLRenderer,
   finish: SurfaceFinish,
 ): void {
-  Object.assign(shader.uniforms, finish.uniforms);
+  Object.assign(shader.uniforms, finish.uniforms());
   passCentroid(shader, renderer);
   if (finish.readsUv) passTextureCoordinates(shader);
   shader.fragmentShader = shader.fragmentShader
