@@ -93,7 +93,8 @@ class Comparison:
         graph = read_fields(glb)[0][0].graph
         data = self._score(choice, graph, json.loads(done.read_text()), glb.stat().st_size)
         numbers = self._write(out, data)
-        return ComparedField(choice.name, choice.folder, data, numbers, json.loads(done.read_text())["steps"])
+        facts = json.loads(done.read_text())
+        return ComparedField(choice.name, choice.folder, data, numbers, facts["steps"], facts["cut"])
 
     @property
     def _seconds(self) -> float:

@@ -36,11 +36,12 @@ class Trained:
 
 
 class Clock:
-    """Seconds of training at each step, over all runs; on disk beside the checkpoint."""
+    """Seconds of training at each step, over all runs; on disk beside the checkpoint where it has a path."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self._path = path
-        self.marks: list[tuple[int, float]] = json.loads(path.read_text()) if path.exists() else [(0, 0.0)]
+        known = path is not None and path.exists()
+        self.marks: list[tuple[int, float]] = json.loads(path.read_text()) if known else [(0, 0.0)]
         self._start = perf_counter() - self.marks[-1][1]
 
     @property
@@ -54,7 +55,8 @@ class Clock:
 
     def save(self) -> None:
         """Write the marks."""
-        write_json(self._path, self.marks)
+        if self._path:
+            write_json(self._path, self.marks)
 
     def at(self, step: float) -> float:
         """Seconds at a step, between its neighbours on a straight line."""
@@ -73,7 +75,13 @@ def train_field(
     progress: Progress,
 ) -> Trained:
     """Train ``choice`` for about ``seconds``, or for ``settings.steps``; goes on from the checkpoint in ``folder``."""
-    steps = _planned_steps(choice, shared, settings, seconds, folder)
+    plan = folder / "plan.json"
+    if not settings.steps and not plan.exists():
+        timed = _timed(choice, shared, settings)
+        if timed.ended:
+            return Trained(timed.fit, timed.seconds, timed.fit.state.step, _curve(timed.fit, timed.clock), False)
+        write_json(plan, {"steps": max(int(seconds / timed.seconds_per_step), FEWEST_STEPS)})
+    steps = settings.steps or json.loads(plan.read_text())["steps"]
     checkpoint, clock_path = folder / "fit.npz", folder / "clock.json"
     if not checkpoint.exists():
         clock_path.unlink(missing_ok=True)
@@ -84,8 +92,11 @@ def train_field(
     deadline = None if settings.steps else PATIENCE * seconds
     with progress.stage(f"train {choice.name}", steps, "steps") as stage:
         cut = _train(fit, steps, deadline, clock, checkpoint, stage)
-    curve = [(clock.at(step), error) for step, _, error in fit.state.history]
-    return Trained(fit, clock.seconds, fit.state.step, curve, cut)
+    return Trained(fit, clock.seconds, fit.state.step, _curve(fit, clock), cut)
+
+
+def _curve(fit: Fit, clock: Clock) -> list[tuple[float, float]]:
+    return [(clock.at(step), error) for step, _, error in fit.state.history]
 
 
 def _start(choice: FieldChoice, shared: SharedSamples, settings: CompareSettings) -> Fit:
@@ -118,26 +129,28 @@ def _train(fit: Fit, steps: int, deadline: float | None, clock: Clock, checkpoin
     return False
 
 
-def _planned_steps(
-    choice: FieldChoice, shared: SharedSamples, settings: CompareSettings, seconds: float, folder: Path
-) -> int:
-    """What the time buys, measured once on a scratch fit and written down; a fixed number where the settings say so."""
-    if settings.steps:
-        return settings.steps
-    path = folder / "plan.json"
-    if not path.exists():
-        write_json(path, {"steps": max(int(seconds / _seconds_per_step(choice, shared, settings)), FEWEST_STEPS)})
-    return json.loads(path.read_text())["steps"]
+@dataclass(frozen=True)
+class _Timed:
+    """A scratch fit after a few steps."""
+
+    fit: Fit
+    clock: Clock
+    seconds: float
+    """From its start on."""
+    seconds_per_step: float
+    """Compilation excluded."""
+    ended: bool
+    """Whether it ended before it could be timed: it learns in one go and is no scratch fit at all."""
 
 
-def _seconds_per_step(choice: FieldChoice, shared: SharedSamples, settings: CompareSettings) -> float:
-    """Time of a step, compilation excluded; a fit that ends before it is timed counts with what it took."""
-    scratch = _start(choice, shared, settings)
+def _timed(choice: FieldChoice, shared: SharedSamples, settings: CompareSettings) -> _Timed:
+    """Take a few steps, to find out what the time buys."""
+    clock = Clock(None)
+    fit = _start(choice, shared, settings)
     total = WARM_UP_STEPS + TIMED_STEPS
-    for first, until in ((0, WARM_UP_STEPS), (WARM_UP_STEPS, total)):
-        start = perf_counter()
-        stopped = scratch.train(until, total)
-        cost = (perf_counter() - start) / (until - first)
-        if stopped:
-            break
-    return max(cost, 1e-6)
+    ended = fit.train(WARM_UP_STEPS, total, lambda state, _: clock.mark(state.step))
+    start = clock.seconds
+    if not ended:
+        fit.train(total, total)
+    cost = max((clock.seconds - start) / TIMED_STEPS, 1e-6)
+    return _Timed(fit, clock, clock.seconds, cost, ended)

@@ -20,6 +20,9 @@ VALIDATION_SEED = 0xA11D
 # The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
 VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
 
+# A shard that took fewer seconds than this was there already.
+ON_DISK = 0.01
+
 
 @dataclass(frozen=True)
 class TracedShards:
@@ -48,7 +51,8 @@ def trace_shards(
         nonlocal last, cost
         now = perf_counter()
         cost, last = now - last, now
-        stage.move_to(index, f"{shards.size * shards.paths / max(cost, 1e-9) / 1e6:.2f} M paths/s")
+        rate = shards.size * shards.paths / max(cost, 1e-9) / 1e6
+        stage.move_to(index, "on disk" if cost < ON_DISK else f"{rate:.2f} M paths/s")
 
     options = {"settings": shards, "make": make}
     report = generate(scene, variable, None, folder, count, shards.paths, shards.seed, ready, **options)

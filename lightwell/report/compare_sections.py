@@ -214,9 +214,10 @@ def _field_panels(index: int, field: Numbers) -> str:
         f'<a href="{escape(field["folder"], quote=True)}/index.html">open the page</a> · '
         f'<a href="{escape(field["folder"], quote=True)}/report.html">its report</a>'
     )
+    cut = ", stopped by the clock before its schedule ended" if field["cut"] else ""
     line = (
         f"Error {percent(field['relative_error'])}, {digits(field['psnr_db'])} dB, {amount(field['bytes'], 'B')}, "
-        f"{amount(field['macs_per_pixel'])} MAC per pixel, {grouped(field['steps'])} steps. {links}"
+        f"{amount(field['macs_per_pixel'])} MAC per pixel, {grouped(field['steps'])} steps{cut}. {links}"
         if field["psnr_db"] is not None
         else links
     )

@@ -34,6 +34,8 @@ class ComparedField:
     """Its report.json."""
     steps: int
     """Training steps."""
+    cut: bool = False
+    """Whether its time ran out before the steps that were planned."""
 
 
 def comparison_numbers(
@@ -52,7 +54,7 @@ def comparison_numbers(
 
 
 def _entry(field: ComparedField) -> dict[str, Any]:
-    own = {"name": field.name, "folder": field.folder, "steps": field.steps}
+    own = {"name": field.name, "folder": field.folder, "steps": field.steps, "cut": field.cut}
     own["train_seconds"] = field.numbers["seconds"]["train"]
     own["segments"] = _segments(field.data)
     return own | {key: field.numbers[key] for key in KEPT}
