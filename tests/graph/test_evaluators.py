@@ -10,6 +10,7 @@ from lightwell.backend import dr, mi
 from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
+from lightwell.graph.ops.linear import MANY_EXPERTS
 from lightwell.graph.vectors import FOLDER, SCHEMA_FILE, cases, document, random_tree, schema_text
 
 CASES = cases()
@@ -176,6 +177,18 @@ def test_experts_use_their_own_weights_with_the_index_rounded_and_clamped():
     value = b.linear("a", weights, np.zeros((3, 1)), index="i")
     index = np.array([[-5.0], [0.4], [0.6], [1.4], [99.0]])
     np.testing.assert_array_equal(run(value, b, a=np.ones((5, 1)), i=index)[:, 0], [0, 0, 1, 1, 2])
+
+
+@pytest.mark.parametrize("experts", [MANY_EXPERTS - 1, MANY_EXPERTS])
+def test_many_experts_agree_with_numpy(experts):
+    rng = np.random.default_rng(0)
+    b = Builder(a=6, i=1)
+    weights, bias = rng.normal(size=(experts, 5, 6)), rng.normal(size=(experts, 5))
+    graph = b.build(value=b.linear("a", weights, bias, index="i"))
+    index = np.concatenate([[-3, experts + 9], rng.integers(0, experts, 62)])[:, None]
+    inputs = {"a": rng.normal(size=(64, 6)).astype(np.float32), "i": index.astype(np.float32)}
+    found = from_drjit(evaluate_drjit(graph, to_drjit(inputs))["value"], 64)
+    assert error(found, evaluate(graph, inputs)["value"]) < TOLERANCE
 
 
 # x < 0.5 ? (y < 0.25 ? leaf 0 : leaf 2) : leaf 1

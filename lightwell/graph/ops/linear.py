@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lightwell.graph.ops.fetch import gather_row
 from lightwell.graph.ops.lookup import drjit_rounded_index, rounded_index
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
 
@@ -34,8 +35,36 @@ def _numpy_linear(use: Use, a: np.ndarray, index: np.ndarray | None = None) -> n
     return out
 
 
+# From this many experts on, a small layer reads its weights by gathers: a call for each costs more than the layer.
+MANY_EXPERTS = 1024
+# Largest layer, in weights, whose gathers are written out one by one.
+SMALL_LAYER = 1024
+
+
+def _is_gathered(use: Use) -> bool:
+    experts, *layer = use.buffers["weights"].shape if len(use.widths) == 2 else (1, 0)
+    return experts >= MANY_EXPERTS and int(np.prod(layer)) <= SMALL_LAYER
+
+
 def _prepare_linear(use: Use):
-    """Packs weights and bias of every expert for cooperative vectors."""
+    """Packs weights and bias of every expert for cooperative vectors, or for gathers."""
+    return _prepare_gathers(use) if _is_gathered(use) else _prepare_layers(use)
+
+
+def _prepare_gathers(use: Use):
+    """Rows of weights with the bias behind them, [experts * out, stride]: whole packets of four."""
+    from lightwell.backend import dr, mi
+
+    weights, bias = use.values("weights"), use.values("bias")
+    stride = -(-(weights.shape[2] + 1) // 4) * 4
+    rows = np.zeros((*bias.shape, stride), np.float32)
+    rows[..., : weights.shape[2]], rows[..., weights.shape[2]] = weights, bias
+    table = mi.Float(rows.ravel())
+    dr.make_opaque(table)
+    return {"rows": table, "stride": stride}
+
+
+def _prepare_layers(use: Use):
     import drjit.nn as nn
 
     from lightwell.backend import mi
@@ -53,7 +82,23 @@ def _drjit_linear(use: Use, a, index=None):
     if index is None:
         weights, bias = use.state["layers"][0]
         return nn.matvec(weights, a, bias)
-    return _drjit_expert(use, a, index[0])
+    return (_drjit_gathered if _is_gathered(use) else _drjit_expert)(use, a, index[0])
+
+
+def _drjit_gathered(use: Use, a: list, index) -> list:
+    """Reads the weights of each point's expert."""
+    from lightwell.backend import dr
+
+    experts, outputs, inputs = use.buffers["weights"].shape
+    first = drjit_rounded_index(index, experts) * outputs
+    out = []
+    for row in range(outputs):
+        numbers = gather_row(use.state["rows"], first + row, use.state["stride"])
+        total = numbers[inputs]
+        for weight, x in zip(numbers, a):
+            total = dr.fma(weight, x, total)
+        out.append(total)
+    return out
 
 
 def _drjit_expert(use: Use, a: list, index) -> list:
