@@ -265,6 +265,7 @@ def _add_compare(verbs) -> None:
         "--paths", type=int, default=16, help="light paths per training sample, even (default: %(default)s)"
     )
     parser.add_argument("--views", type=int, default=3, help="held-out views (default: %(default)s)")
+    parser.add_argument("--truth", metavar="TIME", help="time for tracing the truth (default: a share of the budget)")
     parser.add_argument("--steps", type=int, help="training steps of every field, fixed, instead of a time")
     parser.add_argument("--shards", type=int, help="shards of 65,536 samples, fixed, instead of a share of the budget")
     parser.add_argument("--resume", action="store_true", help="go on with a comparison that was interrupted")
@@ -302,6 +303,7 @@ def _compare_fields(arguments) -> int:
         fields=parse_fields(arguments.fields),
         budget=Budget.parse(arguments.budget) if arguments.budget else Budget(),
         vary=tuple(arguments.vary),
+        truth=Budget.parse(arguments.truth) if arguments.truth else None,
         **{k: getattr(arguments, k) for k in ("seed", "resume", "paths", "views", "steps", "shards", "keep")},
     )
     numbers = compare_fields(settings, Progress(quiet=arguments.json))

@@ -74,9 +74,7 @@ def shared_samples(
         traced = trace(first)
         cost = max(traced.seconds_per_shard, 1e-3)
         bought = min(max(int(TRACE_SHARE * settings.budget.round_seconds / cost), FEWEST_SHARDS), MOST_SHARDS)
-        width, height = settings.view_size
-        rate = shards.size * shards.paths / cost
-        effort = Effort.of_budget(settings.budget.round_seconds, rate, width * height * settings.views)
+        effort = _effort(settings, shards.size * shards.paths / cost)
         write_json(plan, {"shards": settings.shards or bought, "effort": asdict(effort)})
     planned = json.loads(plan.read_text())
     if traced is None or planned["shards"] > first:
@@ -84,6 +82,15 @@ def shared_samples(
     setup = FieldSetup.of(scene, radiance_unit(traced.samples), variable.kind)
     validation = validation_samples(scene, variable, settings.seed)
     return SharedSamples(traced.samples, validation, setup, traced.report.paths, Effort(**planned["effort"]))
+
+
+def _effort(settings: CompareSettings, path_rate: float) -> Effort:
+    """What the truth may cost, at the measured number of paths per second."""
+    width, height = settings.view_size
+    pixels = width * height * settings.views
+    if settings.truth:
+        return Effort.within(settings.truth.round_seconds, path_rate, pixels)
+    return Effort.of_budget(settings.budget.round_seconds, path_rate, pixels)
 
 
 def shared_truth(

@@ -72,6 +72,8 @@ class CompareSettings:
     """Fixed number of training steps of every field instead of a time."""
     shards: int | None = None
     """Fixed number of sample shards instead of a share of the budget."""
+    truth: Budget | None = None
+    """Seconds of tracing the held-out truth; None: a share of the budget. All fields share it."""
     keep: bool = False
     """Keep samples, truth and checkpoints, so that --resume can add fields later."""
 
@@ -79,6 +81,8 @@ class CompareSettings:
         """Refuse what means nothing, by the name of its option."""
         if self.budget.seconds is None:
             raise ValueError("compare: --budget must be a time such as 60s; an error cannot be the same for all fields")
+        if self.truth and self.truth.seconds is None:
+            raise ValueError("compare: --truth must be a time such as 5m")
         try:
             self.as_bake(self.fields[0])
         except ValueError as error:

@@ -98,6 +98,18 @@ def fields_table(numbers: Numbers) -> str:
     return (
         '<h2>The fields</h2><div class="wide"><div class="scroll"><table class="fields">'
         f"<thead><tr><th>Field</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div></div>"
+        f"{_limits(numbers)}"
+    )
+
+
+def _limits(numbers: Numbers) -> str:
+    """What the noise of the truth leaves to be measured."""
+    if numbers["psnr_ceiling_db"] is None:
+        return ""
+    return (
+        '<p class="soft note">The noise of the truth limits what can be measured: a perfect field would score an error '
+        f"of {percent(numbers['noise_floor'])} and a PSNR of {digits(numbers['psnr_ceiling_db'])} dB. "
+        "<code>--truth 10m</code> traces a truth with less noise.</p>"
     )
 
 
@@ -242,7 +254,8 @@ def _view_panels(index: int, field: Numbers, number: int) -> str:
     )
     line = (
         f"{escape(name)}: error {percent(scores['relative_error'])} (floor {percent(scores['noise_floor'])}), "
-        f"PSNR {digits(scores['psnr_db'])} dB, SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
+        f"PSNR {digits(scores['psnr_db'])} dB (ceiling {digits(scores['psnr_ceiling_db'])} dB), "
+        f"SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
         f"{sections.seams(scores['border'])}"
     )
     return f'<figure><div class="panels four">{pictures}</div><figcaption>{line}</figcaption></figure>'

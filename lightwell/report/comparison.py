@@ -17,7 +17,18 @@ KEPT = (
     *("parameters", "macs_per_pixel", "fetches_per_pixel", "training", "per_object", "per_view", "sweep", "facts"),
 )
 # What the comparison takes over from any report: it is the same for all fields.
-SHARED = ("scene", "seed", "unit", "noise_floor", "points", "tone_mapping", "paths", "versions", "warnings")
+SHARED = (
+    "scene",
+    "seed",
+    "unit",
+    "noise_floor",
+    "points",
+    "psnr_ceiling_db",
+    "tone_mapping",
+    "paths",
+    "versions",
+    "warnings",
+)
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,16 @@ def psnr_db(f: np.ndarray, y: np.ndarray) -> float:
     return min(-10 * np.log10(error), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
 
 
+def psnr_ceiling_db(a: np.ndarray, b: np.ndarray) -> float:
+    """PSNR that a perfect prediction would score against (A + B) / 2: what the reference's own noise leaves of it.
+
+    A quarter of the mean squared difference of the displayed halves is the variance of the displayed mean.
+    """
+    a, b = _checked(half_a=a, half_b=b)
+    variance = float(np.mean((display(a) - display(b)) ** 2)) / 4
+    return min(-10 * np.log10(variance), MAX_PSNR_DB) if variance > 0 else MAX_PSNR_DB
+
+
 def ssim(f: np.ndarray, y: np.ndarray) -> float:
     """Structural similarity of the displayed pictures [height, width, 3], at most 1 (Wang et al. 2004)."""
     f, y = _checked(prediction=f, reference=y)

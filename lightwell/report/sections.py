@@ -36,7 +36,11 @@ TERMS = (
         "Energy ratio",
         "Mean learned light divided by mean true light. 1 means that none is lost or invented on average.",
     ),
-    ("PSNR", "Peak signal-to-noise ratio of the displayed picture. Above 40 dB a difference is hard to see."),
+    (
+        "PSNR",
+        "Peak signal-to-noise ratio of the displayed picture. Above 40 dB a difference is hard to see. The ceiling is "
+        "what a perfect prediction would score: the rest is noise of the reference.",
+    ),
     ("SSIM", "Structural similarity of the displayed picture, 1 for identical ones."),
     (
         "FLIP",
@@ -69,8 +73,9 @@ def headline(data: Mapping[str, Any]) -> str:
     size = "Weights and textures of the learned light." if data["asset_bytes"] is None else whole
     cards = [("Median error", percent(data["relative_error_median"]), spread)]
     if data["per_view"]:
+        ceiling = f"Of the displayed pictures; a perfect one would score {digits(data['psnr_ceiling_db'])}\u202fdB."
         cards += [
-            ("PSNR", f"{digits(data['psnr_db'])}\u202fdB", "Of the displayed pictures. Above 40 dB is hard to see."),
+            ("PSNR", f"{digits(data['psnr_db'])}\u202fdB", ceiling),
             ("SSIM", f"{data['ssim']:.4f}", "Structural similarity; 1 is identical."),
             ("FLIP", digits(data["flip"]), "What the eye notices when flipping between both; 0 is nothing."),
         ]
@@ -108,7 +113,8 @@ def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], 
     worst = scores["worst_tile"]
     line = (
         f"Error {percent(scores['relative_error'])} (floor {percent(scores['noise_floor'])}), "
-        f"PSNR {digits(scores['psnr_db'])} dB, SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
+        f"PSNR {digits(scores['psnr_db'])} dB (ceiling {digits(scores['psnr_ceiling_db'])} dB), "
+        f"SSIM {scores['ssim']:.4f}, FLIP {digits(scores['flip'])}."
         f"{seams(scores['border'])}"
     )
     return f"""<figure><h3>{name}</h3>

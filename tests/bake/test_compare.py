@@ -220,6 +220,7 @@ def test_refusals(capsys, tmp_path):
     assert "-o" in _refused(capsys, "compare", "--fields", "mlp", "cornell")
     assert "one scene" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "courtyard", "-o", out)
     assert "--budget" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--budget", "5%")
+    assert "--truth" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--truth", "5%")
     assert "--views" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--views", "0")
     assert "--fields" in _refused(capsys, "compare", "cornell", "-o", out)
     assert not out.exists()

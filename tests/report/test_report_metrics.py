@@ -123,3 +123,12 @@ def test_nonsense_is_refused(picture):
         metrics.relative_error(np.ones((4, 3)), np.ones((4, 3)), np.zeros(4))
     with pytest.raises(ValueError, match="at least 11x11 pixels"):
         metrics.ssim(picture[:5], picture[:5])
+
+
+def test_the_ceiling_of_psnr_is_what_a_perfect_prediction_scores():
+    """A noisy reference against its noise-free expectation: within a tenth of a decibel over 30,000 values."""
+    rng = np.random.default_rng(0)
+    truth = np.full((100, 100, 3), 0.5)
+    a, b = (truth + 0.02 * rng.standard_normal(truth.shape) for _ in range(2))
+    assert metrics.psnr_ceiling_db(a, b) == pytest.approx(metrics.psnr_db(truth, 0.5 * (a + b)), abs=0.1)
+    assert metrics.psnr_ceiling_db(a, a) == metrics.MAX_PSNR_DB
