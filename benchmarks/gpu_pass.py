@@ -22,6 +22,8 @@ from lightwell.transport import gbuffer, make_query
 ROW_ALIGNMENT = 256
 # Warm-up before the clock counts, seconds: clocks of an idle GPU rise and pipelines settle.
 WARM_UP = 0.3
+# Passes between two fences, where there is no clock on the GPU.
+FRAMES = 8
 
 VERTEX = """
 @vertex fn corner(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
@@ -218,10 +220,10 @@ class Pass:
         end = time.perf_counter() + WARM_UP
         self._frames(1)
         while time.perf_counter() < end:
-            self._frames(4)
+            self._frames(1)
         if self.gpu.timestamps:
             return median(self._timestamped() for _ in range(rounds))
-        return median(self._frames(8) for _ in range(rounds))
+        return median(self._frames(FRAMES) for _ in range(rounds))
 
     def _frames(self, count: int) -> float:
         """Seconds of a pass, by the wall clock around ``count`` submitted passes and a read-back."""

@@ -31,8 +31,9 @@ from wgsl import available, wgsl
 from lightwell.graph import Graph, evaluate
 
 SIZE, QUICK_SIZE = (1920, 1080), (320, 180)
-# Timed passes, in turns: field, textured, field …
+# Timed passes, in turns: field, textured, field … A software rasteriser takes seconds for one.
 TURNS, ROUNDS = 9, 15
+SOFTWARE_TURNS, SOFTWARE_ROUNDS = 2, 3
 # Milliseconds asked on a GPU of the H200's class: of one 20-10 network, and of the default field.
 SMALL_BAR, DEFAULT_BAR = 0.2, 0.5
 PARITY_BAR = 1e-4
@@ -175,6 +176,8 @@ def main() -> None:
         print(f"gpu_shading: skipped, {why}")
         return
     size, turns, rounds = (QUICK_SIZE, 1, 3) if arguments.quick else (SIZE, TURNS, ROUNDS)
+    if is_software(dict(found.info)) and not arguments.quick:
+        turns, rounds = SOFTWARE_TURNS, SOFTWARE_ROUNDS
     publish("gpu_shading", measure(size, candidates(arguments.folders), found, turns, rounds), arguments.quick)
 
 
