@@ -49,7 +49,7 @@ mi.register_emitter("lightwell_two_sided_area", TwoSidedArea)
 
 def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
     """Area emitter of an emissive material and its mean radiance; both sides shine if the material has both."""
-    factor, texture = np.float32(material.emissive), material.emissive_texture
+    factor, texture = np.float32(material.emissive) * coverage(material), material.emissive_texture
     if texture is None:
         radiance: Any = {"type": "rgb", "value": factor.tolist()}
         mean = factor
@@ -58,6 +58,15 @@ def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
         radiance, mean = bitmap(pixels, texture), pixels.mean(axis=(0, 1), dtype=np.float64)
     kind = "lightwell_two_sided_area" if material.double_sided else "area"
     return mi.load_dict({"type": kind, "radiance": radiance}), tuple(float(c) for c in mean)
+
+
+def coverage(material: Material) -> float:
+    """Mean alpha of a blended material: emission is blended with what lies behind, as all of its colour (glTF 2.0)."""
+    if material.alpha_mode != "BLEND":
+        return 1.0
+    texture = material.base_color_texture
+    pixels = texture.image.pixels if texture else np.empty((0, 0, 3))
+    return material.base_color[3] * (float(pixels[..., 3].mean()) / 255 if pixels.shape[2] > 3 else 1.0)
 
 
 def punctual(light: Light) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.scenes import Light, Material, Mesh, SceneError, assemble
+from lightwell.scenes.assemble_lights import area_light
 
 SQUARE = np.float32([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
 UP = np.uint32([[0, 2, 1], [0, 3, 2]])
@@ -156,3 +157,9 @@ def test_what_the_path_tracer_cannot_do_is_said():
         "material 'sign': unlit; the path tracer treats it as an ordinary lit surface",
         "light 'lamp': its range of 3 m is ignored; light falls off with distance²",
     ]
+
+
+@pytest.mark.parametrize("mode, expected", [("OPAQUE", 2.0), ("MASK", 2.0), ("BLEND", 0.5)])
+def test_blended_emission_is_blended(mode, expected):
+    material = Material("glow", base_color=(1, 1, 1, 0.25), emissive=(2.0, 2.0, 2.0), alpha_mode=mode)
+    assert area_light(material)[1] == pytest.approx((expected,) * 3)
