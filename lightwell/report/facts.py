@@ -3,7 +3,7 @@
 Understood forms, by the type of a value:
 
     number, text, truth value          a row of the table
-    [number, …]                        a curve
+    [number, …]                        a curve over the x axis of its dictionary or where it is long; else bars by place
     [[number, …], …]                   one curve per column (the share of every expert over time)
     {name: [number, …], …}             one curve per name; a name of ``ABSCISSAE`` (``step`` …) is the x axis
     {name: number, …}                  bars (a histogram)
@@ -46,7 +46,9 @@ def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, 
         name = _words(prefix + key)
         if shared and key == shared[0]:
             continue
-        if _numbers(value) or _table(value):
+        if _numbers(value) and len(value) <= MOST and not (shared and len(shared[1]) == len(value)):
+            figures.append(_bars(name, {str(k): number for k, number in enumerate(value)}))
+        elif _numbers(value) or _table(value):
             figures.append(_curves(name, value if _table(value) else [[v] for v in value], shared))
         elif isinstance(value, Mapping) and value and all(_number(v) for v in value.values()):
             figures.append(_bars(name, value))

@@ -23,11 +23,12 @@ def test_every_form_of_a_fact():
             "histogram": {"3": 4, "4": 8},
             "curves": {"seconds": [1, 2], "gate": [0.1, 0.2], "expert": [0.3, 0.1]},
             "nested": {"kind": "joint", "weights": [1.0, 2.0]},
+            "long": [0.5] * 40,
         }
     )
     assert "raw &lt;i&gt;" in html and "<td>no</td>" in html and "nested, kind" in html
-    # entropy 1 line, share 2, curves 2, weights 1; the histogram has bars.
-    assert html.count("<polyline") == 6 and html.count('class="bar"') == 2
+    # entropy 1 line, share 2, curves 2, long 1; the histogram has 2 bars and the weights, which are no curve, 2.
+    assert html.count("<polyline") == 6 and html.count('class="bar"') == 4
     assert facts_html({}) == ""
 
 
