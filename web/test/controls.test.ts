@@ -257,6 +257,10 @@ it("moves a sun along its arc by a slider", async () => {
   const [direction] = (await stats(page)).lights;
   expect(direction![0]).toBeCloseTo(-1 / Math.hypot(1, 0.2), 5);
   expect(await page.locator(".lamp").count()).toBe(0);
+  await page.keyboard.press("+");
+  expect((await stats(page)).lights).toHaveLength(2);
+  expect(await page.getByRole("slider", { name: "Path" }).count()).toBe(2);
+  await expect.poll(async () => (await stats(page)).preparing).toBe(false);
 });
 
 it("adds and removes lamps by keys and by the panel, and halves the resolution", async () => {

@@ -187,18 +187,22 @@ export class LearnedScene {
    * direct light alone. The renderer must be set to the target that will be drawn into; `scene` holds `root` and all lights.
    */
   async compile(renderer: WebGLRenderer, scene: Scene, camera: Camera, look = this.look): Promise<void> {
-    this.look = look;
+    this.look = {
+      half: look.half && this.fields.length > 0,
+      segments: look.segments && this.segments !== null,
+    };
+    const wanted = this.look;
     const compilation = ++this.compilations;
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
     if (renderer.extensions.has("KHR_parallel_shader_compile")) {
       // The compilation of all that is worn starts at once; only the waiting is asynchronous.
-      const compiled = outfitsOf(look).map((outfit) => {
+      const compiled = outfitsOf(wanted).map((outfit) => {
         this.wardrobe.wear(outfit);
         return renderer.compileAsync(outfit === "indirect" ? this.root : scene, camera);
       });
       await Promise.all(compiled);
     }
-    if (compilation === this.compilations) this.drawn = look;
+    if (compilation === this.compilations) this.drawn = wanted;
   }
 
   /** Draw with learned light, or with the shaders that have none: when its own fail or are not yet compiled. */

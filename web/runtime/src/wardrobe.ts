@@ -1,6 +1,6 @@
 /** The materials of a scene's meshes, one set for each thing that surfaces can show; made when first worn. */
 
-import { DoubleSide, type Material, Mesh, MeshStandardMaterial, type Object3D } from "three";
+import { DoubleSide, Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points } from "three";
 import type { SurfaceFinish } from "./surface-finish.ts";
 import { finishMaterial } from "./surface-shader.ts";
 
@@ -13,6 +13,8 @@ export type Outfit = "plain" | "learned" | "indirect" | "upsampled" | "segments"
 /** Owns the materials; the meshes and their textures are those of the loaded file. */
 export class Wardrobe {
   private readonly meshes: readonly { readonly mesh: Mesh; readonly plain: Mesh["material"] }[];
+  /** Materials of lines and points, which have no finish: a small picture leaves them out. */
+  private readonly others: readonly Material[];
   private readonly finishes: Readonly<Partial<Record<Outfit, SurfaceFinish>>>;
   private readonly twins = new Map<Outfit, Map<Material, Material>>();
   private worn: Outfit = "plain";
@@ -21,10 +23,13 @@ export class Wardrobe {
   constructor(root: Object3D, finishes: Readonly<Partial<Record<Outfit, SurfaceFinish>>>) {
     this.finishes = finishes;
     const meshes: { mesh: Mesh; plain: Mesh["material"] }[] = [];
+    const others: Material[] = [];
     root.traverse((object) => {
       if (object instanceof Mesh) meshes.push({ mesh: object, plain: object.material });
+      else if (object instanceof Line || object instanceof Points) others.push(...[object.material].flat());
     });
     this.meshes = meshes;
+    this.others = others.filter((material) => material.visible);
     for (const { mesh, plain } of meshes) {
       mesh.receiveShadow = true;
       mesh.castShadow = [plain].flat().some(blocksLight);
@@ -40,6 +45,7 @@ export class Wardrobe {
   wear(outfit: Outfit): void {
     if (outfit === this.worn) return;
     this.worn = outfit;
+    for (const material of this.others) material.visible = outfit !== "indirect";
     for (const { mesh, plain } of this.meshes) {
       mesh.material = Array.isArray(plain)
         ? plain.map((material) => this.twinOf(material, outfit))
