@@ -49,7 +49,9 @@ const INPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
 );
 
 /** Outputs of a field that mean something here; a graph may have others. */
-const OUTPUT_WIDTHS: ReadonlyMap<string, number> = new Map(Object.entries({ radiance: 3, segment: 1, overlap: 1, second: 1 }));
+const OUTPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
+  Object.entries({ radiance: 3, segment: 1, overlap: 1, second: 1 }),
+);
 
 /** How a buffer type travels in a glTF accessor: component type, bytes per element, constructor. */
 const STORAGE = {

@@ -1,7 +1,14 @@
 /** A picture of a field's segmentation: a colour for every expert, striped where two of them share a point. */
 
 import type { FieldProgram } from "./field-program.ts";
-import { lampsOf, SURFACE_ARGUMENTS, SURFACE_PARAMETERS, type SurfaceFinish, uniformsOf, uvOf } from "./surface-finish.ts";
+import {
+  lampsOf,
+  SURFACE_ARGUMENTS,
+  SURFACE_PARAMETERS,
+  type SurfaceFinish,
+  uniformsOf,
+  uvOf,
+} from "./surface-finish.ts";
 
 /** Outputs of a graph that this picture shows; the first is required. */
 export const SEGMENT_OUTPUTS = ["segment", "overlap", "second"] as const;

@@ -41,7 +41,10 @@ function costs(viewer: Viewer): Row[] {
   const bytes = viewer.fields.reduce((sum, field) => sum + field.bytes, 0);
   const rows: Row[] = [["Frame", frameTime(viewer)]];
   if (viewer.fields.length > 0)
-    rows.push(["Multiply-adds", `${grouped(Math.round(viewer.learned?.macs ?? 0))} / px`], ["Learned data", size(bytes)]);
+    rows.push(
+      ["Multiply-adds", `${grouped(Math.round(viewer.learned?.macs ?? 0))} / px`],
+      ["Learned data", size(bytes)],
+    );
   return rows;
 }
 
