@@ -7,7 +7,7 @@ network learns the light alone; its exponential output cannot be negative and ho
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,12 @@ PRESETS: dict[str, MlpPreset] = {
     "report-20": _report((20, 10)),
     "report-200": _report((200, 100)),
     "report": _report((200, 100)),
+    # The report's code differs from its text: ReLU, μ = 0.1 · 100 / (100 + epoch), batches of 8, no decay.
+    "report-code": replace(
+        _report((20, 10)),
+        activation="relu",
+        training=replace(_REPORT_TRAINING, rate=0.1, tau=100.0, batch=8, decay=0.0),
+    ),
 }
 
 
