@@ -10,7 +10,7 @@ ALLOWED = {
     "backend": set(),
     "scenes": {"backend"},
     "graph": {"backend"},
-    "networks": {"backend"},
+    "networks": {"backend", "graph"},
     "transport": {"backend", "scenes"},
     "fields": {"backend", "scenes", "transport", "networks", "graph"},
     "asset": {"graph", "scenes"},

@@ -26,8 +26,12 @@ from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
-_DEFAULT_GRID = HashGrid()
-_DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 14, evaluate_every=100)
+_DEFAULT_GRID = HashGrid(levels=4, base=8, growth=2, entries_log2=12)
+_DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200)
+
+
+# How far above the surface the grid is read, in cells of its finest level.
+LIFT = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class FactoredPreset:
 
 PRESETS: dict[str, FactoredPreset] = {
     "default": FactoredPreset(),
-    "large": FactoredPreset(HashGrid(levels=4, base=8, growth=2, entries_log2=14), hidden=(32, 16)),
+    "large": FactoredPreset(HashGrid(levels=5, base=8, growth=2, entries_log2=13), hidden=(32, 16)),
 }
 
 
@@ -80,7 +84,7 @@ class FactoredFit:
     def _nodes(self, b: Builder) -> tuple[str, list[str], list[str]]:
         """(place in the grid, other inputs of a pixel, inputs of the light network)."""
         frame = light_features(b, self.setup, self.preset.light_octaves, self.preset.light_falloff)
-        return grid_point(b, self.setup), local_features(b, self.setup), frame
+        return grid_point(b, self.setup, LIFT / self.preset.grid.layout[-1].cells), local_features(b, self.setup), frame
 
     @property
     def state(self) -> TrainingState:

@@ -55,13 +55,13 @@ def raw_features(b: Builder, setup: FieldSetup) -> tuple[list[str], list[str]]:
     return [normalised(b, "position", setup), "normal", incoming], light
 
 
-def _waves(b: Builder, value: str, octaves: int, falloff: float, **options) -> str:
+def waves(b: Builder, value: str, octaves: int, falloff: float, **options) -> str:
     """Sines and cosines of a vector, the k-th octave scaled by falloff^k."""
-    waves = b.frequency(value, octaves, **options)
+    found = b.frequency(value, octaves, **options)
     if falloff == 1.0:
-        return waves
+        return found
     amplitude = np.tile(np.repeat(falloff ** np.arange(octaves), 2), 3)
-    return b.affine(waves, amplitude, np.zeros_like(amplitude), **options)
+    return b.affine(found, amplitude, np.zeros_like(amplitude), **options)
 
 
 def _light(b: Builder, setup: FieldSetup) -> str:
@@ -73,7 +73,7 @@ def encoded_features(b: Builder, setup: FieldSetup, octaves: FeatureOctaves) -> 
     """Encoded inputs and the local geometry of light, surface and eye. Returns (per pixel, per frame) nodes."""
     p = normalised(b, "position", setup)
     r = b.normalize(b.reflect("normal", "view"))
-    pixel = [p, _waves(b, p, octaves.position, octaves.falloff), "normal", r, b.dot("normal", "view")]
+    pixel = [p, waves(b, p, octaves.position, octaves.falloff), "normal", r, b.dot("normal", "view")]
     pixel += ["reflectance", "roughness", "metallic"]
     if setup.light == "static":
         return pixel, []
@@ -81,24 +81,28 @@ def encoded_features(b: Builder, setup: FieldSetup, octaves: FeatureOctaves) -> 
     if setup.light == "sun":
         return [*pixel, b.dot("normal", "light"), b.dot(r, "light")], [
             l,
-            _waves(b, l, octaves.light, octaves.falloff, per_frame=True),
+            waves(b, l, octaves.light, octaves.falloff, per_frame=True),
         ]
     to_light = b.subtract(l, p)
     distance = b.length(to_light)
     direction = b.normalize(to_light)
     pixel += [direction, b.dot("normal", direction), b.dot(r, direction)]
     pixel += [b.log(distance, DISTANCE_SOFTENING), b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)]
-    return pixel, [l, _waves(b, l, octaves.light, octaves.falloff, per_frame=True)]
+    return pixel, [l, waves(b, l, octaves.light, octaves.falloff, per_frame=True)]
 
 
 # The hash grid's cube is a little larger than the scene, so that no surface lies on its faces.
 GRID_MARGIN = 1.02
 
 
-def grid_point(b: Builder, setup: FieldSetup) -> str:
-    """The position in [0, 1]³ where a grid over the scene is read."""
+def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
+    """Where a grid over the scene is read: in [0, 1]³, ``lift`` above the surface on the viewer's side.
+
+    The two sides of a wall thinner than a cell, and the faces at an edge, so read different places.
+    """
     scale = 0.5 / (GRID_MARGIN * setup.half_extent)
-    return b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
+    place = b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
+    return b.add(place, b.scale("normal", lift))
 
 
 def local_features(b: Builder, setup: FieldSetup) -> list[str]:
@@ -123,11 +127,11 @@ def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) 
     if setup.light == "static":
         return []
     l = _light(b, setup)
-    waves = _waves(b, l, octaves, falloff, per_frame=True)
+    encoded = waves(b, l, octaves, falloff, per_frame=True)
     if setup.light == "sun":
-        return [l, waves]
+        return [l, encoded]
     walls = []
     for sign in (-1.0, 1.0):
         half = [0.5 * edge / setup.half_extent for edge in setup.size or (2 * setup.half_extent,) * 3]
         walls.append(b.log(b.affine(l, [sign] * 3, half, per_frame=True), DISTANCE_SOFTENING, per_frame=True))
-    return [l, *walls, waves]
+    return [l, *walls, encoded]
