@@ -56,7 +56,7 @@ def _verb(verbs, name: str, run, summary: str, description: str = "") -> argpars
 
 
 def _add_bake_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--field", default="mlp", help="learned representation (default: %(default)s)")
+    parser.add_argument("--field", help="learned representation (default: factored, or the one that has the preset)")
     parser.add_argument(
         "--preset", default="default", help="settings of the field, e.g. default, report-20, report-200"
     )
@@ -118,12 +118,13 @@ def _add_bake(verbs) -> None:
 
 def _settings(arguments, scene: str, out: str):
     from lightwell.bake.settings import BakeSettings, Budget
+    from lightwell.fields import field_of
 
     budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
     return BakeSettings(
         scene=scene,
         out=Path(out),
-        field=arguments.field,
+        field=arguments.field or field_of(arguments.preset),
         preset=arguments.preset,
         budget=budget,
         vary=tuple(arguments.vary),

@@ -51,7 +51,7 @@ class BakeSettings:
     scene: str
     """Path of a scene or the name of a built-in one."""
     out: Path
-    field: str = "mlp"
+    field: str = "factored"
     preset: str = "default"
     budget: Budget = Budget()
     vary: tuple[str, ...] = ()

@@ -52,6 +52,9 @@ class FactoredPreset:
 
 PRESETS: dict[str, FactoredPreset] = {
     "default": FactoredPreset(),
+    "small": FactoredPreset(
+        HashGrid(levels=3, base=4, growth=2, entries_log2=9), light_hidden=(24, 24), hidden=(16, 12)
+    ),
     "large": FactoredPreset(HashGrid(levels=5, base=8, growth=2, entries_log2=13), hidden=(32, 16)),
 }
 
