@@ -11,10 +11,10 @@ from lightwell.fields.base import Fit as Fit
 from lightwell.fields.base import query_inputs as query_inputs
 from lightwell.fields.base import radiance_unit as radiance_unit
 
-# Every representation is a module with PRESETS and start(setup, preset, seed).
+# Every representation is a module with PRESETS and start(setup, preset, seed); the first is the default.
 FIELDS: dict[str, ModuleType] = {
-    "mlp": mlp,
     "factored": factored,
+    "mlp": mlp,
     "tree": tree,
     "kdtree": kdtree,
     "experts": experts,
@@ -25,6 +25,11 @@ FIELDS: dict[str, ModuleType] = {
 def presets(field: str) -> list[str]:
     """Names of a field's presets, the default first."""
     return list(FIELDS[field].PRESETS)
+
+
+def field_of(preset: str) -> str:
+    """The field that a preset alone means: the first that has it, the default one where none has."""
+    return next((name for name in FIELDS if preset in presets(name)), next(iter(FIELDS)))
 
 
 def starter(field: str, preset: str) -> Callable[[FieldSetup, int], Fit]:
