@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -136,10 +136,10 @@ class Rounds:
         start = perf_counter()
         plan = make_plan(self.seconds, self._seconds_per_shard, self._seconds_per_step(samples))
         if self.settings.shards:
-            plan = Plan(self.settings.shards, max(self.settings.shards // 4, 1), plan.first_steps, plan.steps)
+            plan = replace(plan, shards=self.settings.shards, adaptive_shards=max(self.settings.shards // 4, 1))
         if self.settings.steps:
             first = max(int(0.4 * self.settings.steps), 1)
-            plan = Plan(plan.shards, plan.adaptive_shards, first, self.settings.steps)
+            plan = replace(plan, first_steps=first, steps=self.settings.steps)
         save_plan(path, plan)
         self.work.seconds["plan"] = self.work.seconds.get("plan", 0.0) + perf_counter() - start
         return plan

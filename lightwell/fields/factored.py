@@ -26,7 +26,7 @@ from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
-_DEFAULT_GRID = HashGrid(levels=4, base=8, growth=2, entries_log2=12)
+_DEFAULT_GRID = HashGrid(levels=3, base=8, growth=2, entries_log2=13)
 _DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200)
 
 
@@ -55,7 +55,7 @@ PRESETS: dict[str, FactoredPreset] = {
     "small": FactoredPreset(
         HashGrid(levels=3, base=4, growth=2, entries_log2=9), light_hidden=(24, 24), hidden=(16, 12)
     ),
-    "large": FactoredPreset(HashGrid(levels=5, base=8, growth=2, entries_log2=13), hidden=(32, 16)),
+    "large": FactoredPreset(HashGrid(levels=4, base=8, growth=2, entries_log2=15), hidden=(32, 16)),
 }
 
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
-from lightwell.fields.base import FieldSetup, Progress, query_inputs
+from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import FeatureOctaves, encoded_features, open_builder, raw_features
-from lightwell.graph import Graph, compile, quantise
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Graph, quantise
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
@@ -89,8 +89,8 @@ class MlpFit:
     preset: MlpPreset
     seed: int
     _trainer: Trainer = field(init=False)
-    # Compiled graph of the features; pixel features first, then those of the frame.
-    _features: Any = field(init=False)
+    # Pixel features first, then those of the frame.
+    _features: Tabulated = field(init=False)
     # How many of the features depend on the pixel.
     _pixel_width: int = field(init=False)
     _data: TrainingSet | None = None
@@ -102,7 +102,7 @@ class MlpFit:
         graph = b.build(features=b.concat(*pixel, *frame))
         width = graph.widths[graph.outputs["features"]]
         self._pixel_width = sum(graph.widths[node] for node in pixel)
-        self._features = compile(graph)
+        self._features = Tabulated(graph)
         mlp = Mlp((width, *self.preset.hidden, 3), self.preset.activation, self.preset.output)
         self._trainer = Trainer(mlp, self.preset.training, self.seed)
 
@@ -125,20 +125,9 @@ class MlpFit:
 
     # ------------------------------------------------------------------ data
 
-    def _feature_rows(self, query: Query) -> Any:
-        """[N, F] tensor of features."""
-        inputs = {
-            name: [mi.Float(np.ascontiguousarray(column)) for column in values.T]
-            for name, values in query_inputs(query).items()
-        }
-        columns = self._features(inputs)["features"]
-        count, width = len(query), len(columns)
-        table = dr.empty(mi.Float, count * width)
-        row = dr.arange(mi.UInt32, count) * width
-        for k, column in enumerate(columns):
-            dr.scatter(table, column, row + k)
-        dr.eval(table)
-        return mi.TensorXf(table, (count, width))
+    def _feature_rows(self, query: Query) -> np.ndarray:
+        """[N, F] features."""
+        return self._features(query)["features"]
 
     def _modulation(self, query: Query) -> np.ndarray:
         """[N, 3] factor between the network's output and radiance."""
@@ -148,12 +137,12 @@ class MlpFit:
         """Set the training samples, in a random order that depends on the seed and their number alone."""
         order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))
         target = samples.radiance / self._modulation(samples.query)
-        features = np.array(self._feature_rows(samples.query[order]))
+        features = self._feature_rows(samples.query[order])
         self._data = TrainingSet.from_numpy(features, target[order], np.asarray(samples.weight)[order])
 
     def validate_on(self, samples: Samples) -> None:
         """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
-        features = np.array(self._feature_rows(samples.query))
+        features = self._feature_rows(samples.query)
         scale = self._modulation(samples.query) / self.setup.unit
         self._validation = (features, scale, samples.radiance / self.setup.unit)
 
@@ -172,7 +161,7 @@ class MlpFit:
 
     def predict(self, query: Query) -> np.ndarray:
         """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
-        output = self._trainer.network.evaluate(self._trainer.best, np.array(self._feature_rows(query)))
+        output = self._trainer.network.evaluate(self._trainer.best, self._feature_rows(query))
         return output * self._modulation(query)
 
     def save(self, path: Path) -> None:

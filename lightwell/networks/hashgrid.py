@@ -61,8 +61,8 @@ class HashGrid:
         """Features per point."""
         return self.levels * self.channels
 
-    def initial(self, rng: np.random.Generator, bound: float = 0.1) -> np.ndarray:
-        """[entries, C] float32 table, U(±bound)."""
+    def initial(self, rng: np.random.Generator, bound: float = 1e-4) -> np.ndarray:
+        """[entries, C] float32 table, U(±bound): small, because entries that no sample reaches stay as they are."""
         return rng.uniform(-bound, bound, (self.entries, self.channels)).astype(np.float32)
 
     def __call__(self, table: Any, points: Any) -> Any:
