@@ -1,0 +1,354 @@
+"""Experts without seams and without dead gates: balanced assignment, an overlap that both sides learn, no gate network.
+
+A lattice over the scene (``fields/lattice.py``) says which two of M small experts shade a point and how much of the
+second. It is read at place and normal alone, so that nothing pops when light or eye move, and costs table reads but no
+multiply-adds. The cells of the lattice are dealt out like this:
+
+    start      k-means on place, normal and *answer to the light* (``fields/cells.py``), with a floor and a cap on the
+               samples of an expert;
+    rounds     train all experts at once; price every cell under every expert by the error on its samples; deal the
+               cells out anew at the least total price, again within floor and cap (``networks/assignment.py``);
+    the rest   of the steps trains the experts for good.
+
+Between cells of different experts the scores are interpolated. There two experts are blended, and both learn from the
+samples there: the blend is continuous on every surface and the error at borders is that of the interior.
+
+Each expert sees its inputs scaled to mean 0 and variance 1 over its own samples. What ships has that folded into the
+first layer.
+
+What it cannot do: a lattice with few steps cannot tell surfaces apart that are nearer to each other than a step and
+face the same way.
+
+M experts, N samples, F inputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.cells import Cells, balanced_means, describe
+from lightwell.fields.examples import Examples
+from lightwell.fields.features import FeatureOctaves, open_builder
+from lightwell.fields.gate import append, share_facts, shares
+from lightwell.fields.lattice import Gate, Lattice, Split
+from lightwell.fields.segmented import NetworkPreset, SegmentedFit, as_radiance
+from lightwell.graph import Buffer, Builder, Graph, pack
+from lightwell.networks import TrainingSettings
+from lightwell.networks.assignment import assign_cells
+from lightwell.networks.batched import BatchedSet, BatchedTrainer
+from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
+from lightwell.transport.samples import Query
+
+# Share of all steps during which cells change hands, and the fewest steps between two rounds.
+ROUNDS_SHARE, FEWEST_STEPS = 0.4, 25
+# Samples that price a cell, and the largest magnitude of the squared relative error of one of them.
+PRICED_SAMPLES, LARGEST_PRICE = 96, 4.0
+# Times that floor and cap are drawn tighter, because the border of the shipped gate runs through cells.
+CORRECTIONS = 6
+# Least standard deviation that an input is scaled by: normals of a flat region have none.
+LEAST_SPREAD = 0.1
+# Apart from the seeds of the first split.
+EXPERT_SEED = 7919
+
+
+@dataclass(frozen=True)
+class BalancedPreset(NetworkPreset):
+    """Everything that defines a ``balanced`` field."""
+
+    experts: int = 16
+    cells: int = 12
+    """Steps of the lattice along the longest edge of the scene."""
+    floor: float = 0.3
+    """Least share of the samples that an expert has, relative to an equal share."""
+    cap: float = 1.3
+    """Largest share, likewise."""
+    rounds: int = 4
+    """How often the cells are dealt out anew; fewer in short trainings."""
+    compactness: float = 1.0
+    """Price of a neighbour with another expert, relative to the mean price of a cell at its best expert."""
+    passes: int = 0
+    """How often the scores are averaged over neighbouring cells: 0 blends over one step of the lattice."""
+
+
+# Twice the rate of other small networks, which inputs of mean 0 and variance 1 allow.
+_TRAINING = TrainingSettings(rate=2e-2, batch=1024)
+_OCTAVES = FeatureOctaves(position=0, light=1)
+
+PRESETS: dict[str, BalancedPreset] = {
+    "default": BalancedPreset(_TRAINING, "lean", hidden=(20, 16), octaves=_OCTAVES),
+    "large": BalancedPreset(_TRAINING, "lean", hidden=(28, 20), octaves=_OCTAVES, experts=32, cells=16),
+}
+
+
+class BalancedFit(SegmentedFit):
+    """See ``lightwell.fields.base.Fit``."""
+
+    preset: BalancedPreset
+
+    def __init__(self, setup: FieldSetup, preset: BalancedPreset, seed: int) -> None:
+        super().__init__(setup, preset, seed)
+        self.facts |= {"gate": "lattice", "curves": {}}
+        self._trainer = BatchedTrainer(self.mlp, preset.training, seed * EXPERT_SEED + np.arange(preset.experts))
+        # How often the cells have been dealt out, and the dealing by which the inputs are scaled.
+        self._dealt = self._scaled = 0
+        # The gate by which the experts are trained now; mean and spread [M, F] of each one's inputs.
+        self._gate: Gate | None = None
+        self._center = np.zeros((preset.experts, self.inputs.width), np.float32)
+        self._spread = np.ones_like(self._center)
+        # Gate and weights with the least validation error.
+        self._best_gate: Gate | None = None
+        self._best = self._trainer.parameters
+        # Made of the samples when needed: training set; how the validation samples are split.
+        self._data: BatchedSet | None = None
+        self._watched: Split | None = None
+
+    @property
+    def macs(self) -> int:
+        """Of two experts; the gate has none."""
+        return 2 * self.mlp.macs
+
+    @property
+    def weights(self) -> dict[str, np.ndarray]:
+        """Weights of the experts at the least validation error of the whole, for inputs as they are."""
+        return self._best
+
+    @property
+    def gate(self) -> Gate:
+        """The gate that belongs to ``weights``."""
+        if self._best_gate is None:
+            raise RuntimeError("balanced: there is no gate before the first training; call train")
+        return self._best_gate
+
+    def segment(self, query: Query) -> np.ndarray:
+        """[N] expert that has the larger share of each point."""
+        return self.gate(query).first
+
+    def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
+        """[N, 3] blended outputs of the experts."""
+        return self._blended(examples.features, self.gate(examples.query), weights or self.weights)
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
+        return self._blended(self.inputs.rows(query), self.gate(query), self.weights) * scale
+
+    def _blended(self, features: np.ndarray, split: Split, weights: dict[str, np.ndarray]) -> np.ndarray:
+        out = GroupedRows(features, split.first, self.preset.experts).evaluate(self.mlp, weights)
+        band = split.band
+        second = GroupedRows(features[band], split.second[band], self.preset.experts).evaluate(self.mlp, weights)
+        out[band] += (second - out[band]) * split.share[band, None]
+        return out
+
+    def _rearrange(self) -> None:
+        self._data = self._watched = None
+
+    # ------------------------------------------------------------------ dealing out the cells
+
+    def _due(self, total: int) -> int:
+        """How often the cells should have been dealt out by now."""
+        rounds = min(self.preset.rounds, int(ROUNDS_SHARE * total / FEWEST_STEPS))
+        if not rounds:
+            return 1
+        return 1 + min(int(self.state.step * rounds / (ROUNDS_SHARE * total)), rounds)
+
+    def _deal(self) -> None:
+        """Give every cell to an expert: at first by looks, later by price."""
+        preset, examples = self.preset, self.examples
+        lattice = self._gate.lattice if self._gate else Lattice.around(self.setup, examples.query, preset.cells)
+        cells = Cells.of(lattice, examples)
+        limits = preset.floor / preset.experts, preset.cap / preset.experts
+        if self._gate is None:
+            points = describe(cells, examples)
+            looks = balanced_means(points, cells.weight, preset.experts, limits, self.seed)
+            price = 1.0 - np.eye(preset.experts)[looks]
+        else:
+            price = self._prices(cells)
+        before = self._gate
+        self._gate = self._within(limits, lattice, cells, price)
+        self._describe(before, cells)
+        self._dealt += 1
+        self._data = self._watched = None
+
+    def _within(self, limits: tuple[float, float], lattice: Lattice, cells: Cells, price: np.ndarray) -> Gate:
+        """The gate of least price whose experts keep floor and cap on the training samples.
+
+        Cells keep them at once; the border of the gate runs through cells, so that a correction may be needed.
+        """
+        (floor, cap), experts = limits, self.preset.experts
+        least, most = limits
+        for _ in range(CORRECTIONS):
+            expert = assign_cells(price, cells.weight, least, most)
+            gate = Gate(lattice, lattice.scores(cells.number, expert, experts, self.preset.passes))
+            share = shares(gate(self.examples.query).first, experts)
+            if floor <= share.min() and share.max() <= cap:
+                break
+            # Half of the way to equal shares is as far as it goes.
+            least = min(least + 1.2 * max(floor - share.min(), 0), 0.5 * (floor + 1 / experts))
+            most = max(most - 1.2 * max(share.max() - cap, 0), 0.5 * (cap + 1 / experts))
+        return gate
+
+    def _prices(self, cells: Cells) -> np.ndarray:
+        """[K, M] price of each cell at each expert: squared relative error without noise, and neighbours elsewhere."""
+        rows = cells.pick(PRICED_SAMPLES, self.seed + self._dealt)
+        part, weights = self.examples.take(rows), self._folded()
+        of_sample, price = cells.of_sample[rows], np.empty((len(cells), self.preset.experts))
+        count = np.bincount(of_sample, minlength=len(cells))
+        for e in range(self.preset.experts):
+            output = self.mlp.evaluate({name: value[e] for name, value in weights.items()}, part.features)
+            square = np.clip(part.corrected_square(output), -LARGEST_PRICE, LARGEST_PRICE)
+            price[:, e] = np.bincount(of_sample, square, len(cells)) / count
+        touching = self._touching(cells)
+        # What the cells that touch would pay counts as much: prices are noisy, and regions should be whole.
+        price = 0.5 * (price + touching @ price)
+        owned = np.eye(self.preset.experts)[self._owner(self._gate, cells)]
+        return price + self.preset.compactness * max(price.min(axis=1).mean(), 0) * (1 - touching @ owned)
+
+    def _owner(self, gate: Gate, cells: Cells) -> np.ndarray:
+        """[K] expert of each cell."""
+        return gate.scores.reshape(len(gate.lattice), -1)[cells.number].argmax(axis=1)
+
+    def _touching(self, cells: Cells) -> sparse.csr_array:
+        """[K, K] mean over the cells that touch a cell; a cell that touches none stands for itself."""
+        pairs = self._gate.lattice.neighbours(cells.number)
+        alone = np.setdiff1d(np.arange(len(cells)), pairs[:, 0])
+        row, column = np.concatenate([pairs, np.stack([alone, alone], axis=1)]).T
+        count = np.bincount(row, minlength=len(cells))
+        return sparse.csr_array((1 / count[row], (row, column)), shape=(len(cells), len(cells)))
+
+    def _describe(self, before: Gate | None, cells: Cells) -> None:
+        """Add a point to the curves."""
+        owner = self._owner(self._gate, cells)
+        moved = 1.0 if before is None else float(cells.weight[owner != self._owner(before, cells)].sum())
+        share = shares(self._gate(self.examples.query).first, self.preset.experts)
+        values = {"moved": round(moved, 4), "share": [round(float(s), 4) for s in share]}
+        append(self.facts["curves"], step=self.state.step, **values)
+        self.facts |= {"cells": len(cells), "lattice": list(self._gate.lattice.shape)}
+
+    # ------------------------------------------------------------------ fit
+
+    def _arrange(self) -> None:
+        """Send every sample to its expert, and those that two experts share to both."""
+        examples, experts = self.examples, self.preset.experts
+        split = self._gate(examples.query)
+        row = np.concatenate([np.arange(len(examples)), split.band])
+        group = np.concatenate([split.first, split.second[split.band]])
+        order, runs = sort_into_runs(group, experts, (self.seed, len(examples), self._dealt))
+        row = row[order]
+        features = examples.features[row]
+        if self._scaled < self._dealt:
+            self._scale(features, runs)
+        features = (features - self._center[runs.group]) / self._spread[runs.group]
+        self._data = BatchedSet.from_numpy(features, examples.target[row], examples.weight[row], runs)
+
+    def _scale(self, features: np.ndarray, runs: Runs) -> None:
+        """Scale the inputs of each expert by its samples of now; what the experts compute stays the same."""
+        folded = self._folded() if self._scaled else None
+        used = runs.count > 0
+        for f, column in enumerate(features.T):
+            mean = np.where(used, runs.mean(column), 0)
+            variance = np.where(used, runs.mean((column - mean[runs.group]) ** 2), 1)
+            self._center[:, f], self._spread[:, f] = mean, np.maximum(np.sqrt(variance), LEAST_SPREAD)
+        if folded:
+            arrays = self._trainer.arrays()
+            arrays["value.w0"] = folded["w0"] * self._spread[:, :, None]
+            arrays["value.b0"] = folded["b0"] + np.einsum("ef,efo->eo", self._center, folded["w0"])[:, None]
+            self._trainer.restore(arrays)
+        self._scaled = self._dealt
+
+    def _folded(self) -> dict[str, np.ndarray]:
+        """[M, …] current weights for inputs as they are: W (x − c) / s + b = (W / s) x + (b − (W / s) c)."""
+        weights = self._trainer.parameters
+        weights["w0"] = weights["w0"] / self._spread[:, :, None]
+        weights["b0"] = weights["b0"] - np.einsum("ef,efo->eo", self._center, weights["w0"])[:, None]
+        return weights
+
+    def _step(self, total: int) -> bool:
+        if self._dealt < self._due(total):
+            self._deal()
+        if self._data is None:
+            self._arrange()
+        self._last = self._trainer.step(self._data, total)
+        self.state.samples_seen += self.preset.training.batch * self.preset.experts
+        return False
+
+    def _look(self) -> tuple[float, float]:
+        validation, weights = self.validation, self._folded()
+        if self._watched is None:
+            self._watched = self._gate(validation.query)
+        each = validation.relative_error(self._blended(validation.features, self._watched, weights))
+        error = float(each.mean())
+        if error < self.state.best_error:
+            self._best, self._best_gate = weights, self._gate
+            self._judge(each)
+        losses = self._trainer.losses(self._last)
+        return float(losses @ self._data.runs.count / self._data.runs.count.sum()), error
+
+    def _judge(self, each: np.ndarray) -> None:
+        """Facts about the gate that is kept; each: [N] errors on the validation samples."""
+        share, two = shares(self._gate(self.examples.query).first, self.preset.experts), self._watched.share > 0
+        self.facts |= share_facts(self._gate(self.examples.query).first, self.preset.experts)
+        facts: dict[str, Any] = {
+            "smallest_share": share.min() * len(share),
+            "largest_share": share.max() * len(share),
+            "band": two.mean(),
+        }
+        if two.any() and not two.all():
+            border, interior = each[two].mean(), each[~two].mean()
+            facts |= {"border_error": border, "interior_error": interior, "border_over_interior": border / interior}
+        self.facts |= {name: round(float(value), 4) for name, value in facts.items()}
+
+    # ------------------------------------------------------------------ lower
+
+    def lower(self) -> Graph:
+        """The field as it ships: gate of bytes, two experts per pixel and their blend."""
+        b = open_builder()
+        x, top = self.inputs.node(b), self.gate.node(b)
+        first, second, share = (b.slice(top, k, 1) for k in range(3))
+        layers = [self._packed(k) for k in range(self.mlp.layers)]
+        blend = b.blend(share, *(self._expert(b, x, index, layers) for index in (first, second)))
+        radiance = as_radiance(b, blend, self.preset.demodulated, self.setup.unit)
+        return b.build(radiance=radiance, segment=first, overlap=share, second=second)
+
+    def _packed(self, k: int) -> tuple[Buffer, Buffer]:
+        """Weights [M, out, in] and biases [M, out] of a layer as they are stored; both experts of a pixel read them.
+
+        The first layer's biases stay float32: they hold the offset of the inputs, which is large beside their spread.
+        """
+        weight, bias = self.weights[f"w{k}"].transpose(0, 2, 1), self.weights[f"b{k}"][:, 0]
+        return pack(weight, self.preset.storage), pack(bias, "float16" if k else "float32")
+
+    def _expert(self, b: Builder, x: str, index: str, layers: list[tuple[Buffer, Buffer]]) -> str:
+        """Add the network of expert ``index`` to a graph."""
+        for k, (weight, bias) in enumerate(layers):
+            x = b.linear(x, weight, bias, index)
+            x = b.activate(x, self.mlp.activation if k + 1 < len(layers) else self.mlp.output)
+        return x
+
+    # ------------------------------------------------------------------ checkpoints
+
+    def _arrays(self) -> Arrays:
+        arrays = {"counts": np.array([self._dealt, self._scaled]), "center": self._center, "spread": self._spread}
+        arrays |= prefixed("trainer", self._trainer.arrays()) | prefixed("best", self._best)
+        for name, gate in (("gate", self._gate), ("best_gate", self._best_gate)):
+            arrays |= prefixed(name, gate.arrays() if gate else {})
+        return arrays
+
+    def _restore(self, arrays: Arrays) -> None:
+        self._dealt, self._scaled = (int(n) for n in arrays["counts"])
+        self._center, self._spread = arrays["center"].copy(), arrays["spread"].copy()
+        self._trainer.restore(under("trainer", arrays))
+        self._best = under("best", arrays)
+        self._gate, self._best_gate = (
+            Gate.of(found) if (found := under(name, arrays)) else None for name in ("gate", "best_gate")
+        )
+
+
+def start(setup: FieldSetup, preset: str, seed: int) -> BalancedFit:
+    """Begin a fit with a named preset."""
+    return BalancedFit(setup, PRESETS[preset], seed)

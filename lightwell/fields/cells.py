@@ -1,0 +1,155 @@
+"""Cells of a scene's surfaces as a gate sees them before anything is learned: where they are, how they face, and how
+they answer to the light. N samples, K occupied cells, B bins of the light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.fields.examples import Examples
+from lightwell.fields.lattice import Lattice
+from lightwell.networks.assignment import assign_cells
+
+# The light's range is cut in two this many times: 64 bins.
+LIGHT_LEVELS = 6
+# Numbers that are kept of a cell's answers to the light.
+SIGNATURE = 8
+# Radiance in unit S below which darkness makes no difference: that of the loss.
+DARK = 0.05
+# Weights of normal and signature against position in the first split, by measurement on the Cornell box.
+NORMAL_WEIGHT, SIGNATURE_WEIGHT = 0.7, 0.7
+# Rounds of k-means, and how many of its last ones keep floor and cap.
+MEANS_ROUNDS, BALANCED_ROUNDS = 12, 3
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells of a lattice that hold samples."""
+
+    number: np.ndarray
+    """[K] int64 cell numbers in the lattice, ascending."""
+    of_sample: np.ndarray
+    """[N] int64 index of each sample's cell in these arrays."""
+    weight: np.ndarray
+    """[K] float64 share of the samples; the sum is 1."""
+
+    @staticmethod
+    def of(lattice: Lattice, examples: Examples) -> Cells:
+        """The cells that the samples fall into."""
+        number, of_sample, count = np.unique(lattice.cell(examples.query), return_inverse=True, return_counts=True)
+        return Cells(number, of_sample.ravel(), count / count.sum())
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """[K, C] mean of values [N, C] over the samples of each cell."""
+        count = np.bincount(self.of_sample, minlength=len(self))[:, None]
+        return _sums(self.of_sample, values, len(self)) / count
+
+    def pick(self, most: int, seed: int) -> np.ndarray:
+        """Rows of at most ``most`` random samples of each cell."""
+        order = np.random.default_rng((seed, len(self.of_sample))).permutation(len(self.of_sample))
+        order = order[np.argsort(self.of_sample[order], kind="stable")]
+        cell = self.of_sample[order]
+        place = np.arange(len(order)) - np.searchsorted(cell, cell)
+        return order[place < most]
+
+
+def _sums(group: np.ndarray, values: np.ndarray, groups: int) -> np.ndarray:
+    """[groups, C] sums of values [N, C]."""
+    return np.stack([np.bincount(group, column, groups) for column in values.T], axis=1)
+
+
+def light_bins(light: np.ndarray, levels: int = LIGHT_LEVELS) -> np.ndarray:
+    """[N] int bin of each light [N, 3]: the range is halved ``levels`` times at the median of its widest axis, so that
+    a box, an arc of the sun and a still light are all cut into bins of equally many samples."""
+    bins = np.zeros(len(light), np.int64)
+    for _ in range(levels):
+        bins *= 2
+        for number in np.unique(bins):
+            rows = np.flatnonzero(bins == number)
+            axis = np.ptp(light[rows], axis=0).argmax()
+            values = light[rows, axis]
+            bins[rows[values > np.median(values)]] += 1
+    return bins
+
+
+def signature(cells: Cells, examples: Examples, size: int = SIGNATURE) -> np.ndarray:
+    """[K, ≤ size] how each cell answers to the light: log of its mean target, per colour, under each bin of the light;
+    its main components. This is how a gate sees colour and shadows, not only shapes.
+
+    A bin in which a cell has no sample is filled with the sum of the cell's and the bin's mean deviation.
+    """
+    bins = light_bins(examples.query.light)
+    bins = np.unique(bins, return_inverse=True)[1].ravel()
+    columns, target = int(bins.max()) + 1, examples.target
+    group = cells.of_sample * columns + bins
+    count = np.bincount(group, minlength=len(cells) * columns)
+    total = _sums(group, target, len(count))
+    answer = np.log(np.maximum(total, 0) / np.maximum(count, 1)[:, None] + DARK).reshape(len(cells), columns, -1)
+    known = (count > 0).reshape(len(cells), columns, 1)
+    of_cell, of_bin = (_mean(answer, known, axis) for axis in (1, 0))
+    answer = np.where(known, answer, of_cell + of_bin - _mean(answer, known, (0, 1)))
+    return _main_components(answer.reshape(len(cells), -1), cells.weight, size)
+
+
+def _mean(values: np.ndarray, known: np.ndarray, axis: int | tuple[int, int]) -> np.ndarray:
+    """Mean of the known values along axes, which are kept."""
+    return (values * known).sum(axis=axis, keepdims=True) / np.maximum(known.sum(axis=axis, keepdims=True), 1)
+
+
+def _main_components(rows: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:
+    """[K, ≤ size] coordinates along the directions of greatest weighted variance."""
+    centred = rows - weight @ rows
+    _, _, directions = np.linalg.svd(centred * np.sqrt(weight)[:, None], full_matrices=False)
+    found = directions[:size]
+    # The sign of a direction is arbitrary: fix it, so that all machines agree.
+    largest = np.take_along_axis(found, np.abs(found).argmax(axis=1)[:, None], axis=1)
+    return centred @ (found * np.sign(largest)).T
+
+
+def describe(cells: Cells, examples: Examples) -> np.ndarray:
+    """[K, 6 + ≤ 8] position, normal and signature of each cell, each scaled to a weighted variance of its own."""
+    query = examples.query
+    parts = [cells.mean(query.position), cells.mean(query.normal), signature(cells, examples)]
+    scaled = []
+    for part, importance in zip(parts, (1.0, NORMAL_WEIGHT, SIGNATURE_WEIGHT)):
+        part = part - cells.weight @ part
+        spread = np.sqrt((cells.weight @ part**2).sum())
+        scaled.append(part * (importance / max(spread, 1e-9)))
+    return np.concatenate(scaled, axis=1)
+
+
+def balanced_means(points: np.ndarray, weight: np.ndarray, experts: int, limits: tuple[float, float], seed: int):
+    """[K] int cluster of each point [K, C] by k-means whose last rounds keep every cluster's weight within ``limits``.
+
+    k-means++ (Arthur & Vassilvitskii 2007) starts it. Clusters without points take the point that is worst off.
+    """
+    centres = _spread_out(points, weight, experts, np.random.default_rng(seed))
+    for k in range(MEANS_ROUNDS):
+        cost = _squared_distances(points, centres)
+        free = k < MEANS_ROUNDS - BALANCED_ROUNDS
+        cluster = cost.argmin(axis=1) if free else assign_cells(cost, weight, *limits)
+        total = np.bincount(cluster, weight, experts)
+        moved = _sums(cluster, points * weight[:, None], experts) / np.maximum(total, 1e-30)[:, None]
+        worst = np.argsort(-cost.min(axis=1), kind="stable")[: int((total == 0).sum())]
+        moved[np.flatnonzero(total == 0)[: len(worst)]] = points[worst]
+        centres = moved
+    return cluster
+
+
+def _spread_out(points: np.ndarray, weight: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """[count, C] points drawn by weight times squared distance to those drawn before."""
+    chosen = [int(rng.choice(len(points), p=weight / weight.sum()))]
+    while len(chosen) < count:
+        away = weight * _squared_distances(points, points[chosen]).min(axis=1)
+        chosen.append(int(rng.choice(len(points), p=away / away.sum())) if away.sum() > 0 else chosen[0])
+    return points[chosen]
+
+
+def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """[len(a), len(b)]."""
+    return ((a[:, None] - b) ** 2).sum(axis=2)
