@@ -7,8 +7,9 @@
 Parts: `report` (its networks and mixtures, in its own slab of light and with the light anywhere), `cornell` (ours, on
 the Cornell box), `bytes` (ours against experts and kd-tree of its size), `seams` (experts with overlap), `rooms` (three
 given rooms). Each is a comparison as `lightwell compare --fields … SCENE -o OUT` makes it: the fields of a part learn
-from the same samples and are scored as they ship, on lights, views and points that training never saw. Each has a page,
-OUT/…/compare.html. A part that was killed goes on with --resume. Rows go into results/radiance_fields.json.
+from the same samples and are scored as they ship, on lights, views and points that training never saw. Parts on the
+Cornell box with the light anywhere share one comparison. Each has a page, OUT/…/compare.html. A part that was killed
+goes on with --resume. Rows go into results/radiance_fields.json.
 
 The light roams the box at a distance of at least a tenth of its size from every surface: nearer to a wall the indirect
 field is singular. Given scenes that are not on this machine are skipped.
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -55,7 +56,7 @@ EQUAL_BYTES = 1.1
 # Seconds of tracing and training in all: the bar, of which half traces and half trains.
 BUDGET = 175.0
 # Seconds of tracing the truth of a part: a bar of 38 dB needs pictures whose own noise is far above that.
-TRUTH = 600.0
+TRUTH = 150.0
 # Objects with fewer held-out points than this have no error worth a verdict.
 FEWEST_POINTS = 24
 
@@ -68,6 +69,8 @@ class Run:
     quick: bool
     resume: bool
     budget: float
+    begun: dict[str, list] = field(default_factory=dict)
+    """Comparisons of this run and their fields: parts that share one add theirs to it."""
 
 
 def ours() -> tuple[str, str]:
@@ -96,14 +99,17 @@ def compared(run: Run, name: str, scene: Path | str, fields: list, vary: tuple[s
     from lightwell.bake.progress import Progress
     from lightwell.bake.settings import Budget
 
+    resume = run.resume or name in run.begun
+    every = run.begun.setdefault(name, [])
+    every += [choice for choice in fields if choice not in every]
     settings = CompareSettings(
         scene=str(scene),
         out=run.out / name,
-        fields=tuple(dict.fromkeys(fields)),
+        fields=tuple(every),
         budget=Budget(run.budget),
         vary=vary,
         truth=Budget(2.0 if run.quick else TRUTH),
-        resume=run.resume,
+        resume=resume,
         keep=True,
     )
     if run.quick:
@@ -134,7 +140,7 @@ def report(run: Run) -> list[Row]:
     """The report's networks and mixtures in its own setting and in ours, beside what it says of them."""
     rows = []
     for setting, vary in (("light slab of the report", SLAB), ("light anywhere", ROAMING)):
-        name = f"report-{'slab' if vary == SLAB else 'anywhere'}"
+        name = "slab" if vary == SLAB else "cornell"
         if not CORNELL.exists():
             return _missing(_report_rows(setting, None), "the scene is not on this machine")
         rows += _report_rows(setting, compared(run, name, CORNELL, _choices(REPORT_FIELDS), vary))
@@ -200,7 +206,7 @@ def equal_bytes(run: Run) -> list[Row]:
     sizes = [FieldChoice(field, preset) for preset in presets(field)]
     baselines = _choices(BASELINES)
     scene = CORNELL if CORNELL.exists() else "cornell"
-    numbers = compared(run, "equal-bytes", scene, [*sizes, *baselines], ROAMING)
+    numbers = compared(run, "cornell", scene, [*sizes, *baselines], ROAMING)
     found = numbers["by_name"]
     return [_equal(name, found, [s.name for s in sizes]) for name in BASELINES]
 
@@ -229,7 +235,7 @@ def seams(run: Run) -> list[Row]:
     if not choices:
         return [at_most(what, 1.2, None, "ratio", f"{SEGMENTED} is not in this version")]
     scene = CORNELL if CORNELL.exists() else "cornell"
-    numbers = compared(run, "seams", scene, choices, ROAMING)
+    numbers = compared(run, "cornell", scene, choices, ROAMING)
     field = numbers["by_name"].get(choices[0].name)
     note = f"{field['segments']} experts in view; {_note(numbers, field)}" if field else "its training failed"
     return [at_most(what, 1.2, field["border_ratio"] if field else None, "ratio", note)]
