@@ -18,7 +18,8 @@ LIGHT_LEVELS = 6
 SIGNATURE = 8
 # Radiance in unit S below which darkness makes no difference: that of the loss.
 DARK = 0.05
-# Weights of normal and signature against position in the first split, by measurement on the Cornell box.
+# Weights of normal and signature against position in the first split. On the Cornell box, weights of the signature
+# from 0 to 1.5 end within 1 % of each other's error.
 NORMAL_WEIGHT, SIGNATURE_WEIGHT = 0.7, 0.7
 # Rounds of k-means, and how many of its last ones keep floor and cap.
 MEANS_ROUNDS, BALANCED_ROUNDS = 12, 3
