@@ -48,7 +48,18 @@ class PathReport:
 
 
 @dr.syntax
-def trace(scene, si, source, rng, first, max_depth, rr_depth, include_direct: bool, connections: int = CONNECTIONS):
+def trace(
+    scene,
+    si,
+    source,
+    rng,
+    first,
+    max_depth,
+    rr_depth,
+    include_direct: bool,
+    connections: int = CONNECTIONS,
+    see_through: bool = True,
+):
     r"""Radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one unidirectional path per lane.
 
     Parameters
@@ -64,6 +75,9 @@ def trace(scene, si, source, rng, first, max_depth, rr_depth, include_direct: bo
                       source at their first bounce are dropped, and emitter sampling starts at the second vertex.
       connections     So many vertices, from the query point on, are joined to the surface that one ray from a point
                       light meets: it finds the bright spot that a light near a wall makes. 0: as Mitsuba's ``path``.
+
+      see_through     Where ``si`` lies on a blended surface (alpha), count what is seen through it, by its coverage.
+                      Off: the light of the surface alone, as if it covered all; a rasteriser blends it itself.
 
     What it does: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the
     power heuristic. Without light rays it is Mitsuba's ``path``, from which it differs only in starting on a surface
@@ -82,16 +96,20 @@ def trace(scene, si, source, rng, first, max_depth, rr_depth, include_direct: bo
     L = mi.Spectrum(0)  # Radiance gathered
     bsdf = si.bsdf()
     lobe, direction, light = first
+    coverage = mi.Float(1)
+    if dr.hint(not see_through, mode="scalar"):
+        coverage = _coverage(si, bsdf)
     if dr.hint(include_direct, mode="scalar"):
-        L += _light_sample(scene, si, bsdf, source, rng)
+        L += _light_sample(scene, si, bsdf, source, rng, coverage)
     if dr.hint(source.emits and connections > 0, mode="scalar"):
         z = scene.ray_intersect(source.emit(light))
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2))
-    bsdf_sample, β = bsdf.sample(ctx, si, lobe, direction)  # Throughput
+        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), coverage)
+    # Lobes come in the order covered, seen through.
+    bsdf_sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)  # Throughput
     η = mi.Float(bsdf_sample.eta)  # Product of the indices of refraction
     ray = si.spawn_ray(si.to_world(bsdf_sample.wo))  # Current ray
     prev = _vertex(si)  # Vertex the ray comes from
-    bsdf_pdf_prev = mi.Float(bsdf_sample.pdf)  # Density of the ray's direction there
+    bsdf_pdf_prev = mi.Float(bsdf_sample.pdf / coverage)  # Density of the ray's direction there
     bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)  # It came from a delta lobe
     depth = mi.UInt32(1)  # Surfaces left behind
     active = dr.max(β) != 0  # Lanes whose path goes on
@@ -159,7 +177,14 @@ def _light_density(source, si) -> mi.Float:
     return dr.inv_four_pi * dr.abs(dr.dot(si.n, offset)) * dr.rsqrt(distance2) / distance2
 
 
-def _connect(scene, si, bsdf, source, z, active) -> mi.Spectrum:
+def _coverage(si, bsdf) -> mi.Float:
+    """Share of light that a blended surface stops: its alpha, 1 for all others."""
+    blended = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    alpha = 1 - bsdf.eval_null_transmission(si, blended).x
+    return dr.select(blended & (alpha > 0), alpha, 1)
+
+
+def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
     """Light that reaches ``si`` from the light vertex ``z``, weighed against BSDF sampling, which could find z too."""
     ctx = mi.BSDFContext()
     offset = z.p - si.p
@@ -172,7 +197,7 @@ def _connect(scene, si, bsdf, source, z, active) -> mi.Spectrum:
     density = _light_density(source, z)
     active &= z.is_valid() & (distance2 > 0) & (cosine > 0) & (density > 0)
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
-    value, pdf = bsdf.eval_pdf(ctx, si, si.to_local(direction), active)
+    value, pdf = (v / coverage for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
     mis = _power(density, pdf * cosine / distance2)
     return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
@@ -222,12 +247,12 @@ def _vertex(si) -> mi.Interaction3f:
     return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
 
 
-def _light_sample(scene, si, bsdf, source, rng) -> mi.Spectrum:
+def _light_sample(scene, si, bsdf, source, rng, coverage) -> mi.Spectrum:
     """Direct light of the source at ``si``: one emitter sample with its MIS weight."""
     wo_world, weight, pdf, delta, shadow = source.sample(scene, si, _next_2d(rng), mi.Bool(True))
     visible = (dr.max(weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     visible &= ~scene.ray_test(shadow, visible)
-    value, bsdf_pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wo_world), visible)
+    value, bsdf_pdf = (v / coverage for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wo_world), visible))
     mis = dr.select(delta, 1, _power(pdf, bsdf_pdf))
     return dr.select(visible, mis * value * weight, 0)
 
@@ -350,9 +375,9 @@ def _launch(scene, device, source, settings, span, include_direct, connections):
     # A stream beyond those of the paths, shared by all paths of a half.
     shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
-    L = trace(
-        scene.mi, si, source(row), rng, stratified(shift, path, half), max_depth, rr_depth, include_direct, connections
-    )
+    first = stratified(shift, path, half)
+    depths = (max_depth, rr_depth)
+    L = trace(scene.mi, si, source(row), rng, first, *depths, include_direct, connections, False)
     ok = dr.all(dr.isfinite(L))
     L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
     # Evaluated together and now: block_sum evaluates each of its arguments alone and would trace the paths four times.

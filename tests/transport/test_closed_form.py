@@ -118,3 +118,19 @@ def test_chunks_do_not_change_the_result(monkeypatch, cornell, roaming):
     whole = indirect(cornell, points, (0, 1.5, 0), roaming, 256, 3)
     monkeypatch.setattr(radiance, "LAUNCH", 1024)
     np.testing.assert_allclose(indirect(cornell, points, (0, 1.5, 0), roaming, 256, 3), whole, rtol=1e-4, atol=1e-7)
+
+
+def test_a_blended_surface_shines_as_if_it_covered_all(roaming):
+    # What is seen through it is the rasteriser's; the plate is too small to change the room.
+    walls = rooms.room_walls()
+    plate = rooms.quad("plate", (-0.01, 1.0, -0.01), (0, 0, 0.02), (0.02, 0, 0))
+    white = rooms.diffuse(rooms.WHITE)
+    found = []
+    for blended in (white, {"type": "mask", "opacity": 0.1, "bsdf": white}):
+        scene = rooms.build("plate", [*walls, plate], [white] * len(walls) + [blended])
+        points = sample_surface(scene, 4096, 5, floor=256)
+        points = points[np.flatnonzero(points.shape == len(walls))]
+        a, b = indirect(scene, points, (0.3, 1.6, 0.2), roaming, 256, 3)
+        found.append((direct(scene, points, (0.3, 1.6, 0.2), roaming).mean(), np.mean(0.5 * (a + b))))
+    # 256 points and paths: half a per cent of noise.
+    np.testing.assert_allclose(found[1], found[0], rtol=0.03)
