@@ -118,13 +118,12 @@ def _add_bake(verbs) -> None:
 
 def _settings(arguments, scene: str, out: str):
     from lightwell.bake.settings import BakeSettings, Budget
-    from lightwell.fields import field_of
 
     budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
     return BakeSettings(
         scene=scene,
         out=Path(out),
-        field=arguments.field or field_of(arguments.preset),
+        field=arguments.field or "",
         preset=arguments.preset,
         budget=budget,
         vary=tuple(arguments.vary),

@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from lightwell.fields import field_of
+
 # Seconds of tracing and training when nothing else is asked for: good on two cores.
 DEFAULT_SECONDS = 120.0
 
@@ -51,7 +53,8 @@ class BakeSettings:
     scene: str
     """Path of a scene or the name of a built-in one."""
     out: Path
-    field: str = "factored"
+    field: str = ""
+    """Learned representation; empty: the first that has the preset."""
     preset: str = "default"
     budget: Budget = Budget()
     vary: tuple[str, ...] = ()
@@ -76,7 +79,9 @@ class BakeSettings:
     """Also learn the light of the scene's own emitters."""
 
     def __post_init__(self) -> None:
-        """Refuse counts that mean nothing, by the name of their option."""
+        """Name the field; refuse counts that mean nothing, by the name of their option."""
+        if not self.field:
+            object.__setattr__(self, "field", field_of(self.preset))
         for option, value, least in (
             ("--paths", self.paths, 2),
             ("--views", self.views, 1),

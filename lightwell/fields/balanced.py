@@ -50,7 +50,9 @@ ROUNDS_SHARE, FEWEST_STEPS = 0.25, 25
 # Samples that price a cell, and the largest magnitude of the squared relative error of one of them.
 PRICED_SAMPLES, LARGEST_PRICE = 96, 4.0
 # Times that floor and cap are drawn tighter, because the border of the shipped gate runs through cells.
-CORRECTIONS = 6
+CORRECTIONS = 10
+# ... and by how much more than they were missed by, relative to an equal share.
+TIGHTER = 0.01
 # Least standard deviation that an input is scaled by: normals of a flat region have none.
 LEAST_SPREAD = 0.1
 # Apart from the seeds of the first split.
@@ -190,8 +192,9 @@ class BalancedFit(SegmentedFit):
             if floor <= share.min() and share.max() <= cap:
                 break
             # Half of the way to equal shares is as far as it goes.
-            least = min(least + 1.2 * max(floor - share.min(), 0), 0.5 * (floor + 1 / experts))
-            most = max(most - 1.2 * max(share.max() - cap, 0), 0.5 * (cap + 1 / experts))
+            least += TIGHTER / experts + floor - share.min() if share.min() < floor else 0
+            most -= TIGHTER / experts + share.max() - cap if share.max() > cap else 0
+            least, most = min(least, 0.5 * (floor + 1 / experts)), max(most, 0.5 * (cap + 1 / experts))
         return gate
 
     def _prices(self, cells: Cells) -> np.ndarray:
