@@ -45,15 +45,17 @@ class FieldSetup:
         return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte)
 
 
-# Perceptual roughness from which reflection no longer follows the eye.
-MATTE_ROUGHNESS = 0.9
+# Index of refraction up to which a surface reflects nothing but diffusely.
+MATTE_IOR = 1.01
 
 
 def is_matte(material: Material) -> bool:
-    """Whether a surface of this material looks nearly the same from everywhere."""
-    smooth = material.roughness < MATTE_ROUGHNESS or material.metallic_roughness_texture is not None
+    """Whether a surface of this material is Lambertian: it looks the same from everywhere.
+
+    Burley's diffuse term is not, even at full roughness: it brightens towards grazing views.
+    """
     layers = (material.metallic, material.clearcoat, material.sheen, material.transmission)
-    return not (smooth or material.delta or any(layers))
+    return material.ior <= MATTE_IOR and not (material.delta or any(layers))
 
 
 class Fit(Protocol):

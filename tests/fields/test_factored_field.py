@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from lightwell.fields import factored
-from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.fields.base import FieldSetup, is_matte, query_inputs
 from lightwell.graph import evaluate
+from lightwell.scenes.scene import Material
 from lightwell.transport.samples import Query, Samples
 
 SETUP = FieldSetup((0.0, 1.0, 0.0), 1.0, 0.5, "point", (2.0, 2.0, 2.0), False)
@@ -91,3 +92,17 @@ def test_default_costs_less_than_a_thousand_multiply_adds_on_matte_scenes():
     fit = factored.FactoredFit(replace(SETUP, matte=True), factored.PRESETS["default"], 0)
     assert fit.macs <= 1000
     assert fit.lower().nbytes <= 100_000
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({}, True),
+        ({"ior": 1.5}, False),
+        ({"metallic": 1.0}, False),
+        ({"clearcoat": 0.5}, False),
+        ({"delta": True}, False),
+    ],
+)
+def test_only_lambertian_surfaces_look_the_same_from_everywhere(changes, expected):
+    assert is_matte(Material("wall", **{"metallic": 0.0, "ior": 1.0} | changes)) == expected
