@@ -56,7 +56,7 @@ EQUAL_BYTES = 1.1
 # Seconds of tracing and training in all: the bar, of which half traces and half trains.
 BUDGET = 175.0
 # Seconds of tracing the truth of a part: a bar of 38 dB needs pictures whose own noise is far above that.
-TRUTH = 150.0
+TRUTH = 120.0
 # Objects with fewer held-out points than this have no error worth a verdict.
 FEWEST_POINTS = 24
 
