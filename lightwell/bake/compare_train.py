@@ -41,7 +41,8 @@ class Clock:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         known = path is not None and path.exists()
-        self.marks: list[tuple[int, float]] = json.loads(path.read_text()) if known else [(0, 0.0)]
+        stored = json.loads(path.read_text()) if known else [(0, 0.0)]
+        self.marks: list[tuple[int, float]] = [(step, seconds) for step, seconds in stored]
         self._start = perf_counter() - self.marks[-1][1]
 
     @property

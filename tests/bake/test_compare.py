@@ -16,6 +16,7 @@ from lightwell.asset.read import read_fields
 from lightwell.bake import evaluate
 from lightwell.bake.compare_fields import compare_fields, table
 from lightwell.bake.compare_settings import CompareSettings, parse_fields
+from lightwell.bake.compare_train import Clock
 from lightwell.bake.cost import compressed_bytes
 from lightwell.bake.effort import Effort
 from lightwell.bake.settings import Budget
@@ -224,3 +225,13 @@ def test_refusals(capsys, tmp_path):
     assert "--views" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--views", "0")
     assert "--fields" in _refused(capsys, "compare", "cornell", "-o", out)
     assert not out.exists()
+
+
+def test_a_clock_goes_on_where_it_was_killed(tmp_path):
+    clock = Clock(tmp_path / "clock.json")
+    clock.mark(10)
+    clock.save()
+    again = Clock(tmp_path / "clock.json")
+    again.mark(20)
+    # Marks that were read and marks that are new lie on one line.
+    assert clock.at(10) <= again.at(15) <= again.at(20)
