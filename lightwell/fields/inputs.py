@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from lightwell.backend import dr, mi
-from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.fields.base import FieldSetup
 from lightwell.fields.features import (
     DISTANCE_SOFTENING,
     FeatureOctaves,
@@ -17,7 +16,8 @@ from lightwell.fields.features import (
     raw_features,
     waves,
 )
-from lightwell.graph import Builder, compile
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Builder
 from lightwell.transport.samples import Query
 
 # raw      x, n, −v, l: the report's 12 numbers.
@@ -28,9 +28,6 @@ from lightwell.transport.samples import Query
 # place    x and n: what a gate may know so that no light or eye moves its borders.
 Kind = Literal["raw", "ren", "local", "lean", "encoded", "place"]
 
-# Rows whose features are computed at a time; bounds memory.
-ROWS_AT_ONCE = 1 << 20
-
 
 class Inputs:
     """A set of inputs of one scene: a node of a graph, and the rows that a network is trained on."""
@@ -38,9 +35,8 @@ class Inputs:
     def __init__(self, setup: FieldSetup, kind: Kind, octaves: FeatureOctaves | None = None) -> None:
         self.setup, self.kind, self.octaves = setup, kind, octaves or FeatureOctaves()
         b = open_builder()
-        graph = b.build(features=self.node(b))
-        self.width = graph.widths[graph.outputs["features"]]
-        self._compiled = compile(graph)
+        self._table = Tabulated(b.build(features=self.node(b)))
+        self.width = self._table.width("features")
 
     def node(self, b: Builder) -> str:
         """Add the inputs to a graph; returns the value that holds them all."""
@@ -100,12 +96,4 @@ class Inputs:
 
     def rows(self, query: Query) -> np.ndarray:
         """[N, F] float32, as the graph computes them."""
-        out = np.empty((len(query), self.width), np.float32)
-        for begin in range(0, len(query), ROWS_AT_ONCE):
-            part = query[begin : begin + ROWS_AT_ONCE]
-            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in v.T] for name, v in query_inputs(part).items()}
-            features = self._compiled(columns)["features"]
-            dr.eval(features)
-            for k, column in enumerate(features):
-                out[begin : begin + len(part), k] = np.array(column)
-        return out
+        return self._table(query)["features"]
