@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.container import COMPONENT_TYPES, read_file
+from lightwell.asset.pictures import decoded_texels, image_index
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.asset.schema import validate
 
+# Members of a buffer that say where its numbers are; the rest is the graph's own.
+CARRIERS = ("accessor", "texture", "mips")
 # How the types of graph buffers are stored; float16 travels as the bits of an uint16.
 STORED_TYPES = {
     "float32": np.dtype("float32"),
@@ -56,13 +59,25 @@ def _graph(kind: Any, entry: dict[str, Any], document: dict[str, Any], binary: b
     from lightwell.graph import OUTPUT_WIDTHS
 
     buffers = entry.get("buffers", {})
-    arrays = {name: buffer_array(document, binary, name, buffer) for name, buffer in buffers.items()}
-    bare = {name: {k: v for k, v in buffer.items() if k != "accessor"} for name, buffer in buffers.items()}
+    arrays = {name: _stored(document, binary, name, buffer) for name, buffer in buffers.items()}
+    bare = {name: {k: v for k, v in buffer.items() if k not in CARRIERS} for name, buffer in buffers.items()}
     graph = kind.from_json({**entry, "buffers": bare}, arrays)
     for name, expected in OUTPUT_WIDTHS.items():
         if name in graph.outputs and (width := graph.widths[graph.outputs[name]]) != expected:
             raise ValueError(f"its output '{name}' has width {width}, expected {expected}")
     return graph
+
+
+def _stored(document: dict[str, Any], binary: bytes, name: str, buffer: dict[str, Any]) -> np.ndarray:
+    """The array of a graph buffer from its accessor or its picture."""
+    if "texture" not in buffer:
+        return buffer_array(document, binary, name, buffer)
+    where = f"buffer '{name}'"
+    texture = _entry(document, "textures", buffer["texture"], where)
+    image = _entry(document, "images", image_index(texture), where)
+    view = _entry(document, "bufferViews", image.get("bufferView"), where)
+    data = _accessor_bytes(document, binary, image, _whole(view, "byteLength", where, None), where)
+    return decoded_texels(bytes(data), buffer, where)
 
 
 def buffer_array(document: dict[str, Any], binary: bytes, name: str, buffer: dict[str, Any]) -> np.ndarray:

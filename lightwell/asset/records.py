@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
+
+from lightwell.graph.pictures import Picture as Picture
 
 if TYPE_CHECKING:
     from lightwell.graph import Graph
@@ -11,6 +14,15 @@ if TYPE_CHECKING:
 EXTENSION = "LIGHTWELL_neural_radiance"
 # Version of the extension's JSON (format/FORMAT.md).
 VERSION = 1
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """An ordinary light map for viewers that do not know the extension (MOZ_lightmap)."""
+
+    picture: Picture
+    """Diffuse irradiance, linear, divided by ``intensity``; read at TEXCOORD_1."""
+    intensity: float
 
 
 @dataclass(frozen=True)
@@ -25,3 +37,5 @@ class FieldEntry:
     """What the field computes, buffers included; its output ``radiance`` has width 3."""
     variable: int | None = None
     """Index of the variable that an indirect field answers to; None for a static one."""
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    """Buffers, uint8 [H, W, 3] with the scale 1/255, that are stored as the red, green and blue of a picture."""

@@ -14,7 +14,8 @@ from lightwell.asset import geometry
 from lightwell.asset.atomic import write_atomically
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
-from lightwell.asset.records import EXTENSION, VERSION, FieldEntry
+from lightwell.asset.pictures import add_fallback, add_texture, check_picture
+from lightwell.asset.records import EXTENSION, VERSION, Fallback, FieldEntry
 from lightwell.asset.schema import validate
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def write_glb(
     fields: Sequence[FieldEntry],
     variables: Sequence[dict[str, Any]],
     generator: str = GENERATOR,
+    fallback: Fallback | None = None,
 ) -> int:
     """Write a scene and its learned light to a GLB; return the number of bytes written.
 
@@ -36,7 +38,7 @@ def write_glb(
     viewer shows the result with its ordinary materials. The file appears whole or not at all; a full disk or an
     unwritable folder is an ``OSError`` whose message names the cure.
     """
-    return write_atomically(path, glb_bytes(scene, fields, variables, generator))
+    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback))
 
 
 def glb_bytes(
@@ -44,6 +46,7 @@ def glb_bytes(
     fields: Sequence[FieldEntry],
     variables: Sequence[dict[str, Any]],
     generator: str = GENERATOR,
+    fallback: Fallback | None = None,
 ) -> bytes:
     """The GLB that ``write_glb`` writes; the same arguments give the same bytes."""
     binary = Binary()
@@ -52,7 +55,9 @@ def glb_bytes(
     _add_lights_and_cameras(document, scene)
     document["scenes"] = [{"name": scene.name, "nodes": list(range(len(document["nodes"])))}]
     document["scene"] = 0
-    extension = extension_json(fields, variables, binary)
+    if fallback is not None:
+        add_fallback(document, binary, fallback)
+    extension = extension_json(fields, variables, binary, document)
     validate(extension)
     document.setdefault("extensions", {})[EXTENSION] = extension
     document["extensionsUsed"] = sorted({*document.get("extensionsUsed", ()), EXTENSION})
@@ -104,25 +109,35 @@ def _add_lights_and_cameras(document: dict[str, Any], scene: Scene) -> None:
         nodes += [geometry.camera_node(camera, i) for i, camera in enumerate(scene.cameras)]
 
 
-def extension_json(fields: Sequence[FieldEntry], variables: Sequence[dict[str, Any]], binary: Binary) -> dict[str, Any]:
-    """The JSON of the extension; the buffers of every graph are appended to ``binary``."""
+def extension_json(
+    fields: Sequence[FieldEntry],
+    variables: Sequence[dict[str, Any]],
+    binary: Binary,
+    document: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The JSON of the extension; buffers are appended to ``binary``, pictures also to the tables of ``document``."""
+    document = {} if document is None else document
     entries = []
     for field in fields:
-        entry: dict[str, Any] = {"name": field.name, "role": field.role, "graph": _graph_json(field.graph, binary)}
+        entry: dict[str, Any] = {"name": field.name, "role": field.role, "graph": _graph_json(field, binary, document)}
         if field.variable is not None:
             entry["variable"] = field.variable
         entries.append(entry)
     return {"version": VERSION, "variables": list(variables), "fields": entries}
 
 
-def _graph_json(graph: Any, binary: Binary) -> dict[str, Any]:
-    """The graph's own JSON with an accessor beside every buffer."""
-    document, arrays = graph.to_json()
-    buffers = {
-        name: {**entry, "accessor": binary.add_accessor(buffer_bits(arrays[name]))}
-        for name, entry in document["buffers"].items()
-    }
-    return {**document, "buffers": buffers}
+def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:
+    """The graph's own JSON with an accessor or a texture beside every buffer."""
+    graph, arrays = field.graph.to_json()
+    buffers = {}
+    for name, entry in graph["buffers"].items():
+        if name not in field.pictures:
+            buffers[name] = {**entry, "accessor": binary.add_accessor(buffer_bits(arrays[name]))}
+            continue
+        picture = field.pictures[name]
+        check_picture(name, picture, arrays[name])
+        buffers[name] = {**entry, "texture": add_texture(document, binary, picture), "mips": picture.mips}
+    return {**graph, "buffers": buffers}
 
 
 def buffer_bits(array: np.ndarray) -> np.ndarray:

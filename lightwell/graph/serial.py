@@ -67,6 +67,8 @@ def schema() -> dict[str, Any]:
             "scale": {"oneOf": [_NUMBER, {"type": "array", "items": _NUMBER, "minItems": 1, "maxItems": MAX_ELEMENTS}]},
             "offset": _NUMBER,
             "accessor": {"type": "integer", "minimum": 0},
+            "texture": {"type": "integer", "minimum": 0},
+            "mips": {"type": "integer", "minimum": 0},
         },
         "required": ["shape", "type"],
         "additionalProperties": False,

@@ -7,7 +7,7 @@ import numpy as np
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, register
 
 # Longest side of a table: the size of texture that every WebGL2 device takes.
-MAX_SIDE = 2048
+MAX_SIDE = 4096
 
 
 def table_width(dimensions: int, kind: str):
