@@ -231,8 +231,10 @@ describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) =>
       const page = await open(plainRoom(change));
       await setMode(page, "direct");
       const at = await radiance(page);
+      // A lost context reads as black.
+      expect((await page.evaluate(() => window.lightwell.stats())).contextLost).toBe(false);
       await page.close();
-      return [...backWall(12)].map(([x, y]) => at(x, y));
+      return [...backWall(12)].flatMap(([x, y]) => at(x, y));
     };
     // A lamp beside the back wall, which hangs below it: without the wall, nothing but the void is seen.
     const tamper = (json: Parameters<NonNullable<Fixture["tamper"]>>[0]) => {
@@ -253,7 +255,11 @@ describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) =>
       document.scenes[0]!.nodes = [0, 1, 3, 4, 5, 6];
     };
     for (const fields of [[linearField()], [linearField(), stillField()]]) {
-      expect(await open3({ fields, tamper })).toEqual(await open3({ fields }));
+      const [with3, without] = [await open3({ fields, tamper }), await open3({ fields })];
+      // Two openings may differ in the last bit of a half float: they draw the same walls in another order.
+      const apart = with3.map((value, i) => Math.abs(value - without[i]!) / Math.max(without[i]!, 1e-3));
+      expect(Math.max(...apart)).toBeLessThan(HALF_STEP);
+      expect(Math.min(...without)).toBeGreaterThan(0);
     }
   });
 
