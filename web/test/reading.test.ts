@@ -34,7 +34,7 @@ describe("Arc", () => {
 });
 
 describe("readExtension", () => {
-  const load = async () => new ArrayBuffer(64);
+  const load = { bufferView: async () => new ArrayBuffer(64), texture: async () => ({ source: null, width: 1, height: 1 }) };
   const read = (extension: unknown) =>
     readExtension({ extensions: { LIGHTWELL_neural_radiance: extension } }, load);
 

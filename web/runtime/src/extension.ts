@@ -61,13 +61,21 @@ const STORAGE = {
   uint8: [5121, 1, Uint8Array],
 } as const;
 
-/** Gives the bytes of a buffer view. */
-export type LoadBufferView = (index: number) => Promise<ArrayBuffer>;
+/** Deepest level of a picture's mipmaps that may be asked for. */
+const MAX_MIPS = 12;
+
+/** Where the numbers of a document come from. */
+export interface Sources {
+  /** Gives the bytes of a buffer view. */
+  bufferView(index: number): Promise<ArrayBuffer>;
+  /** Gives the picture of a texture, and its size; what it is, only shaders know. */
+  texture(index: number): Promise<{ readonly source: unknown; readonly width: number; readonly height: number }>;
+}
 
 /** Read the extension of a glTF document; null when the document does not carry it. */
 export async function readExtension(
   json: GltfJson,
-  loadView: LoadBufferView,
+  sources: Sources,
 ): Promise<NeuralRadiance | null> {
   const extensions = json.extensions === undefined ? {} : record(json.extensions, "extensions");
   if (extensions[EXTENSION] === undefined) return null;
@@ -77,7 +85,7 @@ export async function readExtension(
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
   for (const [i, entry] of entries.entries()) {
-    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, json, loadView));
+    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, json, sources));
   }
   return { variables, fields };
 }
@@ -87,13 +95,13 @@ async function readField(
   where: string,
   variableCount: number,
   json: GltfJson,
-  loadView: LoadBufferView,
+  sources: Sources,
 ): Promise<FieldRecord> {
   const entry = record(value, where);
   const role = entry.role;
   if (role !== "indirect" && role !== "static") fail(`${where}.role`, '"indirect" or "static"');
   const document = record(entry.graph, `${where}.graph`);
-  const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, json, loadView);
+  const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, json, sources);
   return {
     name: text(entry.name ?? role, `${where}.name`),
     role,
@@ -124,14 +132,14 @@ async function readBuffers(
   value: unknown,
   where: string,
   json: GltfJson,
-  loadView: LoadBufferView,
+  sources: Sources,
 ): Promise<Map<string, StoredBuffer>> {
   const entries = Object.entries(record(value, where));
   if (entries.length > MAX_BUFFERS) fail(where, `at most ${MAX_BUFFERS} buffers`);
   const buffers = new Map<string, StoredBuffer>();
   let elements = 0;
   for (const [id, entry] of entries) {
-    const buffer = await readBuffer(entry, `${where}.${id}`, json, loadView);
+    const buffer = await readBuffer(entry, `${where}.${id}`, json, sources);
     elements += buffer.data.length;
     if (elements > MAX_ELEMENTS) fail(where, `at most ${MAX_ELEMENTS} elements in all`);
     buffers.set(id, buffer);
@@ -143,7 +151,7 @@ async function readBuffer(
   value: unknown,
   where: string,
   json: GltfJson,
-  loadView: LoadBufferView,
+  sources: Sources,
 ): Promise<StoredBuffer> {
   const entry = record(value, where);
   const type = entry.type as BufferType;
@@ -154,12 +162,33 @@ async function readBuffer(
   const count = shape.reduce((a, b) => a * b, 1);
   if (shape.length === 0 || count > MAX_ELEMENTS)
     fail(`${where}.shape`, `1 to 4 sizes, at most ${MAX_ELEMENTS} elements`);
+  const form = { shape, type, ...readQuantisation(entry, where, type) };
+  if (entry.texture !== undefined) return { ...form, ...(await readPicture(entry, where, form, json, sources)) };
   return {
-    shape,
-    type,
-    ...readQuantisation(entry, where, type),
-    data: await readAccessor(json, entry.accessor, `${where}.accessor`, type, count, loadView),
+    ...form,
+    data: await readAccessor(json, entry.accessor, `${where}.accessor`, type, count, sources),
   };
+}
+
+/** The picture that a buffer's numbers are the red, green and blue of. */
+async function readPicture(
+  entry: Record<string, unknown>,
+  where: string,
+  { shape, type }: Pick<StoredBuffer, "shape" | "type">,
+  json: GltfJson,
+  sources: Sources,
+): Promise<Pick<StoredBuffer, "data" | "picture">> {
+  if (entry.accessor !== undefined) fail(where, "an accessor or a texture, not both");
+  if (type !== "uint8" || shape.length !== 3 || shape[2] !== 3 || Array.isArray(entry.scale)) {
+    fail(where, "a picture of type uint8, shape [H, W, 3] and one scale");
+  }
+  const count = list(json.textures ?? [], "textures", MAX_ELEMENTS).length;
+  const mips = integer(entry.mips ?? 0, `${where}.mips`, 0, MAX_MIPS);
+  const { source, width, height } = await sources.texture(integer(entry.texture, `${where}.texture`, 0, count - 1));
+  if (height !== shape[0] || width !== shape[1]) {
+    fail(`${where}.texture`, `a picture of ${shape[1]} × ${shape[0]} texels, found ${width} × ${height}`);
+  }
+  return { data: new Uint8Array(0), picture: { source, mips } };
 }
 
 /** `scale` and `offset` of an integer buffer; the graph checks how many there must be. */
@@ -182,7 +211,7 @@ async function readAccessor(
   where: string,
   type: BufferType,
   count: number,
-  loadView: LoadBufferView,
+  sources: Sources,
 ): Promise<StoredBuffer["data"]> {
   const [componentType, bytes, Data] = STORAGE[type];
   const accessors = (json.accessors ?? []) as unknown[];
@@ -199,7 +228,7 @@ async function readAccessor(
     fail(`${where}.byteStride`, "tightly packed elements");
   const start = integer(accessor.byteOffset ?? 0, `${where}.byteOffset`, 0, Number.MAX_SAFE_INTEGER);
   if (start % bytes !== 0) fail(`${where}.byteOffset`, `a multiple of ${bytes}`);
-  const data = await loadView(viewIndex);
+  const data = await sources.bufferView(viewIndex);
   if (start + count * bytes > data.byteLength) {
     fail(where, `${start + count * bytes} bytes in its buffer view, found ${data.byteLength}`);
   }

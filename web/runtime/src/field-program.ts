@@ -5,8 +5,11 @@ import {
   FloatType,
   HalfFloatType,
   type IUniform,
+  LinearFilter,
+  LinearMipmapLinearFilter,
   NearestFilter,
   RGBAFormat,
+  type Texture,
   type TextureDataType,
   Vector3,
 } from "three";
@@ -18,6 +21,7 @@ import {
   type Graph,
   only,
   printGlsl,
+  type StoredBuffer,
   type TexelTexture,
 } from "./graph/index.ts";
 import { MAX_LAMPS } from "./variables.ts";
@@ -59,6 +63,7 @@ export class FieldProgram {
   private frameValues: Float32Array<ArrayBuffer> = new Float32Array(0);
   private readonly evaluated = Array.from({ length: MAX_LAMPS }, () => new Vector3(Number.NaN, 0, 0));
   private readonly textures = new Map<string, DataTexture>();
+  private readonly pictures: readonly Texture[];
 
   constructor(record: FieldRecord, name: string, outputs: readonly string[], placement: WeightPlacement) {
     this.record = record;
@@ -69,6 +74,11 @@ export class FieldProgram {
     this.uniforms[`${name}_gain`] = { value: this.gainSlots };
     this.program = this.print(1);
     for (const texels of this.program.textures) this.uniforms[texels.name] = { value: this.texture(texels) };
+    this.pictures = [...this.program.pictures].map(([sampler, buffer]) => {
+      const texture = asPicture(buffer);
+      this.uniforms[sampler] = { value: texture };
+      return texture;
+    });
   }
 
   /** How many lamps the field is evaluated for. */
@@ -81,9 +91,11 @@ export class FieldProgram {
     return this.graph.macs * this.lamps;
   }
 
-  /** Bytes of the stored buffers. */
+  /** Bytes of the stored buffers in the memory of the GPU; a picture has four a texel. */
   get bytes(): number {
-    return [...this.record.buffers.values()].reduce((sum, buffer) => sum + buffer.data.byteLength, 0);
+    const bytesOf = ({ picture, shape, data }: StoredBuffer) =>
+      picture ? 4 * shape[0]! * shape[1]! * (picture.mips > 0 ? 4 / 3 : 1) : data.byteLength;
+    return [...this.record.buffers.values()].reduce((sum, buffer) => sum + Math.round(bytesOf(buffer)), 0);
   }
 
   /** Whether the surface must hand over its texture coordinates. */
@@ -154,7 +166,7 @@ export class FieldProgram {
   }
 
   dispose(): void {
-    for (const texture of this.textures.values()) texture.dispose();
+    for (const texture of [...this.textures.values(), ...this.pictures]) texture.dispose();
   }
 
   private print(lights: number): GlslProgram {
@@ -179,6 +191,16 @@ export class FieldProgram {
     this.textures.set(name, texture);
     return texture;
   }
+}
+
+/** The texture of a buffer that is a picture, set up to be sampled as far down its mipmaps as it may be. */
+export function asPicture(buffer: StoredBuffer): Texture {
+  const texture = buffer.picture!.source as Texture;
+  const minified = buffer.picture!.mips > 0;
+  texture.magFilter = LinearFilter;
+  texture.minFilter = minified ? LinearMipmapLinearFilter : LinearFilter;
+  texture.generateMipmaps = minified;
+  return texture;
 }
 
 /** A vector for each lamp that there may be. */

@@ -13,6 +13,6 @@ export { FieldProgram, type WeightPlacement } from "./field-program.ts";
 export * from "./graph/index.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
-export { LightwellLoaderPlugin, learnedLight } from "./loader.ts";
+export { type Lightmap, type LoadedLight, LightwellLoaderPlugin, learnedLight } from "./loader.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

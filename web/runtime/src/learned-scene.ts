@@ -6,8 +6,6 @@ import {
   Color,
   type Group,
   type IUniform,
-  Light,
-  Object3D,
   type PerspectiveCamera,
   type Scene,
   Vector3,
@@ -19,8 +17,9 @@ import type { FieldRecord } from "./extension.ts";
 import { FieldProgram, type WeightPlacement } from "./field-program.ts";
 import { HalfResolution, upsampledFinish } from "./half-resolution.ts";
 import { createLamp, type Lamp } from "./lamp.ts";
-import { learnedLight } from "./loader.ts";
+import { type LoadedLight, learnedLight } from "./loader.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
+import { removeLights } from "./own-lights.ts";
 import { SEGMENT_OUTPUTS, segmentFinish } from "./segments.ts";
 import { indirectFinish, learnedFinish } from "./surface-finish.ts";
 import { MAX_LAMPS, type Variable } from "./variables.ts";
@@ -50,6 +49,8 @@ export interface Look {
   readonly half: boolean;
   /** Show which expert shades each point instead of any light; only where `hasSegments`. */
   readonly segments: boolean;
+  /** Show ordinary light maps in place of the learned light; only where `hasLightmaps`. */
+  readonly lightmap?: boolean;
 }
 
 /** Scenes so far: their shaders differ, and so must their names. */
@@ -71,6 +72,7 @@ export class LearnedScene {
   private readonly raster: IUniform<number> = { value: 1 };
   private readonly half = new HalfResolution();
   private readonly segments: FieldProgram | null;
+  private readonly lightmaps: LoadedLight["lightmaps"];
   private readonly wardrobe: Wardrobe;
   private shown: Parts = { raster: true, indirect: true, still: true };
   /** What is drawn; `look` is what will be, once it is compiled. */
@@ -80,8 +82,9 @@ export class LearnedScene {
   private compilations = 0;
 
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
-    const { variables, fields } = learnedLight(gltf);
+    const { variables, fields, lightmaps } = learnedLight(gltf);
     this.root = gltf.scene;
+    this.lightmaps = lightmaps;
     this.variables = variables;
     this.bounds = new Box3().setFromObject(this.root);
     if (fields.length > 0 || variables.length > 0) removeLights(this.root);
@@ -118,6 +121,11 @@ export class LearnedScene {
     return this.segments !== null;
   }
 
+  /** Whether the file also carries ordinary light maps. */
+  get hasLightmaps(): boolean {
+    return this.lightmaps.size > 0;
+  }
+
   /** Whether the segmentation is drawn now. */
   get showsSegments(): boolean {
     return this.drawn !== "plain" && this.drawn.segments;
@@ -133,6 +141,7 @@ export class LearnedScene {
   show(parts: Parts): void {
     this.shown = parts;
     this.raster.value = parts.raster ? 1 : 0;
+    this.wardrobe.brighten(parts.still ? 1 : 0);
     this.tint();
   }
 
@@ -190,6 +199,7 @@ export class LearnedScene {
     this.look = {
       half: look.half && this.fields.length > 0,
       segments: look.segments && this.segments !== null,
+      lightmap: (look.lightmap ?? false) && this.hasLightmaps,
     };
     const wanted = this.look;
     const compilation = ++this.compilations;
@@ -242,14 +252,17 @@ export class LearnedScene {
   private createWardrobe(id: string): Wardrobe {
     const { fields, half, raster, segments } = this;
     const plain = learnedFinish("plain", [], raster);
-    if (fields.length === 0) return new Wardrobe(this.root, { plain });
-    return new Wardrobe(this.root, {
+    const lightmap = this.hasLightmaps ? { lightmap: plain } : {};
+    if (fields.length === 0) return new Wardrobe(this.root, { plain, ...lightmap }, this.lightmaps);
+    const finishes = {
       plain,
+      ...lightmap,
       learned: learnedFinish(`learned${id}`, fields, raster),
       indirect: indirectFinish(`indirect${id}`, fields),
       upsampled: upsampledFinish(half, raster),
       ...(segments ? { segments: segmentFinish(`segments${id}`, segments) } : {}),
-    });
+    };
+    return new Wardrobe(this.root, finishes, this.lightmaps);
   }
 
   private setLamps(lamps: readonly Lamp[]): void {
@@ -281,21 +294,8 @@ export class LearnedScene {
 }
 
 /** What is worn, one after the other, to draw a look. */
-function outfitsOf({ half, segments }: Look): readonly Outfit[] {
+function outfitsOf({ half, segments, lightmap }: Look): readonly Outfit[] {
   if (segments) return ["segments"];
+  if (lightmap) return ["lightmap"];
   return half ? ["indirect", "upsampled"] : ["learned"];
-}
-
-/** The light of the file's own lights is in the static field, if anywhere; what hangs on them stays. */
-function removeLights(root: Object3D): void {
-  const lights: Object3D[] = [];
-  root.traverse((object) => {
-    if (object instanceof Light) lights.push(object);
-  });
-  for (const light of lights) {
-    const node = new Object3D().copy(light, false);
-    const children = light.children.filter((child) => child !== (light as { target?: Object3D }).target);
-    if (children.length > 0) light.parent?.add(node.add(...children));
-    light.removeFromParent();
-  }
 }

@@ -1,8 +1,22 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
+import { type Material, Mesh, NoColorSpace, type Texture } from "three";
 import type { GLTF, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
+import { FormatError } from "./checks.ts";
 import { checkContainer, type GltfJson } from "./container.ts";
-import { EXTENSION, type NeuralRadiance, readExtension } from "./extension.ts";
+import { EXTENSION, type NeuralRadiance, readExtension, type Sources } from "./extension.ts";
+import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
+
+/** An ordinary light map of a material, as a texture. */
+export interface Lightmap extends LightmapRecord {
+  readonly map: Texture;
+}
+
+/** What the plugin leaves on `gltf.userData.lightwell`. */
+export interface LoadedLight extends NeuralRadiance {
+  /** Ordinary light maps (MOZ_lightmap), which the learned light takes the place of. */
+  readonly lightmaps: ReadonlyMap<Material, Lightmap>;
+}
 
 /**
  * Puts the checked extension on `gltf.userData.lightwell`.
@@ -27,14 +41,66 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
   }
 
   async afterRoot(gltf: GLTF): Promise<void> {
-    const loadView = (index: number) =>
-      this.parser.getDependency("bufferView", index) as Promise<ArrayBuffer>;
-    const radiance = await readExtension(this.parser.json as GltfJson, loadView);
-    if (radiance) gltf.userData.lightwell = radiance;
+    const { parser } = this;
+    const sources: Sources = {
+      bufferView: (index) => parser.getDependency("bufferView", index) as Promise<ArrayBuffer>,
+      texture: (index) => loadPicture(parser, index),
+    };
+    const radiance = await readExtension(parser.json as GltfJson, sources);
+    const lightmaps = await readLightmaps(gltf, parser);
+    if (radiance || lightmaps.size > 0) {
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], fields: [] }), lightmaps };
+      gltf.userData.lightwell = loaded;
+    }
   }
 }
 
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
-export function learnedLight(gltf: GLTF): NeuralRadiance {
-  return (gltf.userData.lightwell as NeuralRadiance | undefined) ?? { variables: [], fields: [] };
+export function learnedLight(gltf: GLTF): LoadedLight {
+  const found = gltf.userData.lightwell as LoadedLight | undefined;
+  return found ?? { variables: [], fields: [], lightmaps: new Map() };
+}
+
+/** A texture as linear data: numbers, not a colour. */
+async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
+  const found: Texture | null = await parser.getDependency("texture", index);
+  if (!found) throw new FormatError(`textures[${index}]: expected a picture that can be decoded`);
+  // The loader hands the same object to every material that names it.
+  const texture = found.clone();
+  texture.colorSpace = NoColorSpace;
+  texture.flipY = false;
+  texture.premultiplyAlpha = false;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+async function loadPicture(parser: GLTFParser, index: number) {
+  const source = await loadData(parser, index);
+  const { width, height } = source.image as { width: number; height: number };
+  return { source, width, height };
+}
+
+/** The light maps of all materials that a scene's meshes wear. */
+async function readLightmaps(gltf: GLTF, parser: GLTFParser): Promise<Map<Material, Lightmap>> {
+  const json = parser.json as GltfJson;
+  const documents = (json.materials ?? []) as Record<string, unknown>[];
+  const count = Array.isArray(json.textures) ? json.textures.length : 0;
+  const lightmaps = new Map<Material, Lightmap>();
+  const textures = new Map<number, Promise<Texture>>();
+  const worn = new Set<Material>();
+  gltf.scene.traverse((object) => {
+    if (object instanceof Mesh) for (const material of [object.material].flat()) worn.add(material);
+  });
+  for (const material of worn) {
+    const index = parser.associations.get(material)?.materials;
+    const extensions = index === undefined ? undefined : documents[index]?.extensions;
+    const found = readLightmap(extensions, count, `materials[${index}].extensions.${LIGHTMAP_EXTENSION}`);
+    if (!found) continue;
+    const texture = textures.get(found.index) ?? loadData(parser, found.index);
+    textures.set(found.index, texture);
+    const map = await texture;
+    map.channel = found.texCoord;
+    lightmaps.set(material, { ...found, map });
+  }
+  return lightmaps;
 }

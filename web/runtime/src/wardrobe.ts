@@ -1,14 +1,15 @@
 /** The materials of a scene's meshes, one set for each thing that surfaces can show; made when first worn. */
 
 import { DoubleSide, Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points } from "three";
+import type { Lightmap } from "./loader.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 import { finishMaterial } from "./surface-shader.ts";
 
 /**
  * `plain`: direct light alone. `learned`: with learned light. `indirect`: demodulated learned light alone, for a small
- * picture. `upsampled`: with the learned light of that picture. `segments`: the segmentation.
+ * picture. `upsampled`: with the learned light of that picture. `segments`: the segmentation. `lightmap`: with ordinary light maps.
  */
-export type Outfit = "plain" | "learned" | "indirect" | "upsampled" | "segments";
+export type Outfit = "plain" | "learned" | "indirect" | "upsampled" | "segments" | "lightmap";
 
 /** Owns the materials; the meshes and their textures are those of the loaded file. */
 export class Wardrobe {
@@ -16,12 +17,18 @@ export class Wardrobe {
   /** Materials of lines and points, which have no finish: a small picture leaves them out. */
   private readonly others: readonly Material[];
   private readonly finishes: Readonly<Partial<Record<Outfit, SurfaceFinish>>>;
+  private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
   private readonly twins = new Map<Outfit, Map<Material, Material>>();
   private worn: Outfit = "plain";
 
   /** An outfit without a finish is the plain one. */
-  constructor(root: Object3D, finishes: Readonly<Partial<Record<Outfit, SurfaceFinish>>>) {
+  constructor(
+    root: Object3D,
+    finishes: Readonly<Partial<Record<Outfit, SurfaceFinish>>>,
+    lightmaps: ReadonlyMap<Material, Lightmap> = new Map(),
+  ) {
     this.finishes = finishes;
+    this.lightmaps = lightmaps;
     const meshes: { mesh: Mesh; plain: Mesh["material"] }[] = [];
     const others: Material[] = [];
     root.traverse((object) => {
@@ -53,6 +60,14 @@ export class Wardrobe {
     }
   }
 
+  /** Make ordinary light maps shine by this factor. */
+  brighten(factor: number): void {
+    for (const [material, { intensity }] of this.lightmaps) {
+      const twin = this.twins.get("lightmap")?.get(material);
+      if (twin) (twin as MeshStandardMaterial).lightMapIntensity = factor * intensity;
+    }
+  }
+
   /** The finishes have changed: compile everything anew when it is worn next. */
   renew(): void {
     for (const material of this.materials()) material.needsUpdate = true;
@@ -61,6 +76,7 @@ export class Wardrobe {
   dispose(): void {
     for (const { mesh } of this.meshes) mesh.geometry.dispose();
     for (const material of this.materials()) disposeMaterial(material);
+    for (const { map } of this.lightmaps.values()) map.dispose();
   }
 
   private *materials(): Generator<Material> {
@@ -81,6 +97,11 @@ export class Wardrobe {
       if (!hidden && !(material instanceof MeshStandardMaterial)) return material;
       twin = material.clone();
       twin.visible = !hidden;
+      const lightmap = outfit === "lightmap" ? this.lightmaps.get(material) : undefined;
+      if (lightmap) {
+        (twin as MeshStandardMaterial).lightMap = lightmap.map;
+        (twin as MeshStandardMaterial).lightMapIntensity = lightmap.intensity;
+      }
       finishMaterial(twin as MeshStandardMaterial, finish);
       twins.set(material, twin);
     }

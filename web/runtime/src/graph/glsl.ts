@@ -4,6 +4,7 @@ import type { FrameLayout } from "./frame.ts";
 import type { Graph } from "./graph.ts";
 import { toHalf } from "./half.ts";
 import { GLSL } from "./language.ts";
+import type { StoredBuffer } from "./op.ts";
 import type { TexelStore } from "./printer.ts";
 import { narrow, printProgram } from "./program.ts";
 
@@ -34,11 +35,15 @@ export interface FrameUniform extends FrameLayout {
 export interface GlslProgram {
   /** Uniform declarations and functions, for a shader with `precision highp float`. */
   readonly code: string;
+  /** `code` without the declarations of uniforms, for those who declare them under the same names. */
+  readonly body: string;
   /** Type of the result: `float`, `vec2`, `vec3`, `vec4`, or a struct with `vec4 NAME[blocks]` per output. */
   readonly type: string;
   /** Inputs in the order of the function's parameters; those wider than 4 are arrays of vec4. */
   readonly parameters: readonly { readonly name: string; readonly width: number }[];
   readonly textures: readonly TexelTexture[];
+  /** Pictures to be sampled, by the names of their samplers; the same in every program of the graph. */
+  readonly pictures: ReadonlyMap<string, StoredBuffer>;
   readonly frame: FrameUniform | null;
 }
 
@@ -49,6 +54,8 @@ export interface GlslOptions {
   readonly weights: "inline" | "texture";
   /** How many sets of per-frame values there are, one a light; 1 unless given. */
   readonly lights?: number;
+  /** Per-frame values in a texture, however few they are. */
+  readonly frameTexture?: boolean;
 }
 
 /** Blocks of per-frame values that still travel as a uniform array: WebGL2 guarantees 224 in all. */
@@ -57,7 +64,8 @@ export const FRAME_UNIFORM_LIMIT = 128;
 const TEXTURE_SIDE = 2048;
 
 /** Print a graph as `TYPE name(inputs…)`. */
-export function printGlsl(graph: Graph, { name, weights, lights = 1 }: GlslOptions): GlslProgram {
+export function printGlsl(graph: Graph, options: GlslOptions): GlslProgram {
+  const { name, weights, lights = 1 } = options;
   const { printer, frame, parameters, outputs } = printProgram(
     graph,
     GLSL,
@@ -86,10 +94,18 @@ export function printGlsl(graph: Graph, { name, weights, lights = 1 }: GlslOptio
   const struct = `struct ${type} {\n${outputs
     .map(({ name: output, value }, i) => `  vec4 o${i}[${value.blocks}]; // ${output}\n`)
     .join("")}};`;
-  const uniform = frame.blocks ? frameUniform(name, frame, lights) : null;
-  const code = [
+  const limit = options.frameTexture ? 0 : FRAME_UNIFORM_LIMIT;
+  const uniform = frame.blocks ? frameUniform(name, frame, lights, limit) : null;
+  const pictures = new Map([...printer.pictures].map(([buffer, sampler]) => [sampler, buffer]));
+  const declarations = [
+    ...[...textures.map((texture) => texture.name), ...pictures.keys()].map(
+      (sampler) => `uniform highp sampler2D ${sampler};`,
+    ),
+    ...(uniform ? [declareFrame(uniform, lights)] : []),
+  ];
+  const body = [
     ...textures.map(readTexel),
-    ...(uniform ? [readFrame(uniform, name, lights)] : []),
+    ...(uniform ? [readFrame(uniform, name)] : []),
     ...(single ? [] : [struct]),
     ...printer.helpers.values(),
     `${type} ${name}(${types.join(", ")}) {`,
@@ -98,10 +114,12 @@ export function printGlsl(graph: Graph, { name, weights, lights = 1 }: GlslOptio
     "}",
   ].join("\n");
   return {
-    code,
+    code: [...declarations, body].join("\n"),
+    body,
     type,
     parameters: parameters.map(({ name, width }) => ({ name, width })),
     textures,
+    pictures,
     frame: uniform,
   };
 }
@@ -114,28 +132,28 @@ function readTexel({ name, width }: TexelTexture): string {
   const read = name.replace(/_texels$/, "");
   const shift = Math.log2(width);
   const at = `ivec2(i & ${width - 1}, i >> ${shift})`;
-  return `uniform highp sampler2D ${name};\nvec4 ${read}(int i) { return texelFetch(${name}, ${at}, 0); }`;
+  return `vec4 ${read}(int i) { return texelFetch(${name}, ${at}, 0); }`;
 }
 
-function frameUniform(name: string, frame: FrameLayout, lights: number): FrameUniform {
+function frameUniform(name: string, frame: FrameLayout, lights: number, limit: number): FrameUniform {
   const slot = lights > 1 ? `${name}_slot` : null;
   // Two names, so that a program for few lights and one for many can share a set of uniforms.
-  return lights * frame.blocks <= FRAME_UNIFORM_LIMIT
+  return lights * frame.blocks <= limit
     ? { ...frame, name: `${name}_frame`, kind: "array", slot }
     : { ...frame, name: `${name}_frame_texels`, kind: "texture", slot };
 }
 
-function readFrame({ name: uniform, kind, blocks, slot }: FrameUniform, name: string, lights: number): string {
-  const declaration =
-    kind === "array"
-      ? `uniform highp vec4 ${uniform}[${lights * blocks}];`
-      : `uniform highp sampler2D ${uniform};`;
+function declareFrame({ name, kind, blocks }: FrameUniform, lights: number): string {
+  return kind === "array" ? `uniform highp vec4 ${name}[${lights * blocks}];` : `uniform highp sampler2D ${name};`;
+}
+
+function readFrame({ name: uniform, kind, blocks, slot }: FrameUniform, name: string): string {
   const value =
     kind === "array"
       ? `${uniform}[${slot ? `${slot} * ${blocks} + i` : "i"}]`
       : `texelFetch(${uniform}, ivec2(i, ${slot ?? 0}), 0)`;
   const variable = slot ? `int ${slot} = 0;\n` : "";
-  return `${declaration}\n${variable}vec4 ${name}_frame_at(int i) { return ${value}; }`;
+  return `${variable}vec4 ${name}_frame_at(int i) { return ${value}; }`;
 }
 
 /** All numbers of one precision as a texture; null when there are none. */

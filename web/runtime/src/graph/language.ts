@@ -16,6 +16,10 @@ export interface Language {
   table(type: ScalarType, name: string, values: readonly string[]): string;
   /** Head of a loop over `name` from 0 to `count` − 1; the caller closes the brace. */
   loop(name: string, count: number): string;
+  /** Filtered texel of a picture at a level, as a vec4. */
+  sample(name: string, at: string, level: string): string;
+  /** Squared length, in texels, of the steps to the next pixel along x and along y; absent outside of fragments. */
+  readonly slope?: (at: string, size: string) => string;
   /** `condition ? yes : no`, for a scalar condition. */
   choose(condition: string, yes: string, no: string): string;
   /** Column-major 4×4 matrix literal. */
@@ -38,6 +42,11 @@ export const GLSL: Language = {
   table: (type, name, values) =>
     `${type} ${name}[${values.length}] = ${type}[${values.length}](${values.join(", ")});`,
   loop: (name, count) => `for (int ${name} = 0; ${name} < ${count}; ${name}++) {`,
+  sample: (name, at, level) => `textureLod(${name}, ${at}, ${level})`,
+  slope: (at, size) => {
+    const [x, y] = [`dFdx(${at}) * ${size}`, `dFdy(${at}) * ${size}`];
+    return `vec2(dot(${x}, ${x}), dot(${y}, ${y}))`;
+  },
   choose: (condition, yes, no) => `(${condition} ? ${yes} : ${no})`,
   matrix: (columns) => `mat4(${columns.join(", ")})`,
   function: (type, name, parameters, body) =>
@@ -64,6 +73,7 @@ export const WGSL: Language = {
   table: (type, name, values) =>
     `var ${name} = array<${WGSL_TYPES[type]}, ${values.length}>(${values.join(", ")});`,
   loop: (name, count) => `for (var ${name} = 0i; ${name} < ${count}; ${name}++) {`,
+  sample: (name, at, level) => `textureSampleLevel(${name}, ${name}_sampler, ${at}, ${level})`,
   choose: (condition, yes, no) => `select(${no}, ${yes}, ${condition})`,
   matrix: (columns) => `mat4x4f(${columns.join(", ")})`,
   function: (type, name, parameters, body) =>

@@ -14,13 +14,23 @@ export const MAX_NUMBER = 3.4028234663852886e38;
 
 export type BufferType = "float32" | "float16" | "int8" | "uint8";
 
+/** A buffer that is a picture: bytes of red, green and blue, which shaders sample where they are. */
+export interface BufferPicture {
+  /** What the sampler uniform is set to; the graph only hands it on. */
+  readonly source: unknown;
+  /** Mip level up to which the picture may be minified. */
+  readonly mips: number;
+}
+
 /** One buffer as it is stored; `float16` keeps its bits. */
 export interface StoredBuffer {
   readonly shape: readonly number[];
   readonly type: BufferType;
   readonly scale?: number | readonly number[];
   readonly offset?: number;
+  /** Empty when the numbers are those of a picture. */
   readonly data: Float32Array | Uint16Array | Int8Array | Uint8Array;
+  readonly picture?: BufferPicture;
 }
 
 /** A parameter of an op. `numbers` has one entry per component of the first input. */
@@ -29,7 +39,8 @@ export type Parameter =
   | { readonly kind: "integer"; readonly low: number; readonly high: number }
   | { readonly kind: "numbers" }
   | { readonly kind: "choice"; readonly choices: readonly string[] }
-  | { readonly kind: "buffer"; readonly ranks: readonly number[] };
+  /** `picture`: whether the buffer may be a picture. */
+  | { readonly kind: "buffer"; readonly ranks: readonly number[]; readonly picture?: boolean };
 
 /** One use of an op: what its functions may know of the node and of what flows into it. */
 export interface Use {

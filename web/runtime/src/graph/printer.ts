@@ -6,6 +6,7 @@
 
 import type { Graph, GraphNode } from "./graph.ts";
 import type { Language } from "./language.ts";
+import type { StoredBuffer } from "./op.ts";
 
 /** Where weights live: literals in the text, or tables that loops read. */
 export type Weights = "inline" | "table";
@@ -97,6 +98,8 @@ export class Printer {
   readonly helpers = new Map<string, string>();
   readonly full = new TexelStore(false);
   readonly half: TexelStore;
+  /** Pictures that are sampled, with the names of their samplers. */
+  readonly pictures = new Map<StoredBuffer, string>();
   readonly #shared = new Map<string, Table>();
   readonly #numbers = new Map<object, number>();
   #temporaries = 0;
@@ -240,6 +243,13 @@ export class Printer {
       this.#shared.set(key, table);
     }
     return table;
+  }
+
+  /** Name of the sampler of a picture. */
+  picture(buffer: StoredBuffer): string {
+    const name = this.pictures.get(buffer) ?? `${this.prefix}_picture${this.pictures.size}`;
+    this.pictures.set(buffer, name);
+    return name;
   }
 
   /** A number that stands for an object. */

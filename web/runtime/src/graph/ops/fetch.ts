@@ -5,7 +5,7 @@ import { type Language, literal } from "../language.ts";
 import { MAX_WIDTH, type Op, type StoredBuffer, type Use } from "../op.ts";
 import type { Printer, Table, Value } from "../printer.ts";
 
-const MAX_SIDE = 2048;
+const MAX_SIDE = 4096;
 const clamp = (x: number, low: number, high: number) => Math.min(Math.max(x, low), high);
 
 /** Numbers of one entry in a table: 1 or 2 share a texel, wider entries start a texel of their own. */
@@ -82,7 +82,33 @@ function evaluate(use: Use, [p]: readonly Float32Array[], width: number): Float3
   return out;
 }
 
+/**
+ * Sample a picture in hardware, at the level that the pixel's footprint asks for, but no smaller one than may be read:
+ * beyond it, texels mix places that do not lie together.
+ */
+function printPicture(buffer: StoredBuffer, printer: Printer, out: Value, p: Value, language: Language): void {
+  const name = printer.picture(buffer);
+  const [height, width] = buffer.shape as [number, number];
+  const [at, footprint] = [printer.temporary(), printer.temporary()];
+  const vec2 = language.type("vec2");
+  const unit = `clamp(${p.block(0)}.xy, ${vec2}(0.0, 0.0), ${vec2}(1.0, 1.0))`;
+  printer.emit(language.constant("vec2", at, unit));
+  let level = "0.0";
+  if (language.slope && buffer.picture!.mips > 0) {
+    printer.emit(language.constant("vec2", footprint, language.slope(at, `${vec2}(${width}.0, ${height}.0)`)));
+    const squared = `max(max(${footprint}.x, ${footprint}.y), 1.0)`;
+    level = `min(0.5 * log2(${squared}), ${literal(buffer.picture!.mips)})`;
+  }
+  const offset = buffer.offset ? ` + ${printer.vec4(literal(buffer.offset))}` : "";
+  const scale = literal(Math.fround(255 * (typeof buffer.scale === "number" ? buffer.scale : 1)));
+  const factor = scale === "1.0" ? "" : ` * ${scale}`;
+  const texel = printer.temporary();
+  printer.emit(language.constant("vec4", texel, `${language.sample(name, at, level)}${factor}${offset}`));
+  printer.store(out, 0, printer.padded(3, texel));
+}
+
 function print(use: Use, printer: Printer, out: Value, [p]: readonly Value[], language: Language): void {
+  if (use.buffer.buffer!.picture) return printPicture(use.buffer.buffer!, printer, out, p!, language);
   const sizes = sizesOf(use);
   const table = rowTable(printer, use.buffer.buffer!);
   const vec3 = (numbers: readonly number[]) => `${language.type("vec3")}(${numbers.map(literal).join(", ")})`;
@@ -128,7 +154,7 @@ function print(use: Use, printer: Printer, out: Value, [p]: readonly Value[], la
 export function tableOp(dimensions: number): Pick<Op, "arity" | "parameters" | "width"> {
   return {
     arity: [1, 1],
-    parameters: { buffer: { kind: "buffer", ranks: [dimensions + 1] } },
+    parameters: { buffer: { kind: "buffer", ranks: [dimensions + 1], picture: dimensions === 2 } },
     width(use) {
       use.expect(use.widths[0] === dimensions, `coordinates of width ${dimensions}`);
       const { shape } = use.buffer.buffer!;

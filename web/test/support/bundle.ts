@@ -1,0 +1,62 @@
+/** Bundles a module as a consumer of the package would, and measures it. */
+
+import { fileURLToPath } from "node:url";
+import { gzipSync } from "node:zlib";
+import { build } from "vite";
+
+const here = (path: string): string => fileURLToPath(new URL(path, import.meta.url));
+
+/** The package's modules by the names under which they are imported. */
+export const MODULES = {
+  lightwell: here("../../runtime/src/index.ts"),
+  "lightwell/graph": here("../../runtime/src/graph/index.ts"),
+  "lightwell/webgpu": here("../../runtime/src/webgpu/index.ts"),
+  "lightwell/gltf-transform": here("../../runtime/src/gltf-transform.ts"),
+  "lightwell/element": here("../../runtime/src/element/index.ts"),
+  "lightwell/export": here("../../runtime/src/export.ts"),
+} as const;
+
+export interface BundleOptions {
+  /** Leave these out: what the page brings along. */
+  readonly external?: readonly RegExp[];
+}
+
+/** One minified module made of an entry (a path from `test/`) or of a text of imports. */
+export async function bundle(entry: string, { external = [] }: BundleOptions = {}): Promise<string> {
+  const isText = /[\s;]/.test(entry);
+  const id = isText ? "\0entry.ts" : here(`../${entry}`);
+  const result = await build({
+    configFile: false,
+    logLevel: "error",
+    root: here("../.."),
+    resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
+    define: { "process.env.NODE_ENV": '"production"' },
+    plugins: [
+      {
+        name: "entry",
+        resolveId: (name) => (name === "virtual-entry" ? id : null),
+        load: (name) => (isText && name === id ? entry : null),
+      },
+    ],
+    build: {
+      write: false,
+      target: "es2022",
+      minify: true,
+      lib: { entry: isText ? "virtual-entry" : id, formats: ["es"], fileName: "bundle" },
+      rollupOptions: { external: [...external], output: { codeSplitting: false } },
+    },
+  });
+  const { output } = (Array.isArray(result) ? result[0] : result) as { output: { type: string; code?: string }[] };
+  return output.map((chunk) => chunk.code ?? "").join("\n");
+}
+
+/** What the package is not: three.js and the libraries of other worlds. */
+export const NOT_OURS = [/^three($|\/)/, /^@gltf-transform\//, /^react/];
+
+/** Bytes of a bundle as a server would send it. */
+export const gzipped = (code: string): number => gzipSync(code, { level: 9 }).length;
+
+/** A page that runs a module. */
+export function modulePage(code: string, body = ""): string {
+  return `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">${body}<script type="module">${code.replaceAll("</script", "<\\/script")}</script>`;
+}
