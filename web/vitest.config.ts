@@ -1,8 +1,8 @@
-import { fileURLToPath } from "node:url";
 import { defineConfig } from "vitest/config";
+import { MODULES } from "./modules.ts";
 
 export default defineConfig({
-  resolve: { alias: { lightwell: fileURLToPath(new URL("runtime/src/index.ts", import.meta.url)) } },
+  resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
   test: {
     include: ["test/**/*.test.ts"],
     testTimeout: 60_000,

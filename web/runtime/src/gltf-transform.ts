@@ -1,1 +1,267 @@
-export {};
+/** `lightwell/gltf-transform`: keeps learned light when a file passes through glTF-Transform, which drops what it does not know. */
+
+import {
+  type Accessor,
+  Extension,
+  ExtensionProperty,
+  type IProperty,
+  type Material,
+  type Nullable,
+  PropertyType,
+  type ReaderContext,
+  RefMap,
+  type Texture,
+  TextureChannel,
+  TextureInfo,
+  type WriterContext,
+} from "@gltf-transform/core";
+import { list, record } from "./checks.ts";
+import { EXTENSION } from "./extension.ts";
+import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
+
+const WEBP = "EXT_texture_webp";
+const MAX_ENTRIES = 1 << 12;
+/** How glTF-Transform calls numbers that are neither vertices nor indices. */
+const USAGE = "OTHER";
+
+type Json = Record<string, unknown>;
+
+interface INeuralRadiance extends IProperty {
+  json: Json;
+  accessors: RefMap<Accessor>;
+  textures: RefMap<Texture>;
+  infos: RefMap<TextureInfo>;
+}
+
+/**
+ * The extension at the root. `getJson` is its JSON as it was read, where every `accessor` and `texture` of a buffer is
+ * the name of the accessor or texture that is referred to.
+ */
+export class NeuralRadianceProperty extends ExtensionProperty<INeuralRadiance> {
+  static override readonly EXTENSION_NAME = EXTENSION;
+  declare extensionName: typeof EXTENSION;
+  declare propertyType: "NeuralRadiance";
+  declare parentTypes: PropertyType[];
+
+  protected init(): void {
+    this.extensionName = EXTENSION;
+    this.propertyType = "NeuralRadiance";
+    this.parentTypes = [PropertyType.ROOT];
+  }
+
+  protected override getDefaults(): Nullable<INeuralRadiance> {
+    const refs = { accessors: new RefMap<Accessor>(), textures: new RefMap<Texture>(), infos: new RefMap<TextureInfo>() };
+    return Object.assign(super.getDefaults() as IProperty, { json: {}, ...refs });
+  }
+
+  getJson(): Json {
+    return this.get("json") as Json;
+  }
+
+  setJson(json: Json): this {
+    return this.set("json", json as never);
+  }
+
+  getAccessor(name: string): Accessor | null {
+    return this.getRefMap("accessors", name);
+  }
+
+  setAccessor(name: string, accessor: Accessor): this {
+    return this.setRefMap("accessors", name, accessor, { usage: USAGE });
+  }
+
+  getTexture(name: string): Texture | null {
+    return this.getRefMap("textures", name);
+  }
+
+  /** How a texture is sampled; null when there is none of this name. */
+  getTextureInfo(name: string): TextureInfo | null {
+    return this.getRefMap("infos", name);
+  }
+
+  setTexture(name: string, texture: Texture, info: TextureInfo): this {
+    const channels = TextureChannel.R | TextureChannel.G | TextureChannel.B;
+    return this.setRefMap("textures", name, texture, { channels, isColor: false }).setRefMap("infos", name, info);
+  }
+}
+
+/**
+ * Reads and writes `LIGHTWELL_neural_radiance`.
+ *
+ * ```ts
+ * const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap]);
+ * await io.write("smaller.glb", await io.read("scene.glb"));
+ * ```
+ */
+export class NeuralRadiance extends Extension {
+  static override readonly EXTENSION_NAME = EXTENSION;
+  override readonly extensionName = EXTENSION;
+
+  create(): NeuralRadianceProperty {
+    return new NeuralRadianceProperty(this.document.getGraph());
+  }
+
+  override read(context: ReaderContext): this {
+    const found = (context.jsonDoc.json.extensions as Json | undefined)?.[EXTENSION];
+    if (found === undefined) return this;
+    const property = this.create();
+    const json = mapBuffers(structuredClone(record(found, EXTENSION)), (buffer, name) => {
+      if (buffer.texture !== undefined) {
+        const { texture, info } = readTexture(context, new TextureInfo(this.document.getGraph()), buffer.texture as number);
+        property.setTexture(name, texture, info);
+        return { texture: name };
+      }
+      const accessor = context.accessors[buffer.accessor as number];
+      if (!accessor) throw new Error(`${EXTENSION}: ${name}: expected an accessor of the file`);
+      property.setAccessor(name, accessor);
+      return { accessor: name };
+    });
+    this.document.getRoot().setExtension(EXTENSION, property.setJson(json));
+    return this;
+  }
+
+  override write(context: WriterContext): this {
+    const property = this.document.getRoot().getExtension<NeuralRadianceProperty>(EXTENSION);
+    if (!property) return this;
+    const json = mapBuffers(structuredClone(property.getJson()), (_buffer, name) => {
+      const [accessor, texture] = [property.getAccessor(name), property.getTexture(name)];
+      if (texture) return { texture: writeTexture(context, texture, property.getTextureInfo(name)!).index };
+      if (!accessor) throw new Error(`${EXTENSION}: ${name}: expected its accessor or texture`);
+      return { accessor: context.accessorIndexMap.get(accessor) };
+    });
+    const { extensions = {} } = context.jsonDoc.json;
+    context.jsonDoc.json.extensions = { ...extensions, [EXTENSION]: json };
+    return this;
+  }
+}
+
+/** Changes the references of every buffer; `name` is unique in the file. */
+function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): Json {
+  for (const [i, field] of list(json.fields ?? [], `${EXTENSION}.fields`, MAX_ENTRIES).entries()) {
+    const graph = record(record(field, `${EXTENSION}.fields[${i}]`).graph, `${EXTENSION}.fields[${i}].graph`);
+    const buffers = record(graph.buffers ?? {}, `${EXTENSION}.fields[${i}].graph.buffers`);
+    for (const [name, value] of Object.entries(buffers)) {
+      const buffer = record(value, `${EXTENSION}.fields[${i}].graph.buffers.${name}`);
+      Object.assign(buffer, change(buffer, `${i}.${name}`));
+    }
+  }
+  return json;
+}
+
+/** The picture and the sampling of a texture, whoever knows its format. */
+function readTexture(context: ReaderContext, info: TextureInfo, index: number): { texture: Texture; info: TextureInfo } {
+  const definition = context.jsonDoc.json.textures?.[index];
+  const webp = (definition?.extensions?.[WEBP] as { source?: number } | undefined)?.source;
+  const texture = context.textures[webp ?? definition?.source ?? -1];
+  if (!texture) throw new Error(`${EXTENSION}: expected textures[${index}] with a picture`);
+  context.setTextureInfo(info, { index });
+  return { texture, info };
+}
+
+/** Refers to a texture; a WebP picture by the extension for it, which may have been written before this one. */
+function writeTexture(context: WriterContext, texture: Texture, info: TextureInfo): { index: number; texCoord?: number } {
+  const definition = context.createTextureInfoDef(texture, info);
+  const { json } = context.jsonDoc;
+  const entry = json.textures![definition.index]!;
+  if (texture.getMimeType() === "image/webp" && entry.source !== undefined) {
+    entry.extensions = { ...entry.extensions, [WEBP]: { source: entry.source } };
+    delete entry.source;
+    json.extensionsUsed = [...new Set([...(json.extensionsUsed ?? []), WEBP])];
+  }
+  return definition;
+}
+
+interface ILightmap extends IProperty {
+  intensity: number;
+  lightmapTexture: Texture;
+  lightmapTextureInfo: TextureInfo;
+}
+
+/** An ordinary light map of a material. */
+export class LightmapProperty extends ExtensionProperty<ILightmap> {
+  static override readonly EXTENSION_NAME = LIGHTMAP_EXTENSION;
+  declare extensionName: typeof LIGHTMAP_EXTENSION;
+  declare propertyType: "Lightmap";
+  declare parentTypes: PropertyType[];
+
+  protected init(): void {
+    this.extensionName = LIGHTMAP_EXTENSION;
+    this.propertyType = "Lightmap";
+    this.parentTypes = [PropertyType.MATERIAL];
+  }
+
+  protected override getDefaults(): Nullable<ILightmap> {
+    const info = new TextureInfo(this.graph, "lightmapTextureInfo").setTexCoord(1);
+    return Object.assign(super.getDefaults() as IProperty, {
+      intensity: 1,
+      lightmapTexture: null,
+      lightmapTextureInfo: info,
+    });
+  }
+
+  getIntensity(): number {
+    return this.get("intensity");
+  }
+
+  setIntensity(intensity: number): this {
+    return this.set("intensity", intensity);
+  }
+
+  getLightmapTexture(): Texture | null {
+    return this.getRef("lightmapTexture");
+  }
+
+  setLightmapTexture(texture: Texture | null): this {
+    const channels = TextureChannel.R | TextureChannel.G | TextureChannel.B;
+    return this.setRef("lightmapTexture", texture, { channels, isColor: false });
+  }
+
+  getLightmapTextureInfo(): TextureInfo | null {
+    return this.getRef("lightmapTexture") ? this.getRef("lightmapTextureInfo") : null;
+  }
+}
+
+/** Reads and writes `MOZ_lightmap`, the fallback of a neural light map. */
+export class Lightmap extends Extension {
+  static override readonly EXTENSION_NAME = LIGHTMAP_EXTENSION;
+  override readonly extensionName = LIGHTMAP_EXTENSION;
+
+  createLightmap(): LightmapProperty {
+    return new LightmapProperty(this.document.getGraph());
+  }
+
+  override read(context: ReaderContext): this {
+    const { materials = [], textures = [] } = context.jsonDoc.json;
+    for (const [i, material] of materials.entries()) {
+      const found: LightmapRecord | null = readLightmap(
+        material.extensions,
+        textures.length,
+        `materials[${i}].extensions.${LIGHTMAP_EXTENSION}`,
+      );
+      if (!found) continue;
+      const property = this.createLightmap().setIntensity(found.intensity);
+      context.materials[i]!.setExtension(LIGHTMAP_EXTENSION, property);
+      const info = new TextureInfo(this.document.getGraph());
+      const { texture } = readTexture(context, info, found.index);
+      property.setLightmapTexture(texture);
+      const kept = property.getLightmapTextureInfo()!;
+      context.setTextureInfo(kept, { index: found.index, texCoord: found.texCoord });
+    }
+    return this;
+  }
+
+  override write(context: WriterContext): this {
+    for (const material of this.document.getRoot().listMaterials() as Material[]) {
+      const property = material.getExtension<LightmapProperty>(LIGHTMAP_EXTENSION);
+      const texture = property?.getLightmapTexture();
+      if (!property || !texture) continue;
+      const definition = context.jsonDoc.json.materials![context.materialIndexMap.get(material)!]!;
+      const map = writeTexture(context, texture, property.getLightmapTextureInfo()!);
+      definition.extensions = {
+        ...definition.extensions,
+        [LIGHTMAP_EXTENSION]: { ...map, texCoord: map.texCoord ?? 0, intensity: property.getIntensity() },
+      };
+    }
+    return this;
+  }
+}

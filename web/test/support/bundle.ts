@@ -3,18 +3,9 @@
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 import { build } from "vite";
+import { MODULES } from "../../modules.ts";
 
 const here = (path: string): string => fileURLToPath(new URL(path, import.meta.url));
-
-/** The package's modules by the names under which they are imported. */
-export const MODULES = {
-  lightwell: here("../../runtime/src/index.ts"),
-  "lightwell/graph": here("../../runtime/src/graph/index.ts"),
-  "lightwell/webgpu": here("../../runtime/src/webgpu/index.ts"),
-  "lightwell/gltf-transform": here("../../runtime/src/gltf-transform.ts"),
-  "lightwell/element": here("../../runtime/src/element/index.ts"),
-  "lightwell/export": here("../../runtime/src/export.ts"),
-} as const;
 
 export interface BundleOptions {
   /** Leave these out: what the page brings along. */

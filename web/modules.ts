@@ -1,0 +1,14 @@
+/** The modules of the npm package by the names under which they are imported. */
+
+import { fileURLToPath } from "node:url";
+
+const source = (path: string): string => fileURLToPath(new URL(`runtime/src/${path}`, import.meta.url));
+
+export const MODULES = {
+  lightwell: source("index.ts"),
+  "lightwell/graph": source("graph/index.ts"),
+  "lightwell/webgpu": source("webgpu/index.ts"),
+  "lightwell/gltf-transform": source("gltf-transform.ts"),
+  "lightwell/element": source("element/index.ts"),
+  "lightwell/export": source("export.ts"),
+} as const;
