@@ -1,0 +1,360 @@
+"""The atlas of a light map: a place of its own in one square texture for every lit side of every triangle.
+
+Charts are cut and packed by xatlas; the author's second set of texture coordinates is taken where it is valid.
+
+Notation: T triangles of all meshes behind one another; side 0 is the front (the geometric normal's), 1 the back; uv in
+[0, 1]², v downwards, texel (i, j) of an atlas of size n covers [j, j + 1] x [i, i + 1] / n.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from lightwell.scenes.scene import Mesh, Scene
+
+# A bilinear read at mip level m reaches this many texels of that level beyond its point: half a texel to the farther
+# centre, one between the centres.
+REACH = 1.5
+# More charts than this are packed by xatlas' fast method: brute force takes seconds per thousand.
+BRUTE_CHARTS = 700
+# Rounds that fit the packing into its square, and the step back when it is too large.
+FIT_ROUNDS, SHRINK = 6, 0.985
+# Hidden triangles lie on the texel in this corner, which no chart uses.
+NOWHERE = 0.0
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Where the light of every lit side is stored."""
+
+    size: int
+    """Texels along each edge."""
+    mips: int
+    """Mip level up to which no texel mixes charts."""
+    uv: np.ndarray
+    """[2, T, 3, 2] float32: the corners of every triangle, by side. A side that is not stored has those of the other one."""
+    chart: np.ndarray
+    """[2, T] int32: number of the chart, from 0; -1 where the side is not stored."""
+    first: np.ndarray
+    """[M + 1] first triangle of each mesh."""
+    origin: str
+    """Who made it, and why: for the report."""
+
+    @property
+    def charts(self) -> int:
+        """Number of charts."""
+        return int(self.chart.max()) + 1
+
+    @property
+    def coverage(self) -> float:
+        """Share of the square that lies inside triangles, padding not counted."""
+        a, b, c = (self.uv[self.chart >= 0][:, k].astype(np.float64) for k in range(3))
+        return float(np.abs(_cross(b - a, c - a)).sum() / 2)
+
+    def lookup(self, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """[N, 2] float32: uv of surface points named by mesh, triangle, barycentric weights [N, 2] and side."""
+        corners = self.uv[side, self.first[shape] + triangle]
+        b = np.asarray(barycentric, np.float32)
+        weights = np.stack([1 - b[:, 0] - b[:, 1], b[:, 0], b[:, 1]], axis=1)
+        return np.einsum("nk,nkc->nc", weights, corners)
+
+
+def padding(mips: int) -> int:
+    """Texels that a chart owns around itself so that bilinear reads up to a mip level stay its own."""
+    return int(np.ceil(REACH * 2**mips))
+
+
+def build(
+    scene: Scene, size: int, lit: np.ndarray, mips: int = 1, density: np.ndarray | None = None, own: bool = True
+) -> Atlas:
+    """The atlas of a scene.
+
+    lit       [2, T] bool: sides that are seen and get light; others are not stored.
+    density   [M] texels per metre of each mesh relative to the others; None: all alike.
+    own       Take the author's second texture coordinates where they are valid.
+    """
+    first = np.cumsum([0] + [len(mesh.indices) for mesh in scene.meshes])
+    if not lit.any():
+        raise ValueError(f"atlas: no side of scene '{scene.name}' is seen and lit; is a light on?")
+    reason = "no second texture coordinates"
+    if own and all(mesh.uv1 is not None for mesh in scene.meshes):
+        reason = own_fault(scene, size, lit, mips)
+        if not reason:
+            return _authored(scene, size, lit, mips, first)
+    pieces = _pieces(scene, lit, density)
+    uv, chart = _packed(pieces, size, padding(mips), lit)
+    return Atlas(size, mips, _both(uv, chart), chart, first, f"xatlas ({reason})")
+
+
+def _both(uv: np.ndarray, chart: np.ndarray) -> np.ndarray:
+    """A side that is not stored reads where the other one is stored."""
+    for side in (0, 1):
+        borrowed = (chart[side] < 0) & (chart[1 - side] >= 0)
+        uv[side, borrowed] = uv[1 - side, borrowed]
+    return uv
+
+
+# ---------------------------------------------------------------------- charts
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Triangles of one mesh and side, with vertices welded by position."""
+
+    positions: np.ndarray
+    indices: np.ndarray
+    triangle: np.ndarray
+    """[K] number in the concatenation."""
+    side: int
+
+
+def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None) -> list[_Piece]:
+    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round."""
+    pieces, start = [], 0
+    for number, mesh in enumerate(scene.meshes):
+        here = np.arange(start, start + len(mesh.indices))
+        start += len(mesh.indices)
+        scale = 1.0 if density is None else float(density[number])
+        welded, inverse = np.unique(mesh.positions, axis=0, return_inverse=True)
+        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
+        for side, chosen in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
+            if chosen.any():
+                used, compact = np.unique(
+                    corners[chosen] if side == 0 else corners[chosen][:, ::-1], return_inverse=True
+                )
+                positions = np.ascontiguousarray(welded[used] * np.float32(scale))
+                pieces.append(_Piece(positions, compact.reshape(-1, 3).astype(np.uint32), here[chosen], side))
+    return pieces
+
+
+def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """uv [2, T, 3, 2] and charts [2, T] of all pieces in one square."""
+    import xatlas
+
+    cut = xatlas.Atlas()
+    for piece in pieces:
+        cut.add_mesh(piece.positions, piece.indices)
+    cut.generate(xatlas.ChartOptions(), _options(0.0, 0, False))
+    flat = [_flat(cut, k) for k in range(len(pieces))]
+    total = sum(_area(points, corners) for points, corners in flat)
+    scale, best = np.sqrt(0.6 * size * size / max(total, 1e-30)), None
+    for attempt in range(2 * FIT_ROUNDS):
+        if best is not None and attempt >= FIT_ROUNDS:
+            break
+        packed = _pack(flat, scale, pad, cut.chart_count <= BRUTE_CHARTS)
+        extent = max(packed.width, packed.height)
+        if packed.atlas_count == 1 and extent <= size:
+            if best is None or scale > best[0]:
+                best = (scale, packed)
+            if extent > SHRINK * size:
+                break
+        step = (size - 2 * pad) / max(extent - 2 * pad, 1) if packed.atlas_count == 1 else 0.7
+        if best is not None and scale * step * SHRINK <= best[0]:
+            break
+        scale *= step * (SHRINK if extent > size else 1.0)
+    if best is None:
+        raise ValueError(
+            f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
+            "give a larger --size or fewer --mips"
+        )
+    return _collected(best[1], pieces, size, lit)
+
+
+def _options(texels: float, pad: int, brute: bool):
+    import xatlas
+
+    options = xatlas.PackOptions()
+    options.padding, options.texels_per_unit, options.bruteForce = pad, texels, brute
+    options.resolution, options.bilinear, options.rotate_charts = 0, True, True
+    return options
+
+
+def _flat(atlas, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of piece k in the plane, in units of its mesh, and corners [K, 3]."""
+    _, corners, uv = atlas.get_mesh(k)
+    return np.ascontiguousarray(uv * [atlas.width, atlas.height], np.float32), np.ascontiguousarray(corners)
+
+
+def _area(points: np.ndarray, corners: np.ndarray) -> float:
+    a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
+    return float(np.abs(_cross(b - a, c - a)).sum() / 2)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray]], scale: float, pad: int, brute: bool):
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    for points, corners in flat:
+        atlas.add_uv_mesh(np.ascontiguousarray(points * np.float32(scale)), corners)
+    atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
+    return atlas
+
+
+def _collected(atlas, pieces: Sequence[_Piece], size: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    uv = np.full((*lit.shape, 3, 2), NOWHERE, np.float32)
+    chart = np.full(lit.shape, -1, np.int32)
+    count = 0
+    for k, piece in enumerate(pieces):
+        points, corners = _flat(atlas, k)
+        place = points[corners] / np.float32(size)
+        numbers = _components(corners.astype(np.int64), len(points))
+        # Of a triangle that is lit from its back alone, the first piece is the back.
+        side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
+        uv[side, piece.triangle] = place if piece.side == 0 else place[:, ::-1]
+        chart[side, piece.triangle] = numbers + count
+        count += int(numbers.max()) + 1
+    return np.clip(uv, 0, 1), chart
+
+
+def _components(corners: np.ndarray, count: int) -> np.ndarray:
+    """[K] number of the connected part that each triangle belongs to, from 0."""
+    rows, columns = corners[:, [0, 1]].reshape(-1), corners[:, [1, 2]].reshape(-1)
+    links = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
+    _, label = connected_components(links, directed=False)
+    return np.unique(label[corners[:, 0]], return_inverse=True)[1].reshape(-1)
+
+
+# ---------------------------------------------------------------------- the author's own
+
+# Share of covered texels that may be hit twice.
+OVERLAP = 0.005
+
+
+def _own_corners(scene: Scene) -> np.ndarray:
+    return np.concatenate([mesh.uv1[mesh.indices.astype(np.int64)] for mesh in scene.meshes]).astype(np.float32)
+
+
+def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
+    """What keeps the author's second texture coordinates from being used; empty when nothing does."""
+    uv = _own_corners(scene)
+    stored = lit.any(axis=0)
+    if not np.isfinite(uv).all():
+        return "the author's second texture coordinates contain NaN or infinity"
+    if uv[stored].min() < 0 or uv[stored].max() > 1:
+        return "the author's second texture coordinates leave [0, 1]"
+    if (lit[0] & lit[1]).any():
+        return "sheets are lit from both sides, which the author's coordinates do not tell apart"
+    area = np.abs(_cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
+    if (area[stored] <= 0).any():
+        return f"{int((area[stored] <= 0).sum())} triangles have no area in the author's second texture coordinates"
+    hits, owner = _hits(uv[stored], _author_charts(scene)[stored], size)
+    covered = max(int((hits > 0).sum()), 1)
+    if (shared := int((hits > 1).sum())) > OVERLAP * covered:
+        return f"{shared / covered:.1%} of the author's texels are used twice"
+    gap = _gap(owner)
+    if gap < 2:
+        return f"charts of the author's second texture coordinates come within {gap:.0f} texel(s) at {size} x {size}"
+    return ""
+
+
+def _author_charts(scene: Scene) -> np.ndarray:
+    """[T] connected parts of the author's coordinates: corners of one mesh that share both place and uv."""
+    labels, count = [], 0
+    for mesh in scene.meshes:
+        key = np.concatenate([mesh.positions, mesh.uv1], axis=1)
+        _, inverse = np.unique(key, axis=0, return_inverse=True)
+        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
+        labels.append(_components(corners, int(inverse.max()) + 1) + count)
+        count = int(labels[-1].max()) + 1
+    return np.concatenate(labels)
+
+
+def _hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """[n, n] how many triangles cover each texel's centre, and the chart of the last one (-1: none)."""
+    hits, owner = np.zeros((size, size), np.int32), np.full((size, size), -1, np.int32)
+    for corners, number in zip(uv.astype(np.float64) * size, chart):
+        low = np.maximum(np.floor(corners.min(axis=0) - 0.5), 0).astype(int)
+        high = np.minimum(np.ceil(corners.max(axis=0) + 0.5), size).astype(int)
+        x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
+        a, b, c = corners
+        sign = 1.0 if _cross(b - a, c - a) > 0 else -1.0
+        inside = np.ones(x.shape, bool)
+        for p, q in ((a, b), (b, c), (c, a)):
+            edge = sign * ((q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]))
+            # A texel centre on a shared edge belongs to one of its two triangles.
+            inside &= (edge > 0) | ((edge == 0) & _owns(p, q, sign))
+        hits[low[1] : high[1], low[0] : high[0]][inside] += 1
+        owner[low[1] : high[1], low[0] : high[0]][inside] = number
+    return hits, owner
+
+
+def _owns(p: np.ndarray, q: np.ndarray, sign: float) -> bool:
+    """Top-left rule of rasterisers."""
+    d = sign * (q - p)
+    return bool(d[1] > 0 or (d[1] == 0 and d[0] < 0))
+
+
+def _gap(owner: np.ndarray) -> float:
+    """Smallest distance between texels of different charts, less the texel itself."""
+    from scipy.ndimage import distance_transform_edt
+
+    covered = owner >= 0
+    distance, index = distance_transform_edt(~covered, return_indices=True)
+    near = owner[tuple(index)]
+    smallest = np.inf
+    for here, there in ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1])):
+        differs = near[here] != near[there]
+        if differs.any():
+            smallest = min(smallest, float((distance[here] + distance[there])[differs].min()))
+    return smallest
+
+
+def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.ndarray) -> Atlas:
+    uv, label = _own_corners(scene), _author_charts(scene)
+    numbers = np.unique(label, return_inverse=True)[1].reshape(-1)
+    chart = np.where(lit, numbers[None], -1).astype(np.int32)
+    both = _both(np.stack([uv, uv]), chart)
+    own_gap = _gap(_hits(uv[lit.any(axis=0)], numbers[lit.any(axis=0)], size)[1])
+    safe = max((m for m in range(mips + 1) if 2 * padding(m) <= own_gap), default=0)
+    return Atlas(size, safe, both, chart, first, "the author's second texture coordinates")
+
+
+# ---------------------------------------------------------------------- what is written
+
+
+def charted_meshes(scene: Scene, atlas: Atlas) -> list[Mesh]:
+    """The scene's meshes with ``uv1`` from the atlas, vertices split along chart borders; a sheet that is stored for
+    both sides becomes two meshes of opposite winding."""
+    made = []
+    for number, mesh in enumerate(scene.meshes):
+        rows = slice(atlas.first[number], atlas.first[number + 1])
+        twice = (atlas.chart[:, rows] >= 0).all(axis=0)
+        made.append(_charted(mesh, mesh.indices, _main_uv(atlas, rows), mesh.name))
+        if twice.any():
+            turned = mesh.indices[twice][:, ::-1]
+            back = _charted(mesh, turned, atlas.uv[1, rows][twice][:, ::-1], f"{mesh.name} (back)")
+            made.append(replace(back, normals=None if back.normals is None else -back.normals))
+    return made
+
+
+def _main_uv(atlas: Atlas, rows: slice) -> np.ndarray:
+    front, back = atlas.uv[:, rows]
+    return np.where((atlas.chart[0, rows] >= 0)[:, None, None], front, back)
+
+
+def _charted(mesh: Mesh, indices: np.ndarray, uv: np.ndarray, name: str) -> Mesh:
+    """One vertex for every distinct (vertex, uv)."""
+    corner = indices.astype(np.int64).reshape(-1)
+    key = np.concatenate([corner[:, None].astype(np.float64), uv.reshape(-1, 2)], axis=1)
+    found, inverse = np.unique(key, axis=0, return_inverse=True)
+    source = found[:, 0].astype(np.int64)
+    take = lambda a: None if a is None else a[source]  # noqa: E731
+    return replace(
+        mesh,
+        name=name,
+        positions=mesh.positions[source],
+        indices=inverse.reshape(-1, 3).astype(np.uint32),
+        normals=take(mesh.normals),
+        uv0=take(mesh.uv0),
+        uv1=found[:, 1:].astype(np.float32),
+        colors=take(mesh.colors),
+    )

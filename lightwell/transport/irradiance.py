@@ -1,0 +1,117 @@
+"""Diffuse light that arrives at surface points: what an ordinary light map stores.
+
+E' = (1 / π) ∫ L(ω) max(n · ω, 0) dω, so that a Lambertian surface shows albedo · E'. Notation: N points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
+from lightwell.transport.air import WRONG_SHARE, _right_side, _sides
+from lightwell.transport.interactions import DevicePoints, gather_interaction
+from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, _power, _vertex, independent, random_streams
+from lightwell.transport.radiance import stratified, trace
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sources import Emitters
+from lightwell.transport.tables import tables
+
+# A stream beyond those of the paths shifts the lattice of directions.
+LATTICE_STREAM = 1 << 31
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """What arrives at N points on the side of their views."""
+
+    half_a: np.ndarray
+    """[N, 3] E' by the first half of the paths."""
+    half_b: np.ndarray
+    """[N, 3] ... by the second, independent half."""
+    direction: np.ndarray
+    """[N, 3] mean of luminance times direction, over pi: its length over the luminance of E' is at most 1."""
+    wrong: np.ndarray
+    """[N] share of cosine-distributed rays that first meet a side that air cannot touch."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """[N, 3] both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+    @property
+    def valid(self) -> np.ndarray:
+        """[N] bool: at most a quarter of the hemisphere is insides and backs."""
+        return self.wrong <= WRONG_SHARE
+
+
+def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
+    """E' of the scene's own emitters, direct and indirect; ``paths`` is even."""
+    if paths < 2 or paths % 2:
+        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    tables(scene)
+    device, sides, half = DevicePoints(points), _sides(scene), paths // 2
+    batch = max(1, LAUNCH // paths)
+    rows = np.zeros((len(points), 2, 7), np.float64)
+    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        rows[start : start + count] = _launch(scene, device, sides, settings, start, count, half) / half
+    rows = rows.astype(np.float32)
+    both = rows.mean(axis=1)
+    return Irradiance(rows[:, 0, :3], rows[:, 1, :3], both[:, 3:6], both[:, 6])
+
+
+def _launch(scene: Scene, device, sides, settings, start: int, count: int, half: int) -> np.ndarray:
+    """[count, 2, 7] sums over the paths of each half: E', luminance times direction, wrong first hits."""
+    seed, max_depth, rr_depth, size = settings
+    lane = dr.arange(mi.UInt32, count * 2 * half)
+    group, path = lane // size, lane % size
+    row = dr.opaque(mi.UInt32, start) + group // 2
+    rng = random_streams(seed, row, (group & 1) * size + path)
+    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    si = gather_interaction(scene, device, row)
+    view = dr.gather(mi.Vector3f, device.view, row)
+    L, direction, wrong = _arriving(scene, si, view, sides, rng, stratified(shift, path, size)[1], max_depth, rr_depth)
+    ok = dr.all(dr.isfinite(L)) & dr.all(dr.isfinite(direction))
+    L, direction = dr.select(ok, L, 0), dr.select(ok, direction, 0)
+    columns = [*L, *direction, dr.select(wrong, mi.Float(1), 0)]
+    dr.eval(columns)
+    sums = [np.array(dr.block_sum(column, half)) for column in columns]
+    return np.stack(sums, axis=1).reshape(count, 2, 7)
+
+
+def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
+    """One estimate of E' at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
+    source, geometry = Emitters(), scene.mi
+    # ------------------- The side that is asked for -------------------
+    flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
+    normal = mi.Vector3f(si.sh_frame.n)
+    normal *= dr.select(dr.dot(normal, flat) < 0, -1.0, 1.0)
+    # ------------------------ Emitter sampling ------------------------
+    light = mi.Point2f(rng.next_float32(), rng.next_float32())
+    wo, weight, pdf, delta, shadow = source.sample(geometry, si, light, mi.Bool(True))
+    cosine = dr.dot(normal, wo)
+    lit = (dr.max(weight) > 0) & (cosine > 0) & (dr.dot(flat, wo) > 0)
+    lit &= ~geometry.ray_test(shadow, lit)
+    mis = dr.select(delta, 1, _power(pdf, cosine * dr.inv_pi))
+    direct = dr.select(lit, mis * weight * cosine * dr.inv_pi, 0)
+    # --------------------- Cosine-distributed ray ---------------------
+    d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
+    above = dr.dot(flat, d) > 0
+    density = dr.dot(normal, d) * dr.inv_pi
+    ray = si.spawn_ray(d)
+    pi = geometry.ray_intersect_preliminary(ray, active=above)
+    wrong = pi.is_valid() & ~_right_side(scene, sides, pi, ray)
+    met = pi.compute_surface_interaction(ray, mi.RayFlags.All, above)
+    Le, hit_pdf = source.hit(geometry, _vertex(si), met, ray, mi.Bool(False), above)
+    L = dr.select(above, _power(density, hit_pdf) * Le, 0)
+    L += dr.select(
+        above & met.is_valid(),
+        trace(geometry, met, source, rng, independent(rng), max_depth - 1, rr_depth, True),
+        0,
+    )
+    direction = wo * mi.luminance(direct) + d * mi.luminance(L)
+    return direct + L, direction, wrong

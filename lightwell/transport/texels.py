@@ -1,0 +1,73 @@
+"""Which surface point each texel of an atlas stands for.
+
+Notation: n texels along each edge, K texels that lie on a chart, row-major.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.scene import Scene
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.visible import side_points
+
+# Places in a texel where a triangle may cover it: its centre first, then the rest of a lattice of 5 x 5.
+STEPS = (0.5, 0.3, 0.7, 0.1, 0.9)
+# Charts lie in planes this far apart, so that a ray tells which one it has met.
+HEIGHT = 1.0
+
+
+@dataclass(frozen=True)
+class Texels:
+    """The covered texels of an atlas."""
+
+    index: np.ndarray
+    """[K] int64, row-major number of the texel."""
+    points: SurfacePoints
+    """[K] the point nearest to the texel's centre on its chart, seen along the geometric normal of the stored side."""
+    chart: np.ndarray
+    """[n, n] int32: the chart of each texel, -1 where there is none."""
+
+
+def texels(scene: Scene, atlas: Atlas) -> Texels:
+    """Conservative: a texel belongs to the chart whose triangle covers its centre, else any part of a 5 x 5 lattice."""
+    side, triangle = np.nonzero(atlas.chart >= 0)
+    flat = _flat_scene(atlas.uv[side, triangle])
+    n = atlas.size
+    owner, barycentric = np.full(n * n, -1, np.int64), np.zeros((n * n, 2), np.float32)
+    places = sorted(((x, y) for x in STEPS for y in STEPS), key=lambda p: (p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2)
+    for x, y in places:
+        left = np.flatnonzero(owner < 0)
+        hit, found, weights = _met(flat, n, left, x, y)
+        owner[left[hit]], barycentric[left[hit]] = found[hit], weights[hit]
+    index = np.flatnonzero(owner >= 0)
+    row = owner[index]
+    points = side_points(scene, triangle[row], side[row], barycentric[index])
+    chart = np.full(n * n, -1, np.int32)
+    chart[index] = atlas.chart[side[row], triangle[row]]
+    return Texels(index, points, chart.reshape(n, n))
+
+
+def _flat_scene(uv: np.ndarray):
+    """The triangles [S, 3, 2] of the atlas as a mesh in the plane z = 0."""
+    mesh = mi.Mesh("atlas", 3 * len(uv), len(uv))
+    corners = np.concatenate([uv.reshape(-1, 2), np.zeros((3 * len(uv), 1), np.float32)], axis=1)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(np.ascontiguousarray(corners, np.float32).ravel())
+    parameters["faces"] = mi.UInt32(np.arange(3 * len(uv), dtype=np.uint32))
+    parameters.update()
+    return mi.load_dict({"type": "scene", "atlas": mesh})
+
+
+def _met(flat, n: int, texel: np.ndarray, x: float, y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Whether, and where, rays through a place of some texels meet a triangle of the atlas."""
+    index = mi.UInt32(texel.astype(np.uint32))
+    at = mi.Point3f((mi.Float(index % n) + x) / n, (mi.Float(index // n) + y) / n, HEIGHT)
+    pi = flat.ray_intersect_preliminary(mi.Ray3f(at, mi.Vector3f(0, 0, -1)))
+    hit, triangle, uv = pi.is_valid(), pi.prim_index, pi.prim_uv
+    dr.eval(hit, triangle, uv)
+    return np.array(hit, bool), np.array(triangle).astype(np.int64), np.array(uv).T.astype(np.float32)
