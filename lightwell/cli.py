@@ -22,6 +22,7 @@ examples
   lightwell bake cornell -o out --vary "light.position=box(-0.8,0.2,-0.8,0.8,1.8,0.8)"
   lightwell bake house.xml -o out --vary "sun.direction=arc(90,10,270,10)"
   lightwell view out                                 open the page
+  lightwell lens frame.exr -o out.exr --focus 2.5m --fstop 1.8 --focal 50mm    depth of field and motion blur
   lightwell compare out-a out-b                      two bakes side by side
   lightwell compare --fields mlp,factored cornell -o fields    train fields on the same samples and compare them
 """
@@ -36,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"lightwell {lightwell.__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for add in (_add_bake, _add_demo, _add_view, _add_render, _add_compare, _add_info, _add_doctor):
+    for add in (_add_bake, _add_demo, _add_view, _add_render, _add_lens, _add_compare, _add_info, _add_doctor):
         add(verbs)
     return parser
 
@@ -234,6 +235,18 @@ def _render(arguments) -> int:
         else f"{arguments.out}: {facts['width']}x{facts['height']}, {facts['seconds']:.1f} s"
     )
     return 0
+
+
+def _add_lens(verbs) -> None:
+    from lightwell.lens import arguments as lens
+
+    lens.add(_verb(verbs, "lens", _lens, lens.SUMMARY, lens.DESCRIPTION))
+
+
+def _lens(arguments) -> int:
+    from lightwell.lens.command import run
+
+    return run(arguments)
 
 
 def _add_compare(verbs) -> None:

@@ -16,9 +16,10 @@ ALLOWED = {
     "asset": {"graph", "scenes"},
     "report": {"asset"},
     "doctor": {"backend"},
+    "lens": {"backend"},
     "serve": set(),
     "bake": {"backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
-    "cli": {"asset", "bake", "doctor", "serve"},
+    "cli": {"asset", "bake", "doctor", "lens", "serve"},
 }
 
 

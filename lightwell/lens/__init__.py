@@ -1,0 +1,32 @@
+"""Depth of field and motion blur in one pass by Laplacian kernel splatting (Leimkühler, Seidel, Ritschel 2018).
+
+    from lightwell import lens
+    picture = lens.apply(rgba, depth, motion, lens.Camera(focus=2.5, fstop=1.8, focal=0.05))
+
+Offline, the Laplacian of every point spread function is replaced by a small signed point set, a spreadlet. A pixel
+scatters its colour times a spreadlet; one linear-time solve turns the sum into the picture. See docs/lens.md.
+
+Names are loaded when first used, so that the command line can read the arguments of its verb at once.
+"""
+
+from importlib import import_module
+
+# Public name → module.
+_PUBLIC = {
+    "Aperture": "aperture",
+    "Camera": "camera",
+    "from_thin_lens": "camera",
+    "Lens": "pipeline",
+    "LensError": "errors",
+    "Settings": "pipeline",
+    "apply": "pipeline",
+    "reconstruct": "samples",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str):
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'lightwell.lens' has no attribute {name!r}")
+    return getattr(import_module(f"lightwell.lens.{_PUBLIC[name]}"), name)

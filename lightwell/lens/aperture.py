@@ -1,0 +1,155 @@
+"""Aperture shapes on the unit disc: round, polygonal, drawn, and the cat's eye of a vignetted lens.
+
+An aperture says for lens coordinates u = (u_x, u_y), image axes (x right, y down), |u| <= 1, how much light passes.
+A point at signed circle of confusion s lands at s·u, so that a shape appears mirrored through its centre in front of
+focus, where s < 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.lens.errors import LensError
+
+# Names of regular polygons that the command line knows, and their number of blades.
+POLYGONS = {"triangle": 3, "square": 4, "pentagon": 5, "hexagon": 6, "heptagon": 7, "octagon": 8}
+# Resolution to which drawn masks are reduced; a PSF of 64 px radius is 129 px wide.
+MASK_SIZE = 256
+
+
+@dataclass(frozen=True)
+class Aperture:
+    """The shape of a lens opening."""
+
+    kind: str = "disc"
+    """``disc``, ``polygon``, ``mask`` or ``cats-eye``."""
+    blades: int = 0
+    """Number of sides of a polygon."""
+    angle: float = 0.0
+    """Rotation of a polygon, degrees from the x axis towards y (downwards)."""
+    mask: tuple[bytes, int] | None = None
+    """A drawn mask: float32 bytes of a square picture and its size, centred, the unit disc touching its sides."""
+    label: str = ""
+    """The key of a mask whose picture is not at hand, as read from a library."""
+
+    @property
+    def round(self) -> bool:
+        """Whether the shape may be turned freely."""
+        return self.kind == "disc"
+
+    def key(self) -> str:
+        """A text that tells this shape from every other one; part of the names of cached libraries."""
+        if self.label:
+            return self.label
+        if self.kind == "mask":
+            import hashlib
+
+            return "mask-" + hashlib.sha256(self.mask[0]).hexdigest()[:16]
+        return "disc" if self.kind == "disc" else f"polygon-{self.blades}-{self.angle:g}"
+
+    def __call__(self, ux: np.ndarray, uy: np.ndarray) -> np.ndarray:
+        """Transmission in [0, 1] at lens coordinates."""
+        if self.kind == "disc":
+            return (ux * ux + uy * uy <= 1.0).astype(np.float64)
+        if self.kind == "polygon":
+            return _polygon(ux, uy, self.blades, np.deg2rad(self.angle))
+        return _sample_mask(self._picture(), ux, uy)
+
+    def _picture(self) -> np.ndarray:
+        data, size = self.mask
+        if not size:
+            raise LensError(f"lens: a library of {self.label} lacks a node; give the picture with --aperture")
+        return np.frombuffer(data, np.float32).reshape(size, size)
+
+
+DISC = Aperture()
+
+
+def _polygon(ux, uy, blades: int, angle: float) -> np.ndarray:
+    """Indicator of the regular polygon whose corners lie on the unit circle."""
+    inside = np.ones(np.broadcast(ux, uy).shape, bool)
+    apothem = np.cos(np.pi / blades)
+    for k in range(blades):
+        side = angle + (2 * k + 1) * np.pi / blades
+        inside &= ux * np.cos(side) + uy * np.sin(side) <= apothem
+    return inside.astype(np.float64)
+
+
+def _sample_mask(picture: np.ndarray, ux, uy) -> np.ndarray:
+    """Bilinear lookup; nothing passes outside the picture."""
+    from scipy.ndimage import map_coordinates
+
+    size = picture.shape[0]
+    rows, columns = ((u + 1) * 0.5 * size - 0.5 for u in (uy, ux))
+    return map_coordinates(picture, np.broadcast_arrays(rows, columns), order=1, mode="constant", cval=0.0)
+
+
+def polygon(blades: int, angle: float = 0.0) -> Aperture:
+    """A regular opening of ``blades`` sides, from 3 to 64."""
+    if not 3 <= blades <= 64:
+        raise LensError(f"lens: an aperture of {blades} blades; use 3 to 64, or disc")
+    return Aperture("polygon", int(blades), float(angle) % (360.0 / blades))
+
+
+def from_picture(luminance: np.ndarray, centre: str = "centroid", where: str = "mask") -> Aperture:
+    """A drawn aperture [height, width], any range, 0 is closed. ``centre``: ``centroid`` or ``picture``.
+
+    The picture is cropped to the smallest square about its centre that holds all open pixels, so that the unit disc
+    touches the outermost open one, and area-averaged to ``MASK_SIZE``.
+    """
+    picture = np.asarray(luminance, np.float64)
+    if picture.ndim != 2 or not np.isfinite(picture).all() or picture.min() < 0:
+        raise LensError(f"lens: aperture {where} must be one channel of finite values >= 0; save it as a grey PNG")
+    if picture.max() <= 0:
+        raise LensError(f"lens: aperture {where} is black everywhere, no light would pass; draw the opening in white")
+    picture = picture / picture.max()
+    rows, columns = np.indices(picture.shape) + 0.5
+    if centre == "centroid":
+        cy, cx = (float((picture * axis).sum() / picture.sum()) for axis in (rows, columns))
+    else:
+        cy, cx = picture.shape[0] / 2, picture.shape[1] / 2
+    open_ = picture > 1 / 255
+    reach = float(np.hypot(rows - cy, columns - cx)[open_].max()) + 0.5
+    fine = 4
+    step = 2 * reach / (MASK_SIZE * fine)
+    from scipy.ndimage import map_coordinates
+
+    at = (np.arange(MASK_SIZE * fine) + 0.5) * step - reach
+    sampled = map_coordinates(
+        picture, np.meshgrid(cy - 0.5 + at, cx - 0.5 + at, indexing="ij"), order=1, mode="constant", cval=0.0
+    )
+    small = sampled.reshape(MASK_SIZE, fine, MASK_SIZE, fine).mean((1, 3)).astype(np.float32)
+    return Aperture("mask", mask=(small.tobytes(), MASK_SIZE))
+
+
+def read_mask(path: str | Path) -> Aperture:
+    """An aperture drawn as a PNG: its luminance times its opacity."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            if max(image.size) > 16384:
+                raise LensError(
+                    f"lens: aperture {path} is {image.size[0]}x{image.size[1]}; 16384 pixels a side at most"
+                )
+            pixels = np.asarray(image.convert("LA"), np.float64) / 255
+    except FileNotFoundError:
+        raise LensError(f"lens: no aperture picture {path}; give disc, hexagon … or an existing PNG") from None
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        reason = " ".join(str(error).split())
+        raise LensError(f"lens: cannot read aperture {path} ({reason}); give disc, hexagon … or a PNG") from None
+    return from_picture(pixels[..., 0] * pixels[..., 1], where=str(path))
+
+
+def parse(text: str, blades: int | None = None, angle: float = 0.0) -> Aperture:
+    """The aperture that a command line names: disc, a polygon's name, or a picture file."""
+    if blades is not None:
+        return polygon(blades, angle)
+    if text == "disc":
+        return DISC
+    if text in POLYGONS:
+        return polygon(POLYGONS[text], angle)
+    return read_mask(text)

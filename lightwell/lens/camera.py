@@ -1,0 +1,95 @@
+"""From depth and motion to blur in pixels.
+
+Signed circle of confusion, radius in pixels, z the depth along the camera axis:
+s(z) = Kc (1/z_f − 1/z),  Kc = (A/2) f z_f / ((z_f − f) p),  A = f/N the aperture's diameter, p the pixel pitch.
+s > 0 lies behind focus; the sky, z = ∞, is Kc / z_f.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.lens.errors import LensError
+
+# Metres in a unit of length.
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+
+
+def distance(text: str | float, what: str = "distance", default_unit: str | None = None) -> float:
+    """Metres of ``2.5m``, ``50mm``, ``35`` (with a default unit)."""
+    match = re.fullmatch(r"\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*([a-z]*)\s*", str(text))
+    unit = match and (match.group(2) or default_unit)
+    if not match or unit not in UNITS:
+        known = ", ".join(UNITS)
+        raise LensError(f"lens: {what} {text!r} is not a length; write a number and a unit ({known}), for example 2.5m")
+    return float(match.group(1)) * UNITS[unit]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A thin lens in front of a sensor. Lengths are metres."""
+
+    focus: float = 2.5
+    """Distance of the plane in focus, along the camera axis."""
+    fstop: float = 2.8
+    """f-number N: focal length over the aperture's diameter. Infinity is a pinhole."""
+    focal: float = 0.050
+    """Focal length."""
+    sensor: float = 0.036
+    """Width of the sensor."""
+    shutter: float = 0.5
+    """Share of the frame's time during which the shutter is open; 0.5 is 180°."""
+    scene_unit: float = 1.0
+    """Metres per unit of the depth given."""
+
+    def __post_init__(self) -> None:
+        for name in ("focus", "fstop", "focal", "sensor", "shutter", "scene_unit"):
+            value = getattr(self, name)
+            if not isinstance(value, (int, float, np.floating)) or np.isnan(value):
+                raise LensError(f"lens: {name} is {value!r}; give a number")
+        if not 0 < self.focal < np.inf:
+            raise LensError(f"lens: focal length {self.focal * 1e3:g} mm; give one above 0, for example 50mm")
+        if not self.focus > self.focal:
+            raise LensError(
+                f"lens: focus at {self.focus:g} m is not beyond the focal length of {self.focal * 1e3:g} mm, where no "
+                "picture forms; focus farther away or use a shorter lens (--scene-unit says what one unit of depth is)"
+            )
+        if not self.fstop > 0:
+            raise LensError(f"lens: f-number {self.fstop:g}; give one above 0, for example 2.8")
+        if not 0 < self.sensor < np.inf or not 0 < self.scene_unit < np.inf:
+            raise LensError("lens: sensor width and scene unit must be above 0; a full frame is 36mm, a metre is 1m")
+        if not 0 <= self.shutter <= 16:
+            raise LensError(f"lens: shutter {self.shutter:g} of a frame; use 0 to 16, 0.5 is 180 degrees")
+
+    def strength(self, width: int) -> float:
+        """Kc in pixels × scene units, for pictures ``width`` px wide."""
+        aperture = self.focal / self.fstop
+        if np.isinf(self.focus):
+            return aperture / 2 * self.focal / (self.sensor / width) / self.scene_unit
+        image = self.focal * self.focus / (self.focus - self.focal)
+        return aperture / 2 * image / (self.sensor / width) / self.scene_unit
+
+    def confusion(self, depth: np.ndarray, width: int) -> np.ndarray:
+        """Signed radius in pixels [same shape], of positive depth in scene units, infinity included."""
+        focus = self.focus / self.scene_unit
+        return self.strength(width) * (1 / focus - 1 / np.asarray(depth, np.float64))
+
+
+def from_thin_lens(width: int, fov_x: float, radius: float, focus: float, shutter: float = 1.0) -> Camera:
+    """The camera of a renderer's thin lens: horizontal field of view in degrees, aperture radius in scene units.
+
+    The renderer fixes the image distance v = f z_f/(z_f − f), F = width/(2 tan(fov/2)) = v/p; any f that is small
+    against z_f gives the same blur, so f is chosen as a hundredth of it.
+    """
+    focal = focus / 100
+    image = focal * focus / (focus - focal)
+    return Camera(
+        focus=focus,
+        focal=focal,
+        fstop=focal / (2 * radius) if radius > 0 else np.inf,
+        sensor=2 * image * np.tan(np.deg2rad(fov_x) / 2),
+        shutter=shutter,
+    )

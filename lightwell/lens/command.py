@@ -1,0 +1,250 @@
+"""The verb ``lens``: files in, files out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.lens import aperture, conventions, exr, frames
+from lightwell.lens.cache import Shelf
+from lightwell.lens.camera import Camera, distance
+from lightwell.lens.errors import LensError
+from lightwell.lens.pipeline import Lens, Settings
+
+
+def run(arguments) -> int:
+    """Blur frames, bake or check, as the first word says."""
+    if arguments.frame == "bake":
+        from lightwell.lens.bake_command import run_bake
+
+        return run_bake(arguments)
+    if arguments.frame == "check":
+        from lightwell.lens.check import run_check
+
+        return run_check(arguments)
+    if arguments.library is not None:
+        raise LensError(f"lens: what is {arguments.library!r}? give one FRAME, or bake or check with a LIBRARY")
+    return _blur(arguments)
+
+
+@contextmanager
+def bars(quiet: bool):
+    """A function that opens a progress bar: bar(title, total) returns advance(n)."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description:<22}"), BarColumn(28), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+
+        def bar(title: str, total: int):
+            task = progress.add_task(title, total=total)
+            return lambda n: progress.advance(task, n)
+
+        yield bar
+
+
+def _blur(arguments) -> int:
+    if not arguments.out:
+        raise LensError("lens: no picture to write; name it with -o OUT.exr or -o OUT.png")
+    settings = _settings(arguments)
+    jobs = list(_jobs(arguments))
+    lines = []
+    with bars(arguments.json) as bar:
+        lens = Lens(settings, Shelf(bar))
+        advance = bar("frames", len(jobs)) if bar and len(jobs) > 1 else None
+        convention = None
+        for number, (source, target, following) in enumerate(jobs):
+            facts, convention = _one(arguments, lens, source, target, following, number, convention)
+            lines.append(facts)
+            if not arguments.json:
+                print(f"{target}: {facts['line']}")
+            if advance:
+                advance(1)
+    if arguments.json:
+        print(json.dumps(lines if len(lines) > 1 else lines[0], indent=1))
+    return 0
+
+
+def _settings(arguments) -> Settings:
+    shape = aperture.parse(arguments.aperture, arguments.blades, arguments.blade_angle)
+    extra = {} if arguments.largest is None else {"largest": arguments.largest}
+    if arguments.overscan < 0:
+        raise LensError(f"lens: overscan {arguments.overscan}; give the width of the band in pixels, 0 or more")
+    return Settings(
+        aperture=shape,
+        layers=arguments.layers,
+        preset=arguments.preset,
+        edges=arguments.edges,
+        solver=arguments.solver,
+        choice=arguments.choice,
+        cats_eye=arguments.cats_eye,
+        deterministic=arguments.deterministic,
+        **extra,
+    )
+
+
+def _jobs(arguments):
+    """(source, target, following source or None) of every frame."""
+    source, target = arguments.frame, arguments.out
+    if arguments.frames is None:
+        if "#" in source:
+            raise LensError(f"lens: {source} stands for a sequence; say which frames: --frames 1-48")
+        yield Path(source), Path(target), None
+        return
+    first, last = _pair(arguments.frames, "-", "--frames", int)
+    if last < first or last - first >= 1_000_000:
+        raise LensError(f"lens: --frames {arguments.frames}; the last frame comes before the first, or is too far away")
+    for name in (source, target):
+        if "#" not in name:
+            raise LensError(f"lens: {name} needs #### where the frame's number goes, for --frames {arguments.frames}")
+    for number in range(first, last + 1):
+        following = Path(_numbered(source, number + 1))
+        yield (
+            Path(_numbered(source, number)),
+            Path(_numbered(target, number)),
+            following if following.exists() else None,
+        )
+
+
+def _numbered(pattern: str, number: int) -> str:
+    start = pattern.index("#")
+    end = start
+    while end < len(pattern) and pattern[end] == "#":
+        end += 1
+    return pattern[:start] + str(number).zfill(end - start) + pattern[end:]
+
+
+def _pair(text: str, joint: str, option: str, kind=float) -> tuple:
+    try:
+        first, second = text.split(joint, 1)
+        return kind(first), kind(second)
+    except ValueError:
+        raise LensError(f"lens: {option} {text!r}; expected two numbers joined by {joint!r}") from None
+
+
+def _one(arguments, lens: Lens, source: Path, target: Path, following, number: int, convention):
+    """Read, blur and write one frame; returns what was done and the convention of motion."""
+    if target.suffix.lower() not in (".exr", ".png"):
+        raise LensError(f"lens: cannot write {target}; its name must end in .exr or .png")
+    frame = frames.read(
+        source,
+        arguments.view,
+        arguments.depth_channel,
+        arguments.motion_channels,
+        arguments.depth_file,
+        _pair(arguments.depth_range, ",", "--depth-range") if arguments.depth_range else None,
+        arguments.layers,
+    )
+    camera, depth, behind = _camera(arguments, frame)
+    motion, convention = _motion(arguments, frame, following, convention)
+    out, report = lens.apply(frame.rgba, depth, motion, camera, number, behind=behind, full_width=frame.display[2])
+    crop = arguments.overscan
+    window = frame.window
+    if crop:
+        if min(out.shape[:2]) <= 2 * crop:
+            raise LensError(f"lens: overscan {crop} leaves nothing of {out.shape[1]}x{out.shape[0]} pixels")
+        out = out[crop:-crop, crop:-crop]
+        window = frame.window[0] + crop, frame.window[1] + crop
+    _write(target, out, window, None if crop else frame.display)
+    facts = {
+        "out": str(target),
+        "line": report.line(),
+        "focus_m": round(camera.focus, 6),
+        "largest_px": round(report.largest, 3),
+        "longest_px": round(report.longest, 3),
+        "layers": report.layers,
+        "nodes": report.nodes,
+        "points_per_pixel": round(report.points, 2),
+        "clamped": report.clamped,
+        "bad": report.bad,
+        "channels": frame.notes,
+        "seconds": {k: round(v, 4) for k, v in report.seconds.items()},
+    }
+    return facts, convention
+
+
+def _camera(arguments, frame: frames.FrameFile):
+    """Camera, planar depth and layers behind. Ray depth depends on the image distance, hence on the focus."""
+    unit = distance(arguments.scene_unit, "--scene-unit", "m")
+    lengths = {
+        "focal": distance(arguments.focal, "--focal", "mm"),
+        "sensor": distance(arguments.sensor, "--sensor", "mm"),
+        "fstop": arguments.fstop,
+        "shutter": arguments.shutter,
+        "scene_unit": unit,
+    }
+    if arguments.focus is None and arguments.focus_at is None:
+        raise LensError("lens: nothing says what is sharp; give --focus 2.5m or --focus-at X,Y")
+    focus = distance(arguments.focus, "--focus", "m") if arguments.focus else None
+    if arguments.focus_at is not None:
+        far = Camera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
+        x, y = _pair(arguments.focus_at, ",", "--focus-at")
+        at_x, at_y = x + frame.display[0] - frame.window[0], y + frame.display[1] - frame.window[1]
+        focus = frames.focus_at(frame.planar(far, arguments.depth_kind, arguments.near), at_x, at_y) * unit
+    camera = Camera(**lengths, focus=focus)
+    depth = frame.planar(camera, arguments.depth_kind, arguments.near)
+    finite = depth[np.isfinite(depth) & (depth > 0)]
+    if finite.size and finite.min() == finite.max() and np.isfinite(depth).all():
+        print(f"lens: all of depth is {finite.min():g}; is this the right channel?", file=sys.stderr)
+    return camera, depth, frame.planar_behind(camera, arguments.depth_kind, arguments.near)
+
+
+def _motion(arguments, frame: frames.FrameFile, following: Path | None, convention):
+    """Motion in pixels per frame, forward, y down; or None."""
+    words = (arguments.motion_kind or "").replace(",", " ").split()
+    if words == ["none"] or frame.motion is None:
+        if frame.motion is None and arguments.motion_kind not in (None, "none"):
+            raise LensError("lens: --motion says how to read vectors, but the frame has none; name --motion-channels")
+        return None, None
+    dw, dh = frame.display[2:]
+    if words == ["auto"]:
+        if convention is None:
+            if following is None:
+                raise LensError("lens: --motion auto compares two frames; give a sequence with --frames A-B")
+            convention, _ = conventions.guess_motion(
+                frame.motion, frame.rgba, _aligned(frame, frames.read(following, arguments.view))
+            )
+        return convention.pixels(frame.motion, dw, dh), convention
+    if words:
+        unknown = set(words) - {"pixels", "ndc", "uv", "backward", "forward", "y-up", "y-down"}
+        if unknown:
+            raise LensError(f"lens: --motion {arguments.motion_kind!r}; use auto, none, or pixels|ndc|uv backward y-up")
+        unit = next((w for w in words if w in conventions.UNITS), "pixels")
+        convention = conventions.Motion(unit, "backward" in words, "y-up" in words)
+    else:
+        convention = frame.motion_kind
+    return convention.pixels(frame.motion, dw, dh), convention
+
+
+def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
+    """Colour of another frame on this one's window."""
+    out = np.zeros_like(frame.rgba)
+    dx, dy = other.window[0] - frame.window[0], other.window[1] - frame.window[1]
+    h, w = out.shape[:2]
+    rows = slice(max(dy, 0), min(dy + other.rgba.shape[0], h))
+    columns = slice(max(dx, 0), min(dx + other.rgba.shape[1], w))
+    out[rows, columns] = other.rgba[rows.start - dy : rows.stop - dy, columns.start - dx : columns.stop - dx]
+    return out
+
+
+def _write(path: Path, image: np.ndarray, window, display) -> None:
+    if path.suffix.lower() == ".exr":
+        exr.write(path, image, window, display)
+        return
+    from PIL import Image
+
+    alpha = np.clip(image[..., 3:], 0, 1)
+    rgb = np.clip(image[..., :3] / np.maximum(alpha, 1e-6), 0, 1)
+    shown = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    pixels = np.rint(np.concatenate([shown, alpha], -1) * 255).astype(np.uint8)
+    opaque = bool((alpha > 0.999).all())
+    temporary = path.with_name(path.name + ".part")
+    Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG")
+    temporary.replace(path)

@@ -1,0 +1,213 @@
+"""One layer through the lens: nodes, points, scatter, solve."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.lens import pyramid, solve
+from lightwell.lens.bake import FINE, MAIN
+from lightwell.lens.cache import Shelf
+from lightwell.lens.choose import choose
+from lightwell.lens.errors import LensError
+from lightwell.lens.families import Family
+from lightwell.lens.layers import Layer
+from lightwell.lens.library import Library
+from lightwell.lens.recipes import Recipe, primal
+from lightwell.lens.report import Report
+from lightwell.lens.splat import Frame, Points, Sources, guard_for, splat
+from lightwell.lens.spreadlet import CHARGE, Spreadlet
+
+SOLVERS = ("dst", "fft", "7/5", "5/3")
+# A pixel may be wrong by this much of white before it takes the lossless tier.
+TOLERANCE = 0.002
+# Light above this many whites is written as a dense kernel: single precision would ring through the solve.
+EXTREME = 2000.0
+# Tier of dense kernels; made when needed, never stored.
+DENSE = 2
+
+
+@contextmanager
+def timed(report: Report, stage: str):
+    """Add the seconds of a block to a stage."""
+    start = time.perf_counter()
+    yield
+    report.seconds[stage] = report.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one layer scatters: points of the records in use, and one row per shining pixel."""
+
+    points: Points
+    sources: Sources
+    turned: bool
+
+
+class Engine:
+    """Blurs layers with one library; holds what stays the same from frame to frame."""
+
+    def __init__(
+        self,
+        family: Family,
+        recipe: Recipe,
+        shelf: Shelf,
+        solver: str = "dst",
+        choice: str = "stochastic",
+        tolerance: float = TOLERANCE,
+        white: float = 1.0,
+    ) -> None:
+        if solver not in SOLVERS:
+            raise LensError(f"lens: no solver {solver!r}; there are {', '.join(SOLVERS)}")
+        self.family, self.recipe, self.shelf = family, recipe, shelf
+        self.solver, self.choice, self.tolerance, self.white = solver, choice, tolerance, white
+        self.library: Library = shelf.library(family, recipe)
+        # Dense kernels of nodes that extremely bright pixels used.
+        self._dense: dict[int, Spreadlet] = {}
+
+    def plan(self, layer: Layer, report: Report, frame_number: int = 0) -> Plan:
+        """Nodes, tiers and turns of every pixel of a layer that has light or coverage."""
+        with timed(report, "plan"):
+            y, x = np.nonzero(layer.rgba.any(-1))
+            y, x = y.astype(np.int32), x.astype(np.int32)
+            rgba = layer.rgba[y, x]
+            s = layer.s[y, x].astype(np.float32)
+            motion = None if layer.motion is None else layer.motion[y, x]
+            shape = layer.s.shape
+        return self.plan_samples(x, y, rgba, s, motion, shape, report, frame_number)
+
+    def plan_samples(self, x, y, rgba, s, motion, shape, report: Report, frame_number: int = 0) -> Plan:
+        """The same for samples [n] at any place: pixels, or real positions where the family turns."""
+        with timed(report, "plan"):
+            second, angle, cosine, sine = self._turn(x, y, s, motion, shape)
+            hash_x, hash_y = (np.floor(v).astype(np.int32) for v in (x, y))
+            node, clamped = choose(self.family, np.abs(s), second, angle, hash_x, hash_y, frame_number, self.choice)
+            report.clamped += clamped
+        used = np.unique(node)
+        with timed(report, "bake"):
+            self.shelf.ensure(self.library, used)
+        with timed(report, "plan"):
+            tier = self._tier(node, rgba, report)
+            key = node * 3 + tier
+            # A frame has few records: their numbers by a table rather than by sorting a million keys.
+            present = np.zeros(int(key.max()) + 1 if len(key) else 1, np.int64)
+            present[key] = 1
+            keys = np.nonzero(present)[0]
+            present[keys] = np.arange(len(keys))
+            record = present[key].astype(np.uint32)
+            points = self._pack(keys)
+            sources = Sources(x, y, np.ascontiguousarray(rgba, np.float32), record, cosine, sine)
+            self._count(report, points, record, node, used)
+        return Plan(points, sources, sine is not None)
+
+    def _turn(self, x, y, s, motion, shape):
+        """Second axis, baked angle, and the turn of every pixel."""
+        n = len(s)
+        sign = np.where(s < 0, -1, 1).astype(np.float32)
+        none = np.zeros(n, np.float32)
+        if self.family.name == "depth":
+            return none, none, sign, None
+        if self.family.name == "cats-eye":
+            cy, cx = (shape[0] - 1) / 2, (shape[1] - 1) / 2
+            dx, dy = (x - cx).astype(np.float32), (y - cy).astype(np.float32)
+            far = np.hypot(dx, dy)
+            safe = np.maximum(far, 1e-9)
+            at = far / max(np.hypot(cx, cy), 1e-9)
+            return at, none, np.where(far > 0, dx / safe, 1) * sign, np.where(far > 0, dy / safe, 0) * sign
+        mx, my = (motion[:, 0], motion[:, 1]) if motion is not None else (none, none)
+        length = np.hypot(mx, my)
+        safe = np.maximum(length, 1e-9)
+        if self.family.name == "depth-speed":
+            still = length < 1e-6
+            return (
+                length,
+                none,
+                np.where(still, 1, mx / safe).astype(np.float32),
+                np.where(still, 0, my / safe).astype(np.float32),
+            )
+        # A segment has no direction: the angle of the motion is baked over half a turn.
+        return length, np.mod(np.arctan2(my, mx), np.pi), sign, None
+
+    def _tier(self, node: np.ndarray, rgba: np.ndarray, report: Report) -> np.ndarray:
+        """0, or 1 where colour × error of the node exceeds the tolerance, or 2 where the light is extreme."""
+        light = np.abs(rgba[:, :3]).max(1) / self.white if len(rgba) else np.zeros(0)
+        tier = np.zeros(len(node), np.int64)
+        if not np.isfinite(self.tolerance):
+            return tier
+        error = np.zeros(self.family.size, np.float32)
+        charge = np.zeros(self.family.size, bool)
+        for (index, which), spreadlet in self.library.nodes.items():
+            if which == MAIN:
+                error[index] = spreadlet.score.peak if (index, FINE) in self.library.nodes else 0
+                charge[index] = spreadlet.kind == CHARGE
+        tier[light * error[node] > self.tolerance] = FINE
+        tier[(light > EXTREME) & charge[node]] = DENSE
+        report.fine += int((tier > 0).sum())
+        return tier
+
+    def _pack(self, keys: np.ndarray) -> Points:
+        """Points of the records (node·3 + tier), one after another."""
+        spreadlets = [self._spreadlet(int(key) // 3, int(key) % 3) for key in keys]
+        count = np.array([len(s) for s in spreadlets], np.int64)
+        x, y, value = (
+            np.concatenate([getattr(s, name) for s in spreadlets]).astype(np.float32)
+            if spreadlets
+            else np.zeros(0, np.float32)
+            for name in ("x", "y", "values")
+        )
+        first = (np.cumsum(count) - count).astype(np.uint32)
+        plane = np.array([s.kind for s in spreadlets], np.uint32)
+        return Points(x, y, value, first, count.astype(np.uint32), plane)
+
+    def _spreadlet(self, node: int, tier: int) -> Spreadlet:
+        if tier == DENSE:
+            if node not in self._dense:
+                self._dense[node] = primal(self.family.kernel(node))
+            return self._dense[node]
+        return self.library.nodes[node, tier]
+
+    def _count(self, report: Report, points: Points, record, node, used) -> None:
+        """Writes per pixel, and what dense kernels would need: π r² + 2 r ℓ pixels each."""
+        if not len(record):
+            return
+        per_node = np.zeros(self.family.size)
+        for n in used:
+            r, second, _ = self.family.node(int(n))
+            length = second if self.family.name != "cats-eye" else 0.0
+            per_node[n] = max(np.pi * (r + 0.5) ** 2 + 2 * (r + 0.5) * length, 1.0)
+        sources = len(record)
+        weight = sources / max(report.pixels + sources, 1)
+        report.points += weight * (float(points.count[record].mean()) - report.points)
+        report.dense += weight * (float(per_node[node].mean()) - report.dense)
+        report.pixels += sources
+        report.nodes += len(used)
+
+    def blur(self, layer: Layer, report: Report, frame_number: int = 0) -> np.ndarray:
+        """The layer through the lens [height, width, 4] float32; light that leaves the frame is gone."""
+        return self.render(self.plan(layer, report, frame_number), layer.s.shape, report)
+
+    def render(self, plan: Plan, shape: tuple[int, int], report: Report) -> np.ndarray:
+        """Scatter and solve."""
+        frame = Frame(*shape, guard_for(plan.points, plan.turned))
+        report.guard = max(report.guard, frame.guard)
+        with timed(report, "splat"):
+            planes = splat(frame, plan.points, plan.sources)
+        with timed(report, "solve"):
+            return self.integrate(frame, planes, bool(plan.points.plane.any()))
+
+    def integrate(self, frame: Frame, planes: np.ndarray, any_charge: bool) -> np.ndarray:
+        """Picture plus solved charges, cropped [height, width, 4]."""
+        picture = frame.crop(planes[0].transpose(2, 0, 1))
+        if any_charge:
+            charges = np.ascontiguousarray(planes[1].transpose(2, 0, 1))
+            solved = {
+                "dst": solve.dst,
+                "fft": solve.fft,
+                "7/5": lambda f: pyramid.integrate(f, pyramid.SEVEN),
+                "5/3": lambda f: pyramid.integrate(f, pyramid.FIVE),
+            }[self.solver](charges)
+            picture = picture + frame.crop(solved)
+        return picture.transpose(1, 2, 0)

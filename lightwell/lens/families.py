@@ -1,0 +1,120 @@
+"""Families of kernels: which axes they have, how a node's kernel is drawn, what is turned at run time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lightwell.lens import psf
+from lightwell.lens.aperture import DISC, Aperture
+from lightwell.lens.errors import LensError
+from lightwell.lens.grid import THRESHOLD, Axis, length_axis, radius_axis, uniform_axis
+
+# Noise of flat areas that the radius axis allows: 0.0025 is 52 dB. With a second axis kernels are larger and nodes fewer.
+NOISE, NOISE_JOINT = 0.0025, 0.012
+# Smallest step of the radius axis where there is a second one, pixels.
+FINEST_JOINT = 0.06
+# Step of the length axis, pixels at short lengths.
+LENGTH_STEP = 0.6
+# Baked angles of a shaped aperture in motion: half a turn. A step moves the ends of a 24 px streak by 0.4 px.
+ANGLES = 90
+# Nodes of the field radius.
+FIELD_NODES = 9
+
+NAMES = ("depth", "depth-speed", "shaped-speed", "cats-eye")
+
+
+@dataclass(frozen=True)
+class Family:
+    """A set of kernels over one to three axes; the first is always the magnitude of the circle of confusion."""
+
+    name: str
+    """``depth`` · ``depth-speed`` (round, turned at run time) · ``shaped-speed`` (angle baked) · ``cats-eye``."""
+    radius: Axis
+    length: Axis = field(default_factory=lambda: Axis("length", (0.0,)))
+    """Second axis: length of the motion, or field radius of the cat's eye."""
+    angle: Axis = field(default_factory=lambda: Axis("angle", (0.0,)))
+    """Third axis: baked angle of the motion, radians in [0, π]."""
+    aperture: Aperture = DISC
+    strength: float = 0.0
+    """Shift of the cat's eye at the corner, radii."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether points are rotated at run time, each writing to four pixels."""
+        return self.name in ("depth-speed", "cats-eye")
+
+    @property
+    def size(self) -> int:
+        return len(self.radius) * len(self.length) * len(self.angle)
+
+    def node(self, index: int) -> tuple[float, float, float]:
+        """Radius, second value and angle of a node."""
+        n_r, n_l = len(self.radius), len(self.length)
+        return (
+            self.radius.values[index % n_r],
+            self.length.values[index // n_r % n_l],
+            self.angle.values[index // (n_r * n_l)],
+        )
+
+    def passes(self, index: int) -> bool:
+        """Whether a node changes nothing: no blur and no motion worth a pixel."""
+        radius, second, _ = self.node(index)
+        return radius < THRESHOLD and (self.name == "cats-eye" or second < 2 * THRESHOLD)
+
+    def kernel(self, index: int) -> np.ndarray:
+        """The dense kernel of a node."""
+        radius, second, angle = self.node(index)
+        if self.passes(index):
+            return np.ones((1, 1))
+        if self.name == "cats-eye":
+            return psf.cats_eye(radius, second, self.strength)
+        if self.aperture.round:
+            return psf.capsule(radius, second)
+        return psf.shaped(self.aperture, radius, second, angle)
+
+    def describe(self) -> dict:
+        """What the header of a file says of it."""
+        facts = {
+            "family": self.name,
+            "aperture": self.aperture.key(),
+            "axes": [{"name": a.name, "values": list(a.values)} for a in (self.radius, self.length, self.angle)],
+        }
+        return facts | ({"strength": self.strength} if self.name == "cats-eye" else {})
+
+
+def depth(largest: float, aperture: Aperture = DISC, noise: float = NOISE) -> Family:
+    """Circle of confusion alone, any aperture; s < 0 mirrors the offsets."""
+    return Family("depth", radius_axis(_checked(largest), noise), aperture=aperture)
+
+
+def depth_speed(largest: float, longest: float, noise: float = NOISE_JOINT, step: float = LENGTH_STEP) -> Family:
+    """Round aperture and straight motion, drawn along x and turned at run time."""
+    return Family("depth-speed", _joint(largest, noise), length_axis(_checked(longest), step))
+
+
+def shaped_speed(
+    largest: float, longest: float, aperture: Aperture, angles: int = ANGLES, noise: float = NOISE_JOINT
+) -> Family:
+    """Any aperture in motion: angle and shape turn separately, so that the angle is baked."""
+    axes = _joint(largest, noise), length_axis(_checked(longest), LENGTH_STEP)
+    return Family("shaped-speed", *axes, uniform_axis("angle", 0.0, np.pi, angles + 1), aperture)
+
+
+def cats_eye(largest: float, strength: float, noise: float = NOISE_JOINT) -> Family:
+    """Round aperture vignetted by the barrel, by field radius; turned by the field azimuth."""
+    if not 0 <= strength < 1.8:
+        raise LensError(f"lens: a cat's eye of strength {strength:g}; use 0 (none) to 1.8 (nearly closed)")
+    field_axis = uniform_axis("field", 0.0, 1.0, FIELD_NODES)
+    return Family("cats-eye", _joint(largest, noise), field_axis, strength=strength)
+
+
+def _joint(largest: float, noise: float) -> Axis:
+    return radius_axis(_checked(largest), noise, FINEST_JOINT)
+
+
+def _checked(value: float) -> float:
+    if not (np.isfinite(value) and 0 <= value <= 4096):
+        raise LensError(f"lens: a library for blur of {value:g} px; use 0 to 4096")
+    return float(value)

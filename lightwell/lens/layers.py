@@ -1,0 +1,142 @@
+"""Depth layers: a soft split by signed circle of confusion, hidden content, and compositing front to back.
+
+Within a layer light is added without order; between layers the front one covers the back one by its blurred coverage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from lightwell.lens.pyramid import fill
+
+# Width of the soft border between two layers, pixels of circle of confusion.
+SOFT = 1.5
+# Jumps of the circle of confusion between neighbours that count as an edge, pixels.
+JUMP = 2.0
+# Places where a split may be tried.
+CANDIDATES = 64
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Light that is blurred together."""
+
+    rgba: np.ndarray
+    """[height, width, 4] float32, premultiplied by coverage."""
+    s: np.ndarray
+    """[height, width] float32: signed circle of confusion, pixels."""
+    motion: np.ndarray | None
+    """[height, width, 2] float32: displacement while the shutter is open, pixels; None is at rest."""
+
+
+def thresholds(s: np.ndarray, count: int) -> list[float]:
+    """Where to cut the signed circle of confusion into ``count`` layers: through many edges and few surfaces.
+
+    The score of a cut is the number of neighbouring pixels on its two sides that lie ``JUMP`` apart or more, less the
+    pixels of surfaces that it would cut through; cuts are taken greedily while they gain.
+    """
+    pairs = []
+    for a, b in ((s[:, 1:], s[:, :-1]), (s[1:], s[:-1])):
+        jump = np.abs(a - b) >= JUMP
+        pairs.append(np.stack([np.minimum(a, b)[jump], np.maximum(a, b)[jump]], 1))
+    edges = np.concatenate(pairs)
+    if count < 2 or not len(edges):
+        return []
+    low, high = np.percentile(s, 0.5), np.percentile(s, 99.5)
+    places = np.linspace(low, high, CANDIDATES + 2)[1:-1]
+    histogram = np.sort(s.ravel())
+    alive = np.ones(len(edges), bool)
+    cuts: list[float] = []
+    for _ in range(count - 1):
+        best, best_score = None, 0.0
+        for place in places:
+            crossed = int(((edges[:, 0] < place - SOFT / 2) & (edges[:, 1] > place + SOFT / 2) & alive).sum())
+            cut = np.subtract(*np.searchsorted(histogram, [place + SOFT, place - SOFT]))
+            score = crossed - 0.25 * float(cut)
+            if score > best_score and all(abs(place - other) > 2 * SOFT for other in cuts):
+                best, best_score = float(place), score
+        if best is None:
+            break
+        cuts.append(best)
+        alive &= ~((edges[:, 0] < best) & (edges[:, 1] > best))
+    return sorted(cuts)
+
+
+def split(rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float) -> list[Layer]:
+    """Layers front to back; what a front layer hides is filled in smoothly from the uncovered side, up to ``reach``."""
+    cuts = thresholds(s, count)
+    if not cuts:
+        return [Layer(rgba, s, motion)]
+    # Share of each pixel that lies in front of each cut, then between neighbouring cuts.
+    front = [np.clip((cut - s) / SOFT + 0.5, 0, 1).astype(np.float32) for cut in cuts]
+    bounds = [np.zeros_like(s, np.float32), *front, np.ones_like(s, np.float32)]
+    made = []
+    for i in range(len(bounds) - 1):
+        weight = bounds[i + 1] - bounds[i]
+        if weight.max() <= 0:
+            continue
+        hidden = bounds[i]
+        layer = Layer(rgba * weight[..., None], s, motion)
+        made.append(layer if hidden.max() <= 0 else _filled(layer, weight, hidden, reach))
+    return made
+
+
+def _filled(layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float) -> Layer:
+    """Continue a layer under what hides it: colour, blur and motion by a membrane, as far as it can be seen."""
+    known = weight > 0.5
+    wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
+    if not wanted.any() or not known.any():
+        return layer
+    parts = [np.where(known[..., None], layer.rgba / np.maximum(weight, 1e-6)[..., None], 0), layer.s[..., None]]
+    if layer.motion is not None:
+        parts.append(layer.motion)
+    stack = np.concatenate(parts, -1).astype(np.float32)
+    smooth = fill(np.ascontiguousarray(stack.transpose(2, 0, 1)), known.astype(np.float32)).transpose(1, 2, 0)
+    # Where a surface lies partly in front, the part behind is as far away as the layer, not as the surface.
+    share = np.where(wanted, hidden, 0)[..., None]
+    replace = wanted & (weight < 0.5)
+    rgba = layer.rgba + share * np.maximum(smooth[..., :4], 0)
+    s = np.where(replace, smooth[..., 4], layer.s)
+    motion = None if layer.motion is None else np.where(replace[..., None], smooth[..., 5:7], layer.motion)
+    return Layer(rgba.astype(np.float32), s.astype(np.float32), motion)
+
+
+def tidy(image: np.ndarray) -> np.ndarray:
+    """A blurred layer [..., 4] within its bounds: light >= 0, coverage in [0, 1]; excess coverage divides the light."""
+    rgb, alpha = np.maximum(image[..., :3], 0), np.maximum(image[..., 3:], 0)
+    over = np.maximum(alpha, 1)
+    return np.concatenate([rgb / over, alpha / over], -1)
+
+
+def composite(images: list[np.ndarray]) -> np.ndarray:
+    """Blurred layers [height, width, 4] front to back: C = Σ C_l Π_{k<l} (1 − α_k)."""
+    out = np.zeros_like(images[0])
+    open_ = np.ones_like(images[0][..., :1])
+    for image in images:
+        out += open_ * image
+        open_ = open_ * (1 - image[..., 3:])
+    return out
+
+
+def over_coverage(image: np.ndarray) -> np.ndarray:
+    """Divide by total coverage: an opaque picture that lost light at a hole or at the edge of the frame."""
+    alpha = image[..., 3:]
+    scale = np.where(alpha > 1e-4, 1 / np.maximum(alpha, 1e-4), 0)
+    return np.concatenate([image[..., :3] * scale, (alpha > 1e-4).astype(image.dtype)], -1)
+
+
+def extend(image: np.ndarray, pad: int, white: float) -> np.ndarray:
+    """Repeat the border outwards by ``pad`` pixels [height, width, channels]; highlights brighter than white are not.
+
+    Light from outside the frame is not in the picture; its nearest pixels are the best guess, but a lamp on the border
+    would become a streak.
+    """
+    out = np.pad(image, ((pad, pad), (pad, pad), (0, 0)), mode="edge")
+    if image.shape[-1] >= 3 and pad:
+        inner = out[pad:-pad, pad:-pad].copy()
+        out[..., :3] = np.minimum(out[..., :3], white)
+        out[pad:-pad, pad:-pad] = inner
+    return out

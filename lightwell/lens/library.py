@@ -1,0 +1,235 @@
+"""Libraries of spreadlets as files: a JSON header and a little-endian body (format/LENS.md).
+
+    bytes 0-3   "LWSP"
+    bytes 4-7   version, uint32
+    bytes 8-11  length of the header, uint32, a multiple of 4
+    header      JSON, UTF-8, padded with spaces
+    body        points, 4 bytes each (int8 dx, int8 dy, int16 q) or 8 (int16 dx, dy, q, 0)
+
+A file holds the nodes that were baked; the others of its grid are baked when a frame needs them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.lens.aperture import Aperture
+from lightwell.lens.errors import LensError
+from lightwell.lens.families import NAMES, Family
+from lightwell.lens.grid import Axis
+from lightwell.lens.recipes import Recipe
+from lightwell.lens.score import Score
+from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet
+
+MAGIC, VERSION = b"LWSP", 1
+# Bounds that a file is held to before memory is asked for.
+MOST_BYTES, MOST_POINTS, MOST_RECORDS = 1 << 29, 1 << 26, 1 << 20
+SCORES = ("error", "leak", "mass", "centroid", "undershoot", "peak")
+FACTS = ("node", "tier", "kind", "recipe", "first", "count", "scale", *SCORES)
+
+
+@dataclass
+class Library:
+    """Baked nodes of one family."""
+
+    family: Family
+    recipe: Recipe
+    nodes: dict[tuple[int, int], Spreadlet] = field(default_factory=dict)
+    """{(node, tier): spreadlet}; every baked node has tier 0."""
+
+    def missing(self, nodes: np.ndarray) -> list[int]:
+        """Those of some nodes that are not baked yet."""
+        return [int(n) for n in np.unique(nodes) if (int(n), 0) not in self.nodes]
+
+    def key(self) -> str:
+        """The same configuration has the same key: 16 hexadecimal digits."""
+        facts = self.family.describe() | {"recipe": asdict(self.recipe), "version": VERSION}
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+    def tobytes(self) -> bytes:
+        """The file: a function of the configuration and the set of baked nodes alone."""
+        keys = sorted(self.nodes)
+        spreadlets = [self.nodes[key] for key in keys]
+        x, y, q = (np.concatenate([getattr(s, n) for s in spreadlets]) for n in "xyq") if keys else (np.zeros(0),) * 3
+        small = not len(x) or max(np.abs(x).max(), np.abs(y).max()) <= 127
+        body = _pack(x, y, q, small)
+        counts = np.array([len(s) for s in spreadlets], np.int64)
+        records = {
+            "node": [k[0] for k in keys],
+            "tier": [k[1] for k in keys],
+            "kind": [KINDS[s.kind] for s in spreadlets],
+            "recipe": [s.recipe for s in spreadlets],
+            "first": (np.cumsum(counts) - counts).tolist(),
+            "count": counts.tolist(),
+            "scale": [s.scale for s in spreadlets],
+        }
+        for name in SCORES:
+            records[name] = [float(f"{getattr(s.score, name):.4g}") for s in spreadlets]
+        header = self.family.describe() | {
+            "format": "lightwell-spreadlets",
+            "recipe": asdict(self.recipe),
+            "offset_bits": 8 if small else 16,
+            "points": int(counts.sum()),
+            "sha256": hashlib.sha256(body).hexdigest(),
+            "records": records,
+        }
+        text = json.dumps(header, separators=(",", ":"), sort_keys=True).encode()
+        text += b" " * (-len(text) % 4)
+        return MAGIC + np.array([VERSION, len(text)], "<u4").tobytes() + text + body
+
+    def save(self, path: Path) -> None:
+        """Write to a temporary name beside it, then rename."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+        temporary.write_bytes(self.tobytes())
+        os.replace(temporary, path)
+
+
+def _pack(x, y, q, small: bool) -> bytes:
+    kind = (
+        [("x", "i1"), ("y", "i1"), ("q", "<i2")] if small else [("x", "<i2"), ("y", "<i2"), ("q", "<i2"), ("_", "<i2")]
+    )
+    points = np.zeros(len(q), kind)
+    points["x"], points["y"], points["q"] = x, y, q
+    return points.tobytes()
+
+
+def load(path: str | Path, aperture: Aperture | None = None) -> Library:
+    """Read and check a library. ``aperture`` is needed to bake further nodes of a drawn mask."""
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise LensError(f"lens: library {path} has {size} bytes, more than {MOST_BYTES}; bake it again")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise LensError(f"lens: no library {path}; write one with: lightwell lens bake {path}") from None
+    except IsADirectoryError:
+        raise LensError(f"lens: {path} is a folder; name a library file") from None
+    return loads(data, str(path), aperture)
+
+
+def loads(data: bytes, where: str = "library", aperture: Aperture | None = None) -> Library:
+    """A library from bytes; everything that later code relies on is checked."""
+    try:
+        return _loads(data, aperture)
+    except LensError as error:
+        raise LensError(f"lens: {where}: {error}; bake the library again") from None
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
+        raise LensError(f"lens: {where} is not a library of spreadlets ({error!r}); bake it again") from None
+
+
+def _loads(data: bytes, aperture: Aperture | None) -> Library:
+    if len(data) < 12 or data[:4] != MAGIC:
+        raise LensError("does not begin with LWSP")
+    version, length = (int(v) for v in np.frombuffer(data, "<u4", 2, 4))
+    if version != VERSION:
+        raise LensError(f"has version {version}, this program reads {VERSION}")
+    if 12 + length > len(data):
+        raise LensError("ends within its header")
+    header = json.loads(data[12 : 12 + length].decode("utf-8"))
+    body = data[12 + length :]
+    count, bits = header["points"], header["offset_bits"]
+    if header["format"] != "lightwell-spreadlets" or bits not in (8, 16):
+        raise LensError("has an unknown layout")
+    if type(count) is not int or not 0 <= count <= MOST_POINTS or len(body) != count * bits // 2:
+        raise LensError(f"has {len(body)} bytes of points where its header says {count}")
+    if hashlib.sha256(body).hexdigest() != header["sha256"]:
+        raise LensError("has points that do not match their check sum")
+    family = _family(header, aperture)
+    recipe = Recipe(**header["recipe"])
+    kind = (
+        [("x", "i1"), ("y", "i1"), ("q", "<i2")]
+        if bits == 8
+        else [("x", "<i2"), ("y", "<i2"), ("q", "<i2"), ("_", "<i2")]
+    )
+    return Library(family, recipe, _spreadlets(header["records"], np.frombuffer(body, kind), family))
+
+
+def _family(header: dict, aperture: Aperture | None) -> Family:
+    if header["family"] not in NAMES:
+        raise LensError(f"holds a family {header['family']!r}, known are {', '.join(NAMES)}")
+    axes = []
+    for axis in header["axes"]:
+        values = np.asarray(axis["values"], np.float64)
+        if (
+            values.ndim != 1
+            or not 1 <= len(values) <= 65536
+            or not np.isfinite(values).all()
+            or (np.diff(values) <= 0).any()
+        ):
+            raise LensError(f"has an axis {axis['name']!r} that does not ascend")
+        axes.append(Axis(str(axis["name"]), tuple(values.tolist())))
+    shape = aperture or _aperture(header["aperture"])
+    return Family(header["family"], *axes, aperture=shape, strength=float(header.get("strength", 0.0)))
+
+
+def _aperture(key: str) -> Aperture:
+    """The shape that a key names; a drawn mask cannot be had back from its hash and stays closed to baking."""
+    if key == "disc":
+        return Aperture()
+    kind, *rest = key.split("-", 1)
+    if kind == "polygon":
+        blades, angle = rest[0].split("-", 1)
+        return Aperture("polygon", int(blades), float(angle))
+    if kind == "mask":
+        return Aperture("mask", mask=(b"", 0), label=key)
+    raise LensError(f"has an unknown aperture {key!r}")
+
+
+def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
+    """Every record checked against the points and the grid."""
+    total = len(records["node"])
+    if total > MOST_RECORDS or any(len(records[name]) != total for name in FACTS):
+        raise LensError("has records of different lengths")
+    made = {}
+    for node, tier, kind, recipe, first, count, scale, *scores in zip(*(records[name] for name in FACTS)):
+        whole = all(type(v) is int for v in (node, tier, first, count))
+        if not whole or not 0 <= node < family.size or tier not in (0, 1) or kind not in KINDS:
+            raise LensError(f"has a record for node {node!r}, tier {tier!r}, kind {kind!r}")
+        if not (0 <= first and 0 < count and first + count <= len(points)):
+            raise LensError(f"has a node {node} whose points lie outside the file")
+        if not (np.isfinite(scale) and 0 < scale < 1e6 and np.isfinite(scores).all()):
+            raise LensError(f"has a node {node} with a scale of {scale!r}")
+        mine = points[first : first + count]
+        total_q = int(mine["q"].astype(np.int64).sum())
+        if KINDS.index(kind) == CHARGE and total_q != 0:
+            raise LensError(f"has a node {node} whose charges sum to {total_q}, not 0")
+        x, y = mine["x"].astype(np.int16), mine["y"].astype(np.int16)
+        q = mine["q"].astype(np.int16)
+        made[node, tier] = Spreadlet(KINDS.index(kind), x, y, q, float(scale), str(recipe), Score(*map(float, scores)))
+    return made
+
+
+def two_arrays(library: Library) -> tuple[np.ndarray, np.ndarray]:
+    """The published layout: points (x, y, value) [n, 3] float32 in grid order, and cumulative counts [size + 1] int64.
+
+    Primal nodes are written as the charges of their kernel, so that every value belongs to the Laplacian.
+    """
+    from lightwell.lens.recipes import lossless
+
+    rows, ends = [], [0]
+    for index in range(library.family.size):
+        s = library.nodes.get((index, 0))
+        if s is not None and s.kind != CHARGE:
+            s = lossless(library.family.kernel(index))
+        if s is not None:
+            rows.append(np.stack([s.x, s.y, s.values], 1).astype(np.float32))
+        ends.append(ends[-1] + (len(s) if s is not None else 0))
+    return np.concatenate(rows) if rows else np.zeros((0, 3), np.float32), np.array(ends, np.int64)
+
+
+def from_two_arrays(points: np.ndarray, ends: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """x, y and values of every node of the published layout."""
+    points, ends = np.asarray(points), np.asarray(ends)
+    good = points.ndim == 2 and points.shape[1] == 3 and ends.ndim == 1 and len(ends) and ends[0] == 0
+    if not good or (np.diff(ends) < 0).any() or ends[-1] != len(points) or not np.isfinite(points).all():
+        raise LensError("lens: two arrays that do not fit; expected points [n, 3] and ascending counts from 0 to n")
+    return [(p[:, 0].astype(int), p[:, 1].astype(int), p[:, 2]) for p in np.split(points, ends[1:-1])]

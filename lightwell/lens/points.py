@@ -1,0 +1,113 @@
+"""Where the points of a spreadlet lie: variable-radius Poisson disks, weighted Lloyd iterations, rounding.
+
+The density is the smoothed magnitude of the Laplacian, so that points crowd where the kernel's outline is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+# The smoothing of the density is a 5×5 Gaussian.
+DENSITY_SIGMA, DENSITY_REACH = 1.0, 2
+# Darts in a row that may fail before a set counts as full, and Lloyd iterations of the published recipe.
+REJECTIONS = 10_000
+LLOYD = 50
+
+
+def density(charges: np.ndarray) -> np.ndarray:
+    """|f| smoothed by a 5×5 Gaussian; same shape, cut to the support of the charges and one ring."""
+    return gaussian_filter(np.abs(charges), DENSITY_SIGMA, radius=DENSITY_REACH, mode="constant")
+
+
+def _spots(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets [n, 2] (x, y) and weights [n] of the pixels with weight."""
+    rows, columns = np.nonzero(weight > 1e-6 * weight.max())
+    at = np.stack([columns - weight.shape[1] // 2, rows - weight.shape[0] // 2], 1).astype(float)
+    return at, weight[rows, columns]
+
+
+def poisson(weight: np.ndarray, scale: float, exponent: float, rng: np.random.Generator, limit: int) -> np.ndarray:
+    """Dart throwing with radius scale / weight^exponent: a dart is refused when it falls closer than its radius.
+
+    Ends after ``REJECTIONS`` refusals in a row, or at ``limit`` points. Returns real offsets [n, 2].
+    """
+    spots, w = _spots(weight)
+    radius = scale / (w / w.max()) ** exponent
+    chosen = np.empty((limit, 2))
+    count = refused = 0
+    while refused < REJECTIONS and count < limit:
+        picks = rng.integers(0, len(spots), 512)
+        darts = spots[picks] + rng.random((512, 2)) - 0.5
+        for dart, r in zip(darts, radius[picks]):
+            near = chosen[:count] - dart
+            if count and (near * near).sum(1).min() < r * r:
+                refused += 1
+                if refused >= REJECTIONS:
+                    break
+                continue
+            refused = 0
+            chosen[count] = dart
+            count += 1
+            if count == limit:
+                break
+    return chosen[:count].copy()
+
+
+def poisson_with_budget(weight: np.ndarray, budget: int, exponent: float, rng: np.random.Generator) -> np.ndarray:
+    """The radius scale found by bisection, so that about ``budget`` points fit; then cut to the budget at most."""
+    low, high = 0.05, float(max(weight.shape))
+    best = None
+    for _ in range(12):
+        middle = np.sqrt(low * high)
+        points = poisson(weight, middle, exponent, rng, 2 * budget)
+        if best is None or abs(len(points) - budget) < abs(len(best) - budget):
+            best = points
+        if abs(len(points) - budget) <= max(1, budget // 50):
+            break
+        low, high = (middle, high) if len(points) > budget else (low, middle)
+    return best
+
+
+def seeded(weight: np.ndarray, budget: int, rng: np.random.Generator) -> np.ndarray:
+    """A fast start with points per area ∝ density: equal shares of the density along a space-filling walk."""
+    spots, w = _spots(weight)
+    order = _hilbert(spots)
+    share = np.cumsum(w[order]) / w.sum() * budget
+    picks = np.searchsorted(share, np.arange(budget) + rng.random())
+    return spots[order[np.minimum(picks, len(order) - 1)]] + rng.random((budget, 2)) - 0.5
+
+
+def _hilbert(spots: np.ndarray) -> np.ndarray:
+    """Order of the spots along a Hilbert curve."""
+    bits = 10
+    x, y = (np.asarray(spots[:, i] - spots[:, i].min(), np.int64) for i in (0, 1))
+    d = np.zeros(len(spots), np.int64)
+    for level in range(bits - 1, -1, -1):
+        s = 1 << level
+        rx, ry = (x & s) > 0, (y & s) > 0
+        d += s * s * ((3 * rx) ^ ry)
+        flip = ~ry & rx
+        x, y = np.where(flip, s - 1 - (x & (s - 1)), x & (s - 1)), np.where(flip, s - 1 - (y & (s - 1)), y & (s - 1))
+        x, y = np.where(~ry, y, x), np.where(~ry, x, y)
+    return np.argsort(d, kind="stable")
+
+
+def lloyd(weight: np.ndarray, points: np.ndarray, iterations: int = LLOYD) -> np.ndarray:
+    """Weighted Lloyd: every point moves to the weighted centroid of the pixels nearest to it."""
+    spots, w = _spots(weight)
+    points = points.copy()
+    for _ in range(iterations):
+        label = cKDTree(points).query(spots)[1]
+        mass = np.bincount(label, w, len(points))
+        for axis in (0, 1):
+            centre = np.bincount(label, w * spots[:, axis], len(points))
+            points[:, axis] = np.where(mass > 0, centre / np.maximum(mass, 1e-300), points[:, axis])
+    return points
+
+
+def rounded(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest pixels, duplicates merged: integer x and y."""
+    pixels = np.unique(np.rint(points).astype(np.int64), axis=0)
+    return pixels[:, 0], pixels[:, 1]

@@ -1,0 +1,98 @@
+"""From a kernel to a spreadlet: pass-through, primal, lossless, sparse by least squares, and the published recipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.lens import points, psf
+from lightwell.lens.lsq import solve_values
+from lightwell.lens.quantise import angular_order, quantise_charges, quantise_kernel
+from lightwell.lens.score import integrate, plane_of, score
+from lightwell.lens.spreadlet import CHARGE, PRIMAL, Spreadlet
+
+# Charges below this share of the largest are dust of the supersampling.
+DUST = 1e-7
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a library is baked with; part of its hash."""
+
+    name: str = "default"
+    """``default`` (least squares), ``best`` (the better of several point sets), ``paper`` (Poisson, Lloyd, Voronoi)."""
+    base: float = 24.0
+    """Points of a sparse spreadlet: base + slope · (r + length / 4)."""
+    slope: float = 2.5
+    """Points per pixel of radius; more is closer to the kernel and slower."""
+    share: float = 0.2
+    """Never more than this share of the kernel's pixels."""
+    smallest: float = 5.0
+    """Radius below which a kernel is primal or lossless, whichever has fewer points."""
+    order: int = 6
+    """Harmonic moments set to zero."""
+    seed: int = 0
+    """Seed of all random numbers; each node adds its index."""
+
+    def count(self, radius: float, length: float = 0.0) -> int:
+        """Points asked of a sparse spreadlet."""
+        return int(round(self.base + self.slope * (radius + length / 4)))
+
+
+def _finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
+    """Order, quantise and score."""
+    order = angular_order(px, py)
+    px, py, values = px[order], py[order], values[order]
+    q, scale = quantise_charges(values)
+    keep = q != 0
+    px, py, q = px[keep], py[keep], q[keep]
+    response = integrate(px, py, q * float(scale), plane_of(kernel))
+    x, y = px.astype(np.int16), py.astype(np.int16)
+    return Spreadlet(CHARGE, x, y, q, scale, recipe, score(kernel, response))
+
+
+def primal(kernel: np.ndarray) -> Spreadlet:
+    """The kernel's own pixels, added to the picture without a solve."""
+    rows, columns = np.nonzero(kernel)
+    px, py = columns - kernel.shape[1] // 2, rows - kernel.shape[0] // 2
+    order = angular_order(px, py)
+    values = kernel[rows, columns][order]
+    q, scale = quantise_kernel(values)
+    keep = q != 0
+    px, py, q = px[order][keep], py[order][keep], q[keep]
+    image = np.zeros_like(kernel)
+    image[py + kernel.shape[0] // 2, px + kernel.shape[1] // 2] = q * float(scale)
+    return Spreadlet(PRIMAL, px.astype(np.int16), py.astype(np.int16), q, scale, "primal", score(kernel, image))
+
+
+def lossless(kernel: np.ndarray) -> Spreadlet:
+    """Every pixel of −ΔK: exact to rounding."""
+    f = psf.charges(kernel)
+    rows, columns = np.nonzero(np.abs(f) > DUST * np.abs(f).max())
+    px, py = columns - f.shape[1] // 2, rows - f.shape[0] // 2
+    return _finish_charges(kernel, px, py, f[rows, columns], "lossless")
+
+
+def rings(radius: float, count: int, apart: float = 1.0) -> np.ndarray:
+    """Two circles of points, ``apart`` inside and outside the rim of a disc: one for each sign of its Laplacian."""
+    half = max(count // 2, 3)
+    t = np.arange(half) * 2 * np.pi / half
+    circle = np.stack([np.cos(t), np.sin(t)], 1)
+    return np.concatenate([circle * (radius - apart), circle * (radius + apart)])
+
+
+def sparse(kernel: np.ndarray, count: int, recipe: Recipe, seed: int, starts: tuple[np.ndarray, ...] = ()) -> Spreadlet:
+    """Lloyd's points and each given set of points, values by least squares; the one with the smallest cost."""
+    density = points.density(psf.charges(kernel))
+    rng = np.random.default_rng((recipe.seed, seed))
+    sets = list(starts) or [points.lloyd(density, points.seeded(density, count, rng))]
+    if starts and recipe.name == "best":
+        sets.append(points.lloyd(density, points.poisson_with_budget(density, count, 0.5, rng)))
+    made = []
+    for chosen in sets:
+        px, py = points.rounded(chosen)
+        values, cost = solve_values(kernel, px, py, recipe.order)
+        made.append((cost, px, py, values))
+    _, px, py, values = min(made, key=lambda entry: entry[0])
+    return _finish_charges(kernel, px, py, values, "sparse")

@@ -1,0 +1,142 @@
+"""Scatter: every active pixel adds colour × its spreadlet's points to the charge image (Dr.Jit: LLVM or CUDA).
+
+One image [2, H, W, 4] holds the picture of primal points (plane 0) and the charges (plane 1), with a guard band on all
+sides; a pixel's four channels are written as one packet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import ACTIVE, dr, mi
+from lightwell.lens.solve import smooth_size
+
+# Copies of the target per thread are made on the CPU up to this many bytes in all.
+MOST_COPIES = 3 << 30
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of all records of a frame, one after another."""
+
+    x: np.ndarray
+    """[n] float32"""
+    y: np.ndarray
+    """[n] float32"""
+    value: np.ndarray
+    """[n] float32"""
+    first: np.ndarray
+    """[records] uint32: index of the record's first point."""
+    count: np.ndarray
+    """[records] uint32"""
+    plane: np.ndarray
+    """[records] uint32: 0 primal, 1 charge."""
+
+    @property
+    def reach(self) -> int:
+        """Farthest a point lies from its source along x or y, or along any direction once turned."""
+        return int(np.ceil(np.hypot(self.x, self.y).max())) if len(self.x) else 0
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What is scattered: one row per active pixel or sample."""
+
+    x: np.ndarray
+    """[n] int32, or float32 where centres lie between pixels (only with turning)."""
+    y: np.ndarray
+    """[n]"""
+    rgba: np.ndarray
+    """[n, 4] float32"""
+    record: np.ndarray
+    """[n] uint32"""
+    cosine: np.ndarray
+    """[n] float32: of the turn; −1 mirrors."""
+    sine: np.ndarray | None
+    """[n] float32, or None where nothing is turned by other than 0 or half a turn."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Size of the picture and of the band around it."""
+
+    height: int
+    width: int
+    guard: int
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        """Height and width with the guard on all sides, made fast for the solve."""
+        return tuple(smooth_size(n + 2 * self.guard) for n in (self.height, self.width))
+
+    def crop(self, image: np.ndarray) -> np.ndarray:
+        """The picture inside [..., H, W]."""
+        g = self.guard
+        return image[..., g : g + self.height, g : g + self.width]
+
+
+def guard_for(points: Points, turned: bool) -> int:
+    """Guard band: the largest offset and one more; one more again for bilinear writes."""
+    return points.reach + 1 + int(turned)
+
+
+def _mode(size: int):
+    """How scatters are added: copies per thread on the CPU while they fit, atomics elsewhere."""
+    if ACTIVE.variant.startswith("cuda"):
+        return dr.ReduceMode.Direct
+    return dr.ReduceMode.Expand if size * 4 * ACTIVE.threads <= MOST_COPIES else dr.ReduceMode.Auto
+
+
+@dr.syntax
+def _scatter_whole(target, base, rgba, k, end, sign, delta, value, mode):
+    """Integer offsets: one write a point."""
+    while k < end:
+        step = dr.gather(mi.Int32, delta, k)
+        v = dr.gather(mi.Float, value, k)
+        dr.scatter_add(target, rgba * v, mi.UInt32(base + sign * step), mode=mode)
+        k += 1
+
+
+@dr.syntax
+def _scatter_turned(target, x, y, base, width, rgba, k, end, c, s, px, py, value, mode):
+    """Turned offsets: a bilinear write to four pixels a point."""
+    while k < end:
+        dx, dy = dr.gather(mi.Float, px, k), dr.gather(mi.Float, py, k)
+        v = dr.gather(mi.Float, value, k)
+        at_x, at_y = x + c * dx - s * dy, y + s * dx + c * dy
+        ix, iy = mi.Int32(dr.floor(at_x)), mi.Int32(dr.floor(at_y))
+        fx, fy = at_x - mi.Float(ix), at_y - mi.Float(iy)
+        index = mi.UInt32(base + iy * width + ix)
+        upper, lower = rgba * (v * (1 - fy)), rgba * (v * fy)
+        dr.scatter_add(target, upper * (1 - fx), index, mode=mode)
+        dr.scatter_add(target, upper * fx, index + 1, mode=mode)
+        dr.scatter_add(target, lower * (1 - fx), index + width, mode=mode)
+        dr.scatter_add(target, lower * fx, index + width + 1, mode=mode)
+        k += 1
+
+
+def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
+    """Picture and charges [2, H, W, 4] float32 of all sources."""
+    height, width = frame.padded
+    target = dr.zeros(mi.Float, 2 * height * width * 4)
+    if len(sources.x):
+        mode = _mode(len(target))
+        first = points.first[sources.record]
+        k, end = mi.UInt32(first), mi.UInt32(first + points.count[sources.record])
+        plane = points.plane[sources.record].astype(np.int32) * (height * width)
+        rgba = dr.unravel(mi.Vector4f, mi.Float(np.ascontiguousarray(sources.rgba, np.float32).ravel()))
+        value = mi.Float(points.value)
+        if sources.sine is None:
+            base = plane + (sources.y + frame.guard) * width + sources.x + frame.guard
+            delta = np.rint(points.y * width + points.x).astype(np.int32)
+            sign = mi.Int32(np.rint(sources.cosine).astype(np.int32))
+            _scatter_whole(target, mi.Int32(base.astype(np.int32)), rgba, k, end, sign, mi.Int32(delta), value, mode)
+        else:
+            x, y = (mi.Float((v + frame.guard).astype(np.float32)) for v in (sources.x, sources.y))
+            turn = mi.Float(sources.cosine), mi.Float(sources.sine)
+            shape = mi.Float(points.x), mi.Float(points.y), value
+            _scatter_turned(target, x, y, mi.Int32(plane), mi.Int32(width), rgba, k, end, *turn, *shape, mode)
+        dr.eval(target)
+    return np.array(target).reshape(2, height, width, 4)
