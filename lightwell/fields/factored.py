@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
+from lightwell.fields.emphasis import by_object
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack
@@ -52,10 +53,17 @@ class FactoredPreset:
 
 PRESETS: dict[str, FactoredPreset] = {
     "default": FactoredPreset(),
+    # As small as the report's ten experts.
     "small": FactoredPreset(
-        HashGrid(levels=3, base=4, growth=2, entries_log2=9), light_hidden=(24, 24), hidden=(16, 12)
+        HashGrid(levels=3, base=4, growth=2, entries_log2=8), light_hidden=(32, 10), hidden=(32, 20), storage="int8"
     ),
-    "large": FactoredPreset(HashGrid(levels=4, base=8, growth=2, entries_log2=15), hidden=(32, 16)),
+    # For rooms full of things, in at most 250 kB: a wider head pays more than a finer grid.
+    "large": FactoredPreset(
+        HashGrid(levels=3, base=8, growth=2, entries_log2=13, channels=8),
+        light_hidden=(128, 64),
+        hidden=(64, 32),
+        storage="int8",
+    ),
 }
 
 
@@ -122,7 +130,7 @@ class FactoredFit:
         shuffled = samples[order]
         target = shuffled.radiance / self._modulation(shuffled.query)
         finite = np.isfinite(target).all(axis=1)
-        weight = np.where(finite, shuffled.weight, 0)
+        weight = np.where(finite, by_object(shuffled.shape, shuffled.weight), 0)
         self._data = LightMajorSet.from_numpy(
             *self._rows(shuffled.query), np.where(finite[:, None], target, 0), weight / max(weight.mean(), 1e-12)
         )
