@@ -80,6 +80,7 @@ def _library(group) -> None:
     group.add_argument(
         "--longest", type=float, default=64.0, help="longest motion baked, pixels (default: %(default)s)"
     )
+    group.add_argument("--noise", type=float, help="noise that the radius axis allows in flat areas (default: 0.0025)")
     group.add_argument("--node", type=int, help="check one node only")
     group.add_argument("--plot", metavar="PNG", help="picture of kernel, points, reconstruction and difference")
     group.add_argument("--limit-error", type=float, default=0.2, help="relative L2 allowed (default: %(default)s)")

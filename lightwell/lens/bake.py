@@ -17,8 +17,8 @@ from lightwell.lens.spreadlet import Spreadlet
 
 # Tiers of a node.
 MAIN, FINE = 0, 1
-# Light outside the support that a sparse spreadlet may have, and the growth of its point count until it has less.
-LEAK, GROWTH, TRIES = 0.02, 1.15, 8
+# Light outside the support and relative L2 that a sparse spreadlet may have, and how its point count grows until then.
+LEAK, ERROR, GROWTH, TRIES = 0.02, 0.13, 1.12, 12
 # A set of points that is exact may cost this much more than a sparse one.
 EXACT_BONUS = 1.3
 # An exact set of so few points is always taken; of so few where the radius is below the recipe's smallest.
@@ -54,7 +54,7 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
             return [(MAIN, best)]
         starts = tuple(rings(radius, count, apart) for apart in APART) if plain else ()
         made = sparse(kernel, count, recipe, index, starts)
-        if made.score.leak <= LEAK:
+        if made.score.leak <= LEAK and made.score.error <= ERROR:
             return [(MAIN, made), (FINE, best)]
         count = int(np.ceil(count * GROWTH))
     return [(MAIN, made), (FINE, best)]

@@ -150,17 +150,7 @@ class Engine:
 
     def _pack(self, keys: np.ndarray) -> Points:
         """Points of the records (node·3 + tier), one after another."""
-        spreadlets = [self._spreadlet(int(key) // 3, int(key) % 3) for key in keys]
-        count = np.array([len(s) for s in spreadlets], np.int64)
-        x, y, value = (
-            np.concatenate([getattr(s, name) for s in spreadlets]).astype(np.float32)
-            if spreadlets
-            else np.zeros(0, np.float32)
-            for name in ("x", "y", "values")
-        )
-        first = (np.cumsum(count) - count).astype(np.uint32)
-        plane = np.array([s.kind for s in spreadlets], np.uint32)
-        return Points(x, y, value, first, count.astype(np.uint32), plane)
+        return Points.of([self._spreadlet(int(key) // 3, int(key) % 3) for key in keys])
 
     def _spreadlet(self, node: int, tier: int) -> Spreadlet:
         if tier == DENSE:

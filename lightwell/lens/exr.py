@@ -124,28 +124,44 @@ def write(path: str | Path, image: np.ndarray, window=None, display=None) -> Non
         raise LensError(f"lens: cannot write {path} ({reason}); does its folder exist?") from None
 
 
-def flatten_deep(found: Channels, layers: int, cuts=None) -> list[tuple[np.ndarray, np.ndarray]]:
+def flatten_deep(found: Channels, layers: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Deep samples sorted into layers of depth, front to back: (rgba premultiplied [h, w, 4], depth [h, w]) of each.
 
-    The cuts are quantiles of the samples' inverse depth, so that layers hold about the same number. Within a layer
-    samples are composited front to back and their depth is the coverage-weighted mean.
+    Cuts lie where few samples are. A sample near a cut belongs to both layers: weight w in front and, behind, what
+    gives its own coverage back when both are composited, so that no surface shows a seam. Within a layer samples are
+    composited front to back and their depth is the coverage-weighted mean.
     """
     rgba_name = next((n for n in found.deep if n.endswith("RGBA") or n.endswith("RGB")), None)
     depth_name = next((n for n in found.deep if n.split(".")[-1] == "Z"), None)
     if depth_name is None:
         raise LensError(f"lens: deep file without a channel Z; it has {', '.join(found.deep)}")
-    flat = _deep_samples(found, rgba_name, depth_name)
-    pixel, z, rgba = flat
+    pixel, z, rgba = _deep_samples(found, rgba_name, depth_name)
     height, width = found.deep[depth_name].shape
-    if cuts is None:
-        inverse = np.sort(1 / np.maximum(z, 1e-6))[::-1]
-        cuts = [1 / inverse[int(len(inverse) * (k + 1) / layers)] for k in range(layers - 1)] if len(z) else []
-    which = np.searchsorted(np.asarray(cuts), z, side="right")
-    made = []
-    for layer in range(layers):
-        mine = which == layer
-        made.append(_composite_samples(pixel[mine], z[mine], rgba[mine], height, width))
+    cuts, soft = _deep_cuts(1 / z, layers)
+    made, taken = [], np.zeros_like(z)
+    for cut in [*cuts, None]:
+        upto = np.ones_like(z) if cut is None else np.clip((1 / z - cut) / soft + 0.5, 0, 1)
+        rest = rgba * ((upto - taken) / np.maximum(1 - taken * rgba[:, 3], 1e-6))[:, None]
+        mine = rest.any(1)
+        made.append(_composite_samples(pixel[mine], z[mine], rest[mine], height, width))
+        taken = upto
     return made
+
+
+def _deep_cuts(inverse: np.ndarray, layers: int) -> tuple[list[float], float]:
+    """Cuts in 1/z, near to far, where samples are fewest, and the width over which a cut is soft."""
+    if layers < 2 or not len(inverse):
+        return [], 1.0
+    ordered = np.sort(inverse)
+    low, high = ordered[int(0.02 * len(ordered))], ordered[int(0.98 * (len(ordered) - 1))]
+    soft = max((high - low) * 0.05, 1e-12)
+    places = np.linspace(low + soft, high - soft, 128)
+    crowd = np.searchsorted(ordered, places + soft / 2) - np.searchsorted(ordered, places - soft / 2)
+    cuts: list[float] = []
+    for index in np.argsort(crowd, kind="stable"):
+        if len(cuts) < layers - 1 and all(abs(places[index] - other) > 2 * soft for other in cuts):
+            cuts.append(float(places[index]))
+    return sorted(cuts, reverse=True), soft
 
 
 def _deep_samples(found: Channels, rgba_name: str | None, depth_name: str):

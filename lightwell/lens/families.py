@@ -11,7 +11,7 @@ from lightwell.lens.aperture import DISC, Aperture
 from lightwell.lens.errors import LensError
 from lightwell.lens.grid import THRESHOLD, Axis, length_axis, radius_axis, uniform_axis
 
-# Noise of flat areas that the radius axis allows: 0.0025 is 52 dB. With a second axis kernels are larger and nodes fewer.
+# Noise of flat areas that the radius axis allows: 0.0025 is 52 dB. With a second axis kernels are larger, nodes fewer.
 NOISE, NOISE_JOINT = 0.0025, 0.012
 # Smallest step of the radius axis where there is a second one, pixels.
 FINEST_JOINT = 0.06

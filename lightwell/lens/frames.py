@@ -125,8 +125,8 @@ def _depth(names: dict[str, np.ndarray], where, asked: str | None) -> tuple[np.n
         options = [((0, 0), mitsuba[0])] if len(mitsuba) == 1 else []
     if not options:
         raise LensError(
-            f"lens: {where} has no depth (Z, depth.Z, Depth.V, dd.T …); it has {', '.join(sorted(names))}; name one with "
-            "--depth-channel or give a file with --depth-file"
+            f"lens: {where} has no depth (Z, depth.Z, Depth.V, dd.T …); it has {', '.join(sorted(names))}; name one "
+            "with --depth-channel or give a file with --depth-file"
         )
     name = min(options)[1]
     return names[name], name

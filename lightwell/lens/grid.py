@@ -35,7 +35,7 @@ class Axis:
         return np.asarray(self.values, np.float64)
 
     def locate(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-        """Lower node [n] int32, weight of the upper node [n] float32 in [0, 1), and how many were past the last node."""
+        """Lower node [n] int32, weight of the upper one [n] float32 in [0, 1), and how many lay past the last node."""
         nodes = self._array
         if len(nodes) == 1:
             return np.zeros(value.shape, np.int32), np.zeros(value.shape, np.float32), 0

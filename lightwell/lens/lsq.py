@@ -20,7 +20,7 @@ CUTOFF = 1e-11
 def window(kernel: np.ndarray, factor: float = 2.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """x, y, K and weight² of every pixel of the window, flat. The window grows by the shorter side on all sides."""
     hy, hx = kernel.shape[0] // 2, kernel.shape[1] // 2
-    grow = max(int(round((factor - 1) * min(hx, hy))), 6)
+    grow = max(round((factor - 1) * min(hx, hy)), 6)
     padded = np.pad(kernel, grow)
     y, x = np.mgrid[-hy - grow : hy + grow + 1, -hx - grow : hx + grow + 1]
     weight = np.where(padded > 0, 1.0, OUTSIDE)

@@ -37,7 +37,7 @@ class Recipe:
 
     def count(self, radius: float, length: float = 0.0) -> int:
         """Points asked of a sparse spreadlet."""
-        return int(round(self.base + self.slope * (radius + length / 4)))
+        return round(self.base + self.slope * (radius + length / 4))
 
 
 def _finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:

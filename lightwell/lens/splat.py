@@ -6,12 +6,14 @@ sides; a pixel's four channels are written as one packet.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lightwell.backend import ACTIVE, dr, mi
 from lightwell.lens.solve import smooth_size
+from lightwell.lens.spreadlet import Spreadlet
 
 # Copies of the target per thread are made on the CPU up to this many bytes in all.
 MOST_COPIES = 3 << 30
@@ -33,6 +35,29 @@ class Points:
     """[records] uint32"""
     plane: np.ndarray
     """[records] uint32: 0 primal, 1 charge."""
+    q: np.ndarray
+    """[n] int16: value = q · scale of the record."""
+    scale: np.ndarray
+    """[records] float32"""
+
+    @classmethod
+    def of(cls, spreadlets: Sequence[Spreadlet]) -> Points:
+        """Pack spreadlets; record i is the i-th."""
+        count = np.array([len(s) for s in spreadlets], np.int64)
+
+        def together(name: str, kind) -> np.ndarray:
+            return np.concatenate([np.zeros(0, kind), *(getattr(s, name).astype(kind) for s in spreadlets)])
+
+        return cls(
+            together("x", np.float32),
+            together("y", np.float32),
+            together("values", np.float32),
+            (np.cumsum(count) - count).astype(np.uint32),
+            count.astype(np.uint32),
+            np.array([s.kind for s in spreadlets], np.uint32),
+            together("q", np.int16),
+            np.array([s.scale for s in spreadlets], np.float32),
+        )
 
     @property
     def reach(self) -> int:
@@ -82,7 +107,7 @@ def guard_for(points: Points, turned: bool) -> int:
     return points.reach + 1 + int(turned)
 
 
-def _mode(size: int):
+def reduce_mode(size: int):
     """How scatters are added: copies per thread on the CPU while they fit, atomics elsewhere."""
     if ACTIVE.variant.startswith("cuda"):
         return dr.ReduceMode.Direct
@@ -122,7 +147,7 @@ def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
     height, width = frame.padded
     target = dr.zeros(mi.Float, 2 * height * width * 4)
     if len(sources.x):
-        mode = _mode(len(target))
+        mode = reduce_mode(len(target))
         first = points.first[sources.record]
         k, end = mi.UInt32(first), mi.UInt32(first + points.count[sources.record])
         plane = points.plane[sources.record].astype(np.int32) * (height * width)

@@ -1,0 +1,76 @@
+"""``lightwell lens bake``: write a whole library."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.lens import aperture, families
+from lightwell.lens.bake import bake_nodes
+from lightwell.lens.command import bars
+from lightwell.lens.errors import LensError
+from lightwell.lens.library import Library, two_arrays
+from lightwell.lens.pipeline import PRESETS, Settings
+
+# Blur that is baked when nothing is said, pixels.
+LARGEST = 32.0
+# More nodes than this would bake for hours.
+MOST_NODES = 20_000
+
+
+def family_of(arguments) -> families.Family:
+    """The family that the options name."""
+    shape = aperture.parse(arguments.aperture, arguments.blades, arguments.blade_angle)
+    largest = LARGEST if arguments.largest is None else arguments.largest
+    noise = {} if arguments.noise is None else {"noise": arguments.noise}
+    if arguments.noise is not None and not 1e-5 <= arguments.noise <= 1:
+        raise LensError(f"lens: --noise {arguments.noise:g}; use 0.00001 to 1, the default is 0.0025")
+    if arguments.family == "depth":
+        return families.depth(largest, shape, **noise)
+    if arguments.family == "depth-speed":
+        return families.depth_speed(largest, arguments.longest, **noise)
+    if arguments.family == "shaped-speed":
+        return families.shaped_speed(largest, arguments.longest, shape, **noise)
+    if arguments.family == "cats-eye":
+        return families.cats_eye(largest, arguments.cats_eye or 1.0, **noise)
+    raise LensError(f"lens: no family {arguments.family!r}; choose {', '.join(families.NAMES)}")
+
+
+def run_bake(arguments) -> int:
+    """Bake every node of a family and write the library."""
+    if not arguments.library:
+        raise LensError("lens bake: name the library to write, for example: lightwell lens bake disc.lwsp")
+    if arguments.preset not in PRESETS:
+        raise LensError(f"lens: preset {arguments.preset!r}; choose {', '.join(PRESETS)}")
+    family, path = family_of(arguments), Path(arguments.library)
+    if family.size > MOST_NODES:
+        raise LensError(
+            f"lens bake: {family.size} nodes are more than {MOST_NODES}; make --largest, --longest smaller or --noise larger"
+        )
+    library = Library(family, Settings(preset=arguments.preset).recipe())
+    start = time.perf_counter()
+    with bars(arguments.json) as bar:
+        advance = bar("bake spreadlets", family.size) if bar else (lambda n: None)
+        library.nodes = bake_nodes(family, range(family.size), library.recipe, advance)
+    library.save(path)
+    facts = {
+        "library": str(path),
+        "family": family.name,
+        "key": library.key(),
+        "nodes": family.size,
+        "spreadlets": len(library.nodes),
+        "points": int(sum(len(s) for s in library.nodes.values())),
+        "bytes": path.stat().st_size,
+        "seconds": round(time.perf_counter() - start, 2),
+    }
+    if arguments.two_arrays:
+        folder = Path(arguments.two_arrays)
+        folder.mkdir(parents=True, exist_ok=True)
+        points, ends = two_arrays(library)
+        np.save(folder / "points.npy", points)
+        np.save(folder / "counts.npy", ends)
+    print(json.dumps(facts, indent=1) if arguments.json else ", ".join(f"{k} {v}" for k, v in facts.items()))
+    return 0

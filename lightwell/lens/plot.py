@@ -1,0 +1,64 @@
+"""Pictures of a spreadlet: kernel, points, reconstruction and difference, side by side on fixed scales."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.lens.check import response_of
+from lightwell.lens.library import Library
+
+# Side of a panel, pixels; differences are shown ten times as strong as the kernel.
+PANEL, DIFFERENCE = 320, 10.0
+
+
+def _grey(image: np.ndarray, top: float) -> np.ndarray:
+    return np.repeat((np.clip(image / top, 0, 1) * 255).astype(np.uint8)[..., None], 3, -1)
+
+
+def _signed(image: np.ndarray, top: float) -> np.ndarray:
+    """Red above zero, blue below, white at zero."""
+    v = np.clip(image / top, -1, 1)
+    up, down = np.maximum(v, 0), np.maximum(-v, 0)
+    return ((1 - np.stack([down, up + down - np.minimum(up, down), up], -1)) * 255).astype(np.uint8)
+
+
+def _large(image: np.ndarray) -> np.ndarray:
+    """Whole-number enlargement into a square panel."""
+    factor = max(PANEL // max(image.shape[:2]), 1)
+    big = image.repeat(factor, 0).repeat(factor, 1)[:PANEL, :PANEL]
+    panel = np.full((PANEL, PANEL, 3), 40, np.uint8)
+    y, x = (PANEL - big.shape[0]) // 2, (PANEL - big.shape[1]) // 2
+    panel[y : y + big.shape[0], x : x + big.shape[1]] = big
+    return panel
+
+
+def panels(kernel: np.ndarray, response: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """[PANEL, 4·PANEL, 3]: all images are of one size; one scale for kernel and reconstruction."""
+    top = float(kernel.max())
+    charge = max(float(np.abs(points).max()), 1e-12)
+    parts = [
+        _grey(kernel, top),
+        _signed(np.sign(points) * np.sqrt(np.abs(points) / charge), 1),
+        _grey(response, top),
+        _signed(DIFFERENCE * (response - kernel), top),
+    ]
+    return np.concatenate([_large(part) for part in parts], 1)
+
+
+def picture(library: Library, node: int, tier: int, path: Path) -> None:
+    """Write the panels of one spreadlet: kernel | points | reconstruction | 10 × difference."""
+    from PIL import Image
+
+    spreadlet, kernel = library.nodes[node, tier], library.family.kernel(node)
+    margin = max(max(kernel.shape) // 4, 4)
+    half = max(kernel.shape) // 2 + margin
+    image = np.zeros((2 * half + 1, 2 * half + 1))
+    hy, hx = kernel.shape[0] // 2, kernel.shape[1] // 2
+    image[half - hy : half + hy + 1, half - hx : half + hx + 1] = kernel
+    points = np.zeros_like(image)
+    np.add.at(points, (spreadlet.y + half, spreadlet.x + half), spreadlet.values)
+    temporary = path.with_name(path.name + ".part")
+    Image.fromarray(panels(image, response_of(spreadlet, (half, half)), points)).save(temporary, format="PNG")
+    temporary.replace(path)
