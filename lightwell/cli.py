@@ -37,7 +37,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"lightwell {lightwell.__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for add in (_add_bake, _add_demo, _add_view, _add_render, _add_lens, _add_compare, _add_info, _add_doctor):
+    for add in (
+        _add_bake,
+        _add_demo,
+        _add_view,
+        _add_render,
+        _add_lens,
+        _add_compare,
+        _add_info,
+        _add_export,
+        _add_doctor,
+    ):
         add(verbs)
     return parser
 
@@ -339,6 +349,30 @@ def _info(arguments) -> int:
     else:
         for key, value in facts.items():
             print(f"{key:<14} {value}")
+    return 0
+
+
+def _add_export(verbs) -> None:
+    parser = _verb(verbs, "export", _export, "print a learned field as one self-contained shader text")
+    parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
+    parser.add_argument("--to", required=True, metavar="LANGUAGE", help="glsl, wgsl or shadertoy")
+    parser.add_argument("-o", "--out", help="file to write, and what it binds beside it (default: beside the asset)")
+    parser.add_argument("--field", default="", help="name of the field (default: the first)")
+    parser.add_argument("--name", default="lightwell", help="name of the function (default: %(default)s)")
+    parser.add_argument(
+        "--weights", default="", help="inline (literals) or table (default: by the size of the network)"
+    )
+
+
+def _export(arguments) -> int:
+    from lightwell.asset.export import ENDINGS, export_field, write_export
+
+    path = Path(arguments.path)
+    exported = export_field(path, arguments.to, field=arguments.field, name=arguments.name, weights=arguments.weights)
+    folder = path if path.is_dir() else path.parent
+    out = Path(arguments.out) if arguments.out else folder / f"{arguments.name}{ENDINGS[arguments.to]}"
+    for written in write_export(out, exported):
+        print(f"{written}: {written.stat().st_size} bytes")
     return 0
 
 

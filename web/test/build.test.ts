@@ -19,6 +19,15 @@ it("lightwell/viewer/index.html is up to date (npm run build)", async () => {
   rmSync(outDir, { recursive: true });
 });
 
+it("lightwell/graph/exporter.js is up to date (npm run build)", async () => {
+  const outDir = mkdtempSync(join(tmpdir(), "lightwell-build-"));
+  const configFile = fileURLToPath(new URL("../vite.exporter.config.ts", import.meta.url));
+  await build({ configFile, logLevel: "error", build: { outDir } });
+  const built = fileURLToPath(new URL("../../lightwell/graph/exporter.js", import.meta.url));
+  expect(readFileSync(join(outDir, "exporter.js"), "utf8") === readFileSync(built, "utf8")).toBe(true);
+  rmSync(outDir, { recursive: true });
+});
+
 it("the built page has one place for data and loads nothing", () => {
   const html = readFileSync(BUILT_PAGE, "utf8");
   expect(html.split("<!--lightwell-data-->")).toHaveLength(2);

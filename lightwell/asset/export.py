@@ -1,0 +1,145 @@
+"""A learned field as one self-contained shader text: `lightwell export` (docs/web.md).
+
+The printer is that of the web runtime, built into `lightwell/graph/exporter.js`: one printer for the page and for the
+command line. It needs a JavaScript engine: Node when it is there, else the package mini-racer.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.asset.atomic import write_atomically
+from lightwell.asset.container import read_file
+from lightwell.asset.read import read_fields
+from lightwell.asset.records import EXTENSION, FieldEntry
+from lightwell.graph.pictures import encode
+
+TARGETS = ("glsl", "wgsl", "shadertoy")
+# What the written file is called by default.
+ENDINGS = {"glsl": ".glsl", "wgsl": ".wgsl", "shadertoy": ".shadertoy.glsl"}
+# Seconds that printing may take: the largest field that FORMAT.md allows takes a few.
+TIMEOUT = 120
+# Reads the exporter's path and the request, writes the answer.
+NODE_PROGRAM = (
+    "const fs=require('fs');require('vm').runInThisContext(fs.readFileSync(process.argv[1],'utf8'));"
+    "process.stdout.write(lightwellExport(fs.readFileSync(0,'utf8')));"
+)
+CURE = "install Node (nodejs.org), or: pip install 'lightwell[export]'"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A shader text and what its host must bind."""
+
+    text: str
+    tables: dict[str, bytes]
+    """Name of the uniform to little-endian numbers, four a texel; size and format are in the text's header."""
+    pictures: dict[str, bytes]
+    """Name of the uniform to a PNG."""
+
+
+def export_field(path: str | Path, to: str, *, field: str = "", name: str = "lightwell", weights: str = "") -> Exported:
+    """Print the radiance of a field of a baked asset.
+
+    ``path`` is a GLB or the folder of a bake; ``field`` a name, by default the first; ``name`` that of the printed
+    function; ``weights`` 'inline' (literals) or 'table', by default literals for networks of up to 16,384 multiply-adds.
+    """
+    if to not in TARGETS:
+        raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
+    path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
+    fields, _ = read_fields(path)
+    entry = _named(fields, field, path)
+    document, _ = read_file(path)
+    request = _request(entry, document)
+    small = entry.graph.macs + entry.graph.macs_per_frame <= 16384
+    request["options"] = {
+        "to": to,
+        "name": name,
+        "title": entry.name,
+        "weights": weights or ("inline" if small else "table"),
+        "bounds": _bounds(document),
+    }
+    answer = json.loads(run_exporter(json.dumps(request)))
+    if "error" in answer:
+        raise ValueError(f"export: field '{entry.name}': {answer['error']}")
+    tables = {table["name"]: base64.b64decode(table["data"]) for table in answer["tables"]}
+    buffers = entry.graph.buffers
+    pictures = {
+        uniform: encode(np.asarray(buffers[buffer].array), "png").data for uniform, buffer in answer["pictures"].items()
+    }
+    return Exported(answer["text"], tables, pictures)
+
+
+def write_export(out: Path, exported: Exported) -> list[Path]:
+    """Write the text, and beside it what it binds; return the paths."""
+    files = {out: exported.text.encode()}
+    files |= {out.with_name(f"{name}.bin"): data for name, data in exported.tables.items()}
+    files |= {out.with_name(f"{name}.png"): data for name, data in exported.pictures.items()}
+    for path, data in files.items():
+        write_atomically(path, data)
+    return list(files)
+
+
+def _named(fields: list[FieldEntry], name: str, path: Path) -> FieldEntry:
+    for entry in fields:
+        if name in ("", entry.name):
+            return entry
+    known = ", ".join(f"'{entry.name}'" for entry in fields)
+    raise ValueError(f"export: '{path}' has no field '{name}'; it has {known}")
+
+
+def _request(entry: FieldEntry, document: dict[str, Any]) -> dict[str, Any]:
+    """The graph and its numbers, pictures apart."""
+    graph, arrays = entry.graph.only("radiance").to_json()
+    stored = next(f for f in document["extensions"][EXTENSION]["fields"] if f["name"] == entry.name)["graph"]
+    declared = stored.get("buffers", {})
+    pictures = {name: declared[name].get("mips", 0) for name in graph["buffers"] if "texture" in declared[name]}
+    numbers = {
+        name: base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
+        for name, array in arrays.items()
+        if name not in pictures
+    }
+    return {"graph": graph, "arrays": numbers, "pictures": pictures}
+
+
+def _bounds(document: dict[str, Any]) -> dict[str, list[float]]:
+    """Corners of all positions: bakes are written in world space."""
+    low, high = [], []
+    for mesh in document.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            accessor = document["accessors"][primitive["attributes"]["POSITION"]]
+            if "min" in accessor and "max" in accessor:
+                low.append(accessor["min"])
+                high.append(accessor["max"])
+    if not low:
+        return {"low": [-1.0] * 3, "high": [1.0] * 3}
+    return {"low": np.min(low, axis=0).tolist(), "high": np.max(high, axis=0).tolist()}
+
+
+def run_exporter(request: str) -> str:
+    """The answer of `lightwell/graph/exporter.js` (web/exporter/main.ts) to a request, both JSON."""
+    script = resources.files("lightwell.graph").joinpath("exporter.js")
+    node = shutil.which("node")
+    if node:
+        with resources.as_file(script) as path:
+            command = [node, "-e", NODE_PROGRAM, str(path)]
+            done = subprocess.run(command, input=request, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+        if done.returncode:
+            raise RuntimeError(f"export: {node} failed: {done.stderr.strip()[-200:]}; {CURE}")
+        return done.stdout
+    try:
+        from py_mini_racer import MiniRacer
+    except ImportError as error:
+        raise RuntimeError(f"export: printing shaders needs a JavaScript engine; {CURE}") from error
+    engine = MiniRacer()
+    engine.eval(script.read_text("utf-8"))
+    return engine.call("lightwellExport", request)

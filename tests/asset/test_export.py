@@ -1,0 +1,73 @@
+"""`lightwell export`: shader texts of baked fields. That they compile and equal NumPy: web/test/export.test.ts."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lightwell.asset import export
+from lightwell.cli import main
+
+ASSET = Path(__file__).parents[2] / "web/test/fixtures/lightmap.glb"
+needs_node = pytest.mark.skipif(not shutil.which("node"), reason="no Node on this machine")
+
+
+@needs_node
+@pytest.mark.parametrize(("to", "word"), [("glsl", "uniform highp sampler2D"), ("wgsl", "glow_picture0: texture_2d")])
+def test_a_light_map_becomes_a_text_and_pictures(tmp_path, to, word, capsys):
+    assert main(["export", str(ASSET), "--to", to, "-o", str(tmp_path / "glow.txt"), "--name", "glow"]) == 0
+    text = (tmp_path / "glow.txt").read_text()
+    assert word in text
+    assert "glow_picture0: 16 x 16 texels, RGBA8 UNORM (not sRGB)" in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["glow.txt", "glow_picture0.png", "glow_picture1.png"]
+    assert capsys.readouterr().out.count("bytes") == 3
+
+
+@needs_node
+def test_tables_go_beside_the_text(tmp_path):
+    made = export.export_field(ASSET, "wgsl", weights="table")
+    paths = export.write_export(tmp_path / "field.wgsl", made)
+    assert {path.name for path in paths} > {"field.wgsl", "lightwell_texels.bin"}
+    assert len(made.tables["lightwell_texels"]) % 16 == 0
+
+
+@needs_node
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--to", "hlsl"], "export: expected --to glsl, wgsl, shadertoy, found 'hlsl'"),
+        (["--to", "shadertoy"], "shadertoy: expected a field without textures or tables"),
+        (["--to", "glsl", "--field", "sky"], "has no field 'sky'; it has 'lightmap'"),
+        (["--to", "glsl", "--name", "a b"], "name: expected letters, digits and _"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, message, capsys):
+    assert main(["export", str(ASSET), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_no_engine_is_one_line_with_its_cure(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    try:
+        import py_mini_racer  # noqa: F401
+    except ImportError:
+        with pytest.raises(RuntimeError, match=r"needs a JavaScript engine; install Node .*lightwell\[export\]"):
+            export.run_exporter("{}")
+
+
+@needs_node
+def test_the_embedded_engine_gives_the_same_text(monkeypatch):
+    pytest.importorskip("py_mini_racer")
+    with_node = export.export_field(ASSET, "glsl")
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    assert export.export_field(ASSET, "glsl") == with_node
+
+
+def test_a_broken_request_is_an_error_not_a_crash():
+    if not shutil.which("node"):
+        pytest.skip("no Node on this machine")
+    answer = json.loads(export.run_exporter('{"graph": 5, "arrays": {}, "pictures": {}, "options": {"to": "glsl"}}'))
+    assert "expected an object" in answer["error"]
