@@ -48,7 +48,7 @@ def run_bake(arguments) -> int:
     family, path = family_of(arguments), Path(arguments.library)
     if family.size > MOST_NODES:
         raise LensError(
-            f"lens bake: {family.size} nodes are more than {MOST_NODES}; make --largest, --longest smaller or --noise larger"
+            f"lens bake: {family.size} nodes are more than {MOST_NODES}; lower --largest or --longest or raise --noise"
         )
     library = Library(family, Settings(preset=arguments.preset).recipe())
     start = time.perf_counter()

@@ -126,9 +126,7 @@ def run_check(arguments) -> int:
 
 
 def _print(library: Library, found: list[Finding], broken: list[Finding], pyramids: dict[str, Score]) -> None:
-    print(
-        f"{'node':>6} {'tier':>4} {'radius':>7} {'2nd':>7} {'recipe':<9}{'points':>7} {'error':>8} {'leak':>8} {'mass':>9}"
-    )
+    print("  node tier  radius     2nd recipe    points    error     leak      mass")
     for f in found[:SHOWN]:
         s = f.score
         note = f"  breaks {', '.join(f.broken)}" if f.broken else ""

@@ -12,7 +12,7 @@ from lightwell.lens import families
 from lightwell.lens.aperture import DISC, Aperture
 from lightwell.lens.cache import Shelf
 from lightwell.lens.camera import Camera
-from lightwell.lens.engine import TOLERANCE, Engine, timed
+from lightwell.lens.engine import TOLERANCE, Engine, Plan, timed
 from lightwell.lens.errors import LensError
 from lightwell.lens.layers import Layer, composite, extend, over_coverage, split, tidy
 from lightwell.lens.recipes import Recipe
@@ -69,6 +69,8 @@ class Settings:
         """What nodes are baked with."""
         if self.preset == "best":
             return Recipe("best", base=40.0, slope=4.0, share=0.3)
+        if self.preset == "paper":
+            return Recipe("paper", share=0.093, anneal="working")
         return Recipe(self.preset)
 
 
@@ -127,8 +129,12 @@ class Lens:
             plans.append(engine.plan(part, report, frame_number))
         if engine is None:
             return np.zeros((*layer.s.shape, 4), np.float32)
+        return self._render(engine, plans, layer.s.shape, report)
+
+    def _render(self, engine: Engine, plans: list[Plan], shape: tuple[int, int], report: Report) -> np.ndarray:
+        """Scatter all plans into one image and solve it once."""
         guard = max(guard_for(plan.points, plan.turned) for plan in plans)
-        frame = Frame(*layer.s.shape, guard)
+        frame = Frame(*shape, guard)
         report.guard = max(report.guard, guard)
         with timed(report, "splat"):
             scatter = self._scatter()
@@ -137,6 +143,19 @@ class Lens:
                 planes += scatter(frame, plan.points, plan.sources)
         with timed(report, "solve"):
             return engine.integrate(frame, planes, any(plan.points.plane.any() for plan in plans))
+
+    def blur_samples(self, x, y, rgba, s, motion, shape: tuple[int, int], report: Report) -> np.ndarray:
+        """Samples [n] at whole pixels of a frame of ``shape``, in any number per pixel; merged per pixel and node."""
+        length = np.zeros(len(s), np.float32) if motion is None else np.hypot(motion[:, 0], motion[:, 1])
+        plans, engine = [], None
+        for mine, moving in ((length < STILL, False), (length >= STILL, True)):
+            if not mine.any():
+                continue
+            engine = self._engine(float(np.abs(s[mine]).max()), float(length[mine].max()) if moving else 0.0)
+            part = motion[mine] if moving else None
+            place = x[mine].astype(np.int32), y[mine].astype(np.int32)
+            plans.append(engine.plan_samples(*place, rgba[mine], s[mine], part, shape, report))
+        return self._render(engine, plans, shape, report)
 
     def _scatter(self):
         if not self.settings.deterministic:
@@ -174,7 +193,8 @@ class Lens:
             if set_.cats_eye and not length:
                 family = families.cats_eye(radius, set_.cats_eye)
             elif not length:
-                family = families.depth(radius, set_.aperture)
+                noise = families.NOISE_JOINT if set_.preset == "paper" else families.NOISE
+                family = families.depth(radius, set_.aperture, noise)
             elif set_.aperture.round:
                 family = families.depth_speed(radius, length)
             else:

@@ -13,6 +13,8 @@ from scipy.spatial import cKDTree
 DENSITY_SIGMA, DENSITY_REACH = 1.0, 2
 # Darts in a row that may fail before a set counts as full, and Lloyd iterations of the published recipe.
 REJECTIONS = 10_000
+# Darts in a row that may fail in the short runs that find the radius.
+TRIAL = 500
 LLOYD = 50
 
 
@@ -28,23 +30,30 @@ def _spots(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at, weight[rows, columns]
 
 
-def poisson(weight: np.ndarray, scale: float, exponent: float, rng: np.random.Generator, limit: int) -> np.ndarray:
+def poisson(
+    weight: np.ndarray,
+    scale: float,
+    exponent: float,
+    rng: np.random.Generator,
+    limit: int,
+    rejections: int = REJECTIONS,
+) -> np.ndarray:
     """Dart throwing with radius scale / weight^exponent: a dart is refused when it falls closer than its radius.
 
-    Ends after ``REJECTIONS`` refusals in a row, or at ``limit`` points. Returns real offsets [n, 2].
+    Ends after ``rejections`` refusals in a row, or at ``limit`` points. Returns real offsets [n, 2].
     """
     spots, w = _spots(weight)
     radius = scale / (w / w.max()) ** exponent
     chosen = np.empty((limit, 2))
     count = refused = 0
-    while refused < REJECTIONS and count < limit:
+    while refused < rejections and count < limit:
         picks = rng.integers(0, len(spots), 512)
         darts = spots[picks] + rng.random((512, 2)) - 0.5
         for dart, r in zip(darts, radius[picks]):
             near = chosen[:count] - dart
             if count and (near * near).sum(1).min() < r * r:
                 refused += 1
-                if refused >= REJECTIONS:
+                if refused >= rejections:
                     break
                 continue
             refused = 0
@@ -56,18 +65,15 @@ def poisson(weight: np.ndarray, scale: float, exponent: float, rng: np.random.Ge
 
 
 def poisson_with_budget(weight: np.ndarray, budget: int, exponent: float, rng: np.random.Generator) -> np.ndarray:
-    """The radius scale found by bisection, so that about ``budget`` points fit; then cut to the budget at most."""
+    """About ``budget`` points: the radius scale is bisected with short runs, the last run is a full one."""
     low, high = 0.05, float(max(weight.shape))
-    best = None
-    for _ in range(12):
+    for _ in range(9):
         middle = np.sqrt(low * high)
-        points = poisson(weight, middle, exponent, rng, 2 * budget)
-        if best is None or abs(len(points) - budget) < abs(len(best) - budget):
-            best = points
-        if abs(len(points) - budget) <= max(1, budget // 50):
+        count = len(poisson(weight, middle, exponent, rng, 2 * budget, TRIAL))
+        if abs(count - budget) <= max(1, budget // 50):
             break
-        low, high = (middle, high) if len(points) > budget else (low, middle)
-    return best
+        low, high = (middle, high) if count > budget else (low, middle)
+    return poisson(weight, middle, exponent, rng, budget + budget // 10)
 
 
 def seeded(weight: np.ndarray, budget: int, rng: np.random.Generator) -> np.ndarray:

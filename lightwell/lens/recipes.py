@@ -32,6 +32,8 @@ class Recipe:
     """Radius below which a kernel is primal or lossless, whichever has fewer points."""
     order: int = 6
     """Harmonic moments set to zero."""
+    anneal: str = "none"
+    """Only ``paper``: ``none``, ``published`` (does not help) or ``working``."""
     seed: int = 0
     """Seed of all random numbers; each node adds its index."""
 
@@ -40,7 +42,7 @@ class Recipe:
         return round(self.base + self.slope * (radius + length / 4))
 
 
-def _finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
+def finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
     """Order, quantise and score."""
     order = angular_order(px, py)
     px, py, values = px[order], py[order], values[order]
@@ -71,7 +73,7 @@ def lossless(kernel: np.ndarray) -> Spreadlet:
     f = psf.charges(kernel)
     rows, columns = np.nonzero(np.abs(f) > DUST * np.abs(f).max())
     px, py = columns - f.shape[1] // 2, rows - f.shape[0] // 2
-    return _finish_charges(kernel, px, py, f[rows, columns], "lossless")
+    return finish_charges(kernel, px, py, f[rows, columns], "lossless")
 
 
 def rings(radius: float, count: int, apart: float = 1.0) -> np.ndarray:
@@ -95,4 +97,4 @@ def sparse(kernel: np.ndarray, count: int, recipe: Recipe, seed: int, starts: tu
         values, cost = solve_values(kernel, px, py, recipe.order)
         made.append((cost, px, py, values))
     _, px, py, values = min(made, key=lambda entry: entry[0])
-    return _finish_charges(kernel, px, py, values, "sparse")
+    return finish_charges(kernel, px, py, values, "sparse")

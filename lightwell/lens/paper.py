@@ -1,0 +1,42 @@
+"""The published recipe: Poisson disk, Lloyd, Voronoi integration, annealing (Leimkühler, Seidel, Ritschel 2018).
+
+As far as it is on record: density |ΔK| smoothed by a 5×5 Gaussian, dart throwing with a radius that shrinks with the
+density, 50 weighted Lloyd iterations, values by integration over Voronoi cells, annealing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.lens import anneal, points
+from lightwell.lens.psf import charges
+from lightwell.lens.recipes import Recipe, finish_charges
+from lightwell.lens.spreadlet import Spreadlet
+from lightwell.lens.voronoi import integrate_cells
+
+# Radius of a Poisson disk over density^−½: points per area follow the density.
+EXPONENT = 0.5
+
+
+def paper(kernel: np.ndarray, recipe: Recipe, seed: int) -> Spreadlet:
+    """A spreadlet of ``recipe.share`` of the kernel's pixels, by the published steps."""
+    f = charges(kernel)
+    density = points.density(f)
+    rng = np.random.default_rng((recipe.seed, seed))
+    budget = max(round(recipe.share * np.count_nonzero(kernel)), int(recipe.base))
+    start = points.poisson_with_budget(density, budget, EXPONENT, rng)
+    px, py = points.rounded(points.lloyd(density, start))
+    values = integrate_cells(f, np.stack([px, py], 1).astype(float))
+    if recipe.anneal == "published":
+        end = anneal.published(kernel, px, py, seed)
+        px, py, values = end.x, end.y, end.values
+    elif recipe.anneal == "working":
+        end = anneal.working(kernel, px, py, values, seed)
+        px, py, values = end.x, end.y, end.values
+    return finish_charges(kernel, *_merged(px, py, values), "voronoi")
+
+
+def _merged(px, py, values):
+    """Points that annealing put on one pixel become one."""
+    at, inverse = np.unique(np.stack([px, py], 1), axis=0, return_inverse=True)
+    return at[:, 0], at[:, 1], np.bincount(inverse.ravel(), values, len(at))

@@ -1,0 +1,95 @@
+"""Reconstruction from few stochastic lens and time samples per pixel, as in the paper's title.
+
+A renderer shoots 1 to 16 rays a pixel through random points of the lens at random times. What a sample saw would have
+been seen through the whole lens during the whole shutter: it is carried back to where the lens centre would see it at
+mid-shutter, y = x − s(z) u − m (t − ½), and spread over its own point spread function. Samples look around occluders,
+so that partial occlusion comes without layers; a partly hidden surface spreads over its whole kernel, a small bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lightwell.lens.camera import Camera
+from lightwell.lens.errors import LensError
+from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.report import Report
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Rays of one frame, in any order."""
+
+    x: np.ndarray
+    """[n] raster position, pixels; a pixel's centre is at +0.5."""
+    y: np.ndarray
+    """[n]"""
+    rgb: np.ndarray
+    """[n, 3] linear radiance"""
+    depth: np.ndarray
+    """[n] along the camera axis, scene units; infinity is the sky"""
+    lens: np.ndarray
+    """[n, 2] point on the unit lens, image axes: x right, y down"""
+    time: np.ndarray | None = None
+    """[n] in [0, 1] over the open shutter; None is ½"""
+    motion: np.ndarray | None = None
+    """[n, 2] displacement in pixels per frame; None is at rest"""
+
+
+def reconstruct(
+    samples: Samples, height: int, width: int, camera: Camera, settings: Settings | None = None
+) -> tuple[np.ndarray, Report]:
+    """The picture [height, width, 4] that many samples would give, from few: scatter, solve, divide by the weight."""
+    samples, bad = _checked(samples)
+    settings = replace(settings or Settings(), edges="dark", layers=1)
+    lens, report = Lens(settings), Report()
+    report.bad = bad
+    s = camera.confusion(samples.depth, width).astype(np.float32)
+    report.largest = float(np.abs(s).max())
+    limit = min(settings.largest, max(height, width) / 2)
+    report.clamped = int((np.abs(s) > limit).sum())
+    s = np.clip(s, -limit, limit)
+    motion = None if samples.motion is None else (samples.motion * camera.shutter).astype(np.float32)
+    x = samples.x - s * samples.lens[:, 0]
+    y = samples.y - s * samples.lens[:, 1]
+    if motion is not None:
+        t = np.float32(0) if samples.time is None else (samples.time - 0.5).astype(np.float32)
+        x, y = x - motion[:, 0] * t, y - motion[:, 1] * t
+        report.longest = float(np.hypot(*motion.T).max())
+    rgba = np.concatenate([samples.rgb, np.ones((len(s), 1))], 1).astype(np.float32)
+    return _spread(lens, report, x, y, s, motion, rgba, height, width), report
+
+
+def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, width: int) -> np.ndarray:
+    """Every sample goes to the pixel that its centre falls into; those near the frame still reach in."""
+    margin = int(np.ceil(min(report.largest, lens.settings.largest) + report.longest)) + 2
+    margin = min(margin, 2 * max(height, width))
+    ix, iy = np.floor(x).astype(np.int64) + margin, np.floor(y).astype(np.int64) + margin
+    shape = height + 2 * margin, width + 2 * margin
+    seen = (ix >= 0) & (iy >= 0) & (ix < shape[1]) & (iy < shape[0])
+    motion = None if motion is None else motion[seen]
+    picture = lens.blur_samples(ix[seen], iy[seen], rgba[seen], s[seen], motion, shape, report)
+    picture = picture[margin : margin + height, margin : margin + width]
+    weight = np.maximum(picture[..., 3:], 1e-6)
+    return np.concatenate([np.maximum(picture[..., :3], 0) / weight, np.ones_like(weight)], -1).astype(np.float32)
+
+
+def _checked(samples: Samples) -> tuple[Samples, int]:
+    """Arrays of one length without samples that are not finite; how many were left out."""
+    n = len(samples.x)
+    shapes = {"y": (n,), "rgb": (n, 3), "depth": (n,), "lens": (n, 2), "time": (n,), "motion": (n, 2)}
+    good = np.isfinite(samples.x)
+    for name, shape in shapes.items():
+        value = getattr(samples, name)
+        if value is None:
+            continue
+        if np.shape(value) != shape:
+            raise LensError(f"lens: samples' {name} has shape {np.shape(value)}; expected {shape}")
+        ok = value > 0 if name == "depth" else np.isfinite(value)
+        good &= ok if ok.ndim == 1 else ok.all(1)
+    if not good.any():
+        raise LensError("lens: no sample has finite colour and a depth above 0; write them with the AOV integrator")
+    kept = {name: v[good] for name in ("x", *shapes) if (v := getattr(samples, name)) is not None}
+    return replace(samples, **kept), int((~good).sum())

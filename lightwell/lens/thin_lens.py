@@ -1,0 +1,67 @@
+"""Samples of a Mitsuba scene through its ``thinlens`` sensor, with everything the reconstruction asks for.
+
+Each sample keeps its raster position, its point on the lens and the camera-axis depth of what it hit first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.lens.camera import Camera, from_thin_lens
+from lightwell.lens.errors import LensError
+from lightwell.lens.samples import Samples
+
+
+@dataclass(frozen=True)
+class View:
+    """What of a sensor the lens needs."""
+
+    width: int
+    height: int
+    camera: Camera
+    """The same blur as the sensor's aperture and focus."""
+
+
+def view(scene, sensor: int = 0) -> View:
+    """Size and camera of a thin-lens sensor."""
+    eye = scene.sensors()[sensor]
+    values = mi.traverse(eye)
+    width, height = (int(v) for v in eye.film().size())
+    try:
+        fov, focus, radius = (float(np.ravel(values[n])[0]) for n in ("x_fov", "focus_distance", "aperture_radius"))
+    except KeyError:
+        raise LensError(
+            "lens: the scene's sensor is not a 'thinlens'; give it that type, aperture_radius and focus_distance"
+        ) from None
+    return View(width, height, from_thin_lens(width, fov, radius, focus))
+
+
+def trace(scene, spp: int, sensor: int = 0, seed: int = 0, integrator=None, time: float = 0.5) -> Samples:
+    """``spp`` rays per pixel [height · width · spp], each with radiance of the scene's integrator."""
+    eye = scene.sensors()[sensor]
+    integrator = integrator or scene.integrator()
+    seen = view(scene, sensor)
+    sampler = mi.load_dict({"type": "independent"})
+    count = seen.width * seen.height * spp
+    sampler.seed(seed, count)
+    index = dr.arange(mi.UInt32, count) // spp
+    pixel = mi.Vector2f(mi.Float(index % seen.width), mi.Float(index // seen.width))
+    raster = pixel + sampler.next_2d()
+    lens = sampler.next_2d()
+    ray, weight = eye.sample_ray_differential(
+        0.0, sampler.next_1d(), raster / mi.Vector2f(seen.width, seen.height), lens
+    )
+    found = scene.ray_intersect_preliminary(ray, coherent=True)
+    radiance, _, _ = integrator.sample(scene, sampler, ray)
+    inverse = eye.world_transform().inverse()
+    axis = mi.Vector3f(inverse @ mi.Vector3f(ray.d))
+    depth = dr.select(found.is_valid(), found.t * axis.z + (inverse @ mi.Point3f(ray.o)).z, dr.inf)
+    on_lens = inverse @ mi.Point3f(ray.o)
+    radius = float(np.ravel(mi.traverse(eye)["aperture_radius"])[0])
+    # Mitsuba's camera looks along +z with +x to the left of the picture and +y up: both turn for image axes.
+    disc = np.stack([-np.array(on_lens.x), -np.array(on_lens.y)], 1) / max(radius, 1e-30)
+    rgb = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
+    return Samples(np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc)
