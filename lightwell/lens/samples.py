@@ -63,14 +63,24 @@ def reconstruct(
 
 
 def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, width: int) -> np.ndarray:
-    """Every sample goes to the pixel that its centre falls into; those near the frame still reach in."""
+    """Every sample is split over the four pixels around its centre; those near the frame still reach in.
+
+    Whole pixels would be a quarter of the work, but leave holes where few samples land: twice the error at one a pixel.
+    """
     margin = int(np.ceil(min(report.largest, lens.settings.largest) + report.longest)) + 2
     margin = min(margin, 2 * max(height, width))
-    ix, iy = np.floor(x).astype(np.int64) + margin, np.floor(y).astype(np.int64) + margin
+    ix, iy = np.floor(x - 0.5).astype(np.int64), np.floor(y - 0.5).astype(np.int64)
+    fx, fy = x - 0.5 - ix, y - 0.5 - iy
     shape = height + 2 * margin, width + 2 * margin
-    seen = (ix >= 0) & (iy >= 0) & (ix < shape[1]) & (iy < shape[0])
-    motion = None if motion is None else motion[seen]
-    picture = lens.blur_samples(ix[seen], iy[seen], rgba[seen], s[seen], motion, shape, report)
+    seen = (ix >= -margin) & (iy >= -margin) & (ix < width + margin - 1) & (iy < height + margin - 1)
+    corners = []
+    for ox, wx in ((0, 1 - fx), (1, fx)):
+        for oy, wy in ((0, 1 - fy), (1, fy)):
+            light = rgba[seen] * (wx * wy)[seen, None]
+            corners.append((ix[seen] + ox + margin, iy[seen] + oy + margin, light.astype(np.float32)))
+    places = [np.concatenate(parts) for parts in zip(*corners)]
+    four = np.tile(s[seen], 4), None if motion is None else np.tile(motion[seen], (4, 1))
+    picture = lens.blur_samples(*places, *four, shape, report)
     picture = picture[margin : margin + height, margin : margin + width]
     weight = np.maximum(picture[..., 3:], 1e-6)
     return np.concatenate([np.maximum(picture[..., :3], 0) / weight, np.ones_like(weight)], -1).astype(np.float32)
