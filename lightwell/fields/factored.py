@@ -55,7 +55,7 @@ PRESETS: dict[str, FactoredPreset] = {
     "default": FactoredPreset(),
     # As small as the report's ten experts.
     "small": FactoredPreset(
-        HashGrid(levels=3, base=4, growth=2, entries_log2=8), light_hidden=(32, 10), hidden=(32, 20), storage="int8"
+        HashGrid(levels=3, base=4, growth=2, entries_log2=8), light_hidden=(32, 12), hidden=(36, 20), storage="int8"
     ),
     # For rooms full of things, in at most 250 kB: a wider head pays more than a finer grid.
     "large": FactoredPreset(
@@ -196,7 +196,8 @@ class FactoredFit:
             x = b.linear(x, small(weights[f"light_w{k}"].T), small(weights[f"light_b{k}"][0]), per_frame=True)
             x = b.activate(x, self.network.activation, per_frame=True)
         emit, bias = weights["emit_w"].T, weights["emit_b"][0]
-        large = lambda values: pack(values, self.preset.table_storage)  # noqa: E731
+        # One step for a whole matrix: a row of its own step costs four bytes beside some ten numbers.
+        large = lambda values: pack(values, self.preset.table_storage, per_row=False)  # noqa: E731
         matrix = b.linear(x, large(emit[rows]), small(bias[rows]), per_frame=True)
         offset = b.linear(x, large(emit[width * units :]), small(bias[width * units :]), per_frame=True)
         return b.add(b.matvec(matrix, u, units), offset)
