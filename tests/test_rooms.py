@@ -13,13 +13,14 @@ ALLOWED = {
     "networks": {"backend", "graph"},
     "transport": {"backend", "scenes"},
     "fields": {"backend", "scenes", "transport", "networks", "graph"},
+    "cache": {"backend", "scenes", "transport", "networks", "graph"},
     "asset": {"graph", "scenes"},
     "report": {"asset"},
     "doctor": {"backend"},
     "lens": {"backend"},
     "serve": set(),
     "bake": {"backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
-    "cli": {"asset", "bake", "doctor", "lens", "serve"},
+    "cli": {"asset", "bake", "cache", "doctor", "lens", "serve"},
 }
 
 

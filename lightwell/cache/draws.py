@@ -1,0 +1,79 @@
+"""Random numbers of the rendering paths: scrambled (0,2) sequences, a fresh shuffle for every pair of dimensions.
+
+Cached paths are short, so the integrand has few dimensions and evenly spread numbers pay. Sobol 1967; Owen 1995
+(scrambling); Burley 2020, *Practical Hash-based Owen Scrambling* (shuffled, scrambled, padded).
+"""
+
+from __future__ import annotations
+
+from lightwell.backend import dr, mi
+
+# Pascal's triangle modulo two, the generator matrix of Sobol's second dimension, is a Kronecker power: five steps.
+PASCAL = ((1, 0xAAAAAAAA), (2, 0xCCCCCCCC), (4, 0xF0F0F0F0), (8, 0xFF00FF00), (16, 0xFFFF0000))
+# Odd constants that mix bits: the golden ratio and the finaliser of Murmur3.
+GOLDEN, MIX_1, MIX_2 = 0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35
+# Multipliers of the permutation of reversed bits that acts like an Owen scramble (Laine & Karras 2011).
+OWEN = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
+ONE_MINUS_EPSILON = 1 - 2.0**-24
+
+
+def mixed(x: mi.UInt32) -> mi.UInt32:
+    """A bijection of 32-bit numbers that spreads every bit."""
+    x = (x ^ (x >> 16)) * mi.UInt32(MIX_1)
+    x = (x ^ (x >> 13)) * mi.UInt32(MIX_2)
+    return x ^ (x >> 16)
+
+
+def owen(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
+    """Nested uniform scramble of reversed bits: each bit is flipped depending on those below it."""
+    x = x + seed
+    for factor in OWEN:
+        x ^= x * mi.UInt32(factor)
+    return x
+
+
+def unit(x: mi.UInt32) -> mi.Float:
+    """32 bits to [0, 1)."""
+    return dr.minimum(mi.Float(x) * 2.0**-32, ONE_MINUS_EPSILON)
+
+
+def point(index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Point ``index`` of a scrambled (0,2) sequence as two 32-bit fractions."""
+    # Shuffle: an Owen scramble of the index keeps its blocks of powers of two together.
+    index = dr.brev(owen(dr.brev(index), mixed(seed)))
+    second = index
+    for step, mask in PASCAL:
+        second = second ^ ((second & mi.UInt32(mask)) >> step)
+    # The radical inverse reverses the bits; scrambling works on reversed bits: the two cancel.
+    x = dr.brev(owen(index, mixed(seed + mi.UInt32(GOLDEN))))
+    y = dr.brev(owen(second, mixed(seed + mi.UInt32(GOLDEN * 2 & 0xFFFFFFFF))))
+    return x, y
+
+
+class Draws:
+    """Numbers of one sample of one pixel; quacks like a Mitsuba sampler."""
+
+    DRJIT_STRUCT = {"index": mi.UInt32, "seed": mi.UInt32, "dimension": mi.UInt32}  # noqa: RUF012
+
+    def __init__(self, index=None, seed=None):
+        self.index = mi.UInt32(0) if index is None else mi.UInt32(index)
+        self.seed = mi.UInt32(0) if seed is None else mi.UInt32(seed)
+        self.dimension = mi.UInt32(0)
+
+    def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
+        """Two numbers in [0, 1)."""
+        self.dimension += 1
+        x, y = point(self.index, mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN))))
+        return mi.Point2f(unit(x), unit(y))
+
+    def next_1d(self, active: mi.Bool = True) -> mi.Float:
+        """One number in [0, 1)."""
+        self.dimension += 1
+        seed = mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN)))
+        index = dr.brev(owen(dr.brev(self.index), mixed(seed)))
+        return unit(dr.brev(owen(index, mixed(seed + mi.UInt32(GOLDEN)))))
+
+
+def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> Draws:
+    """The numbers of sample ``index`` of ``pixel``."""
+    return Draws(index, mixed(mixed(pixel + mi.UInt32(GOLDEN)) ^ seed))

@@ -1,0 +1,91 @@
+"""One pass of rendering paths over a film, and the rays that start it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lightwell.backend import dr, mi
+from lightwell.cache.draws import Draws, draws
+from lightwell.cache.paths import render_path
+from lightwell.cache.radiance_cache import RadianceCache
+
+# Lanes of one launch: large enough to fill the machine.
+LAUNCH = 1 << 21
+
+
+def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int):
+    """Camera rays of ``count`` lanes, sample ``first`` ... of each pixel: (ray, weight, place on the film, numbers)."""
+    film = sensor.film()
+    size = film.crop_size()
+    lane = dr.arange(mi.UInt32, count)
+    pixel = lane // spp
+    sampler = draws(pixel, first + lane - pixel * spp, seed)
+    width = dr.opaque(mi.UInt32, int(size.x))
+    y = pixel // width
+    at = mi.Point2f(pixel - y * width, y)
+    offset = mi.Vector2f(film.crop_offset())
+    place = at + sampler.next_2d()
+    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+    time = mi.Float(sensor.shutter_open())
+    if sensor.shutter_open_time() > 0:
+        time += sampler.next_1d() * sensor.shutter_open_time()
+    ray, weight = sensor.sample_ray_differential(time, 0.0, place / mi.Vector2f(size), aperture)
+    box = film.rfilter().is_box_filter()
+    return ray, weight, (at if box else place) + offset, sampler
+
+
+def sampled_rays(sensor: Any, sampler: Any, spp: int):
+    """The same from a Mitsuba sampler, drawing numbers as Mitsuba's own integrators do."""
+    film = sensor.film()
+    size = film.crop_size()
+    lane = dr.arange(mi.UInt32, int(size.x) * int(size.y) * spp) // dr.opaque(mi.UInt32, spp)
+    width = dr.opaque(mi.UInt32, int(size.x))
+    y = lane // width
+    offset = mi.Vector2f(film.crop_offset())
+    at = mi.Vector2f(mi.Float(lane - y * width), mi.Float(y)) + offset
+    place = at + sampler.next_2d()
+    scale = dr.rcp(mi.ScalarVector2f(size))
+    adjusted = dr.fma(place, scale, -mi.ScalarVector2f(film.crop_offset()) * scale)
+    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+    time = mi.Float(sensor.shutter_open())
+    if sensor.shutter_open_time() > 0:
+        time += sampler.next_1d() * sensor.shutter_open_time()
+    ray, weight = sensor.sample_ray_differential(time, 0.0, adjusted, aperture)
+    return ray, weight, at if film.rfilter().is_box_filter() else place, sampler
+
+
+def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
+    """What ``render_path`` asks at query vertices."""
+    if not cache.settings.caching:
+        return lambda v, active: mi.Color3f(0)
+    packed = cache.packed("ema")
+    return lambda v, active: cache.radiance(packed, v)
+
+
+def trace_pass(scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True):
+    """Radiance [N], validity, path length and spread for camera rays; values that are not finite become 0."""
+    ray, weight, place, sampler = rays
+    settings = cache.settings
+    L, valid, depth, ratio = render_path(
+        scene, sampler, ray, cache.around, evaluator(cache), dr.opaque(mi.Float, q), settings.caching, estimator,
+        first_direct,
+    )  # fmt: skip
+    L = L * weight
+    L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+    return L, valid, depth, ratio, place
+
+
+def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, wavelengths: Any, coalesce: bool) -> Any:
+    """A new block of the film with the values put in."""
+    block = film.create_block()
+    block.set_coalesce(block.coalesce() and coalesce)
+    alpha = dr.select(valid, mi.Float(1), mi.Float(0))
+    if mi.has_flag(film.flags(), mi.FilmFlags.Special):
+        raise ValueError(f"nrc: the film '{film.class_name()}' wants its samples prepared; use an hdrfilm")
+    values = [L.x, L.y, L.z, alpha, mi.Float(1)] if block.channel_count() == 5 else [L.x, L.y, L.z, mi.Float(1)]
+    block.put(place, values)
+    return block
+
+
+__all__ = ["LAUNCH", "Draws", "evaluator", "sampled_rays", "sobol_rays", "splat", "trace_pass"]

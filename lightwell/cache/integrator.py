@@ -1,0 +1,195 @@
+"""``lightwell_nrc``: the radiance cache as a Mitsuba integrator."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from lightwell.backend import dr, mi
+from lightwell.cache import frames
+from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
+from lightwell.cache.radiance_cache import RadianceCache, Told
+from lightwell.cache.settings import CacheSettings, settings_of
+
+# Samples per pixel from which 'auto' trains first and then renders with a frozen cache.
+STILL_SPP = 8
+# Frames of training of a still: this many, and so many more per sample per pixel, at most.
+WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 24, 1.0, 192
+# The learning rate of a still falls to this share of the first.
+FINAL_RATE = 0.1
+
+check_variant()
+
+
+class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
+    """Neural radiance cache: a path tracer that learns while it renders.
+
+    Every parameter of ``CacheSettings`` is a parameter of the plugin, in XML and in dictionaries, for example ``preset``
+    ('compact' or 'paper'), ``termination_c`` (0.01; infinity is plain path tracing), ``estimator`` ('biased', or the
+    unbiased 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di', 'restir-gi').
+
+    Paths follow Mitsuba's ``path`` until their footprint has spread; there a small network answers with the light that
+    the surface scatters. The network learns from a few training paths per frame. The cache belongs to the integrator
+    object and the scene: rendering the same scene again goes on learning.
+
+    Cannot: participating media, polarisation, spectral variants, derivatives of the picture.
+
+    Papers: Müller et al. 2021, *Real-time Neural Radiance Caching for Path Tracing*. An independent implementation.
+    """
+
+    def __init__(self, props: Any = None, settings: CacheSettings | None = None) -> None:
+        if props is None:
+            props = mi.Properties("lightwell_nrc")
+        if settings is None:
+            settings = settings_of({name: props[name] for name in props.keys()})
+        base = mi.Properties("lightwell_nrc")
+        super().__init__(base)
+        self.settings = settings
+        self.max_depth = settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF
+        self.rr_depth = settings.rr_depth
+        self.cache: RadianceCache | None = None
+        """Made when a scene is first rendered; assign one to start warm."""
+        self.told: list[Told] = []
+        """What the last render said about its training."""
+        self.seconds: dict[str, float] = {}
+        """Wall time of the last render by stage."""
+        self._scene: Any = None
+
+    def to_string(self) -> str:
+        s = self.settings
+        return f"NrcIntegrator[preset = {s.preset}, c = {s.termination_c:g}, estimator = {s.estimator}]"
+
+    # ------------------------------------------------------------------ the cache
+
+    def cache_of(self, scene: Any) -> RadianceCache:
+        """The cache that belongs to a scene, made on first use."""
+        if self.cache is None or (self._scene is not None and self._scene is not scene):
+            self.cache = RadianceCache(self.settings)
+        if self._scene is not scene or self.cache.materials is None:
+            check_scene(scene)
+            self.cache.prepare(scene)
+            self._scene = scene
+        return self.cache
+
+    def scene_changed(self, kind: str = "light") -> None:
+        """Hint that 'light', 'material', 'geometry' or 'camera' changed."""
+        if self.cache is not None and self._scene is not None:
+            self.cache.scene_changed(kind, self._scene)
+
+    # ------------------------------------------------------------------ rendering
+
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
+        """The picture [H, W, C]; trains on the way."""
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        check_sensor(sensor)
+        seed = int(mi.UInt32(seed)[0]) if not isinstance(seed, int) else seed
+        spp = spp or int(sensor.sampler().sample_count())
+        cache = self.cache_of(scene)
+        self.told, self.seconds = [], {"train": 0.0, "trace": 0.0}
+        with dr.suspend_grad():
+            film = sensor.film()
+            film.prepare([])
+            still = self._is_still(spp)
+            if still:
+                self.warm_up(scene, sensor, seed, spp)
+            start = time.perf_counter()
+            image = self._passes(scene, sensor, cache, seed, spp, still)
+            dr.eval(image)
+            self.seconds["trace"] += time.perf_counter() - start - (0 if still else self.seconds["train"])
+        return image
+
+    def render_forward(self, *args, **kwargs):
+        raise RuntimeError("nrc: lightwell_nrc gives no derivatives of the picture; use 'prb' for them")
+
+    render_backward = render_forward
+
+    def _is_still(self, spp: int) -> bool:
+        mode = self.settings.mode
+        return self.settings.caching and (mode == "still" or (mode == "auto" and spp >= STILL_SPP))
+
+    def warm_up(self, scene, sensor, seed: int, spp: int) -> None:
+        """Train before a still: the rate falls to a tenth, so that the average settles."""
+        cache = self.cache_of(scene)
+        frames_ = self.settings.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
+        start = time.perf_counter()
+        for k in range(frames_):
+            cache.rate_factor = FINAL_RATE ** (k / max(frames_ - 1, 1))
+            self._train(scene, sensor, cache, seed)
+        cache.rate_factor = 1.0
+        dr.sync_thread()
+        self.seconds["train"] += time.perf_counter() - start
+
+    def _train(self, scene, sensor, cache: RadianceCache, seed: int) -> None:
+        told = cache.train_frame(scene, sensor, seed)
+        self.told.append(told)
+        if cache.frame == 1 and told.steps == 0 and told.hits >= 0:
+            check_hits(told.hits, sensor)
+
+    def _passes(self, scene, sensor, cache, seed: int, spp: int, still: bool):
+        """All samples, in passes of one sample (frames) or of as many as fit (stills)."""
+        film = sensor.film()
+        width, height = (int(x) for x in film.crop_size())
+        per_pass = max(1, frames.LAUNCH // (width * height)) if still or not self.settings.caching else 1
+        if self.settings.sampling == "sensor":
+            per_pass = spp if still or not self.settings.caching else 1
+        done = 0
+        while done < spp:
+            block = min(per_pass, spp - done)
+            if not still and self.settings.caching and not cache.frozen:
+                start = time.perf_counter()
+                self._train(scene, sensor, cache, seed)
+                self.seconds["train"] += time.perf_counter() - start
+            two_level = self.settings.estimator == "two-level" and self.settings.caching
+            kind = "biased" if two_level else self.settings.estimator
+            film.put_block(self._pass(scene, sensor, cache, seed, done, block, spp, kind))
+            done += block
+        image = film.develop()
+        if two_level:
+            image = image + self._second_level(scene, sensor, cache, seed, spp)
+        return image
+
+    def _second_level(self, scene, sensor, cache, seed: int, spp: int):
+        """What full paths say beyond the cache, from one path for every ``level_samples`` cheap ones."""
+        film = sensor.film()
+        count = max(1, spp // self.settings.level_samples)
+        film.clear()
+        width, height = (int(x) for x in film.crop_size())
+        per_pass = max(1, frames.LAUNCH // (width * height))
+        done = 0
+        while done < count:
+            block = min(per_pass, count - done)
+            other = mixed_seed(seed)
+            film.put_block(self._pass(scene, sensor, cache, other, done, block, count, "difference"))
+            done += block
+        return film.develop()
+
+    def _pass(self, scene, sensor, cache, seed: int, done: int, block: int, spp: int, estimator: str):
+        """One pass as an image block."""
+        film = sensor.film()
+        rays = self._rays(sensor, seed, done, block, spp)
+        q = self.settings.residual_probability
+        L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q)
+        return frames.splat(film, L, valid, place, rays[0].wavelengths, block >= 4)
+
+    def _rays(self, sensor, seed: int, done: int, block: int, spp: int):
+        if self.settings.sampling == "sensor":
+            sampler = sensor.sampler().clone()
+            sampler.set_sample_count(spp)
+            sampler.set_samples_per_wavefront(block)
+            width, height = (int(x) for x in sensor.film().crop_size())
+            sampler.seed(seed + done, width * height * block)
+            return frames.sampled_rays(sensor, sampler, block)
+        width, height = (int(x) for x in sensor.film().crop_size())
+        numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
+        return frames.sobol_rays(sensor, *numbers, width * height * block)
+
+
+def mixed_seed(seed: int) -> int:
+    """A seed for numbers that must not be those of ``seed``."""
+    return (seed * 0x9E3779B1 + 0x7F4A7C15) & 0xFFFFFFFF
+
+
+def register() -> None:
+    """Make ``lightwell_nrc`` known to the active Mitsuba variant."""
+    mi.register_integrator("lightwell_nrc", lambda props: NrcIntegrator(props))

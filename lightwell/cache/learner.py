@@ -1,0 +1,171 @@
+"""Gradient steps of the cache: loss, Adam, and the averaged weights, in one frozen function.
+
+Müller et al. 2021 (loss, averaging in its corrected form), Kingma & Ba 2015 (Adam), Lehtinen et al. 2018 (normalising by the
+prediction keeps the minimum of the loss at the mean of noisy targets).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache.model import Model, Tensors
+from lightwell.cache.settings import CacheSettings
+from lightwell.networks.device import tensors
+
+# Relative loss: the term that keeps the division finite, and the weights of luminance (Müller et al. 2021).
+LOSS_EPSILON = 0.01
+LUMINANCE = (0.299, 0.587, 0.114)
+# Adam. A long memory of the second moment: a short one clips rare bright records and darkens the fit.
+BETA_1, BETA_2, EPSILON, TABLE_EPSILON = 0.9, 0.999, 1e-8, 1e-15
+# Weight decay of the layers.
+DECAY = 1e-6
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Records of one or more steps, in random order; rows beyond the last one have weight 0."""
+
+    direct: Any
+    """[N, K] inputs."""
+    points: Any
+    """[N, 3] positions in the box."""
+    target: Any
+    """[N, 3]."""
+    weight: Any
+    """[N, 3] 1 where there is a target."""
+
+
+def averaging(decay: float, step: int) -> tuple[float, float]:
+    """Factors of the new weights and of the old average after gradient step ``step`` = 1, 2, ...; they add up to 1.
+
+    With eta_t = 1 - decay^t the average is (1 - decay) / eta_t W_t + decay eta_(t-1) / eta_t W_(t-1). Without the division
+    by eta_t in the second term, as it is printed in places, the factors add up to less than 1.
+    """
+    now, before = 1 - decay**step, 1 - decay ** (step - 1)
+    return (1 - decay) / now, decay * before / now
+
+
+def loss(output: Any, target: Any, weight: Any) -> Any:
+    """Sum over channels and records of (f - y)^2 / (sg(lum f)^2 + 0.01), over the sum of weights."""
+    seen = dr.maximum(dr.detach(output), 0)
+    # Literals, because a frozen function takes no memory that is not among its arguments.
+    channel = dr.arange(mi.UInt32, 3)
+    weights = dr.select(channel == 0, LUMINANCE[0], dr.select(channel == 1, LUMINANCE[1], LUMINANCE[2]))
+    lum = dr.matmul(seen, mi.TensorXf(mi.Float(weights), (3, 1)))
+    scale = weight / (dr.square(lum) + LOSS_EPSILON)
+    count = dr.maximum(dr.sum(weight.array), 1)
+    return dr.sum((dr.square(output - target) * scale).array) / count
+
+
+class Learner:
+    """Weights, their average, Adam's moments, and the counters that belong to them."""
+
+    def __init__(self, model: Model, settings: CacheSettings) -> None:
+        self.model, self.settings = model, settings
+        initial = model.initial(settings.seed)
+        self.values: Tensors = tensors(initial)
+        """Raw weights."""
+        self.average: Tensors = tensors({k: np.zeros_like(v) for k, v in initial.items()})
+        """Averaged weights; equal to the raw ones before the first step."""
+        self.moments: tuple[Tensors, Tensors] = tuple(
+            tensors({k: np.zeros_like(v) for k, v in initial.items()}) for _ in range(2)
+        )
+        self.step = 0
+        """Gradient steps taken: the clock of Adam."""
+        self.averaged = 0
+        """Gradient steps in the average; set back by ``forget``."""
+
+    @property
+    def shown(self) -> Tensors:
+        """The weights that pixels see."""
+        return self.average if self.averaged and self.settings.ema_decay else self.values
+
+    def forget(self) -> None:
+        """Begin the average anew from the raw weights: after a change of the scene."""
+        self.average = {k: mi.TensorXf(v) for k, v in self.values.items()}
+        self.averaged = 0
+
+    def train(self, batch: Batch, start: int, rate: float) -> Any:
+        """One step on ``settings.batch`` rows from ``start`` on; returns (loss, signed residual) as device numbers."""
+        self.step += 1
+        self.averaged += 1
+        new, old = averaging(self.settings.step_decay, self.averaged)
+        correction = (1 - BETA_2**self.step) ** 0.5 / (1 - BETA_1**self.step)
+        numbers = [dr.opaque(mi.Float, x) for x in (rate * correction, new, old)]
+        step = _frozen_step(self.model, self.settings.batch)
+        first = dr.opaque(mi.UInt32, start)
+        self.values, self.average, self.moments, told = step(
+            self.values, self.average, self.moments, batch.direct, batch.points, batch.target, batch.weight, first,
+            *numbers,
+        )  # fmt: skip
+        dr.eval(self.values, self.average, self.moments, told)
+        return told
+
+    def rescale(self, k: float) -> None:
+        """Multiply what the network says by ``k`` exactly, moments included: its last layer is linear."""
+        last = self.model.last
+        for tensors_, factor in (
+            (self.values, k),
+            (self.average, k),
+            (self.moments[0], 1 / k),
+            (self.moments[1], 1 / k**2),
+        ):
+            tensors_[last] = mi.TensorXf(tensors_[last].array * dr.opaque(mi.Float, factor), tensors_[last].shape)
+            dr.eval(tensors_[last])
+
+
+@functools.lru_cache(maxsize=64)
+def _frozen_step(model: Model, count: int) -> Any:
+    """One optimiser step as a frozen function, kept for the life of the process (see ``networks.training``)."""
+
+    def step(values, average, moments, direct, points, target, weight, start, rate, new, old):
+        x, p, y, w = (_rows(t, start, count) for t in (direct, points, target, weight))
+        values = {name: mi.TensorXf(value) for name, value in values.items()}
+        with dr.resume_grad():  # mi.render suspends derivatives
+            dr.enable_grad(values)
+            output = model.forward(values, x, p)
+            total = loss(output, y, w)
+            dr.backward(total)
+            gradients = {name: dr.grad(value) for name, value in values.items()}
+        values = {name: dr.detach(value) for name, value in values.items()}
+        residual = dr.sum(((dr.maximum(dr.detach(output), 0) - y) * w).array) / dr.maximum(dr.sum(w.array), 1)
+        told = mi.Point2f(dr.detach(total), residual)
+        return *_updated(values, average, moments, gradients, rate, new, old), told
+
+    return dr.freeze(step)
+
+
+def _updated(values, average, moments, gradients, rate, new, old):
+    """Adam and the average; nothing moves where the gradient as a whole is not finite."""
+    norm = sum(dr.sum(dr.square(g.array)) for g in gradients.values())
+    sound = dr.isfinite(norm)
+    values_, average_, first_, second_ = {}, {}, {}, {}
+    for name, value in values.items():
+        g, v, shape = gradients[name].array, value.array, value.shape
+        m1, m2 = moments[0][name].array, moments[1][name].array
+        moves = mi.Bool(sound)
+        ε = EPSILON
+        if name == "table":
+            moves = sound & (g != 0)  # Entries that no record met stay as they are.
+            ε = TABLE_EPSILON
+        else:
+            g = g + DECAY * v
+        a = dr.select(moves, BETA_1 * m1 + (1 - BETA_1) * g, m1)
+        b = dr.select(moves, BETA_2 * m2 + (1 - BETA_2) * dr.square(g), m2)
+        v = dr.select(moves, v - rate * a / (dr.sqrt(b) + ε), v)
+        e = new * v + old * average[name].array
+        for store, array in ((values_, v), (first_, a), (second_, b), (average_, e)):
+            store[name] = mi.TensorXf(array, shape)
+    return values_, average_, (first_, second_)
+
+
+def _rows(table: Any, start: Any, count: int) -> Any:
+    """[count, F] rows from row ``start`` on."""
+    width = table.shape[1]
+    lane = dr.arange(mi.UInt32, count * width) + start * width
+    return mi.TensorXf(dr.gather(mi.Float, table.array, lane), (count, width))

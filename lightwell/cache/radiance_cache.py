@@ -1,0 +1,288 @@
+"""The radiance cache of one scene: it learns from training paths and answers queries."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache.batches import compacted, packed_batches, usable
+from lightwell.cache.draws import GOLDEN, draws, mixed
+from lightwell.cache.features import WIDTH, Vertex, stored
+from lightwell.cache.learner import Learner
+from lightwell.cache.materials import MaterialTable, material_table
+from lightwell.cache.model import Model
+from lightwell.cache.paths import Surroundings
+from lightwell.cache.scale import RadianceScale
+from lightwell.cache.settings import CacheSettings
+from lightwell.cache.tiles import Tiles
+from lightwell.cache.training_paths import query_vertex, resolve, trace_records
+
+# The box is larger than the scene by this share, so that nothing lies on its surface.
+INFLATE = 0.01
+# Targets beyond this many times the running mean are cut; off in unbiased training.
+CAP = 1e4
+# Stream of random numbers that training paths draw from, apart from those of pixels.
+TRAINING_STREAM = 0x5EED
+
+
+@dataclass
+class Told:
+    """What one frame of training said."""
+
+    frame: int = 0
+    records: int = 0
+    """Records that there were."""
+    dropped: int = 0
+    """Records dropped because they were not finite."""
+    paths: int = 0
+    hits: int = -1
+    """Training paths that met a surface that can be learned; -1: unknown."""
+    steps: int = 0
+    loss: float = float("nan")
+    """Mean loss before the steps; NaN when nothing was learned."""
+    residual: float = 0.0
+    """Mean signed difference prediction - target, before the steps, in units of the network."""
+    bias: tuple[float, float] = (0.0, float("inf"))
+    """Bias meter: mean of prefix * (traced - cached) over unbiased paths, and its standard error; radiance."""
+    bias_paths: int = 0
+    scale: float = 1.0
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Wall time by stage: trace, records, train."""
+
+
+def bounds_of(scene: Any) -> np.ndarray:
+    """[2, 3] corners of a Mitsuba scene's geometry."""
+    box = scene.bbox()
+    corners = np.array([np.array(box.min), np.array(box.max)], np.float64).reshape(2, 3)
+    if not np.isfinite(corners).all() or (corners[1] < corners[0]).any():
+        raise ValueError("nrc: the scene has no surfaces to learn on; add a shape")
+    return corners
+
+
+class RadianceCache:
+    """Learns scattered radiance while a scene is rendered."""
+
+    def __init__(self, settings: CacheSettings, box: np.ndarray | None = None) -> None:
+        self.settings = settings
+        self.model = Model.of(settings)
+        self.learner = Learner(self.model, settings)
+        self.scale = RadianceScale(settings.radiance_scale)
+        self.tiles: dict[tuple[int, int], Tiles] = {}
+        self.frame = 0
+        """Frames trained."""
+        self.since_change = 0
+        """Frames trained since the cache was cold or the scene changed."""
+        self.frozen = False
+        self.rate_factor = 1.0
+        """Multiplies the learning rate: decays in stills, rises after changes."""
+        self.history: deque[Told] = deque(maxlen=4096)
+        self.fixed_box = box
+        self.box: np.ndarray | None = None if box is None else np.asarray(box, np.float64)
+        self.materials: MaterialTable | None = None
+        self._around: Surroundings | None = None
+        self._packs: dict[str, Any] = {}
+        self.picture = (0, 0)
+        self.size = Tiles(1, 1.0)
+
+    # ------------------------------------------------------------------ scene
+
+    def prepare(self, scene: Any) -> None:
+        """Read box and materials; call again when materials changed."""
+        if self.box is None:
+            corners = bounds_of(scene)
+            margin = np.maximum((corners[1] - corners[0]) * INFLATE, 1e-6 * max(1e-6, np.ptp(corners)))
+            self.box = np.stack([corners[0] - margin, corners[1] + margin])
+        self.materials = material_table(scene)
+        self._around = None
+
+    @property
+    def around(self) -> Surroundings:
+        """What paths need beside the scene."""
+        if self._around is None:
+            assert self.box is not None and self.materials is not None
+            a = Surroundings()
+            low, edge = self.box[0], self.box[1] - self.box[0]
+            a.low = mi.Point3f(*[dr.opaque(mi.Float, float(x)) for x in low])
+            a.inverse = mi.Vector3f(*[dr.opaque(mi.Float, float(1 / x)) for x in edge])
+            a.roughness, a.albedo = self.materials.roughness, self.materials.albedo
+            a.c = dr.opaque(mi.Float, min(self.settings.termination_c, 3e38))
+            depth = self.settings.max_depth
+            a.max_depth = dr.opaque(mi.UInt32, 0xFFFFFFFF if depth < 0 else depth)
+            a.rr_depth = dr.opaque(mi.UInt32, self.settings.rr_depth)
+            self._around = a
+        return self._around
+
+    # ------------------------------------------------------------------ queries
+
+    def packed(self, which: str = "ema") -> Any:
+        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with one over the radiance scale."""
+        key = "raw" if which == "raw" or self.learner.shown is self.learner.values else "ema"
+        if key not in self._packs:
+            values = self.learner.values if key == "raw" else self.learner.shown
+            views = self.model.packed(values)
+            dr.eval(views)
+            self._packs[key] = (views, dr.opaque(mi.Float, 1 / self.scale.value))
+        return self._packs[key]
+
+    def touched(self) -> None:
+        """Weights or scale changed: packed copies are stale."""
+        self._packs.clear()
+
+    def radiance(self, packed: Any, v: Vertex) -> mi.Color3f:
+        """Scattered radiance towards ``v.w``."""
+        return self.model.radiance(packed[0], v, packed[1])
+
+    # ------------------------------------------------------------------ training
+
+    def controller(self, width: int, height: int) -> Tiles:
+        """The tile controller of a picture size."""
+        key = (width, height)
+        if key not in self.tiles:
+            s = self.settings
+            self.tiles[key] = Tiles(s.batch * s.steps, s.train_fraction_max)
+        return self.tiles[key]
+
+    def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
+        """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
+        told = Told(frame=self.frame, scale=self.scale.value)
+        if self.frozen or not self.settings.caching:
+            return told
+        with dr.suspend_grad():
+            start = time.perf_counter()
+            traced = self._trace(scene, sensor, seed, told)
+            told.seconds["trace"] = time.perf_counter() - start
+            start = time.perf_counter()
+            batch, steps = self._records(traced, seed, told)
+            told.seconds["records"] = time.perf_counter() - start
+        start = time.perf_counter()
+        self._learn(batch, steps, told)
+        told.seconds["train"] = time.perf_counter() - start
+        self.frame += 1
+        self.since_change += 1
+        self.history.append(told)
+        return told
+
+    def _trace(self, scene, sensor, seed: int, told: Told):
+        """Training paths, their targets, and the bias meter."""
+        s = self.settings
+        width, height = (int(x) for x in sensor.film().crop_size())
+        self.picture, self.size = (width, height), self.controller(width, height)
+        columns, rows, tile_w, tile_h = self.size.grid(width, height)
+        V, P = s.max_vertices, columns * rows
+        numbers = (seed & 0xFFFFFFFF, self.frame, columns)
+        seed_, frame, columns_ = (dr.opaque(mi.UInt32, x) for x in numbers)
+        size = dr.opaque(mi.Float, tile_w), dr.opaque(mi.Float, tile_h)
+        sampler = draws(dr.arange(mi.UInt32, P), frame, mixed(seed_ + TRAINING_STREAM))
+        ray = self._rays(sensor, P, columns_, size, frame, seed_, sampler)
+        records = trace_records(scene, sampler, ray, self.around, self._unbiased(P, columns_, frame), V, P)
+        dr.eval(records)
+        tail = self.radiance(self.packed("raw" if s.bootstrap == "raw" else "ema"), records.tail)
+        targets, at_query = resolve(records, tail * s.tail_attenuation, V, P)
+        v, found = query_vertex(records, V, P)
+        found &= records.unbiased & dr.all(dr.isfinite(at_query))
+        shown = dr.select(found, self.radiance(self.packed("ema"), v), 0)
+        difference = dr.mean(dr.select(found, records.prefix * (at_query - shown), 0))
+        ok, bad = usable(targets)
+        dr.eval(targets, difference, found, ok, bad)
+        told.paths = P
+        told.hits = int(np.count_nonzero(np.array(records.count)))
+        self._meter(np.array(difference), np.array(records.unbiased), told)
+        return records, targets, ok, bad
+
+    @staticmethod
+    def _meter(difference: np.ndarray, unbiased: np.ndarray, told: Told) -> None:
+        """Image bias from the unbiased paths; those that no query would have ended count with 0."""
+        values = difference[unbiased]
+        told.bias_paths = len(values)
+        if len(values) > 1:
+            told.bias = (float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))))
+
+    def _rays(self, sensor, P, columns, size, frame, seed, sampler):
+        """One camera ray per tile, at an offset that all tiles share."""
+        film = sensor.film()
+        tile = dr.arange(mi.UInt32, P)
+        at = mi.Point2f(tile % columns, tile // columns)
+        shared = draws(mi.UInt32(0xFFFFFFFF), frame, mixed(seed + TRAINING_STREAM))
+        offset = shared.next_2d()
+        crop = film.crop_size()
+        pixel = dr.floor((at + offset) * mi.Vector2f(*size))
+        position = (pixel + sampler.next_2d()) / mi.Vector2f(crop)
+        aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+        time_ = sensor.shutter_open() + sampler.next_1d() * sensor.shutter_open_time()
+        ray, _ = sensor.sample_ray_differential(time_, 0.0, position, aperture)
+        return ray
+
+    def _unbiased(self, P, columns, frame):
+        """Mask: in every group of 1/u tiles, one at an offset that changes with the frame."""
+        u = self.settings.unbiased_fraction
+        if 0 < u and self.since_change < self.settings.lead_in:
+            u = 1.0  # Nothing is known yet that could end a path.
+        if u >= 1 or u <= 0:
+            return mi.Bool(u >= 1) & (dr.arange(mi.UInt32, P) >= 0)
+        tile = dr.arange(mi.UInt32, P)
+        if u == 1 / 16:
+            x, y = tile % columns, tile // columns
+            pick = mixed(frame * mi.UInt32(GOLDEN) + 1) & 15
+            return ((x & 3) == (pick & 3)) & ((y & 3) == (pick >> 2))
+        return mi.Float(mixed(tile * mi.UInt32(GOLDEN) + mixed(frame))) * 2.0**-32 < u
+
+    def _records(self, traced, seed: int, told: Told):
+        """Shuffled batches on the device and the number of steps that they are enough for."""
+        records, targets, ok, bad = traced
+        s = self.settings
+        rows, count = compacted(ok)
+        dropped = dr.count(bad)
+        reflectance_free = self._luminances(records.features, targets, ok)
+        dr.eval(rows, count, dropped, reflectance_free)
+        told.records, told.dropped = int(count[0]), int(dropped[0])
+        self.size.update(told.records, told.paths, *self.picture)
+        self._calibrate(np.array(reflectance_free), told)
+        steps = min(s.steps, -(-told.records // s.batch))
+        # A step of less than half a batch learns little: it waits for more records unless it is the only one.
+        if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:
+            steps -= 1
+        if steps == 0:
+            return None, 0
+        cap = 0.0 if s.unbiased_fraction >= 1 else CAP * self.scale.mean
+        device = [dr.opaque(mi.Float, x) for x in (self.scale.value, cap)]
+        slots = dr.width(ok)
+        order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
+        batch = packed_batches(
+            self.model, records.features, targets, rows, count, order, *device, steps * s.batch,
+            max(1, (slots - 1).bit_length()),
+        )  # fmt: skip
+        dr.eval(batch.direct, batch.points, batch.target, batch.weight)
+        return batch, steps
+
+    def _luminances(self, features, targets, ok):
+        """[R] luminance of L_s over reflectance, -1 where there is none."""
+        row = dr.arange(mi.UInt32, dr.width(ok))
+        v = stored(features, row, ok)
+        t = dr.gather(mi.Vector4f, targets, row, ok)
+        y, _ = self.model.target(mi.Color3f(t.x, t.y, t.z), v, mi.Float(1))
+        return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
+
+    def _calibrate(self, luminances: np.ndarray, told: Told) -> None:
+        """Follow the radiance of the scene; the weights are scaled along."""
+        factor = self.scale.update(luminances[luminances >= 0])
+        if factor != 1.0:
+            self.learner.rescale(factor)
+            self.touched()
+        told.scale = self.scale.value
+
+    def _learn(self, batch, steps: int, told: Told) -> None:
+        rate = self.settings.learning_rate * self.rate_factor
+        said = [self.learner.train(batch, k * self.settings.batch, rate) for k in range(steps)]
+        told.steps = steps
+        if steps:
+            self.touched()
+            values = np.array([np.array(t).ravel() for t in said])
+            told.loss, told.residual = float(values[:, 0].mean()), float(values[:, 1].mean())
+
+
+__all__ = ["WIDTH", "RadianceCache", "Told", "bounds_of"]

@@ -1,0 +1,207 @@
+"""What can be set of the radiance cache: presets, defaults, and the checks of values that a user gives.
+
+The numbers come from Müller et al., *Real-time Neural Radiance Caching for Path Tracing* (2021), where docs/radiance-cache.md
+does not say otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+# Squared, in the paper's units: the vendor SDK compares radii with a primary radius of d sqrt(4 pi / cos).
+SDK_FACTOR = (4 * math.pi) ** 2
+PRESETS = ("compact", "paper")
+CHOICES = {
+    "preset": PRESETS,
+    "encoding": ("hash", "frequency"),
+    "bootstrap": ("raw", "ema"),
+    "first_hit": ("nee", "restir-di", "restir-gi"),
+    "restir_reuse": ("biased", "unbiased"),
+    "estimator": ("biased", "residual", "two-level"),
+    "on_change": ("detect", "hint-only", "off"),
+    "budget": ("preset", "low", "auto"),
+    "mode": ("auto", "frames", "still"),
+    "sampling": ("sobol", "sensor"),
+    "view": (
+        "image", "cache", "cache-2", "depth", "spread", "training", "residual", "raw-minus-ema", "albedo", "dropped",
+        "reservoir", "tiles",
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CacheSettings:
+    """Every option of ``lightwell_nrc``; also the names of the plugin's parameters."""
+
+    preset: str = "compact"
+    """'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64."""
+    encoding: str = "hash"
+    """Of the position: 'hash' or 'frequency' (the paper's)."""
+    levels: int = 6
+    """Hash grid: levels of four channels."""
+    base: float = 8.0
+    """Hash grid: cells along each axis of the first level."""
+    growth: float = 1.7
+    """Hash grid: cells of a level relative to the one before."""
+    entries_log2: int = 15
+    """Hash grid: logarithm of the largest number of entries of a level."""
+    hidden: int = 32
+    """Neurons of a hidden layer."""
+    layers: int = 2
+    """Hidden layers."""
+    termination_c: float = 0.01
+    """A path ends in the cache once its footprint exceeds c times that of the primary hit; inf: plain path tracing."""
+    unbiased_fraction: float = 1 / 16
+    """Training paths that end by roulette alone."""
+    lead_in: int = 8
+    """Frames of a cold cache in which every training path ends by roulette: cache values that are still wrong would
+    take as many frames to correct as light has bounces. Ignored where ``unbiased_fraction`` is 0."""
+    train_fraction_max: float = 0.05
+    """Largest share of pixels that train in one frame."""
+    max_vertices: int = 8
+    """Records that one training path can leave."""
+    batch: int = 4096
+    """Records of one gradient step."""
+    steps: int = 4
+    """Gradient steps per frame, at most: fewer where records are short."""
+    bootstrap: str = "raw"
+    """Weights that end training paths: 'raw' or 'ema'."""
+    factorise: bool = True
+    """Learn radiance divided by reflectance."""
+    ema_decay: float = 0.99
+    """Decay of the averaged weights at four steps a frame; 0 turns averaging off."""
+    learning_rate: float = 1e-2
+    radiance_scale: float = 0.0
+    """Factor that brings radiance to order one; 0: calibrated automatically."""
+    tail_attenuation: float = 1.0
+    """Factor on cache values that end training paths, <= 1; against BSDFs that make energy."""
+    first_hit: str = "nee"
+    """Direct light at the first hit: 'nee', 'restir-di', or 'restir-gi' (which also reuses indirect samples)."""
+    restir_reuse: str = "biased"
+    """How neighbours' reservoirs are merged."""
+    restir_candidates: int = 32
+    """Light samples that a reservoir chooses from afresh."""
+    estimator: str = "biased"
+    """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate."""
+    residual_probability: float = 0.25
+    """Share of paths that go on behind the query, to measure what the cache gets wrong."""
+    level_samples: int = 4
+    """two-level: cheap samples that read the cache, per path that measures its error."""
+    on_change: str = "detect"
+    """What follows a change of the scene: 'detect' it, obey 'hint-only', or 'off'."""
+    budget: str = "preset"
+    """'low': one step a frame. 'auto': training is held to a quarter of the frame time (not reproducible)."""
+    denoise: bool = False
+    """Open Image Denoise on the result (needs mitsuba-oidn and a box filter)."""
+    max_depth: int = -1
+    """Longest path, -1: unlimited."""
+    rr_depth: int = 5
+    """Depth from which roulette may end a path."""
+    mode: str = "auto"
+    """'frames': train a little at every sample per pixel. 'still': train first, freeze, then render.
+    'auto': 'still' from ``STILL_SPP`` samples per pixel on."""
+    warmup: int = 0
+    """still: frames of training before the picture; 0: by the number of samples."""
+    sampling: str = "sobol"
+    """'sobol': scrambled (0,2) sequences. 'sensor': the sensor's own sampler, as Mitsuba's ``path`` uses it."""
+    view: str = "image"
+    """'image' or a debug view."""
+    seed: int = 0
+    """Of the initial weights."""
+
+    def __post_init__(self) -> None:
+        for name, allowed in CHOICES.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"nrc: {name} = '{getattr(self, name)}', expected one of {', '.join(allowed)}")
+        for name, low, high in _RANGES:
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"nrc: {name} = {value:g}, expected {low:g} ... {high:g}; correct the parameter")
+        if self.max_depth < -1 or self.max_depth == 0:
+            raise ValueError(f"nrc: max_depth = {self.max_depth}, expected -1 (no limit) or a number >= 1")
+
+    @property
+    def caching(self) -> bool:
+        """Whether any path can end in the cache."""
+        return math.isfinite(self.termination_c)
+
+    @property
+    def step_decay(self) -> float:
+        """Decay of the average per step: its time constant in frames does not depend on the number of steps."""
+        return self.ema_decay ** (4 / self.steps)
+
+    def changed(self, **values: Any) -> CacheSettings:
+        """A copy with some values replaced."""
+        return replace(self, **values)
+
+    def network(self) -> dict[str, Any]:
+        """The part that decides the shape and meaning of the weights."""
+        names = ("encoding", "levels", "base", "growth", "entries_log2", "hidden", "layers", "factorise")
+        return {name: getattr(self, name) for name in names}
+
+    def to_json(self) -> dict[str, Any]:
+        """All values; infinity as a string."""
+        return {k: str(v) if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(self).items()}
+
+
+_RANGES = (
+    ("levels", 1, 16),
+    ("base", 1, 4096),
+    ("growth", 1, 8),
+    ("entries_log2", 8, 22),
+    ("hidden", 4, 256),
+    ("layers", 1, 8),
+    ("termination_c", 0, math.inf),
+    ("unbiased_fraction", 0, 1),
+    ("lead_in", 0, 1 << 20),
+    ("train_fraction_max", 1e-6, 1),
+    ("max_vertices", 1, 64),
+    ("batch", 16, 1 << 20),
+    ("steps", 1, 64),
+    ("ema_decay", 0, 0.999999),
+    ("learning_rate", 1e-7, 1),
+    ("radiance_scale", 0, 1e30),
+    ("tail_attenuation", 0, 1),
+    ("restir_candidates", 1, 1024),
+    ("residual_probability", 1e-3, 1),
+    ("level_samples", 1, 64),
+    ("rr_depth", 1, 1 << 30),
+    ("warmup", 0, 1 << 20),
+)
+
+# What the preset 'paper' sets otherwise.
+PAPER = {
+    "encoding": "frequency", "hidden": 64, "layers": 5, "train_fraction_max": 0.03, "batch": 16384,
+    "learning_rate": 5e-3,
+}  # fmt: skip
+
+
+def settings_of(given: dict[str, Any]) -> CacheSettings:
+    """Settings from named values: the preset's first, then the given ones; ``termination_sdk_t`` is converted."""
+    given = dict(given)
+    if (t := given.pop("termination_sdk_t", None)) is not None:
+        given["termination_c"] = float(t) ** 2 * SDK_FACTOR
+    known = {f.name: type(f.default).__name__ for f in fields(CacheSettings)}
+    for name in given:
+        if name not in known:
+            raise ValueError(f"nrc: there is no parameter '{name}'; there are {', '.join(known)} and termination_sdk_t")
+    values: dict[str, Any] = dict(PAPER) if given.get("preset") == "paper" else {}
+    if given.get("budget") == "low":
+        values["steps"] = 1
+    for name, value in given.items():
+        values[name] = _typed(name, known[name], value)
+    return CacheSettings(**values)
+
+
+def _typed(name: str, kind: str, value: Any) -> Any:
+    """A value of the kind of its field; XML knows floats, integers, booleans and strings."""
+    makers = {"int": int, "float": float, "bool": bool, "str": str}
+    try:
+        made = makers[kind](value)
+    except (TypeError, ValueError):
+        raise ValueError(f"nrc: {name} = {value!r}, expected a value of type {kind}") from None
+    if kind == "int" and made != value and not isinstance(value, str):
+        raise ValueError(f"nrc: {name} = {value!r}, expected a whole number")
+    return made
