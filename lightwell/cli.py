@@ -67,7 +67,9 @@ def _verb(verbs, name: str, run, summary: str, description: str = "") -> argpars
 
 
 def _add_bake_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--field", help="learned representation (default: factored, or the one that has the preset)")
+    parser.add_argument(
+        "--field", help="learned representation, or lightmap (default: factored, or the one that has the preset)"
+    )
     parser.add_argument(
         "--preset", default="default", help="settings of the field, e.g. default, report-20, report-200"
     )
@@ -101,6 +103,10 @@ def _add_bake_options(parser: argparse.ArgumentParser) -> None:
         "--shards",
         type=int,
         help="fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
+    )
+    parser.add_argument("--size", type=int, help="lightmap: texels along each edge of the atlas (default: 1024)")
+    parser.add_argument(
+        "--mips", type=int, default=1, help="lightmap: mip level up to which charts do not mix (default: %(default)s)"
     )
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
     parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
@@ -146,6 +152,8 @@ def _settings(arguments, scene: str, out: str):
         shards=arguments.shards,
         keep=arguments.keep,
         static=not arguments.no_static,
+        size=arguments.size,
+        mips=arguments.mips,
     )
 
 

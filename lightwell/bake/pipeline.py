@@ -29,6 +29,10 @@ STATIC_SHARE = 0.4
 def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
     """Run the main job; returns the content of ``report.json``. Raises ValueError for what the user can cure."""
     progress = progress or Progress(quiet=True)
+    if settings.field == "lightmap":
+        from lightwell.bake.lightmap import bake_lightmap
+
+        return bake_lightmap(settings, progress)
     starter(settings.field, settings.preset)
     scene = load(settings.scene)
     check_output(settings.out)

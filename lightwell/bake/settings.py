@@ -11,6 +11,9 @@ from lightwell.fields import field_of
 # Seconds of tracing and training when nothing else is asked for: good on two cores.
 DEFAULT_SECONDS = 120.0
 
+# Longest edge of a light map: that of a texture in the format.
+MOST_TEXELS = 4096
+
 # Mean displayed radiance after exposure: a middle grey that leaves room for highlights.
 MIDDLE_GREY = 0.18
 
@@ -77,6 +80,10 @@ class BakeSettings:
     """Keep samples and checkpoints after the bake."""
     static: bool = True
     """Also learn the light of the scene's own emitters."""
+    size: int | None = None
+    """Texels along each edge of a light map; None: the preset's."""
+    mips: int = 1
+    """Mip level up to which no texel of a light map mixes charts."""
 
     def __post_init__(self) -> None:
         """Name the field; refuse counts that mean nothing, by the name of their option."""
@@ -88,8 +95,12 @@ class BakeSettings:
             ("--steps", self.steps, 1),
             ("--shards", self.shards, 1),
             ("--seed", self.seed, 0),
+            ("--size", self.size, 16),
+            ("--mips", self.mips, 0),
         ):
             if value is not None and value < least:
                 raise ValueError(f"bake: {option} {value} is too small; give {least} or more")
+        if self.size is not None and (self.size > MOST_TEXELS or self.size & (self.size - 1)):
+            raise ValueError(f"bake: --size {self.size} is not a power of two up to {MOST_TEXELS}; give 512 or 1024")
         if self.paths % 2:
             raise ValueError(f"bake: --paths {self.paths} is odd; give an even number (two independent halves)")

@@ -36,7 +36,9 @@ def field_of(preset: str) -> str:
 def starter(field: str, preset: str) -> Callable[[FieldSetup, int], Fit]:
     """The function (setup, seed) → Fit of a named field and preset; ValueError for an unknown name."""
     if field not in FIELDS:
-        raise ValueError(f"bake: unknown field '{field}'; choose one of {', '.join(FIELDS)} with --field")
+        raise ValueError(
+            f"bake: unknown field '{field}'; choose one of {', '.join([*FIELDS, 'lightmap'])} with --field"
+        )
     if preset not in FIELDS[field].PRESETS:
         raise ValueError(
             f"bake: field '{field}' has no preset '{preset}'; choose one of {', '.join(presets(field))} with --preset"

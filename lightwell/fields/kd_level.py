@@ -26,6 +26,12 @@ HELD_OUT = 5
 # Odd factor that spreads sample numbers over 32 bits (Knuth, multiplicative hashing).
 SPREAD, BITS = 2654435761, 32
 
+# Samples of a level are thinned to about so many in all, but not below so many of a candidate: the first networks of a
+# tree see every part of the scene, and a level of few candidates costs no more than one of many.
+LEVEL_ROWS, CANDIDATE_ROWS = 3 << 20, 1 << 13
+# Another odd factor, for numbers that have nothing to do with which samples are held out.
+THINNING = 2246822519
+
 # How many standard errors a corrected error must lie above the goal to count as above it: in small leaves the mean of
 # the products of two noisy residuals is uncertain.
 CONFIDENCE = 2.0
@@ -55,6 +61,16 @@ def is_trained(examples: Examples) -> np.ndarray:
     """[N] samples that are not held out: a function of a sample's number, so that further samples change nothing."""
     spread = examples.row.astype(np.uint64) * np.uint64(SPREAD) % np.uint64(1 << BITS)
     return spread * np.uint64(HELD_OUT) >> np.uint64(BITS) != 0
+
+
+def thinned(row: np.ndarray, candidate: np.ndarray, candidates: int) -> np.ndarray:
+    """[K] of [M] memberships that are used: those of crowded candidates by chance, a function of a sample's number."""
+    most = max(LEVEL_ROWS // max(candidates, 1), CANDIDATE_ROWS)
+    share = most / np.maximum(np.bincount(candidate, minlength=candidates), 1)
+    if (share >= 1).all():
+        return np.arange(len(row))
+    chance = (row.astype(np.uint64) * np.uint64(THINNING) % np.uint64(1 << BITS)) / float(1 << BITS)
+    return np.flatnonzero(chance < share[candidate])
 
 
 class Level:
@@ -114,6 +130,8 @@ class Level:
         if self._data is not None:
             return
         row, candidate = self.members(partition, np.asarray(examples.query.position, np.float32))
+        used = thinned(row, candidate, len(self))
+        row, candidate = row[used], candidate[used]
         trained = is_trained(examples)[row]
         order, runs = sort_into_runs(np.where(trained, candidate, -1), len(self), (seed, len(row)))
         picked = row[order]

@@ -36,6 +36,9 @@ OPEN, MET, FEW, DEEP, FULL, WORSE = range(6)
 STATUS = ("open", "met", "few samples", "deep", "no room", "no gain")
 # Levels beyond those after which evenly halved leaves have too few samples: the first, and one for uneven halves.
 SPARE_LEVELS = 2
+# Candidates of a level whose steps cost as much again as a single network's: levels of more have fewer steps, but not
+# fewer than a share of them.
+DEAR, LEAST_SHARE = 64, 1 / 16
 # Factors between the seeds of fits and of levels.
 SEED_STEP, LEVEL_STEP = 1_000_003, 100_003
 
@@ -164,15 +167,22 @@ class KdFit(SegmentedFit):
         halvings = int(np.ceil(np.log2(max(ratio, 1))))
         return min(halvings + SPARE_LEVELS, self.preset.depth + 1)
 
+    def _steps_of(self, level: Level) -> int:
+        """Steps of a level: levels take about the same time, whatever their number of networks."""
+        if self.preset.optimiser == "lm":
+            return self._level_steps
+        return max(int(self._level_steps * max(1 / (1 + len(level) / DEAR), LEAST_SHARE)), 1)
+
     def _step(self, total: int) -> bool:
         self._level_steps = self._level_steps or max(total // self._planned_levels(), 1)
         if self._level is None and not self._begin_level():
             return True
         level = self._level
         level.arrange(self.partition, self.examples, self.seed, self.preset.most_rows)
-        level.step(self._level_steps)
+        steps = self._steps_of(level)
+        level.step(steps)
         self.state.samples_seen += len(level) * self.preset.training.batch
-        ended = level.steps >= self._level_steps or level.finished
+        ended = level.steps >= steps or level.finished
         if ended or level.steps % self.preset.training.evaluate_every == 0:
             level.judge(self.mlp, self.examples, self.preset.rule)
         if ended:

@@ -29,6 +29,7 @@ ACTIVATIONS = {
     "relu": lambda x: dr.maximum(x, 0),
     "sigmoid": lambda x: 1 / (1 + dr.exp(-x)),
     "silu": _silu,
+    "sine": dr.sin,
     "softplus": _softplus,
     "tanh": dr.tanh,
     "exp": lambda x: dr.exp(dr.clip(x, EXP_LOW, EXP_HIGH)),

@@ -143,6 +143,13 @@ class Trainer:
         """Current weights as NumPy arrays."""
         return {name: np.array(value) for name, value in self._values.items()}
 
+    def adopt(self, parameters: Mapping[str, np.ndarray], keep_moments: bool = True) -> None:
+        """Go on from these weights; their names and shapes may differ from those of before without the moments."""
+        self._values = _upload(dict(parameters))
+        if not keep_moments:
+            zeros = {name: np.zeros_like(value) for name, value in parameters.items()}
+            self._moments = tuple(_upload(zeros) for _ in range(2))
+
     # ------------------------------------------------------------------ one step
 
     def _batch(self, data: TrainingData) -> int:

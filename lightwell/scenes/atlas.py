@@ -37,7 +37,7 @@ class Atlas:
     mips: int
     """Mip level up to which no texel mixes charts."""
     uv: np.ndarray
-    """[2, T, 3, 2] float32: the corners of every triangle, by side. A side that is not stored has those of the other one."""
+    """[2, T, 3, 2] float32: corners of every triangle, by side; of a side that is not stored, those of the other."""
     chart: np.ndarray
     """[2, T] int32: number of the chart, from 0; -1 where the side is not stored."""
     first: np.ndarray

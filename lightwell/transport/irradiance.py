@@ -13,8 +13,17 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.transport.air import WRONG_SHARE, _right_side, _sides
 from lightwell.transport.interactions import DevicePoints, gather_interaction
-from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, _power, _vertex, independent, random_streams
-from lightwell.transport.radiance import stratified, trace
+from lightwell.transport.radiance import (
+    LAUNCH,
+    MAX_DEPTH,
+    RR_DEPTH,
+    _power,
+    _vertex,
+    independent,
+    random_streams,
+    stratified,
+    trace,
+)
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables

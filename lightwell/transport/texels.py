@@ -19,6 +19,9 @@ from lightwell.transport.visible import side_points
 STEPS = (0.5, 0.3, 0.7, 0.1, 0.9)
 # Charts lie in planes this far apart, so that a ray tells which one it has met.
 HEIGHT = 1.0
+# Points keep this share of the scene's extent away from the edges of their triangle: charts begin at texel centres, and
+# from an edge that two walls share a ray would pass between them.
+CLEARANCE = 2e-4
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,26 @@ def texels(scene: Scene, atlas: Atlas) -> Texels:
         owner[left[hit]], barycentric[left[hit]] = found[hit], weights[hit]
     index = np.flatnonzero(owner >= 0)
     row = owner[index]
-    points = side_points(scene, triangle[row], side[row], barycentric[index])
+    inner = _off_the_edges(scene, triangle[row], barycentric[index])
+    points = side_points(scene, triangle[row], side[row], inner)
     chart = np.full(n * n, -1, np.int32)
     chart[index] = atlas.chart[side[row], triangle[row]]
     return Texels(index, points, chart.reshape(n, n))
+
+
+def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """[K, 2] barycentric weights of points moved towards the middle where they lie on an edge."""
+    corners = np.concatenate([mesh.positions[mesh.indices.astype(np.int64)] for mesh in scene.meshes])[triangle]
+    corners = corners.astype(np.float64)
+    weights = np.concatenate([1 - barycentric.sum(axis=1, keepdims=True), barycentric], axis=1).astype(np.float64)
+    opposite = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    height = area[:, None] / np.maximum(np.linalg.norm(opposite, axis=2), 1e-30)
+    wanted = np.minimum(CLEARANCE * scene.extent / np.maximum(height, 1e-30), 1 / 3)
+    # The least share s of the middle with which w + s (1/3 - w) reaches what is wanted of every weight.
+    share = np.where(weights < wanted, (wanted - weights) / np.maximum(1 / 3 - weights, 1e-9), 0).max(axis=1)
+    weights += np.clip(share, 0, 1)[:, None] * (1 / 3 - weights)
+    return weights[:, 1:].astype(np.float32)
 
 
 def _flat_scene(uv: np.ndarray):

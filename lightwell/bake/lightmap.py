@@ -1,0 +1,230 @@
+"""The bake of a light map: atlas, light that arrives, light that leaves towards eyes, network, files, report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lightwell.asset.page import write_page
+from lightwell.asset.records import Fallback, FieldEntry
+from lightwell.asset.write import write_glb
+from lightwell.bake.lightmap_score import score_lightmap
+from lightwell.bake.lightmap_trace import (
+    Chart,
+    EyeSamples,
+    chart,
+    direction_image,
+    eye_samples,
+    light_image,
+    lit_scene,
+    reduced,
+)
+from lightwell.bake.progress import Progress
+from lightwell.bake.settings import BakeSettings
+from lightwell.bake.work import Work, check_output
+from lightwell.fields.base import radiance_unit
+from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap_graph import stored
+from lightwell.graph.pictures import Picture, encode
+from lightwell.report.html import write_report
+from lightwell.scenes import load
+from lightwell.scenes.atlas import charted_meshes
+from lightwell.scenes.scene import Scene
+from lightwell.transport.samples import Samples
+
+# Shares of the budget: light at texels, samples of eyes; the rest trains.
+TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
+# Texels and paths that time the tracer; bounds of the paths per texel.
+TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
+# Paths per eye sample, and bounds of their number.
+EYE_PATHS, FEWEST_EYES, MOST_EYES = 32, 1 << 12, 1 << 21
+# Edge of the directions' picture relative to the atlas, and of the fallback.
+DIRECTION_REDUCTION, FALLBACK_SIZE = 4, 512
+FALLBACK_CODEC = "jpeg90"
+# The brightest irradiance of the fallback, as a quantile of all texels: bytes are not spent on a few highlights.
+FALLBACK_QUANTILE = 0.999
+
+
+@dataclass(frozen=True)
+class LightmapPlan:
+    """Counts that a budget buys."""
+
+    size: int
+    texel_paths: int
+    eye_samples: int
+    eye_paths: int
+    steps: int
+
+
+def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
+    """Bake SCENE with ``--field lightmap``; returns the content of ``report.json``."""
+    progress = progress or Progress(quiet=True)
+    preset = preset_of(settings.preset)
+    scene = load(settings.scene)
+    check_output(settings.out)
+    scene, note = lit_scene(scene)
+    if note:
+        progress.say(f"[yellow]warning[/] {note}")
+    work = Work(settings)
+    work.open(scene)
+    size = settings.size or preset.size
+    with work.timed("trace"):
+        made, samples = _trace(scene, settings, preset, size, progress)
+    progress.say(
+        f"atlas: {made.atlas.charts} charts, {made.atlas.coverage:.0%} of {size} x {size}, {made.atlas.origin}"
+    )
+    with work.timed("train"), progress.stage("train light map", 1, "") as stage:
+        fit = fitted(made, samples, preset, settings.seed, _steps(settings, preset))
+        stage.advance()
+    with work.timed("write"):
+        _write_asset(scene, made, fit, settings)
+    with work.timed("evaluate"):
+        score = score_lightmap(scene, made.atlas, fit, settings, progress)
+    warnings = [*scene.warnings, *([note] if note else [])]
+    facts = {"atlas": atlas_facts(made), "textures": {k: len(p.data) for k, p in fit.pictures.items()}}
+    seconds = {name: round(value, 3) for name, value in work.seconds.items()}
+    data = replace(score.data, seconds=seconds, warnings=warnings, facts=facts)
+    report = _write_pages(scene, settings, data, score)
+    work.close()
+    progress.say(_verdict(report, settings))
+    return report
+
+
+def preset_of(name: str) -> LightmapPreset:
+    """ValueError for an unknown name."""
+    if name not in PRESETS:
+        raise ValueError(
+            f"bake: field 'lightmap' has no preset '{name}'; choose one of {', '.join(PRESETS)} with --preset"
+        )
+    return PRESETS[name]
+
+
+def _steps(settings: BakeSettings, preset: LightmapPreset) -> int:
+    if not preset.hidden:
+        return 0
+    if settings.steps:
+        return settings.steps
+    # Seconds of a step of 2^14 rows on two cores are about 0.04; the number depends on the budget alone.
+    return max(int((1 - TEXEL_SHARE - EYE_SHARE) * settings.budget.round_seconds / 0.04), 200)
+
+
+# ---------------------------------------------------------------------- trace
+
+
+def _trace(
+    scene: Scene, settings: BakeSettings, preset: LightmapPreset, size: int, progress: Progress
+) -> tuple[Chart, EyeSamples]:
+    with progress.stage("trace light map", 3, "") as stage:
+        first = chart(scene, size, settings.mips, TIMED_PATHS, settings.seed) if not settings.shards else None
+        stage.advance(note="atlas")
+        paths, eyes = _counts(first, scene, settings, preset)
+        lit = None if first is None else first.atlas.chart >= 0
+        made = chart(scene, size, settings.mips, paths, settings.seed, lit=lit)
+        stage.advance(note=f"{paths} paths per texel")
+        samples = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
+        stage.advance(note=f"{eyes} eye samples")
+    return made, samples
+
+
+def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: LightmapPreset) -> tuple[int, int]:
+    """Paths per texel and eye samples; fixed where the settings give ``--shards`` (2^16 eye samples each)."""
+    if first is None:
+        return settings.paths, settings.shards * (1 << 16)
+    from lightwell.transport.irradiance import irradiance
+
+    start = perf_counter()
+    probe = first.texels.points[np.arange(0, len(first.texels.index), 8)]
+    irradiance(scene, probe, TIMED_PATHS, settings.seed + 9)
+    rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
+    seconds = settings.budget.round_seconds
+    share = TEXEL_SHARE if preset.base else 0.02
+    paths = int(np.clip(share * seconds * rate / len(first.texels.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
+    eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
+    return paths, int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
+
+
+# ---------------------------------------------------------------------- fit
+
+
+def fitted(
+    made: Chart, samples: EyeSamples, preset: LightmapPreset, seed: int, steps: int, progress=None
+) -> LightmapFit:
+    """Pictures of the light that arrives, and the trained network."""
+    unit = sample_unit(samples)
+    base = encode(stored(light_image(made) / unit), preset.base, made.atlas.mips) if preset.base else None
+    direction = direction_picture(made) if preset.direction else None
+    fit = LightmapFit(preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips)
+    fit.train(samples.query, samples.radiance, samples.weight, steps, progress)
+    return fit
+
+
+def sample_unit(samples: EyeSamples) -> float:
+    """S = 4 x the mean radiance."""
+    shape = np.zeros(len(samples.weight), np.uint32)
+    return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
+
+
+def direction_picture(made: Chart) -> Picture:
+    """The dominant direction as bytes, at a lower resolution."""
+    small = reduced(direction_image(made), DIRECTION_REDUCTION)
+    return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp")
+
+
+# ---------------------------------------------------------------------- write
+
+
+def _write_asset(scene: Scene, made: Chart, fit: LightmapFit, settings: BakeSettings) -> int:
+    entry = FieldEntry("lightmap", "static", fit.lower(), pictures=fit.pictures)
+    charted = replace(scene, meshes=charted_meshes(scene, made.atlas), lights=[])
+    return write_glb(settings.out / "scene.glb", charted, [entry], [], fallback=fallback(made))
+
+
+def fallback(made: Chart) -> Fallback:
+    """Linear irradiance for viewers that know MOZ_lightmap only."""
+    image = light_image(made)
+    factor = max(made.atlas.size // FALLBACK_SIZE, 1)
+    irradiance = np.pi * reduced(image, factor)
+    top = max(float(np.quantile(irradiance, FALLBACK_QUANTILE)), 1e-6)
+    texels = np.floor(255 * np.clip(irradiance / top, 0, 1) + 0.5).astype(np.uint8)
+    return Fallback(encode(texels, FALLBACK_CODEC), top)
+
+
+def atlas_facts(made: Chart) -> dict[str, Any]:
+    """What the report says of the atlas."""
+    atlas = made.atlas
+    return {
+        "origin": atlas.origin,
+        "size": atlas.size,
+        "charts": atlas.charts,
+        "coverage": round(atlas.coverage, 4),
+        "mips": atlas.mips,
+        "texels": len(made.texels.index),
+        "texels_without_light": int((~made.stored).sum()),
+        "paths_per_texel_noise": float(np.abs(made.light.half_a - made.light.half_b).mean() / 2),
+    }
+
+
+def _write_pages(scene: Scene, settings: BakeSettings, data, score) -> dict[str, Any]:
+    glb = settings.out / "scene.glb"
+    report = write_report(settings.out, replace(data, asset_bytes=glb.stat().st_size)).numbers
+    write_page(
+        settings.out / "index.html",
+        title=(scene.name or "scene").replace("_", " "),
+        glb=glb.read_bytes(),
+        home=score.cameras[0],
+        views=score.pictures,
+        exposure=score.exposure,
+        report=report,
+    )
+    return report
+
+
+def _verdict(report: dict[str, Any], settings: BakeSettings) -> str:
+    return (
+        f"[bold]{report['psnr_db']:.1f} dB[/] (noise of the truth {report['psnr_ceiling_db']:.1f} dB), "
+        f"FLIP {report['flip']:.3f}, {report['bytes'] / 1024:.0f} KiB of learned light, "
+        f"{report['macs_per_pixel']:,} MAC per pixel\n{settings.out / 'scene.glb'}  {settings.out / 'report.html'}"
+    )

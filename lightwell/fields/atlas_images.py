@@ -1,0 +1,70 @@
+"""Images over an atlas: texels between charts are filled, so that every bilinear read near a chart is the chart's own.
+
+Notation: n texels along each edge, C channels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+# Filter of Intel Open Image Denoise that was trained on light maps.
+LIGHTMAP_FILTER = "RTLightmap"
+# Charts of fewer texels than this along an edge are not denoised: the filter has nothing to go by.
+SMALLEST = 8
+
+
+def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
+    """[n, n, C], [n, n] bool: texels within ``reach`` of a covered one become copies of the nearest, the rest smooth."""
+    distance, index = distance_transform_edt(~covered, return_indices=True)
+    near = distance <= reach
+    filled = np.where(near[..., None], image[tuple(index)], 0).astype(np.float32)
+    return push_pull(filled, near)
+
+
+def push_pull(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Fill unknown texels with means of ever larger neighbourhoods; known ones stay (Gortler et al. 1996)."""
+    weight = known.astype(np.float32)[..., None]
+    if weight.all() or image.shape[0] == 1 or image.shape[1] == 1:
+        return image
+    total, count = _halved(image * weight), _halved(weight)
+    coarse = push_pull((total / np.maximum(count, 1e-6)).astype(np.float32), count[..., 0] > 0)
+    fine = np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[: image.shape[0], : image.shape[1]]
+    return np.where(known[..., None], image, fine).astype(np.float32)
+
+
+def _halved(image: np.ndarray) -> np.ndarray:
+    """Sums of squares of four texels; an odd edge is repeated."""
+    height, width = (-(-s // 2) for s in image.shape[:2])
+    even = np.pad(image, [(0, s % 2) for s in image.shape[:2]] + [(0, 0)], mode="edge")
+    return even.reshape(height, 2, width, 2, -1).sum(axis=(1, 3))
+
+
+def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
+    """[n, n, 3] diffuse light without noise, chart by chart, so that none sees its neighbours; unchanged where Open
+    Image Denoise is not installed.
+
+    Every chart is denoised in a rectangle of its own, whose other texels continue the chart.
+    """
+    try:
+        import mitsuba_oidn
+    except ImportError:
+        return image
+    out = image.copy()
+    for rows, columns, own in _rectangles(chart, reach):
+        patch = dilated(image[rows, columns], own, reach)
+        clean = np.asarray(mitsuba_oidn.denoise(np.ascontiguousarray(patch), hdr=True, filter=LIGHTMAP_FILTER))
+        good = own & np.isfinite(clean).all(axis=-1)
+        out[rows, columns][good] = np.maximum(clean[good], 0)
+    return out
+
+
+def _rectangles(chart: np.ndarray, reach: int):
+    """(rows, columns, [h, w] texels of the chart) of every chart that is large enough."""
+    from scipy.ndimage import find_objects
+
+    for number, box in enumerate(find_objects(chart + 1)):
+        if box is None or min(s.stop - s.start for s in box) < SMALLEST:
+            continue
+        rows, columns = (slice(max(s.start - reach, 0), min(s.stop + reach, n)) for s, n in zip(box, chart.shape))
+        yield rows, columns, chart[rows, columns] == number

@@ -1,0 +1,197 @@
+"""Neural light maps: the light of surfaces in small textures, read by a network that knows the eye.
+
+Fit to samples of radiance, with the quantiser in the loop, and lowered to a shading graph whose uint8 buffers are
+pictures. Notation: N samples, n texels along the edge of the atlas, S the unit of radiance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from lightwell.backend import dr
+from lightwell.fields.lightmap_graph import MapNodes, row_graph
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Graph
+from lightwell.graph.pictures import Picture, encode
+from lightwell.networks.atlas_texture import AtlasTexture
+from lightwell.networks.hashgrid import PACKET
+from lightwell.networks.lightmap import LightmapNetwork
+from lightwell.networks.losses import EPSILON
+from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
+from lightwell.transport.mapped import MappedQuery
+
+# Shares of the steps after which the quantiser's noise becomes rounding, and the textures those of the file.
+ROUND_FROM, FREEZE_FROM = 0.5, 0.85
+
+
+@dataclass(frozen=True)
+class LightmapPreset:
+    """Everything that defines a light map."""
+
+    base: str = "webp90"
+    """Codec of the ordinary light map below the network; empty: none."""
+    direction: bool = False
+    """A second picture with the dominant direction (directional light map)."""
+    channels: int = 6
+    """Feature channels, a multiple of three; 0: no features."""
+    share: float = 0.25
+    """Edge of the feature textures relative to that of the atlas."""
+    hidden: tuple[int, ...] = (24, 24)
+    """Widths of the network's layers; empty: no network."""
+    activation: str = "relu"
+    inputs: Literal["reflected", "view", "report", "uv"] = "reflected"
+    """What the network knows beside the features; see ``lightmap_graph``."""
+    siren: bool = False
+    stage: tuple[int, ...] = ()
+    """Sine layers that make the features in training (siren-two-stage)."""
+    demodulated: bool = True
+    """Without a base: whether the output is multiplied by the reflectance."""
+    rate: float = 5e-3
+    size: int = 1024
+    """Edge of the atlas unless another is asked for."""
+
+
+PRESETS: dict[str, LightmapPreset] = {
+    "default": LightmapPreset(direction=True, share=1 / 16),
+    "report": LightmapPreset(
+        "", channels=9, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
+    ),
+    "report-relu": LightmapPreset(
+        "", channels=9, share=1.0, hidden=(32, 32, 32), inputs="report", rate=2e-3, size=4096
+    ),
+    "siren": LightmapPreset("", channels=0, hidden=(32,) * 8, inputs="uv", siren=True, rate=1e-3),
+    "siren-two-stage": LightmapPreset(
+        "", channels=9, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
+    ),
+    "plain": LightmapPreset(channels=0, hidden=()),
+    "directional": LightmapPreset(channels=0, hidden=(), direction=True),
+}
+
+
+@dataclass
+class LightmapFit:
+    """One light map in the making."""
+
+    preset: LightmapPreset
+    size: int
+    """n."""
+    unit: float
+    """S."""
+    base: Picture | None = None
+    """E' in the curve of a screen."""
+    direction: Picture | None = None
+    seed: int = 0
+    batch: int = 1 << 14
+    mips: int = 0
+    """Of the atlas."""
+
+    def __post_init__(self) -> None:
+        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction)
+        self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
+        self._features: dict[str, Picture] = {}
+        self.history: list[tuple[int, float]] = []
+        if self.preset.hidden:
+            self.network = self._make_network("noise")
+            self._parameters = self.network.initial(self.seed)
+
+    def _make_network(self, quantiser: str) -> LightmapNetwork:
+        p, edge = self.preset, max(round(self.size * self.preset.share), 4)
+        packed = -(-p.channels // PACKET) * PACKET
+        texture = AtlasTexture(edge, edge, packed, quantiser) if p.channels else None
+        width = self._rows.width("inputs")
+        return LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
+
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Buffer name → picture of everything that is stored as one."""
+        made = {} if self.base is None else {"e": self.base}
+        return made | ({} if self.direction is None else {"d": self.direction}) | self._features
+
+    # ------------------------------------------------------------------ fit
+
+    def rows(self, query: MappedQuery) -> np.ndarray:
+        """[N, 8 + I] what the network sees of a query."""
+        found = self._rows(query)
+        return np.concatenate([found[name] for name in ("place", "base", "gain", "inputs")], axis=1)
+
+    def train(self, query: MappedQuery, radiance: np.ndarray, weight: np.ndarray, steps: int, progress=None) -> None:
+        """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network."""
+        if not self.preset.hidden:
+            return
+        good = np.isfinite(radiance).all(axis=1) & (weight > 0)
+        order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
+        target = (radiance[order] / self.unit).astype(np.float32)
+        data = TrainingSet.from_numpy(self.rows(query[order]), target, weight[order])
+        for quantiser, until in (("noise", ROUND_FROM), ("round", FREEZE_FROM), ("frozen", 1.0)):
+            self._phase(data, quantiser, round(until * steps), steps, progress)
+
+    def _phase(self, data: TrainingSet, quantiser: str, until: int, steps: int, progress) -> None:
+        """Steps up to ``until`` with one form of the quantiser."""
+        if quantiser == "frozen":
+            self._freeze()
+        self.network = self._make_network(quantiser)
+        if quantiser == "frozen" and self.preset.stage:
+            self.network = replace(self.network, stage=())
+        settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
+        trainer = Trainer(self.network, settings, self.seed)
+        trainer.adopt(self._parameters, keep_moments=False)
+        trainer.state.step = self.history[-1][0] if self.history else 0
+        losses = []
+        while trainer.state.step < until:
+            losses.append(trainer.step(data, steps))
+            if progress and trainer.state.step % 50 == 0:
+                dr.eval(losses[-1])
+                progress(trainer.state.step)
+        self._parameters = trainer.parameters
+        loss = float(np.mean([x.numpy() for x in losses])) if losses else float("nan")
+        if losses and not np.isfinite(loss):
+            raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
+        self.history.append((until, loss))
+
+    def _freeze(self) -> None:
+        """Make the feature textures those of the file."""
+        p = self.preset
+        if not p.channels:
+            return
+        texture = self._make_network("frozen").texture
+        values = self._baked_stage(texture) if p.stage else self._parameters["t0"]
+        bytes_ = np.floor(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(texture.height, texture.width, -1)
+        for k in range(p.channels // 3):
+            self._features[f"f{k}"] = encode(bytes_[..., 3 * k : 3 * k + 3], "webp", self._feature_mips())
+        self._parameters["t0"] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
+
+    def _feature_mips(self) -> int:
+        return max(self.mips - round(-np.log2(self.preset.share)), 0)
+
+    def _baked_stage(self, texture: AtlasTexture) -> np.ndarray:
+        """[texels, C] features of the first stage at the texels, in [0, 1]."""
+        from lightwell.backend import mi
+        from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW
+
+        y, x = np.mgrid[0 : texture.height, 0 : texture.width] + 0.5
+        places = np.stack([x / texture.width, y / texture.height], axis=-1).reshape(-1, 2).astype(np.float32)
+        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        with dr.suspend_grad():
+            found = np.array(self.network.features(tensors, mi.TensorXf(places)))
+        values = np.full((len(places), texture.channels), 0.5, np.float32)
+        values[:, : self.preset.channels] = (found - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
+        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "sc"}
+        return values
+
+    # ------------------------------------------------------------------ result
+
+    def predict(self, query: MappedQuery) -> np.ndarray:
+        """[N, 3] radiance as trained."""
+        return self.network.evaluate(self._parameters, self.rows(query)) * self.unit
+
+    def error(self, query: MappedQuery, radiance: np.ndarray) -> float:
+        """Mean |f − y| / (y + ε) in unit S."""
+        f, y = self.predict(query) / self.unit, radiance / self.unit
+        return float(np.mean(np.abs(f - y) / (y + EPSILON)))
+
+    def lower(self) -> Graph:
+        """The field as it ships."""
+        return self.nodes.lowered(self._features, self._parameters if self.preset.hidden else {})

@@ -1,0 +1,115 @@
+"""A trainable texture in tensor mode, read bilinearly as the shading graph's ``texture`` op reads it.
+
+Notation: B points, H x W texels, C channels. With a quantiser in the loop (noise: Ballé et al. 2017; straight-through
+estimator: Bengio et al. 2013): ``noise`` adds what rounding would add, ``round`` rounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from lightwell.backend import dr, mi
+from lightwell.networks.hashgrid import FIXED_POINT, PACKET, Int64x4, UInt64x4
+
+# Steps of a byte.
+STEPS = 255.0
+
+
+@dataclass(frozen=True)
+class AtlasTexture:
+    """[B, 2] places in [0, 1]² → [B, C] values in [0, 1] of a texture [H * W, C], row 0 at v = 0."""
+
+    height: int
+    width: int
+    channels: int
+    """A multiple of four: texels are read and written in packets."""
+    quantiser: Literal["none", "noise", "round", "frozen"] = "none"
+    """'frozen': the texture is already that of the file, and gets no gradient."""
+
+    def __post_init__(self) -> None:
+        if self.channels % PACKET:
+            raise ValueError(f"texture: {self.channels} channels, expected a multiple of {PACKET}")
+
+    def __call__(self, table: Any, places: Any) -> Any:
+        """Interpolated texels; differentiable in the table, not in the places."""
+        return dr.custom(_Read, self, table, places)
+
+    def evaluate(self, table: Any, places: Any) -> Any:
+        """The same without derivatives."""
+        count, packets = places.shape[0], self.channels // PACKET
+        stored = self._stored(table.array)
+        total = [mi.Vector4f(0)] * packets
+        for texel, weight in self._corners(places):
+            rows = [dr.gather(mi.Vector4f, stored, texel * packets + k) for k in range(packets)]
+            total = [t + weight * row for t, row in zip(total, rows)]
+        lane = dr.arange(mi.UInt32, count) * packets
+        out = dr.empty(mi.Float, count * self.channels)
+        for packet, value in enumerate(total):
+            dr.scatter(out, value, lane + packet)
+        return mi.TensorXf(out, (count, self.channels))
+
+    def gradient(self, places: Any, features: Any) -> Any:
+        """[H * W, C] gradient of the table from the gradient [B, C] of the values, summed in any order alike."""
+        packets = self.channels // PACKET
+        lane = dr.arange(mi.UInt32, places.shape[0]) * packets
+        total = dr.zeros(mi.UInt64, self.height * self.width * self.channels)
+        parts = [dr.gather(mi.Vector4f, features.array, lane + k) * FIXED_POINT for k in range(packets)]
+        for texel, weight in self._corners(places):
+            for packet, part in enumerate(parts):
+                dr.scatter_add(total, UInt64x4(Int64x4(weight * part)), texel * packets + packet)
+        return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.height * self.width, self.channels))
+
+    def _stored(self, values: Any) -> Any:
+        """The texture as a reader of the file would see it."""
+        if self.quantiser in ("none", "frozen"):
+            return values
+        if self.quantiser == "noise":
+            # The bits of the values themselves seed the noise: they change with every step.
+            bits, _ = mi.sample_tea_32(
+                dr.arange(mi.UInt32, dr.width(values)), dr.reinterpret_array(mi.UInt32, values), 3
+            )
+            moved = dr.clip(values, 0, 1) + (mi.Float(bits >> 8) * 2.0**-24 - 0.5) / STEPS
+        else:
+            moved = dr.floor(dr.clip(values, 0, 1) * STEPS + 0.5) / STEPS
+        dr.eval(moved)
+        return moved
+
+    def _corners(self, places: Any):
+        """(texel, weight) of the four texels round each place."""
+        lane = dr.arange(mi.UInt32, places.shape[0])
+        low, high, fraction = [], [], []
+        for axis, size in enumerate((self.width, self.height)):
+            at = dr.gather(mi.Float, places.array, lane * 2 + axis)
+            at = dr.clip(dr.clip(at, 0, 1) * size - 0.5, 0, size - 1)
+            low.append(dr.minimum(mi.UInt32(at), size - 1))
+            high.append(dr.minimum(low[-1] + 1, size - 1))
+            fraction.append(at - mi.Float(low[-1]))
+        for corner in range(4):
+            right, down = corner & 1, corner >> 1
+            weight = (fraction[0] if right else 1 - fraction[0]) * (fraction[1] if down else 1 - fraction[1])
+            yield (high[1] if down else low[1]) * self.width + (high[0] if right else low[0]), weight
+
+
+class _Read(dr.CustomOp):
+    """A bilinear read with a gradient whose sum does not depend on the order of its terms."""
+
+    def eval(self, texture: AtlasTexture, table: Any, places: Any) -> Any:
+        self._texture, self._places = texture, places
+        return texture.evaluate(table, places)
+
+    def backward(self) -> None:
+        if self._texture.quantiser == "frozen":
+            self.set_grad_in("table", dr.zeros(mi.TensorXf, self._shape()))
+        else:
+            self.set_grad_in("table", self._texture.gradient(self._places, self.grad_out()))
+
+    def _shape(self) -> tuple[int, int]:
+        t = self._texture
+        return (t.height * t.width, t.channels)
+
+    def forward(self) -> None:
+        raise NotImplementedError("a texture is differentiated in reverse mode only")
+
+    def name(self) -> str:
+        return "atlas texture"

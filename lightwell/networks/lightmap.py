@@ -1,0 +1,133 @@
+"""The small network of a neural light map: features of the texel and the eye in, light out.
+
+    f = base exp(o₀) + specular exp(o₁…₃),   o = network(textures(uv), inputs)        with a base
+    f = gain exp(o),                         o = network(textures(uv), inputs)        without
+
+Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S. Layers may be
+those of a SIREN (Sitzmann et al. 2020), as Nobigi (Triglav 2022) uses them: y = sin(ω (W x + b)) / k + x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.networks.atlas_texture import AtlasTexture
+from lightwell.networks.mlp import ACTIVATIONS, glorot
+
+# Columns of a row before its inputs: uv, base, gain of the second term.
+PLACE, BASE, GAIN = slice(0, 2), slice(2, 5), slice(5, 8)
+HEAD = 8
+# Features start here, half way between the ends of their range, with noise that tells texels apart.
+START, START_NOISE = 0.5, 0.02
+# What the decoded features run from and to.
+FEATURE_LOW, FEATURE_HIGH = -2.0, 2.0
+# Frequencies of sine layers: of the first one, and of the rest (Nobigi).
+OMEGA_FIRST, OMEGA = 20.0, 30.0
+
+
+@dataclass(frozen=True)
+class LightmapNetwork:
+    """Parameters: ``t0`` … textures [texels, C]; ``w0, b0`` … layers; ``s0, c0`` … the layers of the first stage."""
+
+    texture: AtlasTexture | None
+    channels: int
+    """Channels of the texture that are used; the others make up a packet of four."""
+    inputs: int
+    """Numbers of a row behind the first eight, at least one."""
+    hidden: tuple[int, ...] = (24, 24)
+    activation: str = "relu"
+    base: bool = True
+    """Whether there is an ordinary light map that the network corrects."""
+    siren: bool = False
+    """Sine layers with residuals, as Nobigi's."""
+    stage: tuple[int, ...] = ()
+    """Widths of sine layers that make the features from uv, in place of the texture."""
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that the last layer gives."""
+        return 4 if self.base else 3
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Widths of the layers, input first."""
+        return (self.channels + self.inputs, *self.hidden, self.outputs)
+
+    @property
+    def stage_sizes(self) -> tuple[int, ...]:
+        """Widths of the first stage."""
+        return (2, *self.stage, self.channels) if self.stage else ()
+
+    def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
+        """Seeded parameters; the output starts at the base alone, with a faint second term."""
+        rng = np.random.default_rng(seed)
+        made: dict[str, np.ndarray] = {}
+        if self.texture is not None and not self.stage:
+            shape = (self.texture.height * self.texture.width, self.texture.channels)
+            made["t0"] = (START + START_NOISE * rng.standard_normal(shape)).astype(np.float32)
+        for k, (a, b) in enumerate(zip(self.stage_sizes, self.stage_sizes[1:])):
+            made |= {f"s{k}": _sine_weights(rng, a, b, k), f"c{k}": np.zeros((1, b), np.float32)}
+        last = len(self.sizes) - 2
+        for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
+            weights = _sine_weights(rng, a, b, k) if self.siren else glorot(rng, a, b)
+            made |= {f"w{k}": weights if k < last else 0.3 * weights, f"b{k}": np.zeros((1, b), np.float32)}
+        made[f"b{last}"][0] = [0, -1.5, -1.5, -1.5] if self.base else -1.5
+        return made
+
+    def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
+        """[B, 8 + I] rows → [B, 3] radiance in unit S."""
+        o = self._layers(parameters, self.features(parameters, rows[:, PLACE]), rows[:, HEAD:])
+        if not self.base:
+            return rows[:, GAIN] * ACTIVATIONS["exp"](o)
+        e = ACTIVATIONS["exp"](o)
+        return rows[:, BASE] * e[:, 0:1] + rows[:, GAIN] * e[:, 1:4]
+
+    def features(self, parameters: Mapping[str, Any], places: Any) -> Any:
+        """[B, channels] decoded features at places [B, 2], or None."""
+        if self.stage:
+            x, ones = places, dr.full(mi.TensorXf, 1, (places.shape[0], 1))
+            for k in range(len(self.stage_sizes) - 1):
+                x = dr.matmul(x, parameters[f"s{k}"]) + dr.matmul(ones, parameters[f"c{k}"])
+                if k + 2 < len(self.stage_sizes):
+                    x = dr.sin((OMEGA_FIRST if k == 0 else OMEGA) * x)
+            return FEATURE_HIGH * dr.tanh(x)
+        if self.texture is None:
+            return None
+        t = self.texture(parameters["t0"], places)[:, : self.channels]
+        return FEATURE_LOW + (FEATURE_HIGH - FEATURE_LOW) * t
+
+    def _layers(self, parameters: Mapping[str, Any], features: Any, x: Any) -> Any:
+        ones = dr.full(mi.TensorXf, 1, (x.shape[0], 1))
+        last = len(self.sizes) - 2
+        for k in range(last + 1):
+            weights = parameters[f"w{k}"]
+            y = dr.matmul(ones, parameters[f"b{k}"])
+            if k == 0 and features is not None:
+                y = y + dr.matmul(features, weights[: self.channels]) + dr.matmul(x, weights[self.channels :])
+            else:
+                y = y + dr.matmul(x, weights)
+            if k == last:
+                return y
+            if self.siren:
+                y = dr.sin((OMEGA_FIRST if k == 0 else OMEGA) * y)
+                x = y if k == 0 else y * (1.0 / max(k - 1, 1)) + x
+            else:
+                x = ACTIVATIONS[self.activation](y)
+        return x
+
+    def evaluate(self, parameters: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """The same on NumPy arrays, no gradients."""
+        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
+        with dr.suspend_grad():
+            return np.array(self(tensors, mi.TensorXf(np.ascontiguousarray(rows, np.float32))))
+
+
+def _sine_weights(rng: np.random.Generator, inputs: int, outputs: int, layer: int) -> np.ndarray:
+    """U(±1/4) of the first layer, U(±√(6 / in) / ω) of the others (Nobigi; Sitzmann et al. 2020)."""
+    bound = 0.25 if layer == 0 else np.sqrt(6 / inputs) / OMEGA
+    return rng.uniform(-bound, bound, (inputs, outputs)).astype(np.float32)

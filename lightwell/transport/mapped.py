@@ -1,0 +1,29 @@
+"""Queries that know where on a light map they lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.scene import Scene
+from lightwell.transport.queries import make_query
+from lightwell.transport.samples import Query, SurfacePoints
+from lightwell.transport.visible import seen_side
+
+
+@dataclass(frozen=True)
+class MappedQuery(Query):
+    """A query with the second texture coordinates of an atlas."""
+
+    uv1: np.ndarray
+    """[N, 2]."""
+
+
+def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.ndarray | None = None) -> MappedQuery:
+    """The named inputs of a light map's graph at N points."""
+    query = make_query(scene, points, np.zeros(3, np.float32) if light is None else light)
+    uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
+    columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
+    return MappedQuery(**columns, uv1=uv.astype(np.float32))
