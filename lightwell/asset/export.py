@@ -51,7 +51,7 @@ def export_field(path: str | Path, to: str, *, field: str = "", name: str = "lig
     """Print the radiance of a field of a baked asset.
 
     ``path`` is a GLB or the folder of a bake; ``field`` a name, by default the first; ``name`` that of the printed
-    function; ``weights`` 'inline' (literals) or 'table', by default literals for networks of up to 16,384 multiply-adds.
+    function; ``weights`` "inline" (literals) or "table", by default literals up to 16,384 multiply-adds.
     """
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")

@@ -52,7 +52,7 @@ function answer({ graph: document, arrays, pictures, options }: Request): unknow
     const buffer: StoredBuffer =
       mips === undefined
         ? { ...form, data: new ARRAYS[form.type](decode(arrays[name]!)) }
-        : { ...form, data: new Uint8Array(0), picture: { source: name, mips } };
+        : { ...form, data: new Uint8Array(0), picture: { source: name, mips, bytes: 0 } };
     names.set(buffer, name);
     buffers.set(name, buffer);
   }

@@ -64,12 +64,21 @@ const STORAGE = {
 /** Deepest level of a picture's mipmaps that may be asked for. */
 const MAX_MIPS = 12;
 
+/** A decoded picture. */
+export interface PictureSource {
+  readonly source: unknown;
+  readonly width: number;
+  readonly height: number;
+  /** Size of the encoded picture; 0 when unknown. */
+  readonly bytes?: number;
+}
+
 /** Where the numbers of a document come from. */
 export interface Sources {
   /** Gives the bytes of a buffer view. */
   bufferView(index: number): Promise<ArrayBuffer>;
   /** Gives the picture of a texture, and its size; what it is, only shaders know. */
-  texture(index: number): Promise<{ readonly source: unknown; readonly width: number; readonly height: number }>;
+  texture(index: number): Promise<PictureSource>;
 }
 
 /** Read the extension of a glTF document; null when the document does not carry it. */
@@ -184,11 +193,11 @@ async function readPicture(
   }
   const count = list(json.textures ?? [], "textures", MAX_ELEMENTS).length;
   const mips = integer(entry.mips ?? 0, `${where}.mips`, 0, MAX_MIPS);
-  const { source, width, height } = await sources.texture(integer(entry.texture, `${where}.texture`, 0, count - 1));
+  const { source, width, height, bytes = 0 } = await sources.texture(integer(entry.texture, `${where}.texture`, 0, count - 1));
   if (height !== shape[0] || width !== shape[1]) {
     fail(`${where}.texture`, `a picture of ${shape[1]} × ${shape[0]} texels, found ${width} × ${height}`);
   }
-  return { data: new Uint8Array(0), picture: { source, mips } };
+  return { data: new Uint8Array(0), picture: { source, mips, bytes } };
 }
 
 /** `scale` and `offset` of an integer buffer; the graph checks how many there must be. */

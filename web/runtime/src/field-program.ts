@@ -91,11 +91,16 @@ export class FieldProgram {
     return this.graph.macs * this.lamps;
   }
 
-  /** Bytes of the stored buffers in the memory of the GPU; a picture has four a texel. */
+  /** Bytes of the stored buffers. */
   get bytes(): number {
-    const bytesOf = ({ picture, shape, data }: StoredBuffer) =>
-      picture ? 4 * shape[0]! * shape[1]! * (picture.mips > 0 ? 4 / 3 : 1) : data.byteLength;
-    return [...this.record.buffers.values()].reduce((sum, buffer) => sum + Math.round(bytesOf(buffer)), 0);
+    return this.sum(({ picture, data }) => picture?.bytes ?? data.byteLength);
+  }
+
+  /** Bytes of them in the memory of the GPU, where a picture has four a texel. */
+  get memory(): number {
+    return this.sum(({ picture, shape, data }) =>
+      picture ? 4 * shape[0]! * shape[1]! * (picture.mips > 0 ? 4 / 3 : 1) : data.byteLength,
+    );
   }
 
   /** Whether the surface must hand over its texture coordinates. */
@@ -167,6 +172,10 @@ export class FieldProgram {
 
   dispose(): void {
     for (const texture of [...this.textures.values(), ...this.pictures]) texture.dispose();
+  }
+
+  private sum(bytesOf: (buffer: StoredBuffer) => number): number {
+    return Math.round([...this.record.buffers.values()].reduce((sum, buffer) => sum + bytesOf(buffer), 0));
   }
 
   private print(lights: number): GlslProgram {

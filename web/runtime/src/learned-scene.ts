@@ -8,6 +8,7 @@ import {
   type IUniform,
   type PerspectiveCamera,
   type Scene,
+  type Texture,
   Vector3,
   type WebGLRenderer,
 } from "three";
@@ -49,8 +50,6 @@ export interface Look {
   readonly half: boolean;
   /** Show which expert shades each point instead of any light; only where `hasSegments`. */
   readonly segments: boolean;
-  /** Show ordinary light maps in place of the learned light; only where `hasLightmaps`. */
-  readonly lightmap?: boolean;
 }
 
 /** Scenes so far: their shaders differ, and so must their names. */
@@ -126,6 +125,18 @@ export class LearnedScene {
     return this.lightmaps.size > 0;
   }
 
+  /** What is stored as pictures: the features of the fields, then ordinary light maps. */
+  get pictures(): readonly { readonly name: string; readonly texture: Texture; readonly bytes: number }[] {
+    const features = this.fields.flatMap(({ record }) =>
+      [...record.buffers].flatMap(([name, { picture }]) =>
+        picture ? [{ name, texture: picture.source as Texture, bytes: picture.bytes }] : [],
+      ),
+    );
+    const maps = new Map([...this.lightmaps.values()].map(({ map, bytes }) => [map, bytes]));
+    const ordinary = [...maps].map(([texture, bytes]) => ({ name: "light map", texture, bytes }));
+    return [...features, ...ordinary];
+  }
+
   /** Whether the segmentation is drawn now. */
   get showsSegments(): boolean {
     return this.drawn !== "plain" && this.drawn.segments;
@@ -199,7 +210,6 @@ export class LearnedScene {
     this.look = {
       half: look.half && this.fields.length > 0,
       segments: look.segments && this.segments !== null,
-      lightmap: (look.lightmap ?? false) && this.hasLightmaps,
     };
     const wanted = this.look;
     const compilation = ++this.compilations;
@@ -237,6 +247,12 @@ export class LearnedScene {
           renderer.render(this.root as unknown as Scene, camera),
         );
     }
+  }
+
+  /** Draw `scene` with ordinary light maps in place of the learned light; only where `hasLightmaps`. */
+  renderLightmap(renderer: WebGLRenderer, scene: Scene, camera: Camera): void {
+    this.wardrobe.wear("lightmap");
+    renderer.render(scene, camera);
   }
 
   dispose(): void {
@@ -294,8 +310,7 @@ export class LearnedScene {
 }
 
 /** What is worn, one after the other, to draw a look. */
-function outfitsOf({ half, segments, lightmap }: Look): readonly Outfit[] {
+function outfitsOf({ half, segments }: Look): readonly Outfit[] {
   if (segments) return ["segments"];
-  if (lightmap) return ["lightmap"];
   return half ? ["indirect", "upsampled"] : ["learned"];
 }

@@ -10,6 +10,8 @@ import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightma
 /** An ordinary light map of a material, as a texture. */
 export interface Lightmap extends LightmapRecord {
   readonly map: Texture;
+  /** Size of the encoded picture; 0 when unknown. */
+  readonly bytes: number;
 }
 
 /** What the plugin leaves on `gltf.userData.lightwell`. */
@@ -74,10 +76,18 @@ async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
   return texture;
 }
 
+/** Size of the picture of a texture in the file; 0 when it is not in it. */
+function encodedBytes(json: GltfJson, index: number): number {
+  const [textures, images, views] = [json.textures, json.images, json.bufferViews] as any[][];
+  const { source, extensions } = textures?.[index] ?? {};
+  const image = images?.[extensions?.EXT_texture_webp?.source ?? source];
+  return Number(views?.[image?.bufferView]?.byteLength ?? 0);
+}
+
 async function loadPicture(parser: GLTFParser, index: number) {
   const source = await loadData(parser, index);
   const { width, height } = source.image as { width: number; height: number };
-  return { source, width, height };
+  return { source, width, height, bytes: encodedBytes(parser.json as GltfJson, index) };
 }
 
 /** The light maps of all materials that a scene's meshes wear. */
@@ -100,7 +110,7 @@ async function readLightmaps(gltf: GLTF, parser: GLTFParser): Promise<Map<Materi
     textures.set(found.index, texture);
     const map = await texture;
     map.channel = found.texCoord;
-    lightmaps.set(material, { ...found, map });
+    lightmaps.set(material, { ...found, map, bytes: encodedBytes(json, found.index) });
   }
   return lightmaps;
 }

@@ -80,10 +80,10 @@ async function runWebgl(request: Request): Promise<Answer> {
   for (const round of [0, 1]) {
   const learned = new LearnedScene(await load(request.glb), { renderer, ...(request.weights ? { weights: request.weights } : {}) });
   scene.add(learned.root);
-  if (request.lightmap) await learned.compile(renderer, scene, camera, { half: false, segments: false, lightmap: true });
   learned.update();
   if (!request.direct) darken(learned.lamps);
-  learned.render(renderer, scene, camera, width, height);
+  if (request.lightmap) learned.renderLightmap(renderer, scene, camera);
+  else learned.render(renderer, scene, camera, width, height);
   renderer.readRenderTargetPixels(target, 0, 0, width, height, rows);
   if (round === 1) memory.push(memoryOf(renderer));
   learned.dispose();

@@ -11,6 +11,8 @@ import { EMPTY_PAGE, type PageData, readPageData } from "./page-data.ts";
 export interface LoadedAsset {
   readonly gltf: GLTF;
   readonly page: PageData;
+  /** Size of the file. */
+  readonly bytes: number;
   /** Name to show when the page data gives none. */
   readonly name: string;
 }
@@ -65,13 +67,14 @@ export async function loadFile(file: File): Promise<LoadedAsset> {
   return loadGlb(await file.arrayBuffer(), EMPTY_PAGE, file.name.replace(/\.glb$/i, ""));
 }
 
-async function loadGlb(bytes: ArrayBuffer, page: PageData, name: string): Promise<LoadedAsset> {
-  checkGlb(bytes);
+async function loadGlb(buffer: ArrayBuffer, page: PageData, name: string): Promise<LoadedAsset> {
+  checkGlb(buffer);
+  const bytes = buffer.byteLength;
   const loader = new GLTFLoader();
   loader.setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new LightwellLoaderPlugin(parser));
-  const gltf = await withTimeout(loader.parseAsync(bytes, ""), PARSE_TIMEOUT_MS);
-  return { gltf, page, name };
+  const gltf = await withTimeout(loader.parseAsync(buffer, ""), PARSE_TIMEOUT_MS);
+  return { gltf, page, name, bytes };
 }
 
 const GLB_MAGIC = 0x46546c67;

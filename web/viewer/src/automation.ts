@@ -2,6 +2,7 @@
 
 import { Color, Vector3 } from "three";
 import type { Mode } from "./modes.ts";
+import type { Against } from "./presenter.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** What `stats()` returns. */
@@ -13,6 +14,10 @@ export interface Stats {
   readonly lights: number[][];
   readonly half: boolean;
   readonly experts: boolean;
+  /** Whether the file carries ordinary light maps. */
+  readonly lightmaps: boolean;
+  /** Size of the file. */
+  readonly fileBytes: number;
   /** Name that the driver gives itself. */
   readonly renderer: string;
   /** Where the weights of the fields live. */
@@ -40,6 +45,8 @@ export interface Automation {
   setMode(mode: Mode): Promise<void>;
   /** Go to a saved view and wait for its reference. */
   setView(index: number): Promise<void>;
+  /** What is to the left in split mode, and where it ends. */
+  setSplit(split: number, against?: Against): void;
   setCamera(position: number[], target: number[], fovY?: number): void;
   /** Move a lamp; returns whether the wish was clamped. */
   setLight(value: number[], index?: number): boolean;
@@ -86,18 +93,22 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
       viewer.setView(index);
       if (viewer.page.views[index]?.reference) await viewer.reference(index);
     },
+    setSplit(split, against) {
+      if (against) viewer.setAgainst(against);
+      viewer.setSplit(split);
+    },
     setCamera: (position, target, fovY) => viewer.setCamera(position, target, fovY),
-    setLight: (value, index = 0) => viewer.setLight(index, new Vector3().fromArray(value)),
-    setIntensity: (intensity, index = 0) => viewer.setIntensity(index, intensity),
-    setColor: (linear, index = 0) => viewer.setColor(index, new Color().fromArray(linear)),
+    setLight: (value, index = 0) => viewer.desk.move(index, new Vector3().fromArray(value)),
+    setIntensity: (intensity, index = 0) => viewer.desk.setIntensity(index, intensity),
+    setColor: (linear, index = 0) => viewer.desk.setColor(index, new Color().fromArray(linear)),
     setStillLight: (on) => viewer.setStillLight(on),
     async addLamp(variable) {
-      const index = viewer.addLamp(variable);
+      const index = viewer.desk.add(variable);
       await viewer.prepared();
       return index;
     },
     async removeLamp(index) {
-      viewer.removeLamp(index);
+      viewer.desk.remove(index);
       await viewer.prepared();
     },
     async setHalf(on) {
@@ -121,6 +132,8 @@ function stats(viewer: Viewer, notice: string, trouble: string): Stats {
     lights: viewer.lamps.map((lamp) => lamp.value.toArray()),
     half: viewer.half,
     experts: viewer.hasExperts,
+    lightmaps: viewer.hasLightmaps,
+    fileBytes: viewer.fileBytes,
     renderer: viewer.rendererName,
     weights: placements.size > 1 ? "mixed" : ([...placements][0] ?? "none"),
     macs: viewer.learned?.macs ?? 0,

@@ -90,11 +90,11 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
 /** Lamps that the address asks for. */
 function applyLights(viewer: Viewer): void {
   options.lights.forEach(({ value, color, intensity }, index) => {
-    const lamp = viewer.lamps[index] ? index : viewer.addLamp();
+    const lamp = viewer.lamps[index] ? index : viewer.desk.add();
     if (lamp < 0) return;
-    if (value) viewer.setLight(lamp, new Vector3(...value));
-    if (color) viewer.setColor(lamp, new Color(color));
-    if (intensity !== undefined) viewer.setIntensity(lamp, intensity);
+    if (value) viewer.desk.move(lamp, new Vector3(...value));
+    if (color) viewer.desk.setColor(lamp, new Color(color));
+    if (intensity !== undefined) viewer.desk.setIntensity(lamp, intensity);
   });
 }
 

@@ -1,6 +1,6 @@
 /** What the page shows. */
 
-export const MODES = ["learned", "reference", "difference", "direct", "indirect", "split", "experts"] as const;
+export const MODES = ["learned", "reference", "difference", "direct", "indirect", "split", "experts", "lightmap"] as const;
 
 export type Mode = (typeof MODES)[number];
 
@@ -11,11 +11,7 @@ export const MODE_TEXTS: Record<Mode, { label: string; key: string; hint: string
   difference: { label: "Difference", key: "3", hint: "Relative error of the learned picture" },
   direct: { label: "Direct", key: "4", hint: "Direct light and emission alone" },
   indirect: { label: "Indirect", key: "5", hint: "The learned light alone" },
-  split: { label: "Split", key: "6", hint: "Reference to the left, learned to the right" },
+  split: { label: "Split", key: "6", hint: "Reference or light map to the left, learned to the right" },
   experts: { label: "Experts", key: "7", hint: "Which part of the learned light shades each point" },
+  lightmap: { label: "Light map", key: "8", hint: "An ordinary light map in place of the learned light" },
 };
-
-/** Modes that show a path-traced picture, which exists for saved views alone. */
-export function needsReference(mode: Mode): boolean {
-  return mode === "reference" || mode === "difference" || mode === "split";
-}

@@ -2,6 +2,7 @@
 
 import { readLights, type LightOption } from "./light-options.ts";
 import { MODES, type Mode } from "./modes.ts";
+import type { Against } from "./presenter.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** What `?size=640x360&mode=learned&view=0&ui=0&tonemap=agx…` may say; absent means the page's default. */
@@ -13,6 +14,8 @@ export interface Options {
   /** Fixed canvas size in pixels. */
   readonly size: readonly [number, number] | null;
   readonly mode: Mode | null;
+  /** What is to the left in split mode. */
+  readonly against: Against | null;
   /** Saved view to start from, counted from 0. */
   readonly view: number | null;
   /** Whether controls are shown. */
@@ -41,6 +44,7 @@ export function readOptions(search: string): Options {
     page: query.get("page"),
     size: readSize(query.get("size")),
     mode: oneOf(query.get("mode"), MODES),
+    against: oneOf(query.get("against"), ["reference", "lightmap"] as const),
     view: readNumber(query.get("view"), 0, 10_000),
     ui: query.get("ui") !== "0",
     toneMapping: oneOf(query.get("tonemap"), TONE_MAPPINGS),

@@ -3,7 +3,7 @@
 import { TONE_MAPPING_TEXTS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** Values of the uniform `show`. */
-export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4 } as const;
+export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4, beside: 5 } as const;
 
 /** Relative errors from 1 % to 100 % are spread over the two arms of the difference scale. */
 export const DIFFERENCE_RANGE = [0.01, 1] as const;
@@ -22,10 +22,11 @@ export function outputFragment(toneMapping: ToneMappingName): string {
   #include <tonemapping_pars_fragment>
   uniform sampler2D total;      // learned picture, as large as the canvas; alpha is coverage
   uniform sampler2D picture;    // learned picture, as large as the reference
+  uniform sampler2D beside;     // the scene with ordinary light maps, as large as the canvas
   uniform sampler2D reference;  // first row at v = 0
   uniform vec4 frame;           // corner and size of the reference on the canvas, in its uv
   uniform int show;
-  uniform float split;          // where the reference ends, in u
+  uniform float split;          // where the left picture ends, in u
   uniform float floorRadiance;  // added to the denominator of the relative error
   uniform float dither;
   in vec2 vUv;
@@ -71,6 +72,7 @@ export function outputFragment(toneMapping: ToneMappingName): string {
     vec4 learned = texture( total, vUv );
     vec2 at = ( vUv - frame.xy ) / frame.zw;
     bool inFrame = all( greaterThanEqual( at, vec2( 0.0 ) ) ) && all( lessThanEqual( at, vec2( 1.0 ) ) );
+    if ( show == ${SHOW.beside} && vUv.x < split ) learned = texture( beside, vUv );
     vec3 shown = over( learned.rgb, learned.a );
     // Colours that mean something are shown as they are, whatever the exposure.
     if ( show == ${SHOW.experts} ) shown = mix( backdrop( vUv ), sRGBTransferOETF( learned / max( learned.a, 1e-4 ) ).rgb, learned.a );

@@ -27,9 +27,12 @@ export class Pipeline {
   readonly total: WebGLRenderTarget;
   /** Learned picture, as large as the reference. */
   readonly picture: WebGLRenderTarget;
+  /** The scene with ordinary light maps, beside the learned picture. */
+  readonly beside: WebGLRenderTarget;
   readonly uniforms = {
     total: { value: null as Texture | null },
     picture: { value: null as Texture | null },
+    beside: { value: null as Texture | null },
     reference: { value: null as Texture | null },
     frame: { value: new Vector4(0, 0, 1, 1) },
     show: { value: 0 },
@@ -48,6 +51,8 @@ export class Pipeline {
     this.picture = createTarget(samples);
     this.uniforms.total.value = this.total.texture;
     this.uniforms.picture.value = this.picture.texture;
+    this.beside = createTarget(samples);
+    this.uniforms.beside.value = this.beside.texture;
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new Float32BufferAttribute([-1, -1, 0, 3, -1, 0, -1, 3, 0], 3));
     geometry.setAttribute("uv", new Float32BufferAttribute([0, 0, 2, 0, 0, 2], 2));
@@ -70,6 +75,18 @@ export class Pipeline {
   ): void {
     target.setSize(Math.max(1, Math.round(width)), Math.max(1, Math.round(height)));
     stage.render(target, camera);
+  }
+
+  /** As `renderStage`, with ordinary light maps in place of the learned light. */
+  renderLightmap(
+    target: WebGLRenderTarget,
+    width: number,
+    height: number,
+    stage: Stage,
+    camera: PerspectiveCamera,
+  ): void {
+    target.setSize(Math.max(1, Math.round(width)), Math.max(1, Math.round(height)));
+    stage.renderLightmap(target, camera);
   }
 
   /** Show the pictures on the canvas, or in a target. */
@@ -97,6 +114,7 @@ export class Pipeline {
   dispose(): void {
     this.total.dispose();
     this.picture.dispose();
+    this.beside.dispose();
     this.triangle.geometry.dispose();
     this.triangle.material.dispose();
   }

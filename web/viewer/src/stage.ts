@@ -62,6 +62,14 @@ export class Stage {
     this.renderer.setRenderTarget(null);
   }
 
+  /** Draw into a target, with ordinary light maps in place of the learned light. */
+  renderLightmap(target: WebGLRenderTarget, camera: PerspectiveCamera): void {
+    this.renderer.setRenderTarget(target);
+    this.renderer.clear();
+    this.learned?.renderLightmap(this.renderer, this.scene, camera);
+    this.renderer.setRenderTarget(null);
+  }
+
   /** Compile a look for the target that it is drawn into, on which shaders depend. */
   async compile(target: WebGLRenderTarget, camera: PerspectiveCamera, look: Look): Promise<void> {
     this.renderer.setRenderTarget(target);

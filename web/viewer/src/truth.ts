@@ -19,7 +19,6 @@ export interface Compared {
   readonly index: number;
   readonly view: ViewData;
   readonly mode: Mode;
-  readonly split: number;
   readonly stage: Stage;
   readonly rig: CameraRig;
 }
@@ -57,13 +56,12 @@ export class Truth {
   }
 
   /** Set up reference and difference for the next presentation; returns whether `comparison` is new. */
-  draw({ index, view, mode, split, stage, rig }: Compared): boolean {
+  draw({ index, view, mode, stage, rig }: Compared): boolean {
     const { uniforms } = this.pipeline;
     const reference = this.decoded.get(index)!;
     const truth = reference.image.data as unknown as Uint16Array;
     uniforms.reference.value = reference;
     uniforms.show.value = SHOW[mode as keyof typeof SHOW];
-    uniforms.split.value = split;
     uniforms.frame.value.set(...rig.frame());
     if (this.comparison !== null && mode !== "difference") return false;
     const { width, height } = view;

@@ -1,27 +1,32 @@
 /** The viewer without its controls: what is loaded, what is shown, and when a frame is drawn. */
 
 import { type FieldProgram, type Lamp, type LearnedScene, rendererName } from "lightwell";
-import { Box3, type Color, type DataTexture, Vector3, type WebGLRenderer } from "three";
+import { Box3, type DataTexture, Vector3, type WebGLRenderer } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { CameraRig, overview } from "./camera-rig.ts";
 import type { Comparison } from "./comparison.ts";
 import { Emitter } from "./emitter.ts";
 import type { ViewerEvents } from "./events.ts";
-import { FrameTimer } from "./frame-timer.ts";
-import { type Mode, needsReference } from "./modes.ts";
+import { Exposure } from "./exposure.ts";
+import { LampDesk } from "./lamp-desk.ts";
+import type { Mode } from "./modes.ts";
 import type { Options } from "./options.ts";
-import { SHOW } from "./output-shader.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
-import { Pipeline } from "./pipeline.ts";
-import { meterExposure, type Picture, readCanvas, readTarget, timeFrames } from "./readback.ts";
+import { type Against, needsReference, Presenter } from "./presenter.ts";
+import type { Picture } from "./readback.ts";
 import { RenderScale } from "./render-scale.ts";
 import { createRenderer, onContextLoss, onShaderError, seen } from "./renderer.ts";
 import { Stage } from "./stage.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
-import { calmExposure, nearestReference, Truth } from "./truth.ts";
+import { nearestReference } from "./truth.ts";
 
 /** More pixels than this per CSS pixel are not worth their cost. */
 const MAX_PIXEL_RATIO = 2;
+/** Why a mode cannot be shown. */
+const MISSING: Partial<Record<Mode, string>> = {
+  experts: "The learned light of this file has no parts to tell apart.",
+  lightmap: "This file carries no ordinary light map.",
+};
 const CONTEXT_LOST =
   "The graphics context was lost. It usually comes back by itself; reload the page if not.";
 
@@ -37,29 +42,27 @@ export class Viewer extends Emitter<ViewerEvents> {
   /** The saved view that camera and light agree with; null after they moved. */
   view: number | null = null;
   toneMapping: ToneMappingName = "agx";
-  /** Stops on top of the page's exposure. */
-  stops = 0;
   /** Whether the learned light of the scene's own emitters is on. */
   stillLight = true;
-  /** Where the reference ends in split mode, 0 … 1 from the left. */
+  /** Where the left picture ends in split mode, 0 … 1; and what it is. */
   split = 0.5;
+  against: Against = "reference";
   /** Whether the shaders of the learned light are still being compiled: only direct light is shown. */
   preparing = false;
   /** Whether the learned light is evaluated at half resolution. */
   half: boolean;
-  /** Exposure of the scene, and that of the view that was chosen last. */
-  private sceneExposure = 1;
-  private baseExposure = 1;
-  private readonly pipeline: Pipeline;
-  private readonly timer: FrameTimer;
+  /** What the user does to the lamps. */
+  readonly desk: LampDesk;
+  /** Size of the file that is shown. */
+  fileBytes = 0;
+  private readonly exposed: Exposure;
+  private readonly presenter: Presenter;
   private readonly scale: RenderScale;
   private readonly stage: Stage;
-  private readonly truth: Truth;
   private requested = 0;
   /** Counts compilations; the last one ends `preparing`. */
   private compilations = 0;
   private userMoved = false;
-  private shaderError = "";
   private readonly resizeObserver: ResizeObserver;
 
   constructor(canvas: HTMLCanvasElement, options: Options) {
@@ -68,13 +71,16 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.options = options;
     this.half = options.half;
     this.renderer = createRenderer(canvas);
-    this.pipeline = new Pipeline(this.renderer, options.samples);
+    this.exposed = new Exposure(options.exposure);
     this.stage = new Stage(this.renderer);
-    this.truth = new Truth(this.renderer, this.pipeline);
-    this.timer = new FrameTimer(this.renderer.getContext() as WebGL2RenderingContext);
+    this.desk = new LampDesk(this.stage, {
+      relit: () => this.relit(),
+      relamped: () => this.relamped(),
+      say: (message) => this.say(message),
+    });
     this.rig = new CameraRig(canvas);
+    this.presenter = new Presenter(this.renderer, this.stage, this.rig, options);
     this.scale = new RenderScale(options.size === null, () => this.invalidate());
-    this.pipeline.uniforms.dither.value = options.dither ? 1 : 0;
     this.setToneMapping(options.toneMapping ?? "agx");
     this.listen();
     this.resizeObserver = new ResizeObserver(() => this.resize());
@@ -84,7 +90,12 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   /** Linear factor before tone mapping. */
   get exposure(): number {
-    return this.baseExposure * 2 ** this.stops;
+    return this.exposed.value;
+  }
+
+  /** Stops on top of the page's exposure. */
+  get stops(): number {
+    return this.exposed.stops;
   }
 
   get learned(): LearnedScene | null {
@@ -106,7 +117,7 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   /** Errors against the reference of the saved view that is shown; null while unknown. */
   get comparison(): Comparison | null {
-    return this.preparing ? null : this.truth.comparison;
+    return this.preparing ? null : this.presenter.truth.comparison;
   }
 
   /** Name that the driver gives itself. */
@@ -119,9 +130,22 @@ export class Viewer extends Emitter<ViewerEvents> {
     return this.page.views.some((view) => view.reference !== "");
   }
 
+  /** Whether the file carries ordinary light maps too. */
+  get hasLightmaps(): boolean {
+    return this.learned?.hasLightmaps ?? false;
+  }
+
+  /** Whether a mode has anything to show. */
+  offers(mode: Mode): boolean {
+    if (mode === "experts") return this.hasExperts;
+    if (mode === "lightmap") return this.hasLightmaps;
+    if (mode === "split") return this.hasReferences || this.hasLightmaps;
+    return this.hasReferences || (mode !== "reference" && mode !== "difference");
+  }
+
   /** Median milliseconds per frame; null before one is known. */
   get frameMilliseconds(): number | null {
-    return this.timer.milliseconds;
+    return this.presenter.timer.milliseconds;
   }
 
   /**
@@ -132,15 +156,17 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.unload();
     this.page = asset.page;
     this.title = asset.page.title || asset.name || asset.gltf.scene.name || "Untitled scene";
+    this.fileBytes = asset.bytes;
     const learned = this.stage.put(asset, this.options.weights);
+    this.against = this.options.against ?? (this.hasReferences ? "reference" : "lightmap");
     this.rig.fit(learned.bounds);
     this.goHome();
     if (!learned.hasIndirectLight && !learned.hasStillLight) {
       this.emit("notice", "This file carries no learned light; it is shown with direct light alone.");
     }
-    const exposure = this.options.exposure ?? asset.page.exposure ?? null;
+    const meter = () => this.exposed.meter(asset.page.exposure, () => this.readRadiance());
     this.preparing = true;
-    this.meter(exposure);
+    const metered = meter();
     this.renderOnce();
     this.emit("loaded", undefined);
     this.emit("lamps", undefined);
@@ -148,7 +174,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     await seen();
     if (this.learned === learned) await this.compile();
     if (this.learned !== learned) return;
-    if (exposure === null) this.meter(exposure);
+    if (metered) meter();
     this.renderOnce();
     // The first frame carried the upload of everything; the second says what a frame costs.
     if (this.options.ui) this.measure(1);
@@ -175,15 +201,12 @@ export class Viewer extends Emitter<ViewerEvents> {
   renderOnce = (): void => this.draw(1);
 
   setMode(mode: Mode): void {
-    if (mode === "experts" && !this.hasExperts) {
-      this.say("The learned light of this file has no parts to tell apart.");
+    if (!this.offers(mode)) {
+      this.say(MISSING[mode] ?? "This file carries no path-traced pictures to compare with.");
       return;
     }
-    if (needsReference(mode)) {
-      if (!this.hasReferences) {
-        this.say("This file carries no path-traced pictures to compare with.");
-        return;
-      }
+    if (mode === "split" && !this.hasReferences) this.against = "lightmap";
+    if (needsReference({ mode, against: this.against })) {
       if (this.view === null || !this.page.views[this.view]?.reference) {
         this.setView(nearestReference(this.page.views, this.rig.camera.position));
       }
@@ -199,14 +222,14 @@ export class Viewer extends Emitter<ViewerEvents> {
   setView(index: number): void {
     const view = this.page.views[index];
     if (!view) return;
-    if (needsReference(this.mode) && !view.reference) this.mode = "learned";
+    if (needsReference(this) && !view.reference) this.mode = "learned";
     this.place(() => this.rig.place(view.camera, view.width / view.height));
     this.resetLight();
     const lamp = this.lamps[0];
     if (lamp && view.light) lamp.move(new Vector3(...view.light));
     this.view = index;
-    this.truth.comparison = null;
-    this.baseExposure = this.sceneExposure;
+    this.presenter.truth.comparison = null;
+    this.exposed.reset();
     if (view.reference)
       void this.reference(index).then(
         (picture) => this.adapt(index, picture),
@@ -223,7 +246,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.place(() => this.rig.place(camera, 1));
     this.resetLight();
     for (const lamp of this.lamps) lamp.move(new Vector3(...lamp.variable.initial));
-    this.baseExposure = this.sceneExposure;
+    this.exposed.reset();
     this.changed();
   }
 
@@ -235,65 +258,23 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.changed();
   }
 
-  /** Move a lamp; returns whether the wish was clamped to what was learned. */
-  setLight(index: number, value: Vector3): boolean {
-    const clamped = this.lamps[index]?.move(value) ?? false;
-    this.relit();
-    return clamped;
-  }
-
-  setIntensity(index: number, intensity: number): void {
-    const lamp = this.lamps[index];
-    if (!lamp) return;
-    lamp.intensity = intensity;
-    this.relit();
-  }
-
-  setColor(index: number, color: Color): void {
-    this.lamps[index]?.color.copy(color);
-    this.relit();
-  }
-
-  /** Whether a lamp was added to those of the file. */
-  isAdded(index: number): boolean {
-    return index >= (this.learned?.variables.length ?? 0);
-  }
-
-  /** Add a lamp of the kind of a declared light; returns its number, or -1 when there are enough. */
-  addLamp(variable = 0): number {
-    if (!this.learned?.addLamp(variable)) {
-      this.say(this.lamps.length ? "There is no room for another lamp." : "This file has no lamp that can move.");
-      return -1;
-    }
-    this.leaveView();
-    this.relamped();
-    return this.lamps.length - 1;
-  }
-
-  /** Take the lamp of this number away, if it was added. */
-  removeLamp(index: number): void {
-    if (!this.learned?.removeLamp(index)) return;
-    this.leaveView();
-    this.relamped();
-  }
-
   /** Evaluate the learned light at half resolution, or at full. */
   setHalf(on: boolean): void {
     if (this.half === on) return;
     this.half = on;
-    this.truth.comparison = null;
+    this.presenter.truth.comparison = null;
     void this.compile();
     this.changed();
   }
 
   setStops(stops: number): void {
-    this.stops = stops;
+    this.exposed.stops = stops;
     this.changed();
   }
 
   setToneMapping(name: ToneMappingName): void {
     this.toneMapping = name;
-    this.pipeline.setToneMapping(name);
+    this.presenter.pipeline.setToneMapping(name);
     this.changed();
   }
 
@@ -308,13 +289,21 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.changed();
   }
 
+  /** Choose what is to the left in split mode, if the file has it. */
+  setAgainst(against: Against): void {
+    if (against === "reference" ? !this.hasReferences : !this.hasLightmaps) return;
+    this.against = against;
+    if (this.mode === "split") this.setMode("split");
+    else this.changed();
+  }
+
   say(message: string): void {
     this.emit("notice", message);
   }
 
   /** The path-traced picture of a view, decoded once. */
   reference(index: number): Promise<DataTexture> {
-    return this.truth.picture(index, this.page.views[index]!, (error) => {
+    return this.presenter.truth.picture(index, this.page.views[index]!, (error) => {
       if (error) this.emit("trouble", `View ${index + 1}: ${error.message}`);
       else this.changed();
     });
@@ -325,13 +314,12 @@ export class Viewer extends Emitter<ViewerEvents> {
     const view = this.page.views[index];
     if (!view?.reference) return null;
     const texture = await this.reference(index);
-    return this.pipeline.thumbnail(texture, width, height, this.exposure);
+    return this.presenter.pipeline.thumbnail(texture, width, height, this.exposure);
   }
 
   /** Median milliseconds over some frames that are drawn and waited for. */
   measure(frames = 5): number {
-    const median = timeFrames(this.renderer, frames, this.renderOnce);
-    this.timer.add(median);
+    const median = this.presenter.time(frames, this.renderOnce);
     this.changed();
     return median;
   }
@@ -339,22 +327,21 @@ export class Viewer extends Emitter<ViewerEvents> {
   /** The canvas as RGBA bytes, first row at the top. */
   readPixels(): Picture<Uint8Array> {
     this.renderOnce();
-    return readCanvas(this.renderer);
+    return this.presenter.readPixels();
   }
 
   /** The learned picture as linear RGBA radiance, first row at the top. */
   readRadiance(): Picture<Float32Array> {
     this.renderOnce();
-    return readTarget(this.renderer, this.pipeline.total);
+    return this.presenter.readRadiance();
   }
 
   dispose(): void {
     cancelAnimationFrame(this.requested);
     this.resizeObserver.disconnect();
     this.unload();
-    this.timer.dispose();
     this.scale.dispose();
-    this.pipeline.dispose();
+    this.presenter.dispose();
     this.rig.dispose();
     this.renderer.dispose();
   }
@@ -379,20 +366,14 @@ export class Viewer extends Emitter<ViewerEvents> {
       this.invalidate();
     });
     onShaderError(this.renderer, (log) => {
-      this.shaderError = log;
+      this.presenter.shaderError = log;
     });
   }
 
-  /** Take the scene's exposure from the page, or from what is shown. */
-  private meter(exposure: number | null): void {
-    this.sceneExposure = exposure ?? meterExposure(this.readRadiance());
-    this.baseExposure = this.sceneExposure;
-  }
-
-  /** Stop down where a lamp is so near that the picture of a view would be washed out. */
+  /** Meter the picture of a view. */
   private adapt(index: number, picture: DataTexture): void {
-    if (this.view !== index || this.options.exposure !== null) return;
-    this.baseExposure = Math.min(this.sceneExposure, calmExposure(picture));
+    if (this.view !== index) return;
+    this.exposed.adapt(picture);
     this.changed();
   }
 
@@ -405,21 +386,15 @@ export class Viewer extends Emitter<ViewerEvents> {
   /** Camera or light no longer agree with a saved view: its reference no longer says anything. */
   private leaveView(): void {
     this.view = null;
-    this.truth.comparison = null;
-    if (!needsReference(this.mode)) return;
+    this.presenter.truth.comparison = null;
+    if (!needsReference(this)) return;
     this.mode = "learned";
     this.say("Path-traced pictures exist for the saved views alone. Back to learned light.");
   }
 
-  /** The light of the bake: its lamps alone, as they were. */
+  /** The light of the bake. */
   private resetLight(): void {
-    const { learned } = this;
-    const declared = learned?.variables.length ?? 0;
-    if (this.lamps.length > declared) {
-      while (this.lamps.length > declared) learned?.removeLamp(this.lamps.length - 1);
-      this.relamped();
-    }
-    this.stage.resetLamps();
+    this.desk.reset();
     this.stillLight = true;
   }
 
@@ -437,10 +412,10 @@ export class Viewer extends Emitter<ViewerEvents> {
     const look = { half: this.half, segments: this.mode === "experts" };
     const compilation = ++this.compilations;
     this.preparing = true;
-    await this.stage.compile(this.pipeline.total, this.rig.camera, look);
+    await this.stage.compile(this.presenter.pipeline.total, this.rig.camera, look);
     if (this.learned !== learned || compilation !== this.compilations) return;
     this.preparing = false;
-    this.truth.comparison = null;
+    this.presenter.truth.comparison = null;
     this.changed();
   }
 
@@ -470,55 +445,28 @@ export class Viewer extends Emitter<ViewerEvents> {
   private animate(now: number): void {
     this.requested = 0;
     const gliding = this.rig.controls.update();
-    this.timer.begin();
+    this.presenter.timer.begin();
     this.draw(this.scale.factor(now));
-    this.timer.end(now);
+    this.presenter.timer.end(now);
     if (gliding) this.invalidate();
   }
 
   private draw(scale: number): void {
     if (!this.learned || this.renderer.getContext().isContextLost()) return;
-    this.prepare();
-    const { width, height } = this.canvas;
-    const { pipeline, rig } = this;
-    pipeline.renderStage(pipeline.total, width * scale, height * scale, this.stage, rig.camera);
-    if (this.shaderError) {
-      this.recover();
-      return;
-    }
-    this.drawComparison();
-    pipeline.present();
+    const { mode, against, split, stillLight, exposure, preparing, view: index } = this;
+    const view = index === null ? null : { index, data: this.page.views[index]! };
+    const glowing = this.options.ui && !needsReference(this) && mode !== "experts";
+    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing };
+    const { ok, isNew } = this.presenter.draw(shown, scale);
+    if (!ok) return this.recover();
+    if (isNew) this.emit("change", undefined);
     this.emit("frame", undefined);
-  }
-
-  /** Set everything that a frame depends on. */
-  private prepare(): void {
-    const { mode } = this;
-    const still = this.stillLight && mode !== "direct";
-    const parts = { raster: mode !== "indirect", indirect: mode !== "direct", still };
-    const glowing = this.options.ui && !needsReference(mode) && mode !== "experts";
-    this.stage.prepare(parts, this.exposure, glowing);
-    this.pipeline.uniforms.toneMappingExposure.value = this.exposure;
-  }
-
-  /** Set up reference and difference, once the reference is decoded. */
-  private drawComparison(): void {
-    const { truth, view: index, mode, split, rig, stage } = this;
-    if (!truth.has(index) || !needsReference(mode)) {
-      const segments = stage.learned?.showsSegments ?? false;
-      this.pipeline.uniforms.show.value = segments ? SHOW.experts : SHOW.learned;
-      return;
-    }
-    // A picture that lacks the learned light says nothing about it.
-    if (this.preparing) truth.comparison = null;
-    const isNew = truth.draw({ index, view: this.page.views[index]!, mode, split, stage, rig });
-    if (isNew && !this.preparing) this.emit("change", undefined);
   }
 
   /** A field's shader did not compile: show what can be shown. */
   private recover(): void {
-    console.warn("lightwell: a shader failed to compile:", this.shaderError);
-    this.shaderError = "";
+    console.warn("lightwell: a shader failed to compile:", this.presenter.shaderError);
+    this.presenter.shaderError = "";
     if (this.fields.length === 0) return;
     this.learned?.useFields(false);
     this.emit("trouble", "This browser could not compile the learned light; only direct light is shown.");
@@ -526,7 +474,7 @@ export class Viewer extends Emitter<ViewerEvents> {
   }
 
   private unload(): void {
-    this.truth.clear();
+    this.presenter.truth.clear();
     this.stage.clear();
     this.view = null;
     this.preparing = false;

@@ -20,6 +20,8 @@ export interface BufferPicture {
   readonly source: unknown;
   /** Mip level up to which the picture may be minified. */
   readonly mips: number;
+  /** Size of the encoded picture; 0 when unknown. */
+  readonly bytes: number;
 }
 
 /** One buffer as it is stored; `float16` keeps its bits. */

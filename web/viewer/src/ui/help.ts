@@ -11,6 +11,7 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["Arrows, Page ↑ ↓", "Move the light when it has focus; Shift: finer"],
   ["+ · −", "Add a lamp, remove the last one; Delete: the one that has focus"],
   ["R", "Learned light at half resolution, or at full"],
+  ["S", "Split against the reference, or against an ordinary light map"],
   ["V", "Next saved view"],
   ["H", "Start again"],
   ["L", "Focus the light"],

@@ -20,10 +20,11 @@ export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
       p: actions.panel,
       l: actions.light,
       h: () => viewer.goHome(),
+      s: () => viewer.setAgainst(viewer.against === "reference" ? "lightmap" : "reference"),
       r: () => viewer.setHalf(!viewer.half),
-      "+": () => viewer.addLamp(),
-      "=": () => viewer.addLamp(),
-      "-": () => viewer.removeLamp(viewer.lamps.length - 1),
+      "+": () => viewer.desk.add(),
+      "=": () => viewer.desk.add(),
+      "-": () => viewer.desk.remove(viewer.lamps.length - 1),
       v: () => viewer.setView(((viewer.view ?? -1) + 1) % Math.max(viewer.page.views.length, 1)),
     }[event.key.toLowerCase()];
     action?.();

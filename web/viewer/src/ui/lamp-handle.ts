@@ -1,7 +1,7 @@
 /** A handle over a point lamp: drag it in the camera plane, wheel or keys for depth. */
 
 import { Plane, Raycaster, Vector2, Vector3 } from "three";
-import { needsReference } from "../modes.ts";
+import { needsReference } from "../presenter.ts";
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
 import { hexOf, lampName } from "./light-controls.ts";
@@ -53,11 +53,11 @@ export class LampHandle {
   update(): void {
     const { viewer, element } = this;
     // Added lamps are told apart at the rim by their colour.
-    if (viewer.isAdded(this.index))
+    if (viewer.desk.isAdded(this.index))
       element.style.setProperty("--tint", `#${hexOf(viewer.lamps[this.index]!.color)}`);
     const at = this.lamp.clone().project(viewer.rig.camera);
     const { clientWidth, clientHeight } = viewer.canvas;
-    element.hidden = needsReference(viewer.mode) || viewer.mode === "experts" || at.z > 1;
+    element.hidden = needsReference(viewer) || viewer.mode === "experts" || at.z > 1;
     const [x, y] = [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
     const [px, py] = [within(x, clientWidth), within(y, clientHeight)];
     const away = Math.hypot(x - px, y - py) > RIM;
@@ -104,7 +104,7 @@ export class LampHandle {
   }
 
   private key(event: KeyboardEvent): void {
-    if (event.key === "Delete" || event.key === "Backspace") return this.viewer.removeLamp(this.index);
+    if (event.key === "Delete" || event.key === "Backspace") return this.viewer.desk.remove(this.index);
     const direction = KEYS[event.key];
     if (!direction) return;
     event.preventDefault();
@@ -127,7 +127,7 @@ export class LampHandle {
   }
 
   private move(point: Vector3): void {
-    const clamped = this.viewer.setLight(this.index, point);
+    const clamped = this.viewer.desk.move(this.index, point);
     if (clamped && !this.clamped) this.viewer.say("The light stays inside the space it was learned for.");
     this.clamped = clamped;
     this.element.classList.toggle("clamped", clamped);

@@ -1,6 +1,6 @@
 /** The segmented control of what is shown. */
 
-import { MODE_TEXTS, MODES, type Mode, needsReference } from "../modes.ts";
+import { MODE_TEXTS, MODES, type Mode } from "../modes.ts";
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
 
@@ -23,8 +23,7 @@ export function createModeBar(viewer: Viewer): HTMLElement {
       if (checked && button.ariaChecked !== "true")
         button.scrollIntoView({ block: "nearest", inline: "nearest" });
       button.setAttribute("aria-checked", String(checked));
-      button.hidden =
-        (needsReference(mode) && !viewer.hasReferences) || (mode === "experts" && !viewer.hasExperts);
+      button.hidden = !viewer.offers(mode);
     }
   });
   return bar;

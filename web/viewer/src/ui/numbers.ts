@@ -44,7 +44,11 @@ function costs(viewer: Viewer): Row[] {
     rows.push(
       ["Multiply-adds", `${grouped(Math.round(viewer.learned?.macs ?? 0))} / px`],
       ["Learned data", size(bytes)],
+      ["On the GPU", size(viewer.fields.reduce((sum, field) => sum + field.memory, 0))],
     );
+  const map = new Set(viewer.learned?.pictures.filter(({ name }) => name === "light map").map((p) => p.bytes));
+  if (map.size > 0) rows.push(["Light map", size([...map].reduce((a, b) => a + b))]);
+  rows.push(["File", size(viewer.fileBytes)]);
   return rows;
 }
 
@@ -92,7 +96,7 @@ function grouped(x: number): string {
   return x.toLocaleString("en-GB").replaceAll(",", "\u202f");
 }
 
-function size(bytes: number): string {
+export function size(bytes: number): string {
   if (bytes < 1e6) return `${(bytes / 1e3).toFixed(bytes < 1e4 ? 1 : 0)} kB`;
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }

@@ -5,6 +5,7 @@ import { el, ICONS, icon } from "./dom.ts";
 import { createLights } from "./lights.ts";
 import { createNumbers } from "./numbers.ts";
 import { createPictureControls } from "./picture-controls.ts";
+import { createTextures } from "./textures.ts";
 
 /** Narrower pages start with the panel closed. */
 const WIDE = "(min-width: 720px)";
@@ -32,7 +33,7 @@ export function createPanel(viewer: Viewer): HTMLElement {
   setOpen(matchMedia(WIDE).matches);
   body.classList.add("glass");
   viewer.on("loaded", () => {
-    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createNumbers(viewer));
+    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createNumbers(viewer), ...createTextures(viewer));
   });
   return panel;
 }

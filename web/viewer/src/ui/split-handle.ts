@@ -1,23 +1,29 @@
-/** The line between reference and learned picture. */
+/** The line between the learned picture and what it is held against: the reference, or an ordinary light map. */
 
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
 
 const KEY_STEP = 0.02;
 
+/** Names of the left picture. */
+const LEFT = { reference: "Reference", lightmap: "Light map" } as const;
+
 export function createSplitHandle(viewer: Viewer): HTMLElement {
+  const toggle = () => viewer.setAgainst(viewer.against === "reference" ? "lightmap" : "reference");
+  const left = el("button", { type: "button", class: "left", onclick: toggle });
+  left.addEventListener("pointerdown", (event) => event.stopPropagation());
   const handle = el(
     "div",
     {
       class: "split",
       role: "slider",
       tabindex: 0,
-      "aria-label": "Border between reference and learned picture",
+      "aria-label": "Border between the left and the learned picture",
       "aria-valuemin": 0,
       "aria-valuemax": 100,
       hidden: true,
     },
-    el("span", { class: "left" }, "Reference"),
+    left,
     el("i", {}),
     el("span", { class: "right" }, "Learned"),
   );
@@ -35,6 +41,9 @@ export function createSplitHandle(viewer: Viewer): HTMLElement {
   });
   viewer.on("change", () => {
     handle.hidden = viewer.mode !== "split";
+    left.textContent = LEFT[viewer.against];
+    left.disabled = !viewer.hasReferences || !viewer.hasLightmaps;
+    left.title = left.disabled ? "" : "Reference or light map (S)";
     handle.style.left = `${100 * viewer.split}%`;
     handle.setAttribute("aria-valuenow", String(Math.round(100 * viewer.split)));
   });
