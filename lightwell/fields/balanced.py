@@ -47,6 +47,8 @@ from lightwell.transport.samples import Query
 
 # Share of all steps during which cells change hands, and the fewest steps between two rounds.
 ROUNDS_SHARE, FEWEST_STEPS = 0.25, 25
+# The shares of the experts are counted on about so many samples.
+COUNTED = 1 << 18
 # Samples that price a cell, and the largest magnitude of the squared relative error of one of them.
 PRICED_SAMPLES, LARGEST_PRICE = 96, 4.0
 # Times that floor and cap are drawn tighter, because the border of the shipped gate runs through cells.
@@ -153,6 +155,11 @@ class BalancedFit(SegmentedFit):
 
     # ------------------------------------------------------------------ dealing out the cells
 
+    @property
+    def _counted(self) -> Query:
+        """Evenly spread samples on which shares are counted."""
+        return self.examples.query[:: max(len(self.examples) // COUNTED, 1)]
+
     def _due(self, total: int) -> int:
         """How often the cells should have been dealt out by now."""
         rounds = min(self.preset.rounds, int(ROUNDS_SHARE * total / FEWEST_STEPS))
@@ -188,7 +195,7 @@ class BalancedFit(SegmentedFit):
         for _ in range(CORRECTIONS):
             expert = assign_cells(price, cells.weight, least, most)
             gate = Gate(lattice, lattice.scores(cells.number, expert, experts, self.preset.passes))
-            share = shares(gate(self.examples.query).first, experts)
+            share = shares(gate(self._counted).first, experts)
             if floor <= share.min() and share.max() <= cap:
                 break
             # Half of the way to equal shares is as far as it goes.
@@ -229,7 +236,7 @@ class BalancedFit(SegmentedFit):
         """Add a point to the curves."""
         owner = self._owner(self._gate, cells)
         moved = 1.0 if before is None else float(cells.weight[owner != self._owner(before, cells)].sum())
-        share = shares(self._gate(self.examples.query).first, self.preset.experts)
+        share = shares(self._gate(self._counted).first, self.preset.experts)
         values = {"moved": round(moved, 4), "share": [round(float(s), 4) for s in share]}
         append(self.facts["curves"], step=self.state.step, **values)
         self.facts |= {"cells": len(cells), "lattice": list(self._gate.lattice.shape)}
@@ -297,8 +304,9 @@ class BalancedFit(SegmentedFit):
 
     def _judge(self, each: np.ndarray) -> None:
         """Facts about the gate that is kept; each: [N] errors on the validation samples."""
-        share, two = shares(self._gate(self.examples.query).first, self.preset.experts), self._watched.share > 0
-        self.facts |= share_facts(self._gate(self.examples.query).first, self.preset.experts)
+        first, two = self._gate(self._counted).first, self._watched.share > 0
+        share = shares(first, self.preset.experts)
+        self.facts |= share_facts(first, self.preset.experts)
         facts: dict[str, Any] = {
             "smallest_share": share.min() * len(share),
             "largest_share": share.max() * len(share),

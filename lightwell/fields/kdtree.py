@@ -39,6 +39,8 @@ SPARE_LEVELS = 2
 # Candidates of a level whose steps cost as much again as a single network's: levels of more have fewer steps, but not
 # fewer than a share of them.
 DEAR, LEAST_SHARE = 64, 1 / 16
+# A level is judged at most so often: that costs as much as many steps.
+LOOKS = 4
 # Factors between the seeds of fits and of levels.
 SEED_STEP, LEVEL_STEP = 1_000_003, 100_003
 
@@ -122,6 +124,8 @@ class KdFit(SegmentedFit):
         self._level_steps = 0
         self._levels = 0
         self._level: Level | None = None
+        # Levels when the facts were last written.
+        self._described = -1
 
     def _initial(self, seeds: np.ndarray) -> dict[str, np.ndarray]:
         weights = initial_batch(self.mlp, seeds, self.preset.training.initial_bias)
@@ -183,7 +187,7 @@ class KdFit(SegmentedFit):
         level.step(steps)
         self.state.samples_seen += len(level) * self.preset.training.batch
         ended = level.steps >= steps or level.finished
-        if ended or level.steps % self.preset.training.evaluate_every == 0:
+        if ended or level.steps % max(steps // LOOKS, self.preset.training.evaluate_every) == 0:
             level.judge(self.mlp, self.examples, self.preset.rule)
         if ended:
             self._end_level()
@@ -192,7 +196,8 @@ class KdFit(SegmentedFit):
     def _look(self) -> tuple[float, float]:
         # A finer partition replaces a coarser one: the best error is that of what would ship.
         self.state.best_error = np.inf
-        self._describe()
+        if self._described != self._levels:
+            self._describe()
         error = self.validation_error()
         trained = self._errors[np.isfinite(self._errors[:, 0]), 0]
         return float(trained.mean()) if len(trained) else error, error
@@ -307,6 +312,7 @@ class KdFit(SegmentedFit):
         sizes = np.bincount(np.ceil(np.log2(np.maximum(count, 1))).astype(int))
         depths = np.bincount(self.partition.depth)
         states = np.bincount(self._status, minlength=len(STATUS))
+        self._described = self._levels
         self.facts |= {
             "rule": self.preset.rule,
             "goal": self.preset.goal,

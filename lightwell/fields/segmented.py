@@ -130,6 +130,8 @@ class SegmentedFit:
         settings, state = self.preset.training, self.state
         while state.step < until:
             finished = self._step(total)
+            if finished and state.history and state.history[-1][0] == state.step:
+                return True  # nothing has happened since the last look: it was resumed after its end
             state.step += 1
             if not finished and state.step % settings.evaluate_every and state.step != until:
                 continue
