@@ -187,15 +187,15 @@ async function readPicture(
   json: GltfJson,
   sources: Sources,
 ): Promise<Pick<StoredBuffer, "data" | "picture">> {
-  if (entry.accessor !== undefined) fail(where, "an accessor or a texture, not both");
+  if (entry.accessor !== undefined) fail(where, "one of accessor and texture");
   if (type !== "uint8" || shape.length !== 3 || shape[2] !== 3 || Array.isArray(entry.scale)) {
-    fail(where, "a picture of type uint8, shape [H, W, 3] and one scale");
+    fail(where, "uint8 [H, W, 3] with one scale");
   }
   const count = list(json.textures ?? [], "textures", MAX_ELEMENTS).length;
   const mips = integer(entry.mips ?? 0, `${where}.mips`, 0, MAX_MIPS);
   const { source, width, height, bytes = 0 } = await sources.texture(integer(entry.texture, `${where}.texture`, 0, count - 1));
   if (height !== shape[0] || width !== shape[1]) {
-    fail(`${where}.texture`, `a picture of ${shape[1]} × ${shape[0]} texels, found ${width} × ${height}`);
+    fail(`${where}.texture`, `${shape[1]} × ${shape[0]} texels, found ${width} × ${height}`);
   }
   return { data: new Uint8Array(0), picture: { source, mips, bytes } };
 }

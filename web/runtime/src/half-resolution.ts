@@ -77,13 +77,17 @@ export function upsampledFinish(half: HalfResolution, raster: IUniform<number>):
 }
 
 /** Four taps around the pixel; a tap counts as far as it lies on the pixel's tangent plane and faces as the pixel does. */
+/**
+ * `lightwellDisagreement`: how little a tap agrees, as the distance from the tangent plane in units of what counts, and
+ * 1 − cosine; huge for the void. Where no tap agrees (a thing too thin for the small picture, a rim), the one of a wider
+ * neighbourhood that agrees best is taken.
+ */
 const UPSAMPLE = `
 uniform sampler2D lightwellHalfLight;
 uniform sampler2D lightwellHalfSurface;
 uniform vec2 lightwellHalfScale;
 uniform vec4 lightwellUnproject;
 
-// How little a tap agrees: distance from the tangent plane in units of what counts, and 1 - cosine; huge for the void.
 vec2 lightwellDisagreement( ivec2 tap, vec3 normal, vec3 plane ) {
   vec4 surface = texelFetch( lightwellHalfSurface, tap, 0 );
   if ( surface.w <= 0.0 ) return vec2( 1e9 );
@@ -109,7 +113,6 @@ vec3 lightwellUpsampled( vec3 normal, vec3 facet ) {
     sum += weight * vec4( texelFetch( lightwellHalfLight, tap, 0 ).rgb, 1.0 );
   }
   if ( sum.w > ${LEAST_WEIGHT} ) return sum.rgb / sum.w;
-  // A thing too thin for the small picture, or a rim: what agrees best of a wider neighbourhood.
   vec3 light = vec3( 0.0 );
   float best = 1e8;
   for ( int i = 0; i < 16; i ++ ) {

@@ -10,7 +10,7 @@ export {
   readExtension,
 } from "./extension.ts";
 export { FieldProgram, type WeightPlacement } from "./field-program.ts";
-export * from "./graph/index.ts";
+export type { Graph, GraphNode, StoredBuffer } from "./graph/index.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
 export { type Lightmap, type LoadedLight, LightwellLoaderPlugin, learnedLight } from "./loader.ts";

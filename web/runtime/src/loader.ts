@@ -66,12 +66,11 @@ export function learnedLight(gltf: GLTF): LoadedLight {
 /** A texture as linear data: numbers, not a colour. */
 async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
   const found: Texture | null = await parser.getDependency("texture", index);
-  if (!found) throw new FormatError(`textures[${index}]: expected a picture that can be decoded`);
+  if (!found) throw new FormatError(`textures[${index}]: expected a picture`);
   // The loader hands the same object to every material that names it.
   const texture = found.clone();
   texture.colorSpace = NoColorSpace;
-  texture.flipY = false;
-  texture.premultiplyAlpha = false;
+  texture.flipY = texture.premultiplyAlpha = false;
   texture.needsUpdate = true;
   return texture;
 }
@@ -104,7 +103,7 @@ async function readLightmaps(gltf: GLTF, parser: GLTFParser): Promise<Map<Materi
   for (const material of worn) {
     const index = parser.associations.get(material)?.materials;
     const extensions = index === undefined ? undefined : documents[index]?.extensions;
-    const found = readLightmap(extensions, count, `materials[${index}].extensions.${LIGHTMAP_EXTENSION}`);
+    const found = readLightmap(extensions, count, `materials[${index}].${LIGHTMAP_EXTENSION}`);
     if (!found) continue;
     const texture = textures.get(found.index) ?? loadData(parser, found.index);
     textures.set(found.index, texture);

@@ -6,6 +6,8 @@
  *     f = (1 − m) c/π [(1 − ½Sᵥ)(1 − ½Sₗ) + R(Sᵥ + Sₗ + SᵥSₗ(R − 1))] + D G F / (4 n·v n·l),
  *     S(x) = (1 − n·x)⁵,  R = 2 roughness (h·v)²,  F = (1 − m) F_dielectric(η) + m (c + (1 − c)(1 − h·v)⁵)
  *
+ * three.js' own function leaves coat and sheen in its global variables; the base layer is ours.
+ *
  * A material without any specular reflectance (F₀ = 0) and metal is Lambertian: f = c/π.
  */
 export const PRINCIPLED_LIGHT = /* glsl */ `
@@ -32,7 +34,6 @@ void lightwellDirect( const in IncidentLight directLight, const in vec3 geometry
     const in vec3 geometryViewDir, const in vec3 geometryClearcoatNormal, const in PhysicalMaterial material,
     inout ReflectedLight reflectedLight ) {
   #if defined( USE_CLEARCOAT ) || defined( USE_SHEEN )
-    // Leaves the coat and the sheen in their global variables; the base layer is ours.
     ReflectedLight base = reflectedLight;
     RE_Direct_Physical( directLight, geometryPosition, geometryNormal, geometryViewDir, geometryClearcoatNormal, material, base );
   #endif

@@ -32,7 +32,7 @@ export const SEGMENT_COLORS = [
 /** Pixels from stripe to stripe, along x. */
 const STRIPE_PERIOD = 12;
 
-/** Colours by number: the fixed ones, then hues a golden angle apart in OKLCH with three lightnesses. */
+/** Colours by number: the fixed ones, then hues a golden angle apart in OKLCH (Ottosson 2020) with three lightnesses. */
 const SWATCH = `
 vec3 lightwellSwatch( float segment ) {
   const vec3 fixedColors[ ${SEGMENT_COLORS.length} ] = vec3[ ${SEGMENT_COLORS.length} ]( ${SEGMENT_COLORS.map(linear).join(", ")} );
@@ -41,7 +41,6 @@ vec3 lightwellSwatch( float segment ) {
   float hue = 6.283185307 * fract( 0.6180339887 * float( i ) );
   float lightness = 0.60 + 0.10 * float( i % 3 );
   vec2 ab = 0.125 * vec2( cos( hue ), sin( hue ) );
-  // OKLab to linear sRGB: Ottosson 2020.
   vec3 lms = lightness + mat2x3( 0.3963377774, - 0.1055613458, - 0.0894841775, 0.2158037573, - 0.0638541728, - 1.2914855480 ) * ab;
   lms = lms * lms * lms;
   return max( mat3( 4.0767416621, - 1.2684380046, - 0.0041960863, - 3.3077115913, 2.6097574011, - 0.7034186147,

@@ -70,12 +70,14 @@ function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): voi
   shader.fragmentShader = `varying vec4 vLightwellUv;\n${shader.fragmentShader}`;
 }
 
-/** What a finish may know of the surface; point and facet are those of the shadow test. */
+/**
+ * What a finish may know of the surface; point and facet are those of the shadow test. The normal's side is that of the
+ * triangle: it must not switch inside a triangle at the silhouette.
+ */
 const SURFACE = `
   vec3 lwView = cameraPosition - lwPosition;
   vec3 lwNormal = normalize( ( vec4( nonPerturbedNormal, 0.0 ) * viewMatrix ).xyz );
   lwView = normalize( lwView );
-  // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   lwNormal *= ( dot( lwFacet, lwView ) < 0.0 ) == ( dot( lwFacet, lwNormal ) < 0.0 ) ? 1.0 : - 1.0;
   vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );`;
 

@@ -1,5 +1,8 @@
 /** Bundles a module as a consumer of the package would, and measures it. */
 
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 import { build } from "vite";
@@ -14,29 +17,31 @@ export interface BundleOptions {
 
 /** One minified module made of an entry (a path from `test/`) or of a text of imports. */
 export async function bundle(entry: string, { external = [] }: BundleOptions = {}): Promise<string> {
+  const folder = mkdtempSync(join(tmpdir(), "lightwell-bundle-"));
   const isText = /[\s;]/.test(entry);
-  const id = isText ? "\0entry.ts" : here(`../${entry}`);
+  const id = isText ? join(folder, "entry.ts") : here(`../${entry}`);
+  if (isText) writeFileSync(id, entry);
   const result = await build({
     configFile: false,
     logLevel: "error",
     root: here("../.."),
     resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
     define: { "process.env.NODE_ENV": '"production"' },
-    plugins: [
-      {
-        name: "entry",
-        resolveId: (name) => (name === "virtual-entry" ? id : null),
-        load: (name) => (isText && name === id ? entry : null),
-      },
-    ],
     build: {
       write: false,
       target: "es2022",
       minify: true,
-      lib: { entry: isText ? "virtual-entry" : id, formats: ["es"], fileName: "bundle" },
-      rollupOptions: { external: [...external], output: { codeSplitting: false } },
+      modulePreload: false,
+      // An app, not a library: a library build keeps white space.
+      rollupOptions: {
+        input: id,
+        external: [...external],
+        preserveEntrySignatures: "strict",
+        output: { format: "es", codeSplitting: false },
+      },
     },
   });
+  rmSync(folder, { recursive: true });
   const { output } = (Array.isArray(result) ? result[0] : result) as { output: { type: string; code?: string }[] };
   return output.map((chunk) => chunk.code ?? "").join("\n");
 }

@@ -8,7 +8,7 @@ const CACHE = new WeakMap<StoredBuffer, Float32Array>();
 /** The 32-bit floats that a buffer stands for: value = stored · scale + offset. */
 export function valuesOf(buffer: StoredBuffer): Float32Array {
   if (buffer.picture && buffer.data.length === 0) {
-    throw new TypeError("graph: the numbers of a picture are in the texture alone; decode it first");
+    throw new TypeError("graph: a picture has no numbers here");
   }
   let values = CACHE.get(buffer);
   if (!values) {

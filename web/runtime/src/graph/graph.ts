@@ -135,7 +135,7 @@ function checkBuffer(buffer: StoredBuffer, where: string): void {
   const found = buffer.data.length;
   if (buffer.picture ? found !== 0 && found !== size : found !== size) fail(where, `${size} numbers, found ${found}`);
   if (buffer.picture && (buffer.type !== "uint8" || buffer.shape.length !== 3 || buffer.shape[2] !== 3)) {
-    fail(where, "a picture of type uint8 and shape [H, W, 3]");
+    fail(where, "uint8 [H, W, 3]");
   }
   if (buffer.type === "float32" || buffer.type === "float16") {
     if (buffer.scale !== undefined || buffer.offset) fail(where, "no scale or offset on a float type");
@@ -252,7 +252,7 @@ function readParameter(
       (typeof value === "string" ? buffers.get(value) : undefined) ?? fail(where, "the name of a buffer");
     if (!parameter.ranks.includes(buffer.shape.length))
       fail(where, `a buffer of ${parameter.ranks.join(" or ")} axes`);
-    if (buffer.picture && !parameter.picture) fail(where, "a buffer that is no picture");
+    if (buffer.picture && !parameter.picture) fail(where, "no picture");
     used.add(value as string);
     found.buffer[key] = buffer;
   }

@@ -1,0 +1,15 @@
+import { fileURLToPath } from "node:url";
+import { defineConfig } from "vite";
+import { MODULES } from "./modules.ts";
+
+/** Builds `lightwell-viewer.js`: the custom element with three.js inside, for a page without a build step. */
+export default defineConfig({
+  publicDir: false,
+  build: {
+    lib: { entry: MODULES["lightwell/element"], formats: ["es"], fileName: () => "lightwell-viewer.js" },
+    outDir: fileURLToPath(new URL("runtime/dist", import.meta.url)),
+    emptyOutDir: false,
+    target: "es2022",
+    reportCompressedSize: false,
+  },
+});
