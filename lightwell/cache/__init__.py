@@ -1,4 +1,7 @@
-"""The radiance cache: a path tracer that learns while it renders. Importing registers the integrator ``lightwell_nrc``."""
+"""The radiance cache: a path tracer that learns while it renders.
+
+Importing registers the integrator ``lightwell_nrc``.
+"""
 
 from lightwell.cache.integrator import NrcIntegrator as NrcIntegrator
 from lightwell.cache.integrator import register as register

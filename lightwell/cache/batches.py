@@ -13,8 +13,8 @@ from lightwell.cache.model import Model
 
 @dr.syntax
 def permuted(i: mi.UInt32, count: mi.UInt32, bits: int, seed: mi.UInt32) -> mi.UInt32:
-    """A permutation of 0 ... count - 1 for any count <= 2^bits: a bijection of bits-bit numbers, walked along its cycles
-    until it lands below ``count`` (Black & Rogaway 2002)."""
+    """A permutation of 0 ... count - 1 for any count <= 2^bits: a bijection of bits-bit numbers, walked along
+    its cycles until it lands below ``count`` (Black & Rogaway 2002)."""
     mask = mi.UInt32((1 << bits) - 1)
     half = max(bits // 2, 1)
     i = mi.UInt32(i)

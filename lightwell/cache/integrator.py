@@ -6,8 +6,9 @@ import time
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache import frames
+from lightwell.cache import frames, views
 from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
+from lightwell.cache.denoising import check_film, denoised_image
 from lightwell.cache.radiance_cache import RadianceCache, Told
 from lightwell.cache.settings import CacheSettings, settings_of
 
@@ -24,9 +25,9 @@ check_variant()
 class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
     """Neural radiance cache: a path tracer that learns while it renders.
 
-    Every parameter of ``CacheSettings`` is a parameter of the plugin, in XML and in dictionaries, for example ``preset``
-    ('compact' or 'paper'), ``termination_c`` (0.01; infinity is plain path tracing), ``estimator`` ('biased', or the
-    unbiased 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di', 'restir-gi').
+    Every parameter of ``CacheSettings`` is a parameter of the plugin, in XML and in dictionaries, for example
+    ``preset`` ('compact' or 'paper'), ``termination_c`` (0.01; infinity is plain path tracing), ``estimator``
+    ('biased', or the unbiased 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di', 'restir-gi').
 
     Paths follow Mitsuba's ``path`` until their footprint has spread; there a small network answers with the light that
     the surface scatters. The network learns from a few training paths per frame. The cache belongs to the integrator
@@ -83,6 +84,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         check_sensor(sensor)
+        if self.settings.denoise:
+            check_film(sensor)
         seed = int(mi.UInt32(seed)[0]) if not isinstance(seed, int) else seed
         spp = spp or int(sensor.sampler().sample_count())
         cache = self.cache_of(scene)
@@ -93,11 +96,21 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             still = self._is_still(spp)
             if still:
                 self.warm_up(scene, sensor, seed, spp)
+            if self.settings.view != "image":
+                return self._view(scene, sensor, cache, seed, spp, still)
             start = time.perf_counter()
             image = self._passes(scene, sensor, cache, seed, spp, still)
             dr.eval(image)
             self.seconds["trace"] += time.perf_counter() - start - (0 if still else self.seconds["train"])
+            if self.settings.denoise:
+                image = denoised_image(scene, sensor, cache, image, seed)
         return image
+
+    def _view(self, scene, sensor, cache, seed: int, spp: int, still: bool):
+        """A debug view, after the training that a picture would have had."""
+        for _ in range(0 if still else spp):
+            self._train(scene, sensor, cache, seed)
+        return mi.TensorXf(views.view(scene, sensor, cache, self.settings.view, spp, seed))
 
     def render_forward(self, *args, **kwargs):
         raise RuntimeError("nrc: lightwell_nrc gives no derivatives of the picture; use 'prb' for them")

@@ -1,7 +1,7 @@
 """Gradient steps of the cache: loss, Adam, and the averaged weights, in one frozen function.
 
-Müller et al. 2021 (loss, averaging in its corrected form), Kingma & Ba 2015 (Adam), Lehtinen et al. 2018 (normalising by the
-prediction keeps the minimum of the loss at the mean of noisy targets).
+Müller et al. 2021 (loss, averaging in its corrected form), Kingma & Ba 2015 (Adam), Lehtinen et al. 2018 (normalising
+by the prediction keeps the minimum of the loss at the mean of noisy targets).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Batch:
 def averaging(decay: float, step: int) -> tuple[float, float]:
     """Factors of the new weights and of the old average after gradient step ``step`` = 1, 2, ...; they add up to 1.
 
-    With eta_t = 1 - decay^t the average is (1 - decay) / eta_t W_t + decay eta_(t-1) / eta_t W_(t-1). Without the division
-    by eta_t in the second term, as it is printed in places, the factors add up to less than 1.
+    With eta_t = 1 - decay^t the average is (1 - decay) / eta_t W_t + decay eta_(t-1) / eta_t W_(t-1). Without the
+    division by eta_t in the second term, as it is printed in places, the factors add up to less than 1.
     """
     now, before = 1 - decay**step, 1 - decay ** (step - 1)
     return (1 - decay) / now, decay * before / now

@@ -1,7 +1,7 @@
 """Roughness and non-diffuse albedo of the scene's materials: tables by material and angle.
 
-Mitsuba has no query for either. Roughness comes from a table of plugins; the albedo of everything that is not diffuse is
-the mean sample weight of the BSDF over a fixed set of points (so that the network's inputs carry no noise) minus the
+Mitsuba has no query for either. Roughness comes from a table of plugins; the albedo of everything that is not diffuse
+is the mean sample weight of the BSDF over a fixed set of points (so that the network's inputs carry no noise) minus the
 diffuse reflectance.
 """
 
@@ -121,8 +121,9 @@ def _roughness(bsdf: Any) -> float:
         shares.append(float(np.mean(alphas)) if alphas else DEFAULT_ALPHA)
     if has(mi.BSDFFlags.DeltaReflection) or has(mi.BSDFFlags.DeltaTransmission):
         shares.append(0.0)
-    known = SMOOTH | DIFFUSE | ROUGH | {"twosidedbrdf", "maskbsdf", "bumpmap", "normalmap", "blend", "smoothconductor",
-                                        "smoothdielectric", "smoothdiffuse", "smoothplastic", "opacitymask"}  # fmt: skip
+    known = SMOOTH | DIFFUSE | ROUGH | {"twosidedbrdf", "maskbsdf", "bumpmap", "normalmap", "blend",
+                                        "smoothconductor",
+                                        "smoothdielectric", "smoothdiffuse", "smoothplastic"}  # fmt: skip
     if not alphas and name not in known and has(mi.BSDFFlags.GlossyReflection) and name not in _warned:
         _warned.add(name)
         warnings.warn(f"nrc: roughness of the BSDF plugin '{name}' is unknown; {DEFAULT_ALPHA} is taken", stacklevel=2)

@@ -58,7 +58,7 @@ def footprint(t: mi.Float, cosine: mi.Float) -> mi.Float:
 
 
 def spread(t: mi.Float, pdf: mi.Float, cosine: mi.Float) -> mi.Float:
-    """Root of the area that a scattered ray stands for at its hit; infinite, so that paths end, where it is undefined."""
+    """Root of the area that a scattered ray stands for at its hit; infinite (the path ends) where undefined."""
     density = pdf * dr.abs(cosine)
     return dr.select(density > 0, t * dr.rsqrt(density), dr.inf)
 

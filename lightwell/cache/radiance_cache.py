@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache import persist
 from lightwell.cache.batches import compacted, packed_batches, usable
+from lightwell.cache.change import ChangeDetector
 from lightwell.cache.draws import GOLDEN, draws, mixed
 from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.learner import Learner
@@ -26,6 +28,11 @@ from lightwell.cache.training_paths import query_vertex, resolve, trace_records
 INFLATE = 0.01
 # Targets beyond this many times the running mean are cut; off in unbiased training.
 CAP = 1e4
+# Kinds of change; frames whose training paths run to their end after one; faster learning, and for how many frames.
+KINDS = ("light", "material", "geometry", "camera")
+REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
+# Frames between two copies of the weights.
+SNAPSHOT = 64
 # Stream of random numbers that training paths draw from, apart from those of pixels.
 TRAINING_STREAM = 0x5EED
 
@@ -51,6 +58,8 @@ class Told:
     """Bias meter: mean of prefix * (traced - cached) over unbiased paths, and its standard error; radiance."""
     bias_paths: int = 0
     scale: float = 1.0
+    changed: bool = False
+    """The scene seemed to have changed."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage: trace, records, train."""
 
@@ -75,6 +84,13 @@ class RadianceCache:
         self.tiles: dict[tuple[int, int], Tiles] = {}
         self.frame = 0
         """Frames trained."""
+        self.scene_mark = ""
+        """Fingerprint of the scene."""
+        self.detector, self.changes, self.boost = ChangeDetector(), 0, 0
+        """Finds changes; how many there were; frames that still learn faster because of one."""
+        self.snapshot: tuple[Any, ...] | None = None
+        """Sound weights to go back to."""
+        self.rollbacks = 0
         self.since_change = 0
         """Frames trained since the cache was cold or the scene changed."""
         self.frozen = False
@@ -99,23 +115,64 @@ class RadianceCache:
             self.box = np.stack([corners[0] - margin, corners[1] + margin])
         self.materials = material_table(scene)
         self._around = None
+        self.scene_mark = persist.fingerprint(scene)
+
+    def scene_changed(self, kind: str, scene: Any | None = None) -> None:
+        """React to a change of 'light', 'material', 'geometry' or 'camera': average anew, learn faster for a while, and
+        let training paths run to their end for some frames, so that new light does not wait for the cache."""
+        if kind not in KINDS:
+            raise ValueError(f"nrc: scene_changed('{kind}'), expected one of {', '.join(KINDS)}")
+        if kind == "camera":
+            return
+        if scene is not None and kind in ("material", "geometry"):
+            self.prepare(scene)
+        self.learner.forget()
+        self.since_change = max(0, self.settings.lead_in - REACTION)
+        self.boost = BOOST_FRAMES
+        self.detector.reset()
+        self.changes += 1
+        self.touched()
+
+    def freeze(self) -> None:
+        """Learn no more: weights stay bit for bit."""
+        self.frozen = True
+
+    def save(self, path: Any) -> None:
+        """Write to a file; see ``persist``."""
+        persist.save(self, path)
+
+    @staticmethod
+    def load(path: Any, scene: Any | None = None) -> RadianceCache:
+        """Read a file that ``save`` wrote; see ``persist``."""
+        return persist.load(path, scene)
+
+    def training_offset(self, seed: int) -> tuple[float, float]:
+        """Where in their tiles the last frame's training pixels lay, [0, 1)^2."""
+        frame = dr.opaque(mi.UInt32, max(self.frame - 1, 0))
+        at = draws(mi.UInt32(0xFFFFFFFF), frame, mixed(mi.UInt32(seed & 0xFFFFFFFF) + TRAINING_STREAM)).next_2d()
+        return float(at.x[0]), float(at.y[0])
 
     @property
     def around(self) -> Surroundings:
         """What paths need beside the scene."""
         if self._around is None:
-            assert self.box is not None and self.materials is not None
-            a = Surroundings()
-            low, edge = self.box[0], self.box[1] - self.box[0]
-            a.low = mi.Point3f(*[dr.opaque(mi.Float, float(x)) for x in low])
-            a.inverse = mi.Vector3f(*[dr.opaque(mi.Float, float(1 / x)) for x in edge])
-            a.roughness, a.albedo = self.materials.roughness, self.materials.albedo
-            a.c = dr.opaque(mi.Float, min(self.settings.termination_c, 3e38))
-            depth = self.settings.max_depth
-            a.max_depth = dr.opaque(mi.UInt32, 0xFFFFFFFF if depth < 0 else depth)
-            a.rr_depth = dr.opaque(mi.UInt32, self.settings.rr_depth)
-            self._around = a
+            self._around = self.surroundings(self.settings.termination_c)
         return self._around
+
+    def surroundings(self, c: float) -> Surroundings:
+        """The same with another threshold."""
+        if self.box is None or self.materials is None:
+            raise RuntimeError("nrc: the cache has no scene yet; call prepare(scene) first")
+        a = Surroundings()
+        low, edge = self.box[0], self.box[1] - self.box[0]
+        a.low = mi.Point3f(*[dr.opaque(mi.Float, float(x)) for x in low])
+        a.inverse = mi.Vector3f(*[dr.opaque(mi.Float, float(1 / x)) for x in edge])
+        a.roughness, a.albedo = self.materials.roughness, self.materials.albedo
+        a.c = dr.opaque(mi.Float, min(c, 3e38))
+        depth = self.settings.max_depth
+        a.max_depth = dr.opaque(mi.UInt32, 0xFFFFFFFF if depth < 0 else depth)
+        a.rr_depth = dr.opaque(mi.UInt32, self.settings.rr_depth)
+        return a
 
     # ------------------------------------------------------------------ queries
 
@@ -276,13 +333,31 @@ class RadianceCache:
         told.scale = self.scale.value
 
     def _learn(self, batch, steps: int, told: Told) -> None:
-        rate = self.settings.learning_rate * self.rate_factor
+        boosted = BOOST if self.boost > 0 else 1.0
+        self.boost = max(0, self.boost - 1)
+        rate = self.settings.learning_rate * self.rate_factor * boosted
         said = [self.learner.train(batch, k * self.settings.batch, rate) for k in range(steps)]
         told.steps = steps
         if steps:
             self.touched()
             values = np.array([np.array(t).ravel() for t in said])
             told.loss, told.residual = float(values[:, 0].mean()), float(values[:, 1].mean())
+            self._guard(told)
+            if self.settings.on_change == "detect" and self.detector.update(told.loss, told.residual):
+                told.changed = True
+                self.scene_changed("light")
+
+    def _guard(self, told: Told) -> None:
+        """Keep a copy of sound weights; go back to it when the loss is no number any more."""
+        learner = self.learner
+        if np.isfinite(told.loss):
+            if self.frame % SNAPSHOT == SNAPSHOT - 1:
+                self.snapshot = (dict(learner.values), dict(learner.average), tuple(dict(m) for m in learner.moments))
+        elif self.snapshot is not None:
+            learner.values, learner.average, learner.moments = (
+                dict(self.snapshot[0]), dict(self.snapshot[1]), tuple(dict(m) for m in self.snapshot[2]))  # fmt: skip
+            self.rollbacks += 1
+            self.touched()
 
 
 __all__ = ["WIDTH", "RadianceCache", "Told", "bounds_of"]

@@ -1,12 +1,13 @@
 """What can be set of the radiance cache: presets, defaults, and the checks of values that a user gives.
 
-The numbers come from Müller et al., *Real-time Neural Radiance Caching for Path Tracing* (2021), where docs/radiance-cache.md
-does not say otherwise.
+The numbers come from Müller et al., *Real-time Neural Radiance Caching for Path Tracing* (2021), where
+docs/radiance-cache.md does not say otherwise.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -195,8 +196,21 @@ def settings_of(given: dict[str, Any]) -> CacheSettings:
     return CacheSettings(**values)
 
 
+def parse_options(texts: Sequence[str]) -> CacheSettings:
+    """Settings from words such as ``preset=paper`` and ``denoise=true``."""
+    given: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not value:
+            raise ValueError(f"nrc: '{text}', expected NAME=VALUE such as preset=paper")
+        given[name.strip()] = {"true": True, "false": False}.get(value.strip().lower(), value.strip())
+    return settings_of(given)
+
+
 def _typed(name: str, kind: str, value: Any) -> Any:
     """A value of the kind of its field; XML knows floats, integers, booleans and strings."""
+    if kind == "bool" and not isinstance(value, bool | int):
+        raise ValueError(f"nrc: {name} = {value!r}, expected true or false")
     makers = {"int": int, "float": float, "bool": bool, "str": str}
     try:
         made = makers[kind](value)

@@ -1,0 +1,50 @@
+"""Has the scene changed? A fast and a slow mean of what training says before its steps."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+# Frames of the fast and of the slow mean; frames without an alarm after a change or a cold start.
+FAST, SLOW, QUIET = 3, 60, 20
+# An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
+SIGMAS, RESIDUAL, LOG_LOSS = 5.0, 0.25, 0.7
+
+
+class ChangeDetector:
+    """Compares the last frames with those before them."""
+
+    def __init__(self) -> None:
+        self._residuals: deque[float] = deque(maxlen=SLOW)
+        self._losses: deque[float] = deque(maxlen=SLOW)
+        self._frames = 0
+
+    def reset(self) -> None:
+        """Begin anew: after a change, or when none must be found."""
+        self.__init__()
+
+    def update(self, loss: float, residual: float) -> bool:
+        """Take in one frame's pre-step loss and signed residual; says whether the scene seems to have changed."""
+        if not (math.isfinite(loss) and math.isfinite(residual)):
+            return False
+        self._frames += 1
+        self._residuals.append(residual)
+        self._losses.append(math.log(max(loss, 1e-12)))
+        if self._frames < QUIET:
+            return False
+        found = self._jumped(self._residuals, RESIDUAL) or self._jumped(self._losses, LOG_LOSS)
+        if found:
+            self.reset()
+        return found
+
+    @staticmethod
+    def _jumped(values: deque[float], least: float) -> bool:
+        numbers = np.array(values)
+        old, new = numbers[:-FAST], numbers[-FAST:]
+        difference = np.median(new) - np.median(old)
+        # All three recent frames must agree: one bright record is no change.
+        agree = np.all(np.sign(new - np.median(old)) == np.sign(difference))
+        noise = 1.4826 * np.median(np.abs(old - np.median(old)))
+        return bool(agree and abs(difference) > max(least, SIGMAS * noise))

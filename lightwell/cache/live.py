@@ -1,0 +1,268 @@
+"""The live session: a scene whose camera, lights and objects move while the cache follows."""
+
+from __future__ import annotations
+
+import io
+import threading
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from lightwell.backend import dr, mi
+from lightwell.cache.frames import evaluator, sobol_rays
+from lightwell.cache.paths import render_path
+from lightwell.cache.radiance_cache import RadianceCache, bounds_of
+from lightwell.cache.settings import CacheSettings
+from lightwell.cache.views import view
+from lightwell.scenes import load
+from lightwell.scenes.scene import Camera
+
+# Panels of the page. Every panel but the first two is made on every other frame.
+PANELS = ("cache-image", "path", "cache", "error")
+# Frames that are averaged at most while nothing moves; points of the curves that are kept.
+MOST_FRAMES, CURVE = 512, 240
+JPEG_QUALITY = 88
+
+
+class LiveScene:
+    """A Mitsuba scene with one sensor, and what can be moved in it."""
+
+    def __init__(self, source: str, size: int) -> None:
+        loaded = load(source)
+        self.name = loaded.name
+        content: dict[str, Any] = {"type": "scene"}
+        for k, shape in enumerate(loaded.mi.shapes()):
+            content[f"shape{k}"] = shape
+        if (environment := loaded.mi.environment()) is not None:
+            content["environment"] = environment
+        low, high = bounds_of(loaded.mi)
+        self.center, self.extent = (low + high) / 2, float((high - low).max())
+        self.own_lamp = not loaded.mi.emitters()
+        if self.own_lamp:
+            place = self.center + np.array([0, 0.3 * (high - low)[1], 0])
+            power = {"type": "rgb", "value": self.extent**2}
+            content["lamp"] = {"type": "point", "position": place.tolist(), "intensity": power}
+        camera = loaded.cameras[0] if loaded.cameras else self._outside(low, high)
+        self.position, self.target = np.array(camera.position, float), np.array(camera.target, float)
+        self.up, self.fov = np.array(camera.up, float), camera.fov_y
+        # Orbit about what the camera looks at, not about a point right before it.
+        forward = self.target - self.position
+        forward /= np.linalg.norm(forward)
+        self.target = self.position + forward * max(float((self.center - self.position) @ forward), 0.2 * self.extent)
+        content["sensor"] = {
+            "type": "perspective", "fov": self.fov, "fov_axis": "y", "to_world": self._pose(),
+            "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+        }  # fmt: skip
+        self.scene = mi.load_dict(content)
+        self.sensor = self.scene.sensors()[0]
+        self.parameters = mi.traverse(self.scene)
+        names = [m.name or f"surface {k}" for k, m in enumerate(loaded.meshes)]
+        shapes = self.scene.shapes()
+        self.things = [
+            {"index": k, "name": names[k] if k < len(names) else f"surface {k}", "light": s.emitter() is not None}
+            for k, s in enumerate(shapes)
+            if f"shape{k}.vertex_positions" in self.parameters
+        ]
+        if self.own_lamp:
+            self.things.insert(0, {"index": -1, "name": "lamp", "light": True})
+
+    @staticmethod
+    def _outside(low: np.ndarray, high: np.ndarray) -> Camera:
+        center, extent = (low + high) / 2, float((high - low).max())
+        return Camera(tuple(center + np.array([0.6, 0.4, 1.2]) * extent), tuple(center))
+
+    def _pose(self) -> Any:
+        return mi.ScalarTransform4f().look_at(
+            origin=self.position.tolist(), target=self.target.tolist(), up=self.up.tolist()
+        )
+
+    def orbit(self, right: float, up: float, closer: float) -> None:
+        """Turn round the target by angles in radians and come closer by a factor e^closer."""
+        offset = self.position - self.target
+        axis = self.up / np.linalg.norm(self.up)
+        offset = _turned(offset, axis, -right)
+        side = np.cross(axis, offset)
+        side /= max(np.linalg.norm(side), 1e-9)
+        tilted = _turned(offset, side, -up)
+        if abs(tilted @ axis) < 0.985 * np.linalg.norm(tilted):
+            offset = tilted
+        self.position = self.target + offset * np.exp(-closer)
+        sensor = mi.traverse(self.sensor)
+        sensor["to_world"] = mi.Transform4f(self._pose().matrix)
+        sensor.update()
+
+    def move(self, index: int, by: np.ndarray) -> None:
+        """Shift a thing by a vector, in parts of the scene's extent."""
+        step = np.asarray(by, float) * self.extent
+        if index < 0:
+            key = "lamp.position"
+            self.parameters[key] = mi.Point3f(self.parameters[key]) + mi.Vector3f(*step.tolist())
+        else:
+            key = f"shape{index}.vertex_positions"
+            places = np.array(self.parameters[key]).reshape(-1, 3) + step
+            self.parameters[key] = mi.Float(places.astype(np.float32).ravel())
+        self.parameters.update()
+
+    def brighten(self, index: int, factor: float) -> None:
+        """Multiply the light of a lamp."""
+        start = "lamp.intensity" if index < 0 else f"shape{index}.emitter.radiance"
+        for key in list(self.parameters.keys()):
+            if key.startswith(start) and key.endswith((".value", ".data")):
+                self.parameters[key] = self.parameters[key] * factor
+        self.parameters.update()
+
+
+def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rodrigues' rotation."""
+    c, s = np.cos(angle), np.sin(angle)
+    return v * c + np.cross(axis, v) * s + axis * (axis @ v) * (1 - c)
+
+
+class LiveSession:
+    """Renders in a thread; the page reads ``state`` and sends ``command``s."""
+
+    def __init__(self, source: str, settings: CacheSettings, size: int = 256) -> None:
+        self.live = LiveScene(source, size)
+        self.settings, self.size = settings, size
+        self.cache = RadianceCache(settings)
+        self.cache.prepare(self.live.scene)
+        self.lock = threading.Lock()
+        self.commands: deque[dict[str, Any]] = deque(maxlen=256)
+        self.running = True
+        self.paused_training = False
+        self.frames = 0
+        """Frames since the session began."""
+        self.still = 0
+        """Frames since something moved."""
+        self.sums = {name: np.zeros((size, size, 3)) for name in ("cache-image", "path")}
+        self.pictures: dict[str, bytes] = {}
+        self.curve: deque[tuple[int, float, float]] = deque(maxlen=CURVE)
+        self.milliseconds = {"train": 0.0, "cache-image": 0.0, "path": 0.0, "views": 0.0}
+        self.exposure = 0.0
+        self.failure = ""
+
+    # ------------------------------------------------------------------ commands
+
+    def command(self, order: dict[str, Any]) -> None:
+        """Queue what the page asks for; ValueError for what is no command."""
+        kind = order.get("do")
+        if kind not in ("orbit", "move", "brighten", "reset", "freeze"):
+            raise ValueError(f"live: there is no command '{kind}'")
+        numbers = [order.get(k, 0) for k in ("x", "y", "z", "factor", "thing")]
+        if not all(isinstance(n, (int, float)) and np.isfinite(n) and abs(n) < 1e4 for n in numbers):
+            raise ValueError("live: a command holds a number that is none")
+        things = {t["index"] for t in self.live.things}
+        if kind in ("move", "brighten") and int(order.get("thing", -9)) not in things:
+            raise ValueError("live: there is no such thing to move")
+        self.commands.append(order)
+
+    def _obey(self) -> None:
+        moved = False
+        while self.commands:
+            order = self.commands.popleft()
+            kind, x, y, z = order["do"], *(float(order.get(k, 0)) for k in "xyz")
+            if kind == "orbit":
+                self.live.orbit(x, y, z)
+            elif kind == "move":
+                self.live.move(int(order["thing"]), np.clip([x, y, z], -1, 1))
+            elif kind == "brighten":
+                self.live.brighten(int(order["thing"]), float(np.clip(order.get("factor", 1), 0, 100)))
+            elif kind == "freeze":
+                self.cache.frozen = not self.cache.frozen
+                continue
+            elif kind == "reset":
+                self.cache = RadianceCache(self.settings, self.cache.box)
+                self.cache.prepare(self.live.scene)
+            if kind in ("move", "brighten"):
+                self.cache.scene_changed("light")
+            moved = True
+        if moved:
+            self.still = 0
+            for total in self.sums.values():
+                total[:] = 0
+
+    # ------------------------------------------------------------------ frames
+
+    def loop(self) -> None:
+        """Until ``running`` is taken away; a failure is shown on the page."""
+        while self.running:
+            try:
+                self._obey()
+                self.frame()
+            except Exception as error:
+                self.failure = " ".join(str(error).split())[:500]
+                self.running = False
+
+    def frame(self) -> None:
+        """One frame: train, render both, and now and then the other panels."""
+        seed = self.frames & 0xFFFFFF
+        with dr.suspend_grad():
+            start = time.perf_counter()
+            told = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
+            self._took("train", start)
+            if self.still < MOST_FRAMES:
+                for name, caching in (("cache-image", True), ("path", False)):
+                    start = time.perf_counter()
+                    self.sums[name] += self._render(caching, seed)
+                    self._took(name, start)
+                self.still += 1
+            start = time.perf_counter()
+            means = {name: total / max(self.still, 1) for name, total in self.sums.items()}
+            if self.frames % 2 == 0 or not self.pictures:
+                means["cache"] = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, seed)
+                means["error"] = np.abs(means["cache-image"] - means["path"])
+            self._took("views", start)
+        if np.isfinite(told.loss):
+            self.curve.append((self.frames, told.loss, told.bias[0]))
+        self._publish(means)
+        self.frames += 1
+
+    def _took(self, name: str, start: float) -> None:
+        now = 1e3 * (time.perf_counter() - start)
+        before = self.milliseconds[name]
+        self.milliseconds[name] = now if before == 0 else 0.8 * before + 0.2 * now
+
+    def _render(self, caching: bool, seed: int) -> np.ndarray:
+        """One sample per pixel, [H, W, 3]."""
+        numbers = [dr.opaque(mi.UInt32, x) for x in (self.still, 1, seed if self.still == 0 else 7)]
+        ray, weight, _, sampler = sobol_rays(self.live.sensor, *numbers, self.size**2)
+        L, *_ = render_path(
+            self.live.scene, sampler, ray, self.cache.around, evaluator(self.cache), dr.opaque(mi.Float, 1), caching,
+            "biased", True,
+        )  # fmt: skip
+        L = L * weight
+        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        dr.eval(L)
+        return np.array(L).T.reshape(self.size, self.size, 3)
+
+    def _publish(self, means: dict[str, np.ndarray]) -> None:
+        lit = means["cache-image"].mean(axis=-1)
+        bright = float(np.percentile(lit, 90)) or 1.0
+        self.exposure = 0.7 / bright if not self.exposure or self.still <= 1 else 0.9 * self.exposure + 0.07 / bright
+        made = {name: _jpeg(picture * self.exposure) for name, picture in means.items()}
+        with self.lock:
+            self.pictures |= made
+
+    def state(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+        last = self.cache.history[-1] if self.cache.history else None
+        return {
+            "scene": self.live.name, "frame": self.frames, "still": self.still, "frozen": self.cache.frozen,
+            "milliseconds": {k: round(v, 1) for k, v in self.milliseconds.items()},
+            "curve": [list(p) for p in self.curve], "things": self.live.things, "failure": self.failure,
+            "records": last.records if last else 0, "dropped": last.dropped if last else 0,
+            "steps": self.cache.learner.step, "scale": self.cache.scale.value, "changes": self.cache.changes,
+            "bias": list(last.bias) if last and np.isfinite(last.bias[1]) else None,
+        }  # fmt: skip
+
+
+def _jpeg(linear: np.ndarray) -> bytes:
+    """Linear [H, W, 3] as an sRGB JPEG."""
+    x = np.clip(np.nan_to_num(linear), 0, 1)
+    shown = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(x, 1 / 2.4) - 0.055)
+    stream = io.BytesIO()
+    Image.fromarray((shown * 255 + 0.5).astype(np.uint8)).save(stream, "JPEG", quality=JPEG_QUALITY)
+    return stream.getvalue()

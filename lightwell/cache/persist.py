@@ -1,0 +1,114 @@
+"""Caches on disk: one .npz without pickles: weights, averages, moments, clocks, box, settings and versions."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache.settings import settings_of
+from lightwell.networks.checkpoint import load_arrays, save_arrays
+from lightwell.networks.device import tensors
+
+if TYPE_CHECKING:
+    from lightwell.cache.radiance_cache import RadianceCache
+
+VERSION = 1
+# No cache is larger; a file that claims to be is not read.
+MOST_BYTES = 1 << 30
+PARTS = ("value", "average", "first", "second")
+
+
+def fingerprint(scene: Any) -> str:
+    """What tells scenes apart: number of shapes, triangles and emitters, and the box."""
+    box = scene.bbox()
+    primitives = sum(int(shape.primitive_count()) for shape in scene.shapes())
+    corners = [round(float(x), 4) for corner in (box.min, box.max) for x in np.array(corner).ravel()]
+    return json.dumps([len(scene.shapes()), primitives, len(scene.emitters()), corners])
+
+
+def save(cache: RadianceCache, path: str | Path) -> None:
+    """Write by a temporary name and a rename."""
+    learner = cache.learner
+    about = {
+        "version": VERSION,
+        "settings": cache.settings.to_json(),
+        "scene": cache.scene_mark,
+        "mitsuba": mi.__version__,
+        "drjit": dr.__version__,
+    }
+    arrays: dict[str, np.ndarray] = {
+        "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
+        "clocks": np.array([learner.step, learner.averaged, cache.frame, cache.since_change], np.int64),
+        "scale": np.array([cache.scale.value, cache.scale.mean], np.float64),
+        "box": np.asarray(cache.box, np.float64),
+    }
+    for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
+        arrays |= {f"{part}.{name}": np.array(value) for name, value in held.items()}
+    save_arrays(Path(path), arrays)
+
+
+def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
+    """Read what ``save`` wrote; refuses what does not fit, with the reason. ``scene`` is checked where given."""
+    from lightwell.cache.radiance_cache import RadianceCache
+
+    path = Path(path)
+    arrays = _checked(path)
+    try:
+        about = json.loads(arrays["about"].tobytes())
+        settings = settings_of(about["settings"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: not a radiance cache ({error}); write it again with cache.save()") from None
+    if about.get("version") != VERSION:
+        raise ValueError(f"{path}: version {about.get('version')} of the format, this lightwell reads {VERSION}")
+    if scene is not None and about.get("scene") and fingerprint(scene) != about["scene"]:
+        raise ValueError(f"{path}: was learned on another scene; train a new cache, or load without naming a scene")
+    cache = RadianceCache(settings, arrays["box"])
+    _fill(cache, arrays, path)
+    cache.scene_mark = about.get("scene", "")
+    return cache
+
+
+def _checked(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            total = sum(entry.file_size for entry in archive.infolist())
+    except (OSError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: not a radiance cache ({error}); give a file written by cache.save()") from None
+    if total > MOST_BYTES:
+        raise ValueError(f"{path}: holds {total} bytes, more than any cache ({MOST_BYTES}); it is not one")
+    arrays = load_arrays(path)
+    wanted = {"about": (1, np.uint8), "clocks": (1, np.int64), "scale": (1, np.float64), "box": (2, np.float64)}
+    for name, (rank, kind) in wanted.items():
+        found = arrays.get(name)
+        if found is None or found.ndim != rank or found.dtype != kind:
+            raise ValueError(f"{path}: not a radiance cache ('{name}' is missing or of another kind)")
+    if arrays["box"].shape != (2, 3) or not (arrays["box"][1] > arrays["box"][0]).all():
+        raise ValueError(f"{path}: the box is not two corners, the second larger; write the cache again")
+    if arrays["clocks"].shape != (4,) or (arrays["clocks"] < 0).any() or not (arrays["scale"] > 0).all():
+        raise ValueError(f"{path}: clocks or scale are out of range; write the cache again")
+    return arrays
+
+
+def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
+    learner = cache.learner
+    parts = []
+    for part in PARTS:
+        held = {}
+        for name, value in learner.values.items():
+            found = arrays.get(f"{part}.{name}")
+            if found is None or found.shape != tuple(value.shape) or found.dtype != np.float32:
+                shape = None if found is None else found.shape
+                raise ValueError(f"{path}: '{part}.{name}' is {shape}, its settings need {tuple(value.shape)}")
+            if not np.isfinite(found).all():
+                raise ValueError(f"{path}: '{part}.{name}' holds numbers that are not finite; train again")
+            held[name] = found
+        parts.append(tensors(held))
+    learner.values, learner.average, learner.moments = parts[0], parts[1], (parts[2], parts[3])
+    learner.step, learner.averaged, cache.frame, cache.since_change = (int(x) for x in arrays["clocks"])
+    cache.scale.value, cache.scale.mean = (float(x) for x in arrays["scale"])
+    cache.scale.started = True

@@ -1,0 +1,156 @@
+"""`lightwell render --integrator nrc`: a still, or a sequence along an orbit, with progress and resume."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from lightwell.backend import dr, mi
+from lightwell.cache.integrator import NrcIntegrator
+from lightwell.cache.live import LiveScene
+from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.settings import CacheSettings
+
+# The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
+CACHE_NAME, PLAN_NAME = "radiance-cache.npz", "animation.json"
+MIDDLE_GREY = 0.18
+
+
+def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None) -> None:
+    """[H, W, 3] linear as .exr, or exposed and tone-mapped as .png; whole or not at all."""
+    if path.suffix.lower() == ".exr":
+        stream = mi.MemoryStream()
+        mi.Bitmap(np.ascontiguousarray(picture[..., :3], np.float32)).write(stream, mi.Bitmap.FileFormat.OpenEXR)
+        stream.seek(0)
+        data = stream.read(stream.size())
+    else:
+        x = picture[..., :3] * (automatic_exposure(picture) if exposure is None else exposure)
+        x = np.clip(np.nan_to_num(x * (1 + x / 16) / (1 + x)), 0, 1)
+        shown = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(x, 1 / 2.4) - 0.055)
+        buffer = io.BytesIO()
+        Image.fromarray((shown * 255 + 0.5).astype(np.uint8)).save(buffer, "PNG")
+        data = buffer.getvalue()
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.write_bytes(data)
+    os.replace(part, path)
+
+
+def automatic_exposure(picture: np.ndarray) -> float:
+    """The factor that brings the logarithmic mean to middle grey."""
+    lit = picture[..., :3].mean(axis=-1)
+    lit = lit[lit > 1e-6]
+    return float(MIDDLE_GREY / np.exp(np.log(lit).mean())) if len(lit) else 1.0
+
+
+class Shot:
+    """A scene, a film of the asked size, and a camera that can turn round its target."""
+
+    def __init__(self, source: str, width: int, height: int, spp: int) -> None:
+        self.live = LiveScene(source, 16)
+        self.spp = spp
+        self.sensor = mi.load_dict(
+            {
+                "type": "perspective",
+                "fov": self.live.fov,
+                "fov_axis": "y",
+                "to_world": self.live._pose(),
+                "sampler": {"type": "independent", "sample_count": spp},
+                "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
+            }
+        )
+
+    def turn(self, radians: float) -> None:
+        """Turn the camera round its target."""
+        self.live.orbit(radians, 0, 0)
+        parameters = mi.traverse(self.sensor)
+        parameters["to_world"] = mi.Transform4f(self.live._pose().matrix)
+        parameters.update()
+
+    def render(self, integrator: Any, seed: int) -> np.ndarray:
+        """The picture [H, W, 3]."""
+        image = mi.render(self.live.scene, sensor=self.sensor, integrator=integrator, spp=self.spp, seed=seed)
+        return np.array(image)[..., :3]
+
+
+def render_nrc(source: str, out: Path, settings: CacheSettings, width: int, height: int, spp: int, seed: int = 0):
+    """One picture with the radiance cache; returns facts about it."""
+    _check_suffix(out)
+    shot = Shot(source, width, height, spp)
+    integrator = NrcIntegrator(settings=settings)
+    start = time.perf_counter()
+    picture = shot.render(integrator, seed)
+    seconds = time.perf_counter() - start
+    write_picture(out, picture)
+    told = [t for t in integrator.told if t.steps]
+    return {
+        "scene": shot.live.name, "width": width, "height": height, "spp": spp, "integrator": "lightwell_nrc",
+        "seconds": seconds, "training_seconds": integrator.seconds["train"],
+        "training_steps": sum(t.steps for t in told), "records_dropped": sum(t.dropped for t in integrator.told),
+        "termination_c": settings.termination_c, "termination_sdk_t": math.sqrt(settings.termination_c) / (4 * math.pi),
+        "loss": told[-1].loss if told else None, "bias": list(told[-1].bias) if told else None,
+        "mean_radiance": float(picture.mean()),
+    }  # fmt: skip
+
+
+def _check_suffix(out: Path) -> None:
+    if out.suffix.lower() not in (".png", ".exr"):
+        raise ValueError(f"render: '{out}' is neither .png nor .exr; choose one of them")
+
+
+def render_animation(
+    source: str, folder: Path, settings: CacheSettings, width: int, height: int, spp: int, frames: int,
+    degrees: float = 360.0, seed: int = 0, kind: str = "exr", resume: bool = False, quiet: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """An orbit of ``degrees`` in ``frames`` pictures; what stands there already is kept with ``resume``."""
+    if kind not in ("exr", "png"):
+        raise ValueError(f"render: '{kind}' is no picture format; choose exr or png")
+    plan = {"scene": str(source), "size": [width, height], "spp": spp, "frames": frames, "degrees": degrees,
+            "seed": seed, "settings": settings.to_json()}  # fmt: skip
+    done = _begin(folder, plan, kind, resume)
+    shot = Shot(source, width, height, spp)
+    integrator = NrcIntegrator(settings=settings.changed(mode="frames"))
+    kept = folder / CACHE_NAME
+    if done and kept.exists():
+        integrator.cache = RadianceCache.load(kept, shot.live.scene)
+    exposure, start = None, time.perf_counter()
+    for k in range(frames):
+        if k >= done:
+            picture = shot.render(integrator, seed + k)
+            exposure = automatic_exposure(picture) if exposure is None else exposure
+            write_picture(folder / f"frame-{k:04d}.{kind}", picture, exposure)
+            integrator.cache.save(kept)
+            if not quiet:
+                print(f"\rframe {k + 1}/{frames}, {time.perf_counter() - start:.0f} s", end="", file=sys.stderr)
+        shot.turn(math.radians(degrees) / frames)
+    if not quiet:
+        print(file=sys.stderr)
+    dr.sync_thread()
+    return {"frames": frames, "rendered": frames - done, "seconds": time.perf_counter() - start, "folder": str(folder)}
+
+
+def _begin(folder: Path, plan: dict[str, Any], kind: str, resume: bool) -> int:
+    """Frames that are done; the plan is written so that another one is not resumed by mistake."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / PLAN_NAME
+    if resume and path.exists():
+        try:
+            before = json.loads(path.read_text())
+        except ValueError:
+            before = None
+        if before != json.loads(json.dumps(plan)):
+            raise ValueError(f"render: '{folder}' holds another animation; choose another folder or drop --resume")
+        done = 0
+        while (folder / f"frame-{done:04d}.{kind}").exists():
+            done += 1
+        return min(done, plan["frames"])
+    path.write_text(json.dumps(plan, indent=1) + "\n")
+    return 0

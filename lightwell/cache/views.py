@@ -1,0 +1,119 @@
+"""Debug views: what the cache says and what the paths do, as pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache.features import Vertex
+from lightwell.cache.frames import sobol_rays
+from lightwell.cache.paths import render_path
+
+# Mirrors and panes that a view looks through at most, and samples per pixel of guides.
+MIRRORS, GUIDE_SPP = 8, 4
+
+
+@dr.syntax
+def first_vertex(scene, sampler, ray, around):
+    """The first surface that is no mirror: (vertex, whether there is one, throughput, emission seen on the way)."""
+    ray = mi.Ray3f(dr.detach(ray))
+    β, L = mi.Spectrum(1), mi.Spectrum(0)
+    vertex, found = Vertex(), mi.Bool(False)
+    passed, active = mi.UInt32(0), mi.Bool(True)
+    while dr.hint(active, label="lightwell nrc view"):
+        si = scene.ray_intersect(ray, active)
+        L += dr.select(active, β * si.emitter(scene).eval(si, active), 0)
+        bsdf = si.bsdf(ray)
+        active &= si.is_valid()
+        here = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        vertex = dr.select(here, around.vertex(si, bsdf, here), vertex)
+        found |= here
+        active &= ~here & (passed < MIRRORS)
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), active)
+        β = dr.select(active, β * weight, β)
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        passed += 1
+    return vertex, found, β, L
+
+
+def _image(values: mi.Color3f, sensor: Any, spp: int) -> np.ndarray:
+    """Means per pixel [H, W, 3]."""
+    width, height = (int(x) for x in sensor.film().crop_size())
+    values = dr.select(dr.isfinite(values), values, 0)
+    dr.eval(values)
+    return np.array(values).T.reshape(height, width, spp, 3).mean(axis=2).astype(np.float32)
+
+
+def _rays(sensor: Any, spp: int, seed: int):
+    width, height = (int(x) for x in sensor.film().crop_size())
+    numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (0, spp, seed)]
+    return sobol_rays(sensor, *numbers, width * height * spp)
+
+
+def guides(scene: Any, sensor: Any, cache: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Albedo and normal [H, W, 3] of the first surfaces that are no mirrors."""
+    ray, _, _, sampler = _rays(sensor, GUIDE_SPP, seed)
+    v, found, β, _ = first_vertex(scene, sampler, ray, cache.around)
+    albedo = dr.clip(dr.select(found, β * v.reflectance(), 0), 0, 1)
+    normal = dr.select(found, mi.Color3f(v.n.x, v.n.y, v.n.z), 0)
+    return _image(albedo, sensor, GUIDE_SPP), _image(normal, sensor, GUIDE_SPP)
+
+
+def view(scene: Any, sensor: Any, cache: Any, name: str, spp: int, seed: int) -> np.ndarray:
+    """The debug view ``name`` as [H, W, 3]; see docs/radiance-cache.md for what each shows."""
+    if name in ("training", "tiles"):
+        return _training(sensor, cache, name, seed)
+    rays = _rays(sensor, spp, seed)
+    ray, weight, _, sampler = rays
+    if name in ("depth", "spread", "dropped", "cache-2"):
+        return _image(_path_view(scene, cache, rays, name), sensor, spp)
+    v, found, β, L = first_vertex(scene, sampler, ray, cache.around)
+    if name == "albedo":
+        return _image(dr.select(found, v.reflectance(), 0), sensor, spp)
+    shown = dr.select(found, β * cache.radiance(cache.packed("ema"), v), 0)
+    if name == "cache":
+        return _image((L + shown) * weight, sensor, spp)
+    if name == "raw-minus-ema":
+        raw = dr.select(found, β * cache.radiance(cache.packed("raw"), v), 0)
+        return _image(raw - shown, sensor, spp)
+    if name == "residual":
+        traced = _path_view(scene, cache, _rays(sensor, spp, seed), "image")
+        return _image((L + shown) * weight, sensor, spp) - _image(traced, sensor, spp)
+    raise ValueError(f"nrc: there is no view '{name}' here")
+
+
+def _path_view(scene, cache, rays, name: str):
+    from lightwell.cache.frames import evaluator
+
+    ray, weight, _, sampler = rays
+    around = cache.around
+    if name == "cache-2":
+        around = cache.surroundings(0.0)
+    L, _, depth, ratio = render_path(
+        scene, sampler, ray, around, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, "biased", True
+    )
+    if name == "depth":
+        return mi.Color3f(mi.Float(depth))
+    if name == "spread":
+        return mi.Color3f(ratio)
+    if name == "dropped":
+        return dr.select(dr.all(dr.isfinite(L)), mi.Color3f(0), mi.Color3f(1, 0, 1))
+    return L * weight
+
+
+def _training(sensor, cache, name: str, seed: int) -> np.ndarray:
+    """White where the last frame trained; 'tiles': a chequered grid."""
+    width, height = (int(x) for x in sensor.film().crop_size())
+    columns, rows, tile_w, tile_h = cache.controller(width, height).grid(width, height)
+    image = np.zeros((height, width, 3), np.float32)
+    if name == "tiles":
+        x, y = np.meshgrid((np.arange(width) / tile_w).astype(int), (np.arange(height) / tile_h).astype(int))
+        image[:] = (0.25 + 0.5 * ((x + y) % 2))[..., None]
+        return image
+    offset = cache.training_offset(seed)
+    x = np.floor((np.arange(columns) + offset[0]) * tile_w).astype(int)
+    y = np.floor((np.arange(rows) + offset[1]) * tile_h).astype(int)
+    image[np.clip(y, 0, height - 1)[:, None], np.clip(x, 0, width - 1)[None, :]] = 1
+    return image

@@ -1,0 +1,139 @@
+"""Life of a cache: freeze, save, load, hostile files, changes, poison, views, errors."""
+
+import numpy as np
+import pytest
+
+from lightwell.backend import mi
+from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
+from lightwell.cache.change import ChangeDetector
+from lightwell.cache.settings import CHOICES
+
+from .scenes import room, sensor
+
+SMALL = {"levels": 3, "entries_log2": 10, "batch": 1024, "steps": 2, "train_fraction_max": 1.0, "max_vertices": 6}
+
+
+@pytest.fixture(scope="module")
+def trained():
+    scene = room(32)
+    nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames"}))
+    mi.render(scene, integrator=nrc, spp=6)
+    return scene, nrc
+
+
+def _picture(scene, nrc, seed=9):
+    return np.array(mi.render(scene, integrator=nrc, spp=2, seed=seed))
+
+
+def test_a_frozen_cache_stays_and_a_loaded_one_renders_the_same(trained, tmp_path):
+    scene, nrc = trained
+    nrc.cache.freeze()
+    before = {k: np.array(v) for k, v in nrc.cache.learner.values.items()}
+    picture = _picture(scene, nrc)
+    assert all(np.array_equal(before[k], np.array(v)) for k, v in nrc.cache.learner.values.items())
+    nrc.cache.save(tmp_path / "cache.npz")
+    other = NrcIntegrator(settings=nrc.settings)
+    other.cache = RadianceCache.load(tmp_path / "cache.npz", scene)
+    other.cache.freeze()
+    assert np.array_equal(picture, _picture(scene, other))
+    nrc.cache.frozen = False
+
+
+def test_files_that_do_not_fit_are_refused(trained, tmp_path):
+    _, nrc = trained
+    path = tmp_path / "cache.npz"
+    nrc.cache.save(path)
+    with pytest.raises(ValueError, match="learned on another scene"):
+        RadianceCache.load(path, mi.load_dict(mi.cornell_box()))
+    arrays = dict(np.load(path))
+    for name, wrong, text in (
+        ("value.w0", np.zeros((2, 2), np.float32), r"'value.w0' is \(2, 2\)"),
+        ("value.w0", np.full_like(arrays["value.w0"], np.nan), "not finite"),
+        ("box", np.zeros((2, 3)), "two corners"),
+        ("about", np.frombuffer(b"{}", np.uint8), "not a radiance cache"),
+    ):
+        np.savez(tmp_path / "bad.npz", **{**arrays, name: wrong})
+        with pytest.raises(ValueError, match=text):
+            RadianceCache.load(tmp_path / "bad.npz")
+    (tmp_path / "junk.npz").write_bytes(b"junk")
+    with pytest.raises(ValueError, match="not a radiance cache"):
+        RadianceCache.load(tmp_path / "junk.npz")
+
+
+def test_every_view_is_a_finite_picture(trained):
+    scene, nrc = trained
+    for name in CHOICES["view"]:
+        if name == "reservoir":
+            continue
+        shown = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames", "view": name}))
+        shown.cache, shown._scene = nrc.cache, scene
+        image = np.array(mi.render(scene, integrator=shown, spp=1))
+        assert image.shape[:2] == (32, 32) and np.isfinite(image).all()
+        assert image.std() > 0 or name in ("dropped", "spread")
+
+
+def test_poison_does_not_reach_the_weights(trained):
+    _, nrc = trained
+    cache = nrc.cache
+    before = {k: np.array(v) for k, v in cache.learner.values.items()}
+    from lightwell.cache.learner import Batch
+
+    rows, inputs = cache.settings.batch, cache.model.direct_inputs
+    full = lambda c, v: mi.TensorXf(np.full((rows, c), v, np.float32))  # noqa: E731
+    cache.learner.train(Batch(full(inputs, 0.5), full(3, 0.5), full(3, np.nan), full(3, 1.0)), 0, 1e-2)
+    assert all(np.array_equal(before[k], np.array(v)) for k, v in cache.learner.values.items())
+    assert all(np.isfinite(np.array(v)).all() for v in cache.learner.average.values())
+
+
+def test_the_detector_hears_a_switch_and_no_noise():
+    rng, found = np.random.default_rng(0), 0
+    detector = ChangeDetector()
+    for _ in range(500):
+        found += detector.update(float(np.exp(rng.normal(0, 0.5))), float(rng.normal(0, 0.05)))
+    assert found <= 1
+    for _ in range(40):
+        detector.update(1.0 + 0.01 * rng.random(), float(rng.normal(0, 0.05)))
+    assert any(detector.update(1.5, 0.9) for _ in range(4))
+
+
+def test_a_lamp_that_goes_out_is_noticed(trained):
+    scene = room(32)
+    nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames"}))
+    mi.render(scene, integrator=nrc, spp=40)
+    parameters = mi.traverse(scene)
+    parameters["lamp.emitter.radiance.value"] = 0.4
+    parameters.update()
+    mi.render(scene, integrator=nrc, spp=6)
+    assert nrc.cache.changes >= 1
+
+
+def test_bad_scenes_are_one_clear_line():
+    nrc = lambda: NrcIntegrator(settings=settings_of(SMALL))  # noqa: E731
+    dark = mi.load_dict({"type": "scene", "sensor": sensor(8), "ball": {"type": "sphere"}})
+    with pytest.raises(ValueError, match="no emitter"):
+        nrc().render(dark)
+    away = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(8, (0, 0, 5), (0, 0, 9)),
+            "ball": {"type": "sphere", "radius": 0.5},
+            "sky": {"type": "point", "position": [0, 3, 0]},
+        }
+    )
+    with pytest.raises(ValueError, match="meets a surface"):
+        nrc().render(away, spp=1)
+    with pytest.raises(ValueError, match="box"):
+        tent = mi.load_dict({"type": "scene", "s": sensor(8, rfilter="tent"), "sky": {"type": "constant"},
+                             "b": {"type": "sphere"}})  # fmt: skip
+        NrcIntegrator(settings=settings_of({**SMALL, "denoise": True})).render(tent)
+
+
+def test_it_is_a_mitsuba_plugin():
+    made = mi.load_string(
+        '<scene version="3.0.0"><integrator type="lightwell_nrc"><float name="termination_c" value="0.02"/>'
+        '<string name="preset" value="paper"/></integrator></scene>'
+    ).integrator()
+    assert isinstance(made, NrcIntegrator) and made.settings.termination_c == pytest.approx(0.02)
+    assert made.settings.layers == 5
+    with pytest.raises(Exception, match="no parameter 'colour'"):
+        mi.load_dict({"type": "lightwell_nrc", "colour": 3})
