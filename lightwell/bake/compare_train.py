@@ -17,6 +17,8 @@ from lightwell.networks.training import TrainingState
 
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
+# Length of the schedule that the timed steps belong to: long, so that they hold no change of levels or rounds.
+NOMINAL_STEPS = 1 << 16
 # A plan that turns out too long is cut off after this many times the budget, at one of this many places.
 PATIENCE, PLACES = 1.25, 40
 
@@ -148,10 +150,9 @@ def _timed(choice: FieldChoice, shared: SharedSamples, settings: CompareSettings
     """Take a few steps, to find out what the time buys."""
     clock = Clock(None)
     fit = _start(choice, shared, settings)
-    total = WARM_UP_STEPS + TIMED_STEPS
-    ended = fit.train(WARM_UP_STEPS, total, lambda state, _: clock.mark(state.step))
+    ended = fit.train(WARM_UP_STEPS, NOMINAL_STEPS, lambda state, _: clock.mark(state.step))
     start = clock.seconds
     if not ended:
-        fit.train(total, total)
+        fit.train(WARM_UP_STEPS + TIMED_STEPS, NOMINAL_STEPS)
     cost = max((clock.seconds - start) / TIMED_STEPS, 1e-6)
     return _Timed(fit, clock, clock.seconds, cost, ended)

@@ -25,6 +25,8 @@ from lightwell.transport.shards import ShardSettings, make_shard
 
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
+# Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
+NOMINAL_STEPS = 1 << 16
 
 
 @dataclass
@@ -147,9 +149,9 @@ class Rounds:
     def _seconds_per_step(self, samples: Samples) -> float:
         """Time of a training step on a scratch fit, compilation excluded."""
         scratch, _ = self._start(samples)
-        scratch.train(WARM_UP_STEPS, WARM_UP_STEPS + TIMED_STEPS)
+        scratch.train(WARM_UP_STEPS, NOMINAL_STEPS)
         start = perf_counter()
-        scratch.train(WARM_UP_STEPS + TIMED_STEPS, WARM_UP_STEPS + TIMED_STEPS)
+        scratch.train(WARM_UP_STEPS + TIMED_STEPS, NOMINAL_STEPS)
         return (perf_counter() - start) / TIMED_STEPS
 
     # ------------------------------------------------------------------ trace

@@ -28,7 +28,7 @@ SPREAD, BITS = 2654435761, 32
 
 # Samples of a level are thinned to about so many in all, but not below so many of a candidate: the first networks of a
 # tree see every part of the scene, and a level of few candidates costs no more than one of many.
-LEVEL_ROWS, CANDIDATE_ROWS = 3 << 20, 1 << 13
+LEVEL_ROWS, CANDIDATE_ROWS = 1 << 19, 1 << 13
 # Another odd factor, for numbers that have nothing to do with which samples are held out.
 THINNING = 2246822519
 
