@@ -13,7 +13,7 @@ import numpy as np
 from lightwell.lens.families import Family
 from lightwell.lens.psf import charges
 from lightwell.lens.recipes import DUST, Recipe, lossless, primal, rings, sparse
-from lightwell.lens.spreadlet import Spreadlet
+from lightwell.lens.spreadlet import CHARGE, Spreadlet
 
 # Tiers of a node.
 MAIN, FINE = 0, 1
@@ -36,17 +36,21 @@ def exact(kernel: np.ndarray) -> Spreadlet:
 
 
 def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spreadlet]]:
-    """(tier, spreadlet) of a node: one that is exact, or a sparse one and a fine one."""
+    """(tier, spreadlet) of a node: one that is exact, or a sparse one and, where it is shorter than dense, a fine one.
+
+    A node without a fine tier whose main one is sparse takes its dense kernel instead, which needs no file.
+    """
     kernel = family.kernel(index)
     radius, second, _ = family.node(index)
     length = second if family.name != "cats-eye" else 0.0
     best = exact(kernel)
     if len(best) <= EXACT or (radius < recipe.smallest and len(best) <= EXACT_SMALL):
         return [(MAIN, best)]
+    fine = [(FINE, best)] if best.kind == CHARGE else []
     if recipe.name == "paper":
         from lightwell.lens.paper import paper
 
-        return [(MAIN, paper(kernel, recipe, index)), (FINE, best)]
+        return [(MAIN, paper(kernel, recipe, index)), *fine]
     count = min(recipe.count(radius, length), max(int(recipe.share * np.count_nonzero(kernel)), EXACT))
     plain = family.aperture.round and length == 0 and family.name != "cats-eye"
     for _ in range(TRIES):
@@ -55,9 +59,9 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
         starts = tuple(rings(radius, count, apart) for apart in APART) if plain else ()
         made = sparse(kernel, count, recipe, index, starts)
         if made.score.leak <= LEAK and made.score.error <= ERROR:
-            return [(MAIN, made), (FINE, best)]
+            break
         count = int(np.ceil(count * GROWTH))
-    return [(MAIN, made), (FINE, best)]
+    return [(MAIN, made), *fine]
 
 
 def bake_nodes(

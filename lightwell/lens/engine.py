@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.lens import pyramid, solve
-from lightwell.lens.bake import FINE, MAIN
+from lightwell.lens.bake import FINE
 from lightwell.lens.cache import Shelf
 from lightwell.lens.choose import choose
 from lightwell.lens.errors import LensError
@@ -18,7 +18,7 @@ from lightwell.lens.layers import Layer
 from lightwell.lens.library import Library
 from lightwell.lens.recipes import Recipe, primal
 from lightwell.lens.report import Report
-from lightwell.lens.splat import Frame, Points, Sources, guard_for, splat
+from lightwell.lens.splat import Frame, Planes, Points, Sources, guard_for, splat
 from lightwell.lens.spreadlet import CHARGE, Spreadlet
 
 SOLVERS = ("dst", "fft", "7/5", "5/3")
@@ -26,6 +26,8 @@ SOLVERS = ("dst", "fft", "7/5", "5/3")
 TOLERANCE = 0.002
 # Light above this many whites is written as a dense kernel: single precision would ring through the solve.
 EXTREME = 2000.0
+# Recipes without error.
+EXACT = ("primal", "lossless")
 # Tier of dense kernels; made when needed, never stored.
 DENSE = 2
 
@@ -138,12 +140,16 @@ class Engine:
         if not np.isfinite(self.tolerance):
             return tier
         error = np.zeros(self.family.size, np.float32)
+        better = np.full(self.family.size, DENSE)
         charge = np.zeros(self.family.size, bool)
         for (index, which), spreadlet in self.library.nodes.items():
-            if which == MAIN:
-                error[index] = spreadlet.score.peak if (index, FINE) in self.library.nodes else 0
-                charge[index] = spreadlet.kind == CHARGE
-        tier[light * error[node] > self.tolerance] = FINE
+            if which == FINE:
+                better[index] = FINE
+            elif spreadlet.recipe not in EXACT:
+                error[index] = spreadlet.score.peak
+            charge[index] |= spreadlet.kind == CHARGE
+        bright = light * error[node] > self.tolerance
+        tier[bright] = better[node[bright]]
         tier[(light > EXTREME) & charge[node]] = DENSE
         report.fine += int((tier > 0).sum())
         return tier
@@ -186,13 +192,13 @@ class Engine:
         with timed(report, "splat"):
             planes = splat(frame, plan.points, plan.sources)
         with timed(report, "solve"):
-            return self.integrate(frame, planes, bool(plan.points.plane.any()))
+            return self.integrate(frame, planes)
 
-    def integrate(self, frame: Frame, planes: np.ndarray, any_charge: bool) -> np.ndarray:
+    def integrate(self, frame: Frame, planes: Planes) -> np.ndarray:
         """Picture plus solved charges, cropped [height, width, 4]."""
-        picture = frame.crop(planes[0].transpose(2, 0, 1))
-        if any_charge:
-            charges = np.ascontiguousarray(planes[1].transpose(2, 0, 1))
+        picture = 0.0 if planes.picture is None else frame.crop(planes.picture.transpose(2, 0, 1))
+        if planes.charges is not None:
+            charges = np.ascontiguousarray(planes.charges.transpose(2, 0, 1))
             solved = {
                 "dst": solve.dst,
                 "fft": solve.fft,

@@ -12,11 +12,11 @@ from lightwell.lens.errors import LensError
 from lightwell.lens.grid import THRESHOLD, Axis, length_axis, radius_axis, uniform_axis
 
 # Noise of flat areas that the radius axis allows: 0.0025 is 52 dB. With a second axis kernels are larger, nodes fewer.
-NOISE, NOISE_JOINT = 0.0025, 0.012
+NOISE, NOISE_JOINT = 0.0025, 0.03
 # Smallest step of the radius axis where there is a second one, pixels.
 FINEST_JOINT = 0.06
 # Step of the length axis, pixels at short lengths.
-LENGTH_STEP = 0.6
+LENGTH_STEP = 1.0
 # Baked angles of a shaped aperture in motion: half a turn. A step moves the ends of a 24 px streak by 0.4 px.
 ANGLES = 90
 # Nodes of the field radius.

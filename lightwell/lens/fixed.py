@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.lens.splat import Frame, Points, Sources, reduce_mode
+from lightwell.lens.splat import Frame, Planes, Points, Sources, plane_starts, reduce_mode, separate
 
 # Steps per white, bits of a mantissa, largest shift, and bits of turns and of bilinear weights.
 STEP_BITS, MANTISSA_BITS, MOST_SHIFT, TURN_BITS, WEIGHT_BITS = 16, 15, 29, 14, 8
@@ -76,15 +76,16 @@ def _share(n, weight):
     return (n >> 8) * weight + (((n & 255) * weight + 128) >> 8)
 
 
-def scatter(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> np.ndarray:
-    """Integer picture and charges [2, H, W, 4] int32 of all sources."""
+def scatter(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
+    """Integer picture and charges [H, W, 4] int32 of all sources."""
     height, width = frame.padded
-    target = dr.zeros(mi.Int32, 2 * height * width * 4)
+    starts, planes = plane_starts(points, height * width)
+    target = dr.zeros(mi.Int32, planes * height * width * 4)
     if len(sources.x):
         mode = reduce_mode(len(target))
         record = sources.record
         k, end = mi.UInt32(points.first[record]), mi.UInt32(points.first[record] + points.count[record])
-        plane = points.plane[record].astype(np.int32) * (height * width)
+        plane = starts[record]
         m, shift, _ = mantissas(sources.rgba, points.scale[record], white)
         m = dr.unravel(mi.Vector4i, mi.Int32(m.ravel()))
         b, q = mi.Int32(shift), mi.Int32(points.q.astype(np.int32))
@@ -103,15 +104,17 @@ def scatter(frame: Frame, points: Points, sources: Sources, white: float = 1.0) 
             shape = (mi.Int32(np.rint(v).astype(np.int32)) for v in (points.x, points.y))
             _turned(target, x, y, mi.Int32(plane), mi.Int32(width), m, b, k, end, *turn, *shape, q, mode)
         dr.eval(target)
-    return np.array(target).reshape(2, height, width, 4)
+    return separate(points, np.array(target).reshape(planes, height, width, 4))
 
 
-def splat(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> np.ndarray:
+def splat(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
     """The same as ``lightwell.lens.splat.splat``, added in integers, as float32."""
-    return scatter(frame, points, sources, white).astype(np.float32) * np.float32(white * 2.0**-STEP_BITS)
+    step = np.float32(white * 2.0**-STEP_BITS)
+    both = scatter(frame, points, sources, white)
+    return Planes(*(None if p is None else p.astype(np.float32) * step for p in (both.picture, both.charges)))
 
 
-def twin(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> np.ndarray:
+def twin(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
     """The shortest correct version, one source after the other in NumPy: bit for bit the same as ``scatter``."""
     image = np.zeros((2, *frame.padded, 4), np.int64)
     m, shift, _ = mantissas(sources.rgba, points.scale[sources.record], white)
@@ -133,4 +136,4 @@ def twin(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> 
             right = _share(part, ((at_x >> 6) & 255)[:, None])
             np.add.at(plane, ((at_y >> 14) + row, at_x >> 14), part - right)
             np.add.at(plane, ((at_y >> 14) + row, (at_x >> 14) + 1), right)
-    return image.astype(np.int32)
+    return Planes(image[0].astype(np.int32), image[1].astype(np.int32))

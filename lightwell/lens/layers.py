@@ -129,14 +129,14 @@ def over_coverage(image: np.ndarray) -> np.ndarray:
 
 
 def extend(image: np.ndarray, pad: int, white: float) -> np.ndarray:
-    """Repeat the border outwards by ``pad`` pixels [height, width, channels]; highlights brighter than white are not.
+    """Repeat the border outwards by ``pad`` pixels [height, width, 4], its highlights held to twice its median.
 
     Light from outside the frame is not in the picture; its nearest pixels are the best guess, but a lamp on the border
     would become a streak.
     """
     out = np.pad(image, ((pad, pad), (pad, pad), (0, 0)), mode="edge")
-    if image.shape[-1] >= 3 and pad:
-        inner = out[pad:-pad, pad:-pad].copy()
-        out[..., :3] = np.minimum(out[..., :3], white)
-        out[pad:-pad, pad:-pad] = inner
+    border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])[:, :3].max(1)
+    inner = out[pad:-pad, pad:-pad].copy()
+    out[..., :3] = np.minimum(out[..., :3], max(white, 2 * float(np.median(border))))
+    out[pad:-pad, pad:-pad] = inner
     return out

@@ -140,9 +140,9 @@ class Lens:
             scatter = self._scatter()
             planes = scatter(frame, plans[0].points, plans[0].sources)
             for plan in plans[1:]:
-                planes += scatter(frame, plan.points, plan.sources)
+                planes = planes + scatter(frame, plan.points, plan.sources)
         with timed(report, "solve"):
-            return engine.integrate(frame, planes, any(plan.points.plane.any() for plan in plans))
+            return engine.integrate(frame, planes)
 
     def blur_samples(self, x, y, rgba, s, motion, shape: tuple[int, int], report: Report) -> np.ndarray:
         """Samples [n] at whole pixels of a frame of ``shape``, in any number per pixel; merged per pixel and node."""

@@ -15,7 +15,11 @@ import numpy as np
 from lightwell.lens.camera import Camera
 from lightwell.lens.errors import LensError
 from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.pyramid import fill
 from lightwell.lens.report import Report
+
+# A pixel with less than this share of a sample is filled in.
+FAINT = 0.02
 
 
 @dataclass(frozen=True)
@@ -82,8 +86,13 @@ def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, widt
     four = np.tile(s[seen], 4), None if motion is None else np.tile(motion[seen], (4, 1))
     picture = lens.blur_samples(*places, *four, shape, report)
     picture = picture[margin : margin + height, margin : margin + width]
-    weight = np.maximum(picture[..., 3:], 1e-6)
-    return np.concatenate([np.maximum(picture[..., :3], 0) / weight, np.ones_like(weight)], -1).astype(np.float32)
+    weight = picture[..., 3:]
+    rgb = np.maximum(picture[..., :3], 0) / np.maximum(weight, FAINT)
+    if (weight < FAINT).any():
+        # No sample came near: continue from where some did.
+        smooth = fill(np.ascontiguousarray(rgb.transpose(2, 0, 1)), np.clip(weight[..., 0], 0, 1)).transpose(1, 2, 0)
+        rgb = np.where(weight < FAINT, smooth, rgb)
+    return np.concatenate([rgb, np.ones_like(weight)], -1).astype(np.float32)
 
 
 def _checked(samples: Samples) -> tuple[Samples, int]:

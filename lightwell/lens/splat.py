@@ -1,7 +1,7 @@
 """Scatter: every active pixel adds colour × its spreadlet's points to the charge image (Dr.Jit: LLVM or CUDA).
 
-One image [2, H, W, 4] holds the picture of primal points (plane 0) and the charges (plane 1), with a guard band on all
-sides; a pixel's four channels are written as one packet.
+Primal points and charges go to two images [H, W, 4] with a guard band on all sides; a pixel's four channels are written
+as one packet.
 """
 
 from __future__ import annotations
@@ -63,6 +63,20 @@ class Points:
     def reach(self) -> int:
         """Farthest a point lies from its source along x or y, or along any direction once turned."""
         return int(np.ceil(np.hypot(self.x, self.y).max())) if len(self.x) else 0
+
+
+@dataclass(frozen=True)
+class Planes:
+    """What was scattered; a plane that no record writes to is None, since zeroing and adding one costs time."""
+
+    picture: np.ndarray | None
+    """[H, W, 4]: primal points."""
+    charges: np.ndarray | None
+    """[H, W, 4]: −Δ of the rest of the picture."""
+
+    def __add__(self, other: Planes) -> Planes:
+        both = ((getattr(self, n), getattr(other, n)) for n in ("picture", "charges"))
+        return Planes(*(a if b is None else b if a is None else a + b for a, b in both))
 
 
 @dataclass(frozen=True)
@@ -142,15 +156,28 @@ def _scatter_turned(target, x, y, base, width, rgba, k, end, c, s, px, py, value
         k += 1
 
 
-def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
-    """Picture and charges [2, H, W, 4] float32 of all sources."""
+def plane_starts(points: Points, size: int) -> tuple[np.ndarray, int]:
+    """Where each record's plane begins [records] int32 in one buffer of pixels, and how many planes there are."""
+    used = np.unique(points.plane)
+    return (np.searchsorted(used, points.plane) * size).astype(np.int32), len(used)
+
+
+def separate(points: Points, buffer: np.ndarray) -> Planes:
+    """The planes of a buffer [planes, H, W, 4]."""
+    used = np.unique(points.plane).tolist()
+    return Planes(*(buffer[used.index(kind)] if kind in used else None for kind in (0, 1)))
+
+
+def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
+    """Picture and charges in float32 of all sources."""
     height, width = frame.padded
-    target = dr.zeros(mi.Float, 2 * height * width * 4)
+    starts, planes = plane_starts(points, height * width)
+    target = dr.zeros(mi.Float, planes * height * width * 4)
     if len(sources.x):
         mode = reduce_mode(len(target))
         first = points.first[sources.record]
         k, end = mi.UInt32(first), mi.UInt32(first + points.count[sources.record])
-        plane = points.plane[sources.record].astype(np.int32) * (height * width)
+        plane = starts[sources.record]
         rgba = dr.unravel(mi.Vector4f, mi.Float(np.ascontiguousarray(sources.rgba, np.float32).ravel()))
         value = mi.Float(points.value)
         if sources.sine is None:
@@ -164,4 +191,4 @@ def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
             shape = mi.Float(points.x), mi.Float(points.y), value
             _scatter_turned(target, x, y, mi.Int32(plane), mi.Int32(width), rgba, k, end, *turn, *shape, mode)
         dr.eval(target)
-    return np.array(target).reshape(2, height, width, 4)
+    return separate(points, np.array(target).reshape(planes, height, width, 4))

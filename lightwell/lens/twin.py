@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.lens.splat import Frame, Points, Sources
+from lightwell.lens.splat import Frame, Planes, Points, Sources
 
 
-def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
+def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
     """The same as ``lightwell.lens.splat.splat`` in float64, one source after the other."""
     image = np.zeros((2, *frame.padded, 4))
     for i in range(len(sources.x)):
@@ -25,7 +25,7 @@ def splat(frame: Frame, points: Points, sources: Sources) -> np.ndarray:
                 light = (value * wx * wy)[:, None] * sources.rgba[i].astype(np.float64)
                 inside = (wx * wy) != 0
                 np.add.at(plane, (iy[inside] + oy, ix[inside] + ox), light[inside])
-    return image
+    return Planes(image[0], image[1])
 
 
 def dense(rgba: np.ndarray, kernels: list[np.ndarray], which: np.ndarray) -> np.ndarray:

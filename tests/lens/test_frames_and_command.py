@@ -1,0 +1,210 @@
+"""Files as renderers write them, conventions, and every mistake that a user can make: one line, exit code 2."""
+
+import json
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from lightwell.cli import main
+from lightwell.lens import Camera, LensError, exr, frames
+from lightwell.lens.conventions import Motion, guess_motion, planar_depth
+
+H, W = 48, 64
+
+
+def write_exr(path, channels):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}).write(str(path))
+    return str(path)
+
+
+def colour(prefix=""):
+    ramp = np.linspace(0, 1, W) * np.ones((H, 1))
+    return {prefix + "R": ramp, prefix + "G": 0.5 * ramp, prefix + "B": 1 - ramp, prefix + "A": np.ones((H, W))}
+
+
+def depth(value=5.0):
+    return np.where(np.arange(W) < W // 2, 1.0, value) * np.ones((H, 1))
+
+
+@pytest.mark.parametrize(
+    "prefix, name, kind",
+    [("", "Z", "planar"), ("ViewLayer.Combined.", "ViewLayer.Depth.Z", "planar"), ("img.", "dd.T", "ray-from-near"),
+     ("", "depth.Z", "planar"), ("rgba.", "Depth.V", "planar")],
+)  # fmt: skip
+def test_channels_are_found_by_their_common_names(tmp_path, prefix, name, kind):
+    frame = frames.read(write_exr(tmp_path / "f.exr", colour(prefix) | {name: depth()}))
+    assert (
+        frame.rgba.shape == (H, W, 4) and frame.depth[0, -1] == 5 and frame.depth_kind == kind and frame.motion is None
+    )
+
+
+def test_blender_vectors_point_backwards_and_up(tmp_path):
+    vectors = {f"ViewLayer.Vector.{c}": np.full((H, W), v) for c, v in zip("XYZW", (1, 2, 3, 4))}
+    channels = colour("ViewLayer.Combined.") | {"ViewLayer.Depth.Z": depth()} | vectors
+    frame = frames.read(write_exr(tmp_path / "f.exr", channels))
+    motion = frame.motion_kind.pixels(frame.motion, W, H)
+    assert motion[0, 0] == pytest.approx([-3, 4])
+
+
+def test_ray_depth_of_mitsuba_becomes_planar():
+    # A plane at z = 3, near plane 0.01, 60°: 2.990 in the middle.
+    width = 101
+    y, x = np.mgrid[:width, :width]
+    focal = width / (2 * np.tan(np.deg2rad(30)))
+    cosine = 1 / np.sqrt(1 + ((x - 50) ** 2 + (y - 50) ** 2) / focal**2)
+    camera = Camera(focus=100.0, focal=0.05, sensor=2 * 0.05 * 100 / 99.95 * np.tan(np.deg2rad(30)))
+    z = planar_depth((3 - 0.01) / cosine, "ray-from-near", camera, width, (width / 2, width / 2), 0.01)
+    assert np.abs(z - 3).max() < 1e-3
+    assert np.isinf(planar_depth(np.zeros((2, 2)), "ray", camera, 2, (1, 1)))[0, 0]
+    assert planar_depth(np.full((1, 1), 0.25), "inverse", camera, 1, (0, 0)) == 4
+    assert np.isinf(planar_depth(np.full((1, 1), 1e10), "planar", camera, 1, (0, 0)))
+
+
+@pytest.mark.parametrize("truth", [Motion(), Motion("uv", False, True), Motion("ndc", True, False)])
+def test_convention_of_motion_is_found_by_warping(truth):
+    rng = np.random.default_rng(0)
+    texture = rng.random((60, 80, 3)).repeat(2, 0).repeat(2, 1)[:100, :140]
+    following = np.roll(texture, (5, 8), (0, 1))
+    scale = {"pixels": (1, 1), "ndc": (70, 50), "uv": (140, 100)}[truth.unit]
+    sign = -1 if truth.backward else 1
+    raw = np.zeros((100, 140, 2))
+    raw[10:80, 10:120] = [8 * sign / scale[0], 5 * sign * (-1 if truth.y_up else 1) / scale[1]]
+    found, errors = guess_motion(raw, texture, following)
+    assert np.allclose(found.pixels(raw, 140, 100), truth.pixels(raw, 140, 100)) and len(errors) == 12
+
+
+def test_given_stereo_file(given):
+    found = exr.read(given / "beachball" / "multipart.0001.exr", "left")
+    assert "depth_left.Z" in found.names and found.display[2:] == (2048, 1556)
+    frame = frames.read(given / "beachball" / "multipart.0001.exr")
+    assert frame.rgba.shape == (1556, 2048, 4) and frame.motion is not None
+    with pytest.raises(LensError, match="has no view 'up'; it has right, left"):
+        exr.read(given / "beachball" / "multipart.0001.exr", "up")
+
+
+def test_given_motion_vectors_are_forward_pixels(given):
+    a, b = (frames.read(given / "beachball" / f"multipart.000{i}.exr") for i in (1, 2))
+    found, errors = guess_motion(a.motion, a.rgba, b.rgba)
+    assert found == Motion("pixels", backward=False, y_up=True)
+    assert errors[found] < 0.75 * errors[Motion("pixels", backward=True, y_up=True)]
+
+
+def test_given_deep_file_is_sorted_into_layers_without_seams(given):
+    frame = frames.read(given / "deep" / "Balls.exr", layers=2)
+    assert len(frame.behind) == 1
+    single = frames.read(given / "deep" / "Balls.exr", layers=1)
+    front, (back, _) = frame.rgba, frame.behind[0]
+    over = front + (1 - front[..., 3:]) * back
+    assert np.abs(over - single.rgba).max() < 1e-3
+
+
+def test_one_frame_from_the_command_line(tmp_path, capsys):
+    source = write_exr(tmp_path / "f.exr", colour() | {"Z": depth()})
+    out = tmp_path / "o.exr"
+    assert main(["lens", source, "-o", str(out), "--focus", "1m", "--fstop", "1.4", "--focal", "50mm", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["largest_px"] > 1 and facts["layers"] in (1, 2)
+    made = exr.read(out).names
+    assert set(made) == set("RGBA") and np.isfinite(made["R"]).all()
+    assert main(["lens", source, "-o", str(out), "--focus-at", "60,10", "--json", "--overscan", "4"]) == 0
+    assert json.loads(capsys.readouterr().out)["focus_m"] == 5 and exr.read(out).names["R"].shape == (H - 8, W - 8)
+
+
+def test_png_with_a_depth_picture(tmp_path):
+    Image.fromarray(np.full((H, W, 3), 128, np.uint8)).save(tmp_path / "f.png")
+    Image.fromarray((depth() / 5 * 65535).astype(np.uint16)).save(tmp_path / "d.png")
+    argv = ["lens", str(tmp_path / "f.png"), "-o", str(tmp_path / "o.png"), "--focus", "1m", "--depth-file"]
+    assert main([*argv, str(tmp_path / "d.png"), "--depth-range", "0,5"]) == 0
+    pixels = np.asarray(Image.open(tmp_path / "o.png"))
+    assert np.abs(pixels.astype(int) - 128).max() <= 1
+
+
+def test_a_sequence_with_motion_found_by_itself(tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    texture = rng.random((H // 2, W)).repeat(2, 0)
+    for i in range(3):
+        plane = np.roll(texture, 4 * i, 1)
+        vectors = {"motion.u": np.full((H, W), 4.0), "motion.v": np.zeros((H, W))}
+        write_exr(tmp_path / f"s.{i:04}.exr", {c: plane for c in "RGB"} | {"Z": depth()} | vectors)
+    argv = ["lens", str(tmp_path / "s.####.exr"), "-o", str(tmp_path / "o.####.exr"), "--focus", "2m", "--json"]
+    assert main([*argv, "--frames", "0-2", "--motion", "auto", "--layers", "1"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert len(facts) == 3 and all(f["longest_px"] == pytest.approx(2) for f in facts)
+    assert len(list(tmp_path.glob("o.*.exr"))) == 3
+
+
+GOOD = ["--focus", "2m"]
+
+
+@pytest.mark.parametrize(
+    "channels, extra, text",
+    [
+        (colour(), GOOD, "has no depth"),
+        ({"Z": depth()}, GOOD, "has no colour"),
+        (colour() | {"Z": depth()}, [], "--focus"),
+        (colour() | {"Z": depth()}, ["--focus", "2"], None),
+        (colour() | {"Z": depth()}, ["--focus", "two"], "is not a length"),
+        (colour() | {"Z": depth()}, [*GOOD, "--focal", "0mm"], "focal length 0 mm; give one above 0"),
+        (colour() | {"Z": depth()}, ["--focus", "4cm"], "is not beyond the focal length"),
+        (colour() | {"Z": depth()}, [*GOOD, "--fstop", "0"], "f-number 0"),
+        (colour() | {"Z": depth()}, [*GOOD, "--fstop", "nan"], "fstop is nan"),
+        (colour() | {"Z": depth()}, [*GOOD, "--sensor", "0mm"], "sensor width"),
+        (colour() | {"Z": depth()}, [*GOOD, "--shutter", "-1"], "shutter -1"),
+        (colour() | {"Z": depth()}, [*GOOD, "--layers", "0"], "0 layers"),
+        (colour() | {"Z": depth()}, [*GOOD, "--preset", "fast"], "choose default, best, paper"),
+        (colour() | {"Z": depth()}, [*GOOD, "--solver", "magic"], "no solver"),
+        (colour() | {"Z": depth()}, [*GOOD, "--aperture", "none.png"], "no aperture picture"),
+        (colour() | {"Z": depth()}, [*GOOD, "--blades", "2"], "2 blades"),
+        (colour() | {"Z": depth()}, [*GOOD, "--depth-channel", "Y"], "it has A, B, G, R, Z"),
+        (colour() | {"Z": depth()}, [*GOOD, "--motion-channels", "u"], "joined by a comma"),
+        (colour() | {"Z": depth()}, [*GOOD, "--motion", "auto"], "the frame has none"),
+        (colour() | {"Z": depth()}, [*GOOD, "--depth", "log"], "depth convention"),
+        (colour() | {"Z": depth()}, ["--focus-at", "900,1"], "outside the frame"),
+        (colour() | {"Z": np.full((H, W), 1e10)}, ["--focus-at", "9,9"], "points at the sky"),
+        (colour() | {"Z": np.full((H, W), np.nan)}, GOOD, "no pixel has finite colour"),
+        (colour() | {"Z": depth()}, [*GOOD, "--cats-eye", "3"], "cat's eye of strength 3"),
+        (colour() | {"Z": depth()}, [*GOOD, "--overscan", "40"], "leaves nothing"),
+        (colour() | {"Z": depth()}, [*GOOD, "--frames", "1-2"], "needs ####"),
+        (colour() | {"Z": depth()}, [*GOOD, "--largest", "0"], "must be above 0"),
+    ],
+)
+def test_mistakes_are_one_line_with_a_cure(tmp_path, capsys, channels, extra, text):
+    source = write_exr(tmp_path / "f.exr", channels)
+    code = main(["lens", source, "-o", str(tmp_path / "o.exr"), *extra])
+    error = capsys.readouterr().err
+    if text is None:
+        assert code == 0
+        return
+    assert code == 2 and text in error and error.strip().count("\n") == 0, error
+
+
+def test_files_that_cannot_be_read(tmp_path, capsys):
+    (tmp_path / "bad.exr").write_bytes(b"\x76\x2f\x31\x01garbage")
+    (tmp_path / "bad.png").write_bytes(b"nothing")
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "black.png")
+    source = write_exr(tmp_path / "f.exr", colour() | {"Z": depth()})
+    out = ["-o", str(tmp_path / "o.exr"), *GOOD]
+    for argv, text in (
+        ([str(tmp_path / "none.exr"), *out], "no file"),
+        ([str(tmp_path / "bad.exr"), *out], "cannot read"),
+        ([str(tmp_path / "bad.png"), *out], "cannot read"),
+        ([source, *out, "--aperture", str(tmp_path / "bad.png")], "cannot read aperture"),
+        ([source, *out, "--aperture", str(tmp_path / "black.png")], "is black everywhere"),
+        ([source, "-o", str(tmp_path / "o.jpg"), *GOOD], "must end in .exr or .png"),
+        ([source, *GOOD], "no picture to write"),
+        ([source, "-o", str(tmp_path / "no" / "o.exr"), *GOOD], "cannot write"),
+    ):
+        assert main(["lens", *argv]) == 2
+        error = capsys.readouterr().err
+        assert text in error and error.strip().count("\n") == 0, error
+
+
+def test_given_mask_makes_its_shape(given, tmp_path):
+    source = write_exr(tmp_path / "f.exr", colour() | {"Z": depth()})
+    mask = str(given / "apertures" / "hexagon-10.png")
+    assert (
+        main(["lens", source, "-o", str(tmp_path / "o.exr"), "--focus", "1m", "--fstop", "4", "--aperture", mask]) == 0
+    )

@@ -1,0 +1,146 @@
+"""Libraries as files, hostile files, and the verification tool with planted faults."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lightwell.cli import main
+from lightwell.lens import families
+from lightwell.lens.bake import bake_nodes
+from lightwell.lens.cache import Shelf, folder
+from lightwell.lens.check import check, planted
+from lightwell.lens.errors import LensError
+from lightwell.lens.library import MAGIC, Library, from_two_arrays, load, loads, two_arrays
+from lightwell.lens.recipes import Recipe
+
+
+@pytest.fixture(scope="module")
+def library():
+    family = families.depth(12.0, noise=0.05)
+    made = Library(family, Recipe())
+    made.nodes = bake_nodes(family, range(family.size), Recipe())
+    return made
+
+
+def test_save_load_save_gives_the_same_bytes(library, tmp_path):
+    library.save(tmp_path / "a.lwsp")
+    again = load(tmp_path / "a.lwsp")
+    assert again.tobytes() == library.tobytes() and again.key() == library.key()
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_baking_again_gives_the_same_bytes(library):
+    again = Library(library.family, Recipe())
+    again.nodes = bake_nodes(library.family, range(library.family.size), Recipe())
+    assert again.tobytes() == library.tobytes()
+
+
+def test_large_offsets_take_sixteen_bits():
+    family = families.depth(140.0, noise=0.5)
+    made = Library(family, Recipe())
+    made.nodes = bake_nodes(family, [family.size - 1], Recipe())
+    again = loads(made.tobytes())
+    assert max(abs(int(s.x.max())) for s in again.nodes.values()) > 127 and again.tobytes() == made.tobytes()
+
+
+def _edited(library, change):
+    data = library.tobytes()
+    length = int(np.frombuffer(data, "<u4", 1, 8)[0])
+    header = json.loads(data[12 : 12 + length])
+    change(header)
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    return MAGIC + np.array([1, len(text)], "<u4").tobytes() + text + data[12 + length :]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda h: h.update(points=10**9),
+        lambda h: h.update(points=-1),
+        lambda h: h.update(offset_bits=7),
+        lambda h: h.update(family="other"),
+        lambda h: h.update(aperture="star"),
+        lambda h: h.update(sha256="0" * 64),
+        lambda h: h["axes"][0]["values"].reverse(),
+        lambda h: h["axes"][0].update(values=["x"]),
+        lambda h: h["records"]["node"].__setitem__(0, 10**6),
+        lambda h: h["records"]["node"].__setitem__(0, 0.5),
+        lambda h: h["records"]["first"].__setitem__(3, 10**8),
+        lambda h: h["records"]["count"].__setitem__(3, -2),
+        lambda h: h["records"]["count"].__setitem__(-1, h["records"]["count"][-1] - 1),
+        lambda h: h["records"]["scale"].__setitem__(0, float("inf")),
+        lambda h: h["records"]["kind"].__setitem__(0, "code"),
+        lambda h: h["records"]["tier"].pop(),
+        lambda h: h.pop("records"),
+        lambda h: h.update(recipe={"unknown": 1}),
+    ],
+)
+def test_hostile_files_are_refused_in_one_line(library, change):
+    with pytest.raises(LensError) as error:
+        loads(_edited(library, change), "bad.lwsp")
+    assert "bad.lwsp" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_truncated_files_are_refused(library):
+    data = library.tobytes()
+    for end in (0, 3, 11, 40, len(data) // 2, len(data) - 1):
+        with pytest.raises(LensError):
+            loads(data[:end])
+    with pytest.raises(LensError):
+        loads(b"XXXX" + data[4:])
+    with pytest.raises(LensError, match="version"):
+        loads(data[:4] + b"\x09\0\0\0" + data[8:])
+
+
+def test_two_arrays_hold_the_same_charges(library):
+    points, ends = two_arrays(library)
+    assert ends[-1] == len(points) and len(ends) == library.family.size + 1
+    nodes = from_two_arrays(points, ends)
+    x, _, v = nodes[-1]
+    assert len(x) == len(library.nodes[library.family.size - 1, 0]) and abs(v.sum()) < 1e-6
+    with pytest.raises(LensError):
+        from_two_arrays(points, ends[::-1])
+
+
+def test_a_sound_library_passes(library):
+    assert not [f for f in check(library) if f.broken]
+
+
+@pytest.mark.parametrize("fault", ["dropped point", "wrong sign", "transposed", "shifted", "broken sum"])
+def test_planted_faults_fail(library, fault):
+    if fault == "transposed":
+        family = families.depth_speed(6.0, 20.0)
+        node = family.size - 1
+        library = Library(family, Recipe(), bake_nodes(family, [node], Recipe()))
+    broken = [f for f in check(planted(library, fault)) if f.broken]
+    assert broken, fault
+
+
+def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
+    path = tmp_path / "disc.lwsp"
+    assert (
+        main(["lens", "bake", str(path), "--largest", "9", "--noise", "0.1", "--two-arrays", str(tmp_path / "t")]) == 0
+    )
+    assert (tmp_path / "t" / "points.npy").exists()
+    assert main(["lens", "check", str(path), "--plot", str(tmp_path / "p.png")]) == 0
+    assert (tmp_path / "p.png").stat().st_size > 500
+    faulty = planted(load(path), "wrong sign")
+    faulty.save(tmp_path / "faulty.lwsp")
+    capsys.readouterr()
+    assert main(["lens", "check", str(tmp_path / "faulty.lwsp"), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["broken"] > 0
+    assert main(["lens", "check", str(tmp_path / "none.lwsp")]) == 2
+
+
+def test_the_shelf_keeps_what_it_baked():
+    family = families.depth(7.0, noise=0.2)
+    shelf = Shelf()
+    made = shelf.library(family, Recipe())
+    assert shelf.ensure(made, np.arange(family.size)) == family.size and shelf.ensure(made, np.arange(3)) == 0
+    path = folder() / f"{made.key()}.lwsp"
+    assert path.exists()
+    assert Shelf().library(family, Recipe()).tobytes() == made.tobytes()
+    path.write_bytes(b"LWSPgarbage")
+    assert not Shelf().library(family, Recipe()).nodes, "a broken cache file is baked again"
