@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
+
 from lightwell.backend import dr, mi
-from lightwell.cache import frames, views
+from lightwell.cache import frames, restir, views
 from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
 from lightwell.cache.denoising import check_film, denoised_image
 from lightwell.cache.radiance_cache import RadianceCache, Told
@@ -27,7 +29,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
 
     Every parameter of ``CacheSettings`` is a parameter of the plugin, in XML and in dictionaries, for example
     ``preset`` ('compact' or 'paper'), ``termination_c`` (0.01; infinity is plain path tracing), ``estimator``
-    ('biased', or the unbiased 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di', 'restir-gi').
+    ('biased', or the unbiased 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di').
 
     Paths follow Mitsuba's ``path`` until their footprint has spread; there a small network answers with the light that
     the surface scatters. The network learns from a few training paths per frame. The cache belongs to the integrator
@@ -55,6 +57,9 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.seconds: dict[str, float] = {}
         """Wall time of the last render by stage."""
         self._scene: Any = None
+        self.reservoirs: Any = None
+        """Reservoirs of the last pass, and the camera that they belong to."""
+        self._pose = self._pose_mark = ""
 
     def to_string(self) -> str:
         s = self.settings
@@ -76,6 +81,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """Hint that 'light', 'material', 'geometry' or 'camera' changed."""
         if self.cache is not None and self._scene is not None:
             self.cache.scene_changed(kind, self._scene)
+            self.reservoirs = None
 
     # ------------------------------------------------------------------ rendering
 
@@ -89,6 +95,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         seed = int(mi.UInt32(seed)[0]) if not isinstance(seed, int) else seed
         spp = spp or int(sensor.sampler().sample_count())
         cache = self.cache_of(scene)
+        self._pose = str(sensor.world_transform())
         self.told, self.seconds = [], {"train": 0.0, "trace": 0.0}
         with dr.suspend_grad():
             film = sensor.film()
@@ -110,7 +117,20 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """A debug view, after the training that a picture would have had."""
         for _ in range(0 if still else spp):
             self._train(scene, sensor, cache, seed)
+        if self.settings.view == "reservoir":
+            return self._reservoir_view(scene, sensor, cache, seed)
         return mi.TensorXf(views.view(scene, sensor, cache, self.settings.view, spp, seed))
+
+    def _reservoir_view(self, scene, sensor, cache, seed: int):
+        """Red: logarithm of the weight W; green: candidates M over what one frame can bring."""
+        if self.settings.first_hit == "nee":
+            raise ValueError("nrc: view 'reservoir' needs first_hit = 'restir-di'")
+        self._direct(scene, self._rays(sensor, seed, 0, 1, 1), sensor.film(), 1, 1)
+        width, height = (int(x) for x in sensor.film().crop_size())
+        weight, count = np.array(self.reservoir_W), np.array(self.reservoir_M)
+        most = self.settings.restir_candidates * (1 + restir.HISTORY) * (1 + restir.NEIGHBOURS["biased"])
+        picture = np.stack([np.log1p(weight), count / most, 0 * weight], -1).astype(np.float32)
+        return mi.TensorXf(picture.reshape(height, width, 3))
 
     def render_forward(self, *args, **kwargs):
         raise RuntimeError("nrc: lightwell_nrc gives no derivatives of the picture; use 'prb' for them")
@@ -135,6 +155,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
 
     def _train(self, scene, sensor, cache: RadianceCache, seed: int) -> None:
         told = cache.train_frame(scene, sensor, seed)
+        if told.changed:
+            self.reservoirs = None
         self.told.append(told)
         if cache.frame == 1 and told.steps == 0 and told.hits >= 0:
             check_hits(told.hits, sensor)
@@ -182,8 +204,33 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         film = sensor.film()
         rays = self._rays(sensor, seed, done, block, spp)
         q = self.settings.residual_probability
-        L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q)
+        reservoirs = self.settings.first_hit != "nee" and estimator != "difference"
+        direct = self._direct(scene, rays, film, block, spp) if reservoirs else mi.Spectrum(0)
+        L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs)
+        L += direct * rays[1]
         return frames.splat(film, L, valid, place, rays[0].wavelengths, block >= 4)
+
+    def _direct(self, scene, rays, film, block: int, spp: int):
+        """Direct light at the first hits from reservoirs; they remember the last pass where it had the same camera."""
+        s = self.settings
+        unbiased = s.restir_reuse == "unbiased"
+        ray, sampler = mi.Ray3f(rays[0]), rays[3]
+        width, height = (int(x) for x in film.crop_size())
+        before = self.reservoirs
+        temporal = (
+            not unbiased and block == 1 and before is not None and dr.width(before.W) == width * height
+            and self._pose_mark == self._pose
+        )  # fmt: skip
+        numbers = [dr.opaque(mi.UInt32, x) for x in (s.restir_candidates, width, height, block)]
+        candidates, *size = numbers
+        held = restir.choose(scene, ray, sampler, candidates, before if temporal else restir.Reservoirs(), temporal)
+        dr.eval(held)
+        self.reservoirs, self._pose_mark = (held if block == 1 else None), self._pose
+        L, self.reservoir_W, self.reservoir_M = restir.shade(
+            scene, ray, sampler, held, *size, restir.NEIGHBOURS[s.restir_reuse], unbiased
+        )
+        dr.eval(L)
+        return L
 
     def _rays(self, sensor, seed: int, done: int, block: int, spp: int):
         if self.settings.sampling == "sensor":

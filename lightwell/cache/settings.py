@@ -18,7 +18,7 @@ CHOICES = {
     "preset": PRESETS,
     "encoding": ("hash", "frequency"),
     "bootstrap": ("raw", "ema"),
-    "first_hit": ("nee", "restir-di", "restir-gi"),
+    "first_hit": ("nee", "restir-di"),
     "restir_reuse": ("biased", "unbiased"),
     "estimator": ("biased", "residual", "two-level"),
     "on_change": ("detect", "hint-only", "off"),
@@ -79,11 +79,11 @@ class CacheSettings:
     tail_attenuation: float = 1.0
     """Factor on cache values that end training paths, <= 1; against BSDFs that make energy."""
     first_hit: str = "nee"
-    """Direct light at the first hit: 'nee', 'restir-di', or 'restir-gi' (which also reuses indirect samples)."""
+    """Direct light at the first hit: 'nee' or 'restir-di'."""
     restir_reuse: str = "biased"
     """How neighbours' reservoirs are merged."""
-    restir_candidates: int = 32
-    """Light samples that a reservoir chooses from afresh."""
+    restir_candidates: int = 8
+    """Light samples that a reservoir chooses from afresh (the paper: 32)."""
     estimator: str = "biased"
     """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate."""
     residual_probability: float = 0.25
