@@ -11,7 +11,7 @@ const LIMIT = 25_000;
 const CASES = {
   everything: 'export * from "lightwell";',
   typical: 'export { LearnedScene, LightwellLoaderPlugin } from "lightwell";',
-  webgpu: 'export { LightwellLoaderPlugin } from "lightwell"; export { LearnedNodeScene } from "lightwell/webgpu";',
+  webgpu: 'export { LearnedNodeScene, LightwellLoaderPlugin } from "lightwell/webgpu";',
   element: 'export { LightwellViewer } from "lightwell/element";',
   "gltf-transform": 'export * from "lightwell/gltf-transform";',
   export: 'export * from "lightwell/export";',

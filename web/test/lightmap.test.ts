@@ -16,19 +16,30 @@ const HOME = { position: [0.4, 1.1, 2.6], target: [0, 0.7, -0.4], up: [0, 1, 0],
 const [WALL, INTENSITY] = [[0.7, 0.7, 0.8], 2];
 
 let browser: Browser;
+/** Without controls, to be measured; and with them. */
 let page: Page;
-let errors: string[];
+let whole: Page;
+const errors: string[] = [];
 const site = new Site();
 
 beforeAll(async () => {
   await site.open();
   browser = await launch("llvmpipe");
-  ({ page, errors } = await openPage(browser, 760, 480));
-  await page.goto(site.put("/index.html", pageWith(GLB, { title: "Light map", home: HOME })) + QUERY);
-  await page.evaluate(() => window.lightwell.ready);
+  const url = site.put("/index.html", pageWith(GLB, { title: "Light map", home: HOME })) + QUERY;
+  const open = async (width: number, height: number, query: string) => {
+    const tab = await openPage(browser, width, height);
+    tab.page.on("close", () => errors.push(...tab.errors));
+    await tab.page.goto(url + query);
+    await tab.page.evaluate(() => window.lightwell.ready);
+    return tab.page;
+  };
+  page = await open(WIDTH, HEIGHT, "&ui=0");
+  whole = await open(760, 480, "");
 });
 
 afterAll(async () => {
+  await page?.close();
+  await whole?.close();
   await browser?.close();
   await site.close();
   expect(errors).toEqual([]);
@@ -78,19 +89,19 @@ it("splits the screen between both, where the handle is", async () => {
 });
 
 it("offers what the file has, and says what it costs", async () => {
-  const stats = await page.evaluate(() => window.lightwell.stats());
+  const stats = await whole.evaluate(() => window.lightwell.stats());
   expect(stats).toMatchObject({ lightmaps: true, fileBytes: GLB.length });
-  const modes = await page.locator(".modes button:visible").allInnerTexts();
+  const modes = await whole.locator(".modes button:visible").allInnerTexts();
   expect(modes).toEqual(["Learned", "Direct", "Indirect", "Split", "Light map"]);
-  const numbers = await page.locator(".numbers").innerText();
+  const numbers = await whole.locator(".numbers").innerText();
   expect(numbers).toMatch(/File\s+6\.5 kB/);
   expect(numbers).toMatch(/Learned data\s+0\.\d kB/);
 });
 
 it("shows every picture, channel by channel", async () => {
-  expect(await page.locator(".texture").count()).toBe(3);
-  await page.locator(".texture").first().click();
-  const sheet = page.locator("dialog.inspector");
+  expect(await whole.locator(".texture").count()).toBe(3);
+  await whole.locator(".texture").first().click();
+  const sheet = whole.locator("dialog.inspector");
   expect(await sheet.innerText()).toContain("16 × 16");
   const read = () => sheet.locator("canvas").evaluate((canvas: HTMLCanvasElement) => [...canvas.getContext("2d")!.getImageData(15, 0, 1, 1).data]);
   // Red grows to the right, green downwards: the top right texel (tools/lightmap_example.py).
@@ -98,6 +109,6 @@ it("shows every picture, channel by channel", async () => {
   expect([r, g, b]).toEqual([204, 76, 153]);
   await sheet.getByRole("radio", { name: "G", exact: true }).click();
   expect(await read()).toEqual([76, 76, 76, 255]);
-  await page.keyboard.press("Escape");
+  await whole.keyboard.press("Escape");
   await expect.poll(() => sheet.count()).toBe(0);
 });

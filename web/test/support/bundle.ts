@@ -23,10 +23,23 @@ export async function bundle(entry: string, { external = [] }: BundleOptions = {
   if (isText) writeFileSync(id, entry);
   const result = await build({
     configFile: false,
+    mode: "production",
+    // Tests run as "test", which React takes for development.
+    oxc: { jsx: { development: false } },
     logLevel: "error",
     root: here("../.."),
     resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
     define: { "process.env.NODE_ENV": '"production"' },
+    plugins: [
+      {
+        // Examples lie outside of this folder, and temporary files too: their packages are those that are here.
+        name: "packages",
+        resolveId(source, importer) {
+          const outside = importer && !importer.startsWith(here("../..")) && /^[@a-z]/.test(source);
+          return outside ? this.resolve(source, here("../../modules.ts"), { skipSelf: true }) : null;
+        },
+      },
+    ],
     build: {
       write: false,
       target: "es2022",

@@ -1,0 +1,132 @@
+/** The examples run as they are, and the custom element loads, says what is wrong, and frees everything. */
+
+import { execFileSync } from "node:child_process";
+import { existsSync, readFileSync } from "node:fs";
+import { createServer, type Server } from "node:http";
+import type { AddressInfo } from "node:net";
+import { extname, join, normalize } from "node:path";
+import { fileURLToPath } from "node:url";
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { launch, openPage } from "./support/browser.ts";
+import { bundle, modulePage } from "./support/bundle.ts";
+import { furnishedRoom, plainRoom } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
+
+const ROOT = fileURLToPath(new URL("../../", import.meta.url));
+const WEB = fileURLToPath(new URL("../", import.meta.url));
+const TYPES: Record<string, string> = { ".html": "text/html", ".js": "text/javascript", ".glb": "model/gltf-binary" };
+
+let browser: Browser;
+let server: Server;
+let origin = "";
+const extra = new Map<string, [type: string, body: string | Uint8Array]>();
+
+beforeAll(async () => {
+  execFileSync("npm", ["run", "-s", "build:package"], { cwd: WEB, stdio: "pipe" });
+  extra.set("/examples/web/scene.glb", ["model/gltf-binary", writeGlb(furnishedRoom())]);
+  extra.set("/broken.glb", ["model/gltf-binary", writeGlb(plainRoom({ tamper: (json: any) => void (json.extensions.LIGHTWELL_neural_radiance.version = 9) }))]);
+  server = createServer((request, response) => {
+    const path = new URL(request.url ?? "/", "http://x").pathname;
+    const made = extra.get(path);
+    const file = join(ROOT, normalize(path));
+    if (!made && !(file.startsWith(ROOT) && extname(file) && existsSync(file))) {
+      response.writeHead(404).end();
+      return;
+    }
+    response.writeHead(200, { "content-type": made?.[0] ?? TYPES[extname(file)] ?? "application/octet-stream" });
+    response.end(made ? made[1] : readFileSync(file));
+  });
+  await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
+  origin = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
+  browser = await launch("swiftshader");
+}, 120_000);
+
+afterAll(async () => {
+  await browser?.close();
+  server?.closeAllConnections();
+  server?.close();
+});
+
+/** How many different values a screenshot's middle has: blank pages have one. */
+async function colours(page: Page): Promise<number> {
+  const png = await page.screenshot();
+  return page.evaluate(async (bytes) => {
+    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0))]));
+    const context = new OffscreenCanvas(image.width, image.height).getContext("2d")!;
+    context.drawImage(image, 0, 0);
+    const { data } = context.getImageData(image.width / 4, image.height / 4, image.width / 2, image.height / 2);
+    const seen = new Set<number>();
+    for (let i = 0; i < data.length; i += 4) seen.add((data[i]! << 16) | (data[i + 1]! << 8) | data[i + 2]!);
+    return seen.size;
+  }, png.toString("base64"));
+}
+
+describe("examples/web", () => {
+  it.each(["three.html", "webgpu.html"])("%s draws, frame after frame", async (name) => {
+    const { page, errors } = await openPage(browser, 200, 150);
+    await page.goto(`${origin}/examples/web/${name}`);
+    await page.waitForFunction(() => Number(document.body.dataset.frames) > 2).catch(() => expect(errors).toEqual([]));
+    expect(await colours(page)).toBeGreaterThan(200);
+    expect(errors).toEqual([]);
+    await page.close();
+  });
+
+  it("fiber.tsx draws, and frees everything when it is unmounted", async () => {
+    const code = await bundle("pages/fiber.tsx");
+    const body = '<body data-src="/examples/web/scene.glb"><style>body{margin:0}</style><div id="root" style="width:200px;height:150px"></div>';
+    extra.set("/fiber.html", ["text/html", modulePage(code, body)]);
+    const { page, errors } = await openPage(browser, 200, 150);
+    await page.goto(`${origin}/fiber.html`);
+    await page.waitForFunction(() => (window as any).gl?.info.memory.geometries > 5).catch(() => expect(errors).toEqual([]));
+    await expect.poll(() => colours(page)).toBeGreaterThan(200);
+    await page.evaluate(() => (window as any).unmount());
+    await expect.poll(() => page.evaluate(() => (window as any).gl.info.memory.geometries)).toBe(0);
+    await page.close();
+  });
+});
+
+describe("<lightwell-viewer>", () => {
+  it("loads without a build step, follows its attributes, and leaves nothing behind", async () => {
+    const { page, errors } = await openPage(browser, 240, 180);
+    await page.goto(`${origin}/examples/web/element.html`);
+    await page.waitForFunction(() => (document.querySelector("lightwell-viewer") as any)?.scene);
+    await expect.poll(() => colours(page)).toBeGreaterThan(200);
+    const moved = await page.evaluate(() => {
+      const viewer = document.querySelector("lightwell-viewer") as any;
+      viewer.setAttribute("light", "0.4 0.9 0.1");
+      viewer.setAttribute("camera", "0 1 3 / 0 1 0");
+      viewer.setAttribute("exposure", "nonsense");
+      return viewer.scene.lamps[0].value.toArray() as number[];
+    });
+    expect(moved).toEqual([0.4, 0.9, 0.1]);
+    const left = await page.evaluate(async () => {
+      const viewer = document.querySelector("lightwell-viewer") as any;
+      const { scene } = viewer;
+      viewer.remove();
+      const gone = { scene: viewer.scene, parent: scene.root.parent };
+      document.body.append(viewer);
+      await new Promise((resolve) => viewer.addEventListener("load", resolve));
+      return { gone, again: viewer.scene !== null && viewer.scene !== scene };
+    });
+    expect(left).toEqual({ gone: { scene: null, parent: null }, again: true });
+    expect(errors).toEqual([]);
+    await page.close();
+  });
+
+  it("says why a file cannot be shown, in the element and as an event", async () => {
+    const { page } = await openPage(browser, 240, 180);
+    await page.goto(`${origin}/examples/web/element.html`);
+    for (const [src, text] of [["/broken.glb", "version: expected 1"], ["/nothing.glb", "404"]] as const) {
+      const message = await page.evaluate(async (url) => {
+        const viewer = document.querySelector("lightwell-viewer")!;
+        const said = new Promise<string>((resolve) => viewer.addEventListener("error", (event) => resolve((event as ErrorEvent).message), { once: true }));
+        viewer.setAttribute("src", url);
+        return [await said, viewer.shadowRoot!.querySelector("p")!.textContent];
+      }, src);
+      expect(message[0]).toContain(text);
+      expect(message[1]).toBe(message[0]);
+    }
+    await page.close();
+  });
+});
