@@ -47,6 +47,7 @@ def _parser() -> argparse.ArgumentParser:
         _add_compare,
         _add_info,
         _add_export,
+        _add_validate,
         _add_doctor,
     ):
         add(verbs)
@@ -447,6 +448,19 @@ def _export(arguments) -> int:
     for written in write_export(out, exported):
         print(f"{written}: {written.stat().st_size} bytes")
     return 0
+
+
+def _add_validate(verbs) -> None:
+    parser = _verb(verbs, "validate", _validate, "check a .glb against the specification of its learned light")
+    parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
+
+
+def _validate(arguments) -> int:
+    from lightwell.asset.validate import validate_file
+
+    problems = validate_file(arguments.path)
+    print("\n".join(problems) or f"{arguments.path}: follows the specification")
+    return 1 if problems else 0
 
 
 def _add_doctor(verbs) -> None:

@@ -1,0 +1,43 @@
+"""Checks a whole file against format/LIGHTWELL_neural_radiance.md: `lightwell validate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lightwell.asset.container import read_file
+from lightwell.asset.read import read_fields
+from lightwell.asset.records import EXTENSION
+
+# The vertex attribute that a graph's input reads.
+ATTRIBUTES = {"uv": "TEXCOORD_0", "uv1": "TEXCOORD_1"}
+
+
+def validate_file(path: str | Path) -> list[str]:
+    """Problems of a GLB, one line each; empty when it follows the specification.
+
+    The JSON, every buffer and every graph are read as a viewer would read them; on top of that the extension must be
+    declared and optional, and meshes must have the texture coordinates that a field reads.
+    """
+    path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
+    document, _ = read_file(path)
+    try:
+        fields, _ = read_fields(path)
+    except ValueError as error:
+        return [str(error)]
+    problems = []
+    if EXTENSION not in document.get("extensionsUsed", ()):
+        problems.append(f"extensionsUsed: {EXTENSION} is missing; list it")
+    if EXTENSION in document.get("extensionsRequired", ()):
+        problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
+    wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
+    return problems + _missing_coordinates(document, wanted)
+
+
+def _missing_coordinates(document: dict[str, Any], wanted: set[str]) -> list[str]:
+    problems = []
+    for i, mesh in enumerate(document.get("meshes", ())):
+        for k, primitive in enumerate(mesh.get("primitives", ())):
+            missing = sorted(wanted - set(primitive.get("attributes", ())))
+            problems += [f"meshes[{i}].primitives[{k}]: no {name}, which a field reads" for name in missing]
+    return problems
