@@ -11,7 +11,8 @@ import numpy as np
 from lightwell.asset.page import write_page
 from lightwell.asset.records import Fallback, FieldEntry
 from lightwell.asset.write import write_glb
-from lightwell.bake.lightmap_score import score_lightmap
+from lightwell.bake.lightmap_moving import moving_fit, moving_samples
+from lightwell.bake.lightmap_score import LightmapStage, score_lightmap, stage_of
 from lightwell.bake.lightmap_trace import (
     Chart,
     EyeSamples,
@@ -33,7 +34,9 @@ from lightwell.report.html import write_report
 from lightwell.scenes import load
 from lightwell.scenes.atlas import charted_meshes
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable, declare
 from lightwell.transport.samples import Samples
+from lightwell.transport.visible import visible_sides
 
 # Shares of the budget: light at texels, samples of eyes; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
@@ -63,34 +66,52 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
     """Bake SCENE with ``--field lightmap``; returns the content of ``report.json``."""
     progress = progress or Progress(quiet=True)
     preset = preset_of(settings.preset)
-    scene = load(settings.scene)
-    check_output(settings.out)
-    scene, note = lit_scene(scene)
-    if note:
-        progress.say(f"[yellow]warning[/] {note}")
+    scene, note = _scene(settings, progress)
+    variable = declare(settings.vary, scene) if settings.vary else None
     work = Work(settings)
     work.open(scene)
     size = settings.size or preset.size
     with work.timed("trace"):
-        made, samples = _trace(scene, settings, preset, size, progress)
+        made, samples, moving = _trace(scene, variable, settings, preset, size, progress)
     progress.say(
         f"atlas: {made.atlas.charts} charts, {made.atlas.coverage:.0%} of {size} x {size}, {made.atlas.origin}"
     )
-    with work.timed("train"), progress.stage("train light map", 1, "") as stage:
-        fit = fitted(made, samples, preset, settings.seed, _steps(settings, preset))
+    steps, fits = _steps(settings, preset), {}
+    with work.timed("train"), progress.stage("train light map", 2, "") as stage:
+        if scene.has_static_light:
+            fits["static"] = fitted(made, samples, preset, settings.seed, steps)
+        stage.advance()
+        if moving is not None:
+            unit = sample_unit(moving)
+            fits["indirect"] = moving_fit(scene, made.atlas, variable, moving, unit, settings.seed, max(steps, 200))
         stage.advance()
     with work.timed("write"):
-        _write_asset(scene, made, fit, settings)
+        stage_ = stage_of(scene, variable, settings, fits)
+        _write_asset(scene, made, fits, stage_, settings)
     with work.timed("evaluate"):
-        score = score_lightmap(scene, made.atlas, fit, settings, progress)
-    warnings = [*scene.warnings, *([note] if note else [])]
-    facts = {"atlas": atlas_facts(made), "textures": {k: len(p.data) for k, p in fit.pictures.items()}}
+        score = score_lightmap(scene, made.atlas, fits, stage_, settings, progress)
+    facts = {
+        "atlas": atlas_facts(made),
+        "textures": {r: {k: len(p.data) for k, p in f.pictures.items()} for r, f in fits.items()},
+    }
     seconds = {name: round(value, 3) for name, value in work.seconds.items()}
-    data = replace(score.data, seconds=seconds, warnings=warnings, facts=facts)
+    data = replace(score.data, seconds=seconds, warnings=[*scene.warnings, *([note] if note else [])], facts=facts)
     report = _write_pages(scene, settings, data, score)
     work.close()
     progress.say(_verdict(report, settings))
     return report
+
+
+def _scene(settings: BakeSettings, progress: Progress) -> tuple[Scene, str]:
+    """The scene, with a light where it has none and none was declared, and what was done."""
+    scene = load(settings.scene)
+    if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
+        raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
+    check_output(settings.out)
+    scene, note = (scene, "") if settings.vary else lit_scene(scene)
+    if note:
+        progress.say(f"[yellow]warning[/] {note}")
+    return scene, note
 
 
 def preset_of(name: str) -> LightmapPreset:
@@ -115,18 +136,35 @@ def _steps(settings: BakeSettings, preset: LightmapPreset) -> int:
 
 
 def _trace(
-    scene: Scene, settings: BakeSettings, preset: LightmapPreset, size: int, progress: Progress
-) -> tuple[Chart, EyeSamples]:
-    with progress.stage("trace light map", 3, "") as stage:
-        first = chart(scene, size, settings.mips, TIMED_PATHS, settings.seed) if not settings.shards else None
+    scene: Scene,
+    variable: Variable | None,
+    settings: BakeSettings,
+    preset: LightmapPreset,
+    size: int,
+    progress: Progress,
+) -> tuple[Chart, EyeSamples | None, EyeSamples | None]:
+    """The atlas with its light, samples of the still light, samples of the moving one."""
+    still = moving = None
+    with progress.stage("trace light map", 4, "") as stage:
+        # A light that moves may come to every side that is seen.
+        lit = None if variable is None else visible_sides(scene, settings.seed)
+        first = chart(scene, size, settings.mips, TIMED_PATHS, settings.seed, lit=lit) if not settings.shards else None
         stage.advance(note="atlas")
         paths, eyes = _counts(first, scene, settings, preset)
-        lit = None if first is None else first.atlas.chart >= 0
-        made = chart(scene, size, settings.mips, paths, settings.seed, lit=lit)
+        if first is not None:
+            lit = first.atlas.chart >= 0
+        made = chart(
+            scene, size, settings.mips, paths if scene.has_static_light else TIMED_PATHS, settings.seed, lit=lit
+        )
         stage.advance(note=f"{paths} paths per texel")
-        samples = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
+        if scene.has_static_light:
+            still = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
         stage.advance(note=f"{eyes} eye samples")
-    return made, samples
+        if variable is not None:
+            count = max(eyes, FEWEST_EYES)
+            moving = moving_samples(scene, made.atlas, variable, count, EYE_PATHS, settings.seed + 6)
+        stage.advance()
+    return made, still, moving
 
 
 def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: LightmapPreset) -> tuple[int, int]:
@@ -176,10 +214,16 @@ def direction_picture(made: Chart) -> Picture:
 # ---------------------------------------------------------------------- write
 
 
-def _write_asset(scene: Scene, made: Chart, fit: LightmapFit, settings: BakeSettings) -> int:
-    entry = FieldEntry("lightmap", "static", fit.lower(), pictures=fit.pictures)
+def _write_asset(
+    scene: Scene, made: Chart, fits: dict[str, LightmapFit], stage: LightmapStage, settings: BakeSettings
+) -> int:
+    entries = [
+        FieldEntry(f"lightmap {role}", role, fit.lower(), 0 if role == "indirect" else None, fit.pictures)
+        for role, fit in fits.items()
+    ]
     charted = replace(scene, meshes=charted_meshes(scene, made.atlas), lights=[])
-    return write_glb(settings.out / "scene.glb", charted, [entry], [], fallback=fallback(made))
+    ordinary = fallback(made) if "static" in fits else None
+    return write_glb(settings.out / "scene.glb", charted, entries, stage.variables, fallback=ordinary)
 
 
 def fallback(made: Chart) -> Fallback:
@@ -214,7 +258,7 @@ def _write_pages(scene: Scene, settings: BakeSettings, data, score) -> dict[str,
         settings.out / "index.html",
         title=(scene.name or "scene").replace("_", " "),
         glb=glb.read_bytes(),
-        home=score.cameras[0],
+        home=score.home,
         views=score.pictures,
         exposure=score.exposure,
         report=report,

@@ -15,7 +15,7 @@ SMALLEST = 8
 
 
 def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
-    """[n, n, C], [n, n] bool: texels within ``reach`` of a covered one become copies of the nearest, the rest smooth."""
+    """Texels within ``reach`` of a covered one become copies of the nearest, the rest smooth; [n, n, C]."""
     distance, index = distance_transform_edt(~covered, return_indices=True)
     near = distance <= reach
     filled = np.where(near[..., None], image[tuple(index)], 0).astype(np.float32)

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from lightwell.backend import dr
+from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap_graph import MapNodes, row_graph
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Graph
@@ -42,7 +43,7 @@ class LightmapPreset:
     hidden: tuple[int, ...] = (24, 24)
     """Widths of the network's layers; empty: no network."""
     activation: str = "relu"
-    inputs: Literal["reflected", "view", "report", "uv"] = "reflected"
+    inputs: Literal["reflected", "view", "report", "uv", "light"] = "reflected"
     """What the network knows beside the features; see ``lightmap_graph``."""
     siren: bool = False
     stage: tuple[int, ...] = ()
@@ -70,6 +71,9 @@ PRESETS: dict[str, LightmapPreset] = {
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
 }
 
+# The light map of a light that moves: its light cannot be stored, only features that the network reads with the light.
+MOVING = LightmapPreset("", channels=9, share=1 / 16, hidden=(32, 32), activation="silu", inputs="light")
+
 
 @dataclass
 class LightmapFit:
@@ -87,9 +91,11 @@ class LightmapFit:
     batch: int = 1 << 14
     mips: int = 0
     """Of the atlas."""
+    setup: FieldSetup | None = None
+    """Of the scene, where the light moves."""
 
     def __post_init__(self) -> None:
-        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction)
+        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup)
         self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
         self._features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []

@@ -1,6 +1,6 @@
 """The shading graph of a light map: one meaning for training and for viewers.
 
-Notation: R reflectance, a diffuse albedo, F = R − a what is reflected otherwise, E' irradiance / π, q stored byte / 255.
+Notation: R reflectance, a diffuse albedo, F = R − a what is reflected otherwise, E' irradiance / π, q byte / 255.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.features import INPUT_WIDTHS, local_features, normalised
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.graph.pictures import Picture
 from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, OMEGA, OMEGA_FIRST
@@ -18,7 +20,7 @@ from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, OMEGA, OMEGA_
 if TYPE_CHECKING:
     from lightwell.fields.lightmap import LightmapPreset
 
-INPUTS = {"uv1": 2, "position": 3, "normal": 3, "view": 3, "reflectance": 3, "roughness": 1, "metallic": 1}
+INPUTS = {"uv1": 2} | INPUT_WIDTHS
 # E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that bytes are spent as the eye
 # sees them; the largest value is 1 / SOFT.
 SOFT = 1 / 64
@@ -44,6 +46,8 @@ class MapNodes:
     unit: float
     base: Picture | None
     direction: Picture | None
+    setup: FieldSetup | None = None
+    """What a light map that follows a moving light knows of the scene."""
 
     # ------------------------------------------------------------------ parts
 
@@ -76,6 +80,9 @@ class MapNodes:
         if kind == "report":
             turns = b.scale("uv1", float(1 / np.pi))
             return [b.frequency(turns, REPORT_OCTAVES), b.sh("view", 4), b.sh("normal", 4)]
+        if kind == "light":
+            light = "light" if self.setup.light == "sun" else normalised(b, "light", self.setup, per_frame=True)
+            return [light, normalised(b, "position", self.setup), *local_features(b, self.setup)]
         cosine = b.dot("normal", "view")
         if kind == "view":
             return [b.sh("view", 4), cosine, "roughness"]
@@ -115,7 +122,7 @@ class MapNodes:
             return light
         d = self.direction_node(b)
         albedo, rest = self.albedo(b)
-        # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light from its hemisphere; weighed by how directed the light is.
+        # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light, weighed by how directed the light is.
         r2 = b.multiply("roughness", "roughness")
         sharp = b.scale(b.reciprocal(b.multiply(r2, r2), LEAST_ROUGHNESS), SHARPNESS)
         cosine = b.dot(b.reflect("normal", "view"), b.normalize(d))

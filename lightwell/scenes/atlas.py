@@ -24,6 +24,8 @@ REACH = 1.5
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
+# Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
+LEAST_COVERAGE = 0.03
 # Hidden triangles lie on the texel in this corner, which no chart uses.
 NOWHERE = 0.0
 
@@ -65,8 +67,9 @@ class Atlas:
 
 
 def padding(mips: int) -> int:
-    """Texels that a chart owns around itself so that bilinear reads up to a mip level stay its own."""
-    return int(np.ceil(REACH * 2**mips))
+    """Texels that a chart owns around itself so that bilinear reads up to a mip level stay its own; half a texel more
+    for charts that end between texel centres."""
+    return int(np.ceil(REACH * 2**mips + 0.5))
 
 
 def build(
@@ -157,7 +160,7 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
         if best is not None and scale * step * SHRINK <= best[0]:
             break
         scale *= step * (SHRINK if extent > size else 1.0)
-    if best is None:
+    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
         raise ValueError(
             f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
             "give a larger --size or fewer --mips"

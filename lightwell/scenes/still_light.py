@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from lightwell.backend import mi
 from lightwell.scenes.scene import Scene
 

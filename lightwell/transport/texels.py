@@ -45,6 +45,8 @@ def texels(scene: Scene, atlas: Atlas) -> Texels:
     places = sorted(((x, y) for x in STEPS for y in STEPS), key=lambda p: (p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2)
     for x, y in places:
         left = np.flatnonzero(owner < 0)
+        if not len(left):
+            break
         hit, found, weights = _met(flat, n, left, x, y)
         owner[left[hit]], barycentric[left[hit]] = found[hit], weights[hit]
     index = np.flatnonzero(owner >= 0)
