@@ -33,6 +33,42 @@ describe("Arc", () => {
   });
 });
 
+describe("a buffer that is a picture", () => {
+  const picture = { shape: [4, 8, 3], type: "uint8", scale: 1 / 255, texture: 0 };
+  const read = (change: object, decoded = { source: "it", width: 8, height: 4 }) => {
+    const graph = {
+      version: 1,
+      inputs: { uv1: 2 },
+      buffers: { f: { ...picture, ...change } },
+      nodes: [{ id: "y", op: "texture", inputs: ["uv1"], buffer: "f" }],
+      outputs: { radiance: "y" },
+    };
+    const json = {
+      textures: [{}],
+      extensions: { LIGHTWELL_neural_radiance: { version: 1, fields: [{ role: "static", graph }] } },
+    };
+    return readExtension(json, { bufferView: async () => new ArrayBuffer(96), texture: async () => decoded });
+  };
+
+  it("keeps what the loader decoded", async () => {
+    const found = await read({ mips: 3 });
+    expect(found!.fields[0]!.buffers.get("f")!.picture).toEqual({ source: "it", mips: 3, bytes: 0 });
+  });
+
+  it.each([
+    ["a texture that is not there", { texture: 1 }, /texture: expected a number in \[0, 0\]/],
+    ["a texture and an accessor", { accessor: 0 }, /expected one of accessor and texture/],
+    ["another shape than the picture's", { shape: [4, 4, 3] }, /expected 4 × 4 texels, found 8 × 4/],
+    ["four channels", { shape: [4, 8, 4] }, /expected uint8 \[H, W, 3\]/],
+    ["another type", { type: "float16", scale: undefined }, /expected uint8/],
+    ["a scale a row", { scale: [1, 1, 1, 1] }, /one scale/],
+    ["absurd mipmaps", { mips: 99 }, /mips: expected/],
+    ["an absurd size", { shape: [8192, 8192, 3] }, /at most 67108864 elements/],
+  ])("refuses %s", async (_name, change, message) => {
+    await expect(read(change)).rejects.toThrow(message);
+  });
+});
+
 describe("readExtension", () => {
   const load = { bufferView: async () => new ArrayBuffer(64), texture: async () => ({ source: null, width: 1, height: 1 }) };
   const read = (extension: unknown) =>
