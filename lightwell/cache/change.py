@@ -8,9 +8,9 @@ from collections import deque
 import numpy as np
 
 # Frames of the fast and of the slow mean; frames without an alarm after a change or a cold start.
-FAST, SLOW, QUIET = 3, 60, 20
+FAST, SLOW, QUIET = 2, 60, 20
 # An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
-SIGMAS, RESIDUAL, LOG_LOSS = 5.0, 0.25, 0.7
+SIGMAS, RESIDUAL, LOG_LOSS = 4.0, 0.2, 0.7
 
 
 class ChangeDetector:
@@ -44,7 +44,7 @@ class ChangeDetector:
         numbers = np.array(values)
         old, new = numbers[:-FAST], numbers[-FAST:]
         difference = np.median(new) - np.median(old)
-        # All three recent frames must agree: one bright record is no change.
+        # All recent frames must agree: one bright record is no change.
         agree = np.all(np.sign(new - np.median(old)) == np.sign(difference))
         noise = 1.4826 * np.median(np.abs(old - np.median(old)))
         return bool(agree and abs(difference) > max(least, SIGMAS * noise))
