@@ -37,7 +37,7 @@ OURS, SEGMENTED = "factored", "balanced"
 FALLBACK = "mlp"
 
 CORNELL = SCENES / "mitsuba/cornell-box/scene.xml"
-# Room: scene; the distance that the light keeps from surfaces, a tenth of the room's shortest edge as in the box; seconds
+# Room: scene; distance that the light keeps from surfaces, a tenth of the shortest edge as in the box; seconds
 # of tracing and training, on which no bar is set (light comes into veach-ajar through a door ajar, and is noisy).
 ROOMS = {
     "godot-living-room": (SCENES / "gltf/godot-living-room/living_room.glb", 0.55, 320.0),
