@@ -116,7 +116,9 @@ def cubes(width: int = 320, height: int = 200, moving: bool = True, seed: int = 
         z = float(rng.choice([1.3, 1.9, 3.0, 4.5, 6.5]))
         centre = np.array([*(rng.uniform(-0.42, 0.42, 2) * z * [1, height / width]), z])
         colour = list(0.15 + 0.75 * rng.random(3))
-        transform = Transform().translate(list(centre)).rotate(list(rng.normal(size=3)), float(rng.uniform(0, 360)))
+        axis = rng.normal(size=3)
+        axis = [float(v) for v in axis / np.linalg.norm(axis)]
+        transform = Transform().translate(list(centre)).rotate(axis, float(rng.uniform(0, 360)))
         parts[f"cube{i}"] = {
             "type": "cube",
             "to_world": transform.scale(0.033 * z),
@@ -186,16 +188,51 @@ def inputs(case: Case, spp: int = 256):
     ray, _ = eye.sample_ray(0.0, 0.5, at, mi.Point2f(0.5))
     found = case.pinhole.ray_intersect(ray)
     depth = np.where(np.array(found.is_valid()), np.array(found.p.z), np.inf).reshape(height, width)
-    focal = width / (2 * np.tan(np.deg2rad(case.fov) / 2))
-    motion = np.zeros((height, width, 2), np.float32)
-    shapes = {shape.id(): shape for shape in case.pinhole.shapes()}
-    for one in case.motions:
-        hit = np.array(found.shape == mi.ShapePtr(shapes[one.shape])).reshape(height, width)
-        # Camera space has +x to the left of the picture and +y up.
-        motion[hit] = (-focal * one.travel[:2] / depth[hit][:, None]).astype(np.float32)
+    motion = _motion_of(case, found, depth, np.isfinite(depth))
     return rgb, depth, motion
 
 
 def camera_of(case: Case) -> Camera:
     """The camera of the reference; motion is given per open shutter."""
     return case.seen.camera
+
+
+def peel(case: Case, spp: int = 64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Second surfaces along the pinhole's rays: rgba (alpha 0 where there is none), depth and motion at centres."""
+    width, height = case.seen.width, case.seen.height
+    eye, rng = case.pinhole.sensors()[0], np.random.default_rng(23)
+    y, x = np.mgrid[:height, :width]
+    rgba = np.zeros((height, width, 4))
+    for i in range(spp + 1):
+        jitter = (0.5, 0.5) if i == spp else rng.random(2)
+        at = mi.Point2f(mi.Float(((x + jitter[0]) / width).ravel()), mi.Float(((y + jitter[1]) / height).ravel()))
+        ray, _ = eye.sample_ray(0.0, 0.5, at, mi.Point2f(0.5))
+        first = case.pinhole.ray_intersect(ray)
+        # Leave the first body altogether: the far side of a cube is not what lies behind it.
+        second = first
+        for _ in range(3):
+            again = case.pinhole.ray_intersect(second.spawn_ray(ray.d), second.is_valid())
+            inside = again.is_valid() & (again.shape == first.shape)
+            second = again
+            if not bool(np.array(inside).any()):
+                break
+        valid = np.array(second.is_valid() & (second.shape != first.shape)).reshape(height, width)
+        if i == spp:
+            depth = np.where(valid, np.array(second.p.z).reshape(height, width), np.inf)
+            motion = _motion_of(case, second, depth, valid)
+            break
+        light = np.array(second.emitter(case.pinhole).eval(second)).T.reshape(height, width, 3)
+        rgba[valid] += np.concatenate([light, np.ones((height, width, 1))], -1)[valid]
+    return np.where(valid[..., None], rgba / np.maximum(rgba[..., 3:], 1), 0), depth, motion
+
+
+def _motion_of(case: Case, found, depth, valid) -> np.ndarray:
+    """Displacement in pixels of the shapes that rays found, over the open shutter."""
+    focal = case.seen.width / (2 * np.tan(np.deg2rad(case.fov) / 2))
+    motion = np.zeros((*depth.shape, 2), np.float32)
+    shapes = {shape.id(): shape for shape in case.pinhole.shapes()}
+    for one in case.motions:
+        hit = valid & np.array(found.shape == mi.ShapePtr(shapes[one.shape])).reshape(depth.shape)
+        # Camera space has +x to the left of the picture and +y up.
+        motion[hit] = (-focal * one.travel[:2] / depth[hit][:, None]).astype(np.float32)
+    return motion

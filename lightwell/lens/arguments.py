@@ -54,7 +54,7 @@ def _quality(group) -> None:
     group.add_argument("--edges", default="extend", help="extend, renormalise or dark (default: %(default)s)")
     group.add_argument("--overscan", type=int, default=0, metavar="PX", help="crop this band from the blurred frame")
     group.add_argument("--solver", default="", help="dst, fft, 7/5 or 5/3 (default: the preset's)")
-    group.add_argument("--choice", default="stochastic", help="stochastic or nearest node (default: %(default)s)")
+    group.add_argument("--choice", default="auto", help="auto, stochastic or nearest node (default: %(default)s)")
     group.add_argument("--largest", type=float, help="cut blur to this radius, pixels; with bake: largest baked")
     group.add_argument("--deterministic", action="store_true", help="add in integers: the same bytes on every machine")
 

@@ -43,7 +43,8 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
     kernel = family.kernel(index)
     radius, second, _ = family.node(index)
     length = second if family.name != "cats-eye" else 0.0
-    best = exact(kernel)
+    # Turned between pixels, the points of a bare Laplacian ring; light itself only blurs by a fraction of a pixel.
+    best = primal(kernel) if family.turns else exact(kernel)
     if len(best) <= EXACT or (radius < recipe.smallest and len(best) <= EXACT_SMALL):
         return [(MAIN, best)]
     fine = [(FINE, best)] if best.kind == CHARGE else []

@@ -23,7 +23,7 @@ from lightwell.lens.spreadlet import CHARGE, Spreadlet
 
 SOLVERS = ("dst", "fft", "7/5", "5/3")
 # A pixel may be wrong by this much of white before it takes the lossless tier.
-TOLERANCE = 0.002
+TOLERANCE = 0.001
 # Light above this many whites is written as a dense kernel: single precision would ring through the solve.
 EXTREME = 2000.0
 # Recipes without error.
@@ -58,14 +58,16 @@ class Engine:
         recipe: Recipe,
         shelf: Shelf,
         solver: str = "dst",
-        choice: str = "stochastic",
+        choice: str = "auto",
         tolerance: float = TOLERANCE,
         white: float = 1.0,
     ) -> None:
         if solver not in SOLVERS:
             raise LensError(f"lens: no solver {solver!r}; there are {', '.join(SOLVERS)}")
         self.family, self.recipe, self.shelf = family, recipe, shelf
-        self.solver, self.choice, self.tolerance, self.white = solver, choice, tolerance, white
+        self.solver, self.tolerance, self.white = solver, tolerance, white
+        # The steps of a family with one axis are too small to show; dither would be the larger error.
+        self.choice = ("nearest" if family.name == "depth" else "stochastic") if choice == "auto" else choice
         self.library: Library = shelf.library(family, recipe)
         # Dense kernels of nodes that extremely bright pixels used.
         self._dense: dict[int, Spreadlet] = {}

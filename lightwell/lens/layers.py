@@ -16,6 +16,8 @@ from lightwell.lens.pyramid import fill
 SOFT = 1.5
 # Jumps of the circle of confusion between neighbours that count as an edge, pixels.
 JUMP = 2.0
+# A pixel of a surface that is cut through weighs this much against an edge; cuts are soft and filled behind.
+THROUGH = 0.05
 # Places where a split may be tried.
 CANDIDATES = 64
 
@@ -55,7 +57,7 @@ def thresholds(s: np.ndarray, count: int) -> list[float]:
         for place in places:
             crossed = int(((edges[:, 0] < place - SOFT / 2) & (edges[:, 1] > place + SOFT / 2) & alive).sum())
             cut = np.subtract(*np.searchsorted(histogram, [place + SOFT, place - SOFT]))
-            score = crossed - 0.25 * float(cut)
+            score = crossed - THROUGH * float(cut)
             if score > best_score and all(abs(place - other) > 2 * SOFT for other in cuts):
                 best, best_score = float(place), score
         if best is None:
@@ -65,8 +67,12 @@ def thresholds(s: np.ndarray, count: int) -> list[float]:
     return sorted(cuts)
 
 
-def split(rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float) -> list[Layer]:
-    """Layers front to back; what a front layer hides is filled in smoothly from the uncovered side, up to ``reach``."""
+def split(
+    rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float, peel: Layer | None = None
+) -> list[Layer]:
+    """Layers front to back. What a front layer hides comes from ``peel``, the second surfaces, where those are given
+    and lie behind it; elsewhere it is filled in smoothly from the uncovered side, up to ``reach``.
+    """
     cuts = thresholds(s, count)
     if not cuts:
         return [Layer(rgba, s, motion)]
@@ -80,11 +86,13 @@ def split(rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int
             continue
         hidden = bounds[i]
         layer = Layer(rgba * weight[..., None], s, motion)
-        made.append(layer if hidden.max() <= 0 else _filled(layer, weight, hidden, reach))
+        made.append(layer if hidden.max() <= 0 else _filled(layer, weight, hidden, reach, peel, cuts[i - 1]))
     return made
 
 
-def _filled(layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float) -> Layer:
+def _filled(
+    layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float, peel: Layer | None, cut: float
+) -> Layer:
     """Continue a layer under what hides it: colour, blur and motion by a membrane, as far as it can be seen."""
     known = weight > 0.5
     wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
@@ -95,6 +103,12 @@ def _filled(layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float) 
         parts.append(layer.motion)
     stack = np.concatenate(parts, -1).astype(np.float32)
     smooth = fill(np.ascontiguousarray(stack.transpose(2, 0, 1)), known.astype(np.float32)).transpose(1, 2, 0)
+    if peel is not None:
+        real = wanted & (peel.rgba[..., 3] > 0) & (peel.s > cut)
+        given = [peel.rgba, peel.s[..., None]]
+        if layer.motion is not None:
+            given.append(np.zeros_like(layer.motion) if peel.motion is None else peel.motion)
+        smooth = np.where(real[..., None], np.concatenate(given, -1), smooth)
     # Where a surface lies partly in front, the part behind is as far away as the layer, not as the surface.
     share = np.where(wanted, hidden, 0)[..., None]
     replace = wanted & (weight < 0.5)

@@ -43,8 +43,8 @@ class Settings:
     """Light from outside the frame: ``extend`` repeats the border, ``renormalise`` divides by coverage, ``dark``."""
     solver: str = ""
     """``dst``, ``fft``, ``7/5``, ``5/3``; empty takes the preset's."""
-    choice: str = "stochastic"
-    """Node of a value between two: ``stochastic`` (hashed per pixel) or ``nearest``."""
+    choice: str = "auto"
+    """Node of a value between two: ``stochastic`` (dithered), ``nearest``; ``auto``: nearest where steps are fine."""
     cats_eye: float = 0.0
     """Strength of mechanical vignetting at the corners, 0 to 1.8; without motion and with a round aperture."""
     largest: float = 256.0
@@ -57,7 +57,7 @@ class Settings:
     """Add in integers: the same bytes on every run, thread count and machine."""
 
     def __post_init__(self) -> None:
-        for name, known in (("preset", PRESETS), ("edges", EDGES), ("choice", ("stochastic", "nearest"))):
+        for name, known in (("preset", PRESETS), ("edges", EDGES), ("choice", ("auto", "stochastic", "nearest"))):
             if getattr(self, name) not in known:
                 raise LensError(f"lens: {name} {getattr(self, name)!r}; choose {', '.join(known)}")
         if not (isinstance(self.layers, int) and 1 <= self.layers <= 16):
@@ -93,13 +93,15 @@ class Lens:
         camera: Camera,
         frame_number: int = 0,
         behind: Sequence[tuple] = (),
+        peel: tuple | None = None,
         full_width: int | None = None,
     ) -> tuple[np.ndarray, Report]:
         """Blur one frame.
 
         rgba [height, width, 3 or 4] linear, premultiplied; depth [height, width] along the camera axis in scene units,
         infinity allowed; motion [height, width, 2] pixels per frame, x right, y down, forward, or None; behind
-        (rgba, depth[, motion]) of what the nearest surfaces cover, front to back, alpha 0 where nothing was seen;
+        (rgba, depth[, motion]) of whole layers that the frame covers, front to back, alpha 0 where nothing was seen;
+        peel (rgba, depth[, motion]) is the second surface behind every pixel, used where the blur uncovers it;
         full_width is the width of the whole picture where the arrays are a part of it. Returns the picture
         [height, width, 4] float32 and a report.
         """
@@ -107,7 +109,7 @@ class Lens:
         with timed(report, "plan"):
             full_width = full_width or np.shape(depth)[-1]
             rgba, s, moved = self._prepare(rgba, depth, motion, camera, report, full_width)
-            layers = self._layers(rgba, s, moved, behind, camera, report, full_width)
+            layers = self._layers(rgba, s, moved, behind, peel, camera, report, full_width)
         opaque = bool((rgba[..., 3] > 0.999).all()) and not behind
         pictures = []
         for number, layer in enumerate(layers):
@@ -251,12 +253,13 @@ class Lens:
         report.layers = self.settings.layers
         return rgba, s, motion
 
-    def _layers(self, rgba, s, motion, behind, camera: Camera, report: Report, full_width: int) -> list[Layer]:
+    def _layers(self, rgba, s, motion, behind, peel, camera: Camera, report: Report, full_width: int) -> list[Layer]:
         if len(behind):
             layers = [Layer(rgba, s, motion), *(self._behind(one, camera, s.shape, full_width) for one in behind)]
         else:
             reach = min(report.largest, self.settings.largest)
-            layers = split(rgba, s, motion, self.settings.layers, reach + report.longest / 2)
+            second = None if peel is None else self._behind(peel, camera, s.shape, full_width)
+            layers = split(rgba, s, motion, self.settings.layers, reach + report.longest / 2, second)
         report.layers = len(layers)
         return layers
 

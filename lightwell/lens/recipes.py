@@ -23,7 +23,7 @@ class Recipe:
     name: str = "default"
     """``default`` (least squares), ``best`` (the better of several point sets), ``paper`` (Poisson, Lloyd, Voronoi)."""
     base: float = 24.0
-    """Points of a sparse spreadlet: base + slope · (r + length / 4)."""
+    """Points of a sparse spreadlet: base + slope · (r + length)."""
     slope: float = 2.5
     """Points per pixel of radius; more is closer to the kernel and slower."""
     share: float = 0.2
@@ -39,7 +39,7 @@ class Recipe:
 
     def count(self, radius: float, length: float = 0.0) -> int:
         """Points asked of a sparse spreadlet."""
-        return round(self.base + self.slope * (radius + length / 4))
+        return round(self.base + self.slope * (radius + length))
 
 
 def finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
