@@ -110,6 +110,9 @@ def _add_bake_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mips", type=int, default=1, help="lightmap: mip level up to which charts do not mix (default: %(default)s)"
     )
+    parser.add_argument(
+        "--spacing", metavar="LENGTH", help="probes: distance of neighbouring probes, 1m or 50cm (default: extent / 8)"
+    )
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
     parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
     parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
@@ -136,7 +139,7 @@ def _add_bake(verbs) -> None:
 
 
 def _settings(arguments, scene: str, out: str):
-    from lightwell.bake.settings import BakeSettings, Budget
+    from lightwell.bake.settings import BakeSettings, Budget, metres
 
     budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
     return BakeSettings(
@@ -156,6 +159,7 @@ def _settings(arguments, scene: str, out: str):
         static=not arguments.no_static,
         size=arguments.size,
         mips=arguments.mips,
+        spacing=None if arguments.spacing is None else metres(arguments.spacing),
     )
 
 

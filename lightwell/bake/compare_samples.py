@@ -79,7 +79,7 @@ def shared_samples(
     planned = json.loads(plan.read_text())
     if traced is None or planned["shards"] > first:
         traced = trace(planned["shards"])
-    setup = FieldSetup.of(scene, radiance_unit(traced.samples), variable.kind)
+    setup = FieldSetup.of(scene, radiance_unit(traced.samples), variable.kind, variable)
     validation = validation_samples(scene, variable, settings.seed)
     return SharedSamples(traced.samples, validation, setup, traced.report.paths, Effort(**planned["effort"]))
 

@@ -110,7 +110,7 @@ class Rounds:
     def _start(self, samples: Samples) -> tuple[Fit, float]:
         unit = radiance_unit(samples)
         light = "static" if self.role == "static" else self.variable.kind
-        setup = FieldSetup.of(self.scene, unit, light)
+        setup = FieldSetup.of(self.scene, unit, light, self.variable, self.settings.spacing)
         fit = starter(self.settings.field, self.settings.preset)(setup, self.settings.seed)
         fit.learn_from(samples)
         fit.validate_on(self._validation())

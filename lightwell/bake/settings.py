@@ -48,6 +48,15 @@ class Budget:
         return self.seconds if self.seconds else ROUND_SECONDS
 
 
+def metres(text: str) -> float:
+    """``1m``, ``50cm`` or a plain number of metres."""
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(m|cm|mm)?\s*", text)
+    value = float(match.group(1)) * {"m": 1, "cm": 0.01, "mm": 0.001}[match.group(2) or "m"] if match else 0.0
+    if not value > 0:
+        raise ValueError(f"bake: --spacing '{text}' is not a length; give metres, such as 1m or 50cm")
+    return value
+
+
 @dataclass(frozen=True)
 class BakeSettings:
     """Everything that decides what a bake computes; with fixed ``steps`` and ``shards`` the same seed gives the same
@@ -84,6 +93,8 @@ class BakeSettings:
     """Texels along each edge of a light map; None: the preset's."""
     mips: int = 1
     """Mip level up to which no texel of a light map mixes charts."""
+    spacing: float | None = None
+    """Distance of neighbouring light probes, metres; None: an eighth of the scene."""
 
     def __post_init__(self) -> None:
         """Name the field; refuse counts that mean nothing, by the name of their option."""
@@ -102,5 +113,7 @@ class BakeSettings:
                 raise ValueError(f"bake: {option} {value} is too small; give {least} or more")
         if self.size is not None and (self.size > MOST_TEXELS or self.size & (self.size - 1)):
             raise ValueError(f"bake: --size {self.size} is not a power of two up to {MOST_TEXELS}; give 512 or 1024")
+        if self.spacing is not None and not 0 < self.spacing < float("inf"):
+            raise ValueError(f"bake: --spacing {self.spacing} is not a length; give metres, such as 1m")
         if self.paths % 2:
             raise ValueError(f"bake: --paths {self.paths} is odd; give an even number (two independent halves)")

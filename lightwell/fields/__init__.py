@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import ModuleType
 
-from lightwell.fields import balanced, experts, factored, hard_mixture, kdtree, mlp, tree
+from lightwell.fields import balanced, experts, factored, hard_mixture, kdtree, mlp, probes, tree
 from lightwell.fields.base import FieldSetup as FieldSetup
 from lightwell.fields.base import Fit as Fit
 from lightwell.fields.base import query_inputs as query_inputs
@@ -20,6 +20,7 @@ FIELDS: dict[str, ModuleType] = {
     "experts": experts,
     "hard-mixture": hard_mixture,
     "balanced": balanced,
+    "probes": probes,
 }
 
 

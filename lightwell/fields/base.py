@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -12,6 +12,7 @@ import numpy as np
 from lightwell.graph import Graph
 from lightwell.networks.training import TrainingState
 from lightwell.scenes.scene import Material, Scene
+from lightwell.scenes.variables import Variable
 from lightwell.transport.samples import Query, Samples
 
 # The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
@@ -36,13 +37,25 @@ class FieldSetup:
     """Edges of the scene's bounds, metres; None: a cube of ``half_extent``."""
     matte: bool = False
     """Whether all surfaces look alike from everywhere: no glossy reflection, so no need to know the eye."""
+    scene: Scene | None = field(default=None, repr=False, compare=False)
+    """The scene itself, for fields that trace rays of their own."""
+    variable: Variable | None = field(default=None, repr=False, compare=False)
+    """What the declared light may do, for the same."""
+    spacing: float | None = None
+    """Distance of neighbouring probes that was asked for, metres."""
 
     @staticmethod
-    def of(scene: Scene, unit: float, light: Literal["point", "sun", "static"]) -> FieldSetup:
+    def of(
+        scene: Scene,
+        unit: float,
+        light: Literal["point", "sun", "static"],
+        variable: Variable | None = None,
+        spacing: float | None = None,
+    ) -> FieldSetup:
         """The set-up for a loaded scene."""
         center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
-        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte)
+        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable, spacing)
 
 
 # Index of refraction up to which a surface reflects nothing but diffusely.

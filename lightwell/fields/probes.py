@@ -1,0 +1,276 @@
+"""Learned light probes: harmonics on a lattice in the air, with learned interpolation weights: light stops at walls.
+
+The geometry (``lightwell.probes``) knows no light. A declared light makes the probes relightable: some light states
+are solved for, their singular vectors are the stored bases, and a small network on the place of the light, run once a
+frame, mixes them; it is trained on the same samples as every other field.
+
+Notation: P nodes, S states, K bases, N samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import mi
+from lightwell.fields.base import FieldSetup, Progress
+from lightwell.graph import Graph
+from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks.losses import EPSILON
+from lightwell.networks.training import TrainingState
+from lightwell.probes import sh
+from lightwell.probes.bake import Geometry, bake_geometry
+from lightwell.probes.code import Code
+from lightwell.probes.light import Effort, rows, traced
+from lightwell.probes.lower import lower
+from lightwell.probes.solve import solve
+from lightwell.probes.volume import coefficients
+from lightwell.scenes.placing import sample_lights
+from lightwell.transport.samples import Query, Samples
+
+# Probes along the longest edge where no spacing is asked for.
+ALONG = 8
+# Samples that the light's network is trained on at most.
+MOST_SAMPLES = 1 << 18
+# Rows whose harmonics are evaluated together.
+CHUNK = 1 << 14
+# What is traced for each light state, and for a light that stands still; how the light's network is trained.
+MOVING, STILL = Effort(24, 64, 256), Effort(32, 256, 1024)
+TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
+# The seed of the light states is this far from that of the samples.
+STATE_SEED = 7919
+
+
+@dataclass(frozen=True)
+class ProbesPreset:
+    """Everything that defines a probe field beside its spacing."""
+
+    function: str = "relu-field"
+    """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
+    effort: Effort = MOVING
+    static_effort: Effort = STILL
+    states: int = 48
+    """Light states that are solved for (S)."""
+    rank: int = 8
+    """Bases that are kept of them (K)."""
+    hidden: tuple[int, ...] = (48, 48)
+    """Widths of the network on the place of the light."""
+    training: TrainingSettings = TRAINING
+
+
+PRESETS: dict[str, ProbesPreset] = {
+    "default": ProbesPreset(),
+    "mlp": ProbesPreset(function="mlp"),
+    "draft": ProbesPreset(effort=Effort(8, 16, 64), static_effort=Effort(8, 64, 128), states=12, rank=4),
+}
+
+
+@dataclass(frozen=True)
+class CodeNetwork:
+    """Mixes K bases by the place of the light: rows are (features of the light [F], light per basis [3 K])."""
+
+    mlp: Mlp
+
+    @property
+    def rank(self) -> int:
+        """K."""
+        return self.mlp.sizes[-1]
+
+    def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
+        """Named arrays of parameters."""
+        return self.mlp.initial(seed, bias)
+
+    def __call__(self, parameters: Any, x: Any) -> Any:
+        """[B, F + 3 K] → [B, 3]."""
+        features = self.mlp.sizes[0]
+        code = self.mlp(parameters, x[:, :features])
+        spread, gather = np.tile(np.eye(self.rank), 3), np.repeat(np.eye(3), self.rank, axis=0)
+        mixed = x[:, features:] * (code @ mi.TensorXf(spread.astype(np.float32)))
+        return mixed @ mi.TensorXf(gather.astype(np.float32))
+
+    def evaluate(self, parameters: Any, x: np.ndarray) -> np.ndarray:
+        """The same on NumPy arrays."""
+        features = self.mlp.sizes[0]
+        code = self.mlp.evaluate(parameters, x[:, :features])
+        return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
+
+
+@dataclass
+class ProbesFit:
+    """See ``lightwell.fields.base.Fit``."""
+
+    setup: FieldSetup
+    preset: ProbesPreset
+    seed: int
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.setup.scene is None:
+            raise ValueError(
+                "probes: the set-up has no scene; probes are traced in its air, make it with FieldSetup.of"
+            )
+        self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
+        self._static = self.setup.light == "static"
+        self._geometry = _geometry(self.setup, self.preset, self.seed)
+        self._basis = _basis(self.setup, self.preset, self.seed, self._geometry)
+        sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
+        self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
+        self._data: TrainingSet | None = None
+        self._validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        volume = self._geometry.volume
+        self.facts |= {
+            "probes": int(volume.alive.sum()),
+            "nodes": len(volume.lattice),
+            "spacing": volume.lattice.spacing,
+            "weights": volume.function,
+            "bytes_per_probe": volume.bytes_per_probe("zh3"),
+            "weight_seconds": self._geometry.seconds,
+        }
+
+    @property
+    def state(self) -> TrainingState:
+        """Steps, errors and history."""
+        return self._trainer.state
+
+    @property
+    def macs(self) -> int:
+        """Multiply-accumulates per pixel."""
+        return self.lower().macs
+
+    def _factors(self, query: Query) -> np.ndarray:
+        """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
+        volume, k = self._geometry.volume, self._basis.shape[-1]
+        out = np.empty((len(query), 3 * k), np.float32)
+        flat = self._basis.reshape(len(volume.lattice), -1)
+        for start in range(0, len(query), CHUNK):
+            part = slice(start, start + CHUNK)
+            normal = np.asarray(query.normal[part], np.float64)
+            node, share, _ = coefficients(volume, query.position[part], normal)
+            e = np.zeros((len(node), flat.shape[1]), np.float32)
+            for corner in range(node.shape[1]):
+                e += share[:, corner, None].astype(np.float32) * flat[node[:, corner]]
+            values = np.einsum("nb,nbck->nck", sh.basis(normal), e.reshape(len(node), 9, 3, k))
+            out[part] = values.reshape(len(node), -1) / (np.pi * self.setup.unit)
+        return out
+
+    def _rows(self, query: Query) -> np.ndarray:
+        light = np.zeros_like(query.position) if self._static else query.light
+        return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples of the light's network; the scene's own light needs none."""
+        if self._static:
+            return
+        order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))[:MOST_SAMPLES]
+        part = samples[order]
+        target = part.radiance / (self.setup.unit * part.query.reflectance)
+        self._data = TrainingSet.from_numpy(self._rows(part.query), target, np.asarray(part.weight))
+
+    def validate_on(self, samples: Samples) -> None:
+        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
+
+    def _error(self, parameters: dict[str, np.ndarray]) -> float:
+        inputs, scale, truth = self._validation
+        found = np.maximum(self._mixed(parameters, inputs), 0) * scale
+        return float(np.mean(np.abs(found - truth) / (truth + EPSILON)))
+
+    def _mixed(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
+        if self._static:
+            return inputs[:, self._code.width :]
+        return self._trainer.network.evaluate(parameters, inputs)
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train the light's network to step ``until`` of ``total``."""
+        if not self._static:
+            return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+        state = self.state
+        if not state.history:
+            state.best_error = self._error({})
+            state.history.append((0, state.best_error, state.best_error))
+        state.step = until
+        return False
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance, reflectance included."""
+        mixed = self._mixed(self._trainer.best, self._rows(query))
+        return np.maximum(mixed, 0) * self.setup.unit * query.reflectance
+
+    def lower(self) -> Graph:
+        """The query as a shading graph; the light's network runs once a frame."""
+        basis = self._basis / self.setup.unit
+        if self._static:
+            return lower(self._geometry.volume, self.setup.unit, basis)
+        best, layers = self._trainer.best, self._trainer.network.mlp.layers
+        weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
+        code = Code(self._code.center, self._code.half, weights)
+        return lower(self._geometry.volume, self.setup.unit, basis, code)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically; the volume itself is found again from the seed."""
+        self._trainer.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        self._trainer.load(path)
+
+
+def _geometry(setup: FieldSetup, preset: ProbesPreset, seed: int) -> Geometry:
+    """The volume's weights, baked once for a scene and kept with it."""
+    spacing = setup.spacing or 2 * setup.half_extent / ALONG
+    kept = setup.scene.__dict__.setdefault("_probe_geometry", {})
+    key = (float(spacing), preset.function)
+    if key not in kept:
+        kept[key] = bake_geometry(setup.scene, spacing, preset.function)
+    return kept[key]
+
+
+def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> np.ndarray:
+    """[P, 9, 3, K] light of the bases, path traced once and kept with the scene."""
+    kept = setup.scene.__dict__.setdefault("_probe_light", {})
+    key = (geometry.volume.lattice.spacing, preset.function, setup.light, preset.rank, preset.states, seed)
+    if key not in kept:
+        kept[key] = _trace(setup, preset, seed, geometry)
+    return kept[key]
+
+
+def _trace(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> np.ndarray:
+    scene, volume, support = setup.scene, geometry.volume, geometry.support
+    cells = np.flatnonzero(support.valid.any(axis=1))
+    live = np.flatnonzero(volume.alive)
+    if setup.light == "static":
+        effort = preset.static_effort
+        start = traced(scene, support, live, effort, seed)
+        solution = solve(volume, rows(scene, volume, support, cells, effort, seed + 1), start)
+        return solution.light[..., None]
+    effort, variable = preset.effort, setup.variable
+    lights = sample_lights(scene, variable, preset.states, seed + STATE_SEED)
+    start = np.stack(
+        [traced(scene, support, live, effort, seed + k, variable, light) for k, light in enumerate(lights)]
+    )
+    samples = rows(scene, volume, support, cells, effort, seed + len(lights), variable, lights)
+    return _singular(solve(volume, samples, start).light, live, preset.rank)
+
+
+def _singular(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
+    """[P, 9, 3, K] leading right singular vectors of states [S, P, 9, 3], sized so that codes are about 1."""
+    matrix = states[:, live].reshape(len(states), -1).astype(np.float64)
+    # States count alike, whether the light is near a wall or far: each is divided by its size.
+    size = np.linalg.norm(matrix, axis=1, keepdims=True)
+    _, s, v = np.linalg.svd(matrix / np.maximum(size, 1e-30), full_matrices=False)
+    k = min(rank, len(s))
+    scale = s[:k] / np.sqrt(len(states)) * float(np.median(size))
+    out = np.zeros((states.shape[1], 9, 3, k), np.float32)
+    out[live] = (v[:k] * scale[:, None]).T.reshape(len(live), 9, 3, k)
+    return out
+
+
+def start(setup: FieldSetup, preset: str, seed: int) -> ProbesFit:
+    """Begin a fit with a named preset."""
+    return ProbesFit(setup, PRESETS[preset], seed)

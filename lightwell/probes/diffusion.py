@@ -1,0 +1,112 @@
+r"""How far a probe may be trusted at the points of its cube: 1 where it sees them, and round corners by diffusion.
+
+On the graph of points that see one another, with weights w_ij = exp(-d² / 2 s²) along free edges,
+
+    ρ_i ← Σ_j w_ij ρ_j / ((1 + λ) Σ_j w_ij)
+
+where ρ = 1 is fixed at points that the probe sees and ρ = 0 at invalid ones. The fixed point solves a symmetric
+positive definite system, which conjugate gradients reach in a few dozen products; ``sweeps`` iterates the line above:
+the oracle. Notation: B cubes, Q points of a cube, M edges of a cube.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+
+from lightwell.probes.pattern import Pattern
+
+# ℓ: distance over which diffused trust falls by e, in units of h.
+REACH = 0.33
+# Trust below this is none.
+LEAST = 0.01
+# Conjugate gradients end at this relative residual, or after so many products.
+TOLERANCE, MOST = 1e-4, 200
+
+
+def diffuse(
+    pattern: Pattern,
+    sees: np.ndarray,
+    edges: np.ndarray,
+    reach: float = REACH,
+    likeness: np.ndarray | None = None,
+) -> np.ndarray:
+    """[B, Q] float32 trust ρ in [0, 1].
+
+    sees       [B, Q] bool: valid points that the probe sees.
+    edges      [B, M] bool: edges of ``pattern.cube_edges`` whose ends are valid and see each other.
+    reach      ℓ, units of h.
+    likeness   [B, M] factors of the weights by the likeness of the light at both ends: then ρ depends on the light.
+    """
+    a, b, w = _active(pattern, sees, edges, likeness)
+    count = sees.size
+    # Every free edge pulls at both of its ends; only ends that are not seen are unknown.
+    degree = np.bincount(a, w, count) + np.bincount(b, w, count)
+    flat = sees.ravel()
+    unknown = np.flatnonzero((degree > 0) & ~flat)
+    rho = flat.astype(np.float32)
+    if len(unknown):
+        number = np.full(count, -1)
+        number[unknown] = np.arange(len(unknown))
+        pull = np.bincount(a, w * flat[b], count) + np.bincount(b, w * flat[a], count)
+        both = (number[a] >= 0) & (number[b] >= 0)
+        i, j, v = number[a[both]], number[b[both]], -w[both]
+        shape = (len(unknown), len(unknown))
+        matrix = csr_matrix((np.r_[v, v], (np.r_[i, j], np.r_[j, i])), shape=shape)
+        matrix += diags((1 + pattern.decay(reach)) * degree[unknown])
+        rho[unknown] = _conjugate_gradients(matrix.tocsr(), pull[unknown])
+    rho = np.clip(rho, 0, 1).reshape(sees.shape)
+    rho[rho < LEAST] = 0
+    return rho
+
+
+def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.ndarray | None):
+    """Ends (flat numbers) and weight of the free edges that have an end which the probe does not see."""
+    first, second, _, number = pattern.cube_edges.T
+    cube, m = np.nonzero(edges & ~(sees[:, first] & sees[:, second]))
+    w = pattern.weights()[number[m]]
+    if likeness is not None:
+        w = w * likeness[cube, m]
+    offset = cube * sees.shape[1]
+    return offset + first[m], offset + second[m], w
+
+
+def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:
+    """Solution of a symmetric positive definite system, preconditioned by its diagonal."""
+    inverse = 1 / matrix.diagonal()
+    x, r = np.zeros_like(right), right.copy()
+    goal = TOLERANCE * np.abs(right * inverse).max()
+    z = inverse * r
+    p, rz = z.copy(), r @ z
+    for _ in range(MOST):
+        if np.abs(z).max() <= goal or rz == 0:
+            break
+        q = matrix @ p
+        step = rz / (p @ q)
+        x += step * p
+        r -= step * q
+        z = inverse * r
+        before, rz = rz, r @ z
+        p = z + (rz / before) * p
+    return x
+
+
+def sweeps(
+    pattern: Pattern, sees: np.ndarray, edges: np.ndarray, reach: float = REACH, count: int = 1500
+) -> np.ndarray:
+    """The same by plain iteration, one cube at a time: slow and evidently right."""
+    out = np.zeros(sees.shape)
+    first, second, _, number = pattern.cube_edges.T
+    for cube, (seen, open_) in enumerate(zip(sees, edges)):
+        i, j, w = first[open_], second[open_], pattern.weights()[number[open_]]
+        rho, degree = seen.astype(float), np.zeros(len(seen))
+        np.add.at(degree, i, w)
+        np.add.at(degree, j, w)
+        for _ in range(count):
+            total = np.zeros(len(seen))
+            np.add.at(total, i, w * rho[j])
+            np.add.at(total, j, w * rho[i])
+            mean = np.divide(total, degree, out=np.zeros_like(total), where=degree > 0)
+            rho = np.where(seen, 1.0, mean / (1 + pattern.decay(reach)))
+        out[cube] = np.where(rho < LEAST, 0, rho)
+    return out

@@ -1,0 +1,22 @@
+"""The oracle that leaks nothing and cannot bend: trilinear weights times exact visibility, by a ray for every probe."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.probes import rays, sh
+from lightwell.probes.support import Support
+from lightwell.probes.volume import OFFSET
+from lightwell.scenes.scene import Scene
+
+
+def query(scene: Scene, support: Support, light: np.ndarray, x: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """[N, 3] irradiance; 0 where no probe is seen."""
+    y = x + OFFSET * support.lattice.spacing * n
+    node, hat, _ = support.lattice.corners(y)
+    seen = support.alive[node] & (hat > 0)
+    row, corner = np.nonzero(seen)
+    seen[row, corner] = rays.free(scene, support.origin[node[row, corner]], y[row])
+    w = hat * seen
+    w /= np.maximum(w.sum(axis=1, keepdims=True), 1e-12)
+    return np.maximum(sh.evaluate(np.einsum("nk,nkbc->nbc", w, light[node]), n), 0)

@@ -1,0 +1,209 @@
+"""A probe volume as a shading graph, out of ops that every runtime has: no op of its own.
+
+Per pixel: the cell by ``nearest``; for its eight corners the record by ``rows``, ρ by ``grid`` in an atlas of 4³ blocks
+(or three indexed ``linear`` layers), the harmonics by ``rows``; the fallback; a division; the dot product with the
+normal's harmonics. Notation: P nodes, L live nodes, K numbers of the light's code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.graph import Builder, Graph, pack
+from lightwell.graph.buffers import Buffer
+from lightwell.probes.code import Code
+from lightwell.probes.lattice import CORNERS
+from lightwell.probes.volume import DROPPED, FALLBACK, OPEN, WEIGHTED, ProbeVolume
+from lightwell.probes.weights import FUNCTIONS
+from lightwell.probes.weights.common import THRESHOLD
+from lightwell.probes.weights.mlp import TinyMlp
+from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
+
+# Largest irradiance that is let through, in the field's unit.
+BRIGHTEST = 1e6
+# The octant's index is kept below the next block's by this much.
+BELOW = 1e-4
+
+
+def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: Code | None = None) -> Graph:
+    """The graph whose output ``radiance`` is E / π, for a Lambertian surface divided by its reflectance.
+
+    basis   [P, 9, 3, K] light per unit of each code number, with ``code``; else the volume's own light.
+    Other outputs: ``trust`` (Z).
+    """
+    b = Builder(position=3, normal=3, **({"light": 3} if code else {}))
+    light = volume.light[..., None] if basis is None else basis
+    tables = _Tables.of(volume, light)
+    h, cells = volume.lattice.spacing, np.array(volume.lattice.cells)
+    y = b.add("position", b.scale("normal", float(volume.offset * h)))
+    unit_place = b.clamp(b.affine(y, (1 / (h * cells)).tolist(), (-volume.lattice.origin / (h * cells)).tolist()))
+    low = b.nearest(unit_place, b.buffer(tables.cells, "cells"))
+    f = b.subtract(b.affine(unit_place, cells.tolist(), [0.0] * 3), low)
+    total, z = _sum(b, volume, tables, low, f)
+    fallback = _light_row(b, b.nearest(unit_place, b.buffer(tables.fallback, "fallback")), tables)
+    delta = b.scale(b.clamp(b.affine(z, [-1.0], [1.0]), 0.0, 1.0), FALLBACK)
+    total = b.add(total, b.multiply(delta, fallback))
+    mean = b.multiply(b.reciprocal(b.add(z, delta), 1e-9), total)
+    if code:
+        mean = b.matvec(mean, code.node(b), 27)
+    y = b.sh("normal", 3)
+    even = b.multiply(b.slice(mean, 0, 3), b.slice(y, 0, 1))
+    e = b.add(even, b.matvec(b.slice(mean, 3, 24), b.slice(y, 1, 8), 3))
+    radiance = b.scale(b.clamp(e, 0.0, BRIGHTEST), float(unit / np.pi))
+    return b.build(radiance=radiance, trust=b.scale(z, 1.0))
+
+
+def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str) -> tuple[str, str]:
+    """N and Z over the eight corners."""
+    nx, ny, _ = volume.lattice.shape
+    strides = np.array([1.0, nx, nx * ny])
+    first = b.linear(low, strides[None], np.zeros(1))
+    g = b.affine(f, [-1.0] * 3, [1.0] * 3)
+    axis = [[b.slice(v, k, 1) for v in (g, f)] for k in range(3)]
+    nodes = b.buffer(tables.nodes, "nodes")
+    total = z = None
+    for corner in CORNERS:
+        node = b.rows(b.affine(first, [1.0], [float(corner @ strides)]), nodes)
+        u = b.affine(f, [1.0] * 3, (-corner).astype(float).tolist())
+        hat = b.multiply(b.multiply(axis[0][corner[0]], axis[1][corner[1]]), axis[2][corner[2]])
+        phi = b.multiply(hat, _rho(b, volume, tables, node, u))
+        part = b.multiply(phi, _light_row(b, b.slice(node, 0, 1), tables))
+        total, z = (part, phi) if z is None else (b.add(total, part), b.add(z, phi))
+    return total, z
+
+
+def _light_row(b: Builder, record: str, tables: _Tables) -> str:
+    """Band 0 of three colours, then bands 1 and 2; times K."""
+    return b.concat(b.rows(record, b.buffer(tables.mean, "mean")), b.rows(record, b.buffer(tables.shape, "shape")))
+
+
+def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str) -> str:
+    """ρ of one corner."""
+    f = FUNCTIONS[volume.function]
+    if isinstance(f, TinyMlp):
+        record = b.slice(node, 4, 1)
+        w1, b1, w2, b2, w3, b3 = tables.layers
+        x = b.activate(b.linear(u, b.buffer(w1, "mlp.w1"), b.buffer(b1, "mlp.b1"), record), "leaky_relu")
+        x = b.activate(b.linear(x, b.buffer(w2, "mlp.w2"), b.buffer(b2, "mlp.b2"), record), "leaky_relu")
+        raw = b.linear(x, b.buffer(w3, "mlp.w3"), b.buffer(b3, "mlp.b3"), record)
+    else:
+        side, size = f.side, np.array(tables.blocks.shape[2::-1])
+        half = (side - 1) / 2
+        at = b.add(b.slice(node, 1, 3), b.affine(u, [half] * 3, [half + 0.5] * 3))
+        raw = b.grid(b.affine(at, (1 / size).tolist(), [0.0] * 3), b.buffer(tables.blocks, "blocks"))
+    rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]))
+    if tables.octants is None:
+        return rho
+    size = np.array(tables.octants.shape[2::-1])
+    inside = b.clamp(b.affine(u, [2.0] * 3, [2.0] * 3), 0.0, 4 - BELOW)
+    place = b.add(b.slice(node, 5, 3), inside)
+    return b.multiply(
+        rho, b.nearest(b.affine(place, (1 / size).tolist(), [0.0] * 3), b.buffer(tables.octants, "octants"))
+    )
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """Buffers of a graph."""
+
+    cells: Buffer
+    """[Cz, Cy, Cx, 3] least corner of each cell."""
+    nodes: np.ndarray
+    """[P, 8] record of the light; place of the block; record of the weights; place of the octants."""
+    mean: Buffer
+    """[L + 1, 3 K] float16: band 0 of each colour; row 0 is black."""
+    shape: Buffer
+    """[L + 1, 24 K] int8 with a step for each record: bands 1 and 2 of each colour."""
+    fallback: np.ndarray
+    """[2 Cz, 2 Cy, 2 Cx, 1] record of the light."""
+    blocks: Buffer | None
+    octants: Buffer | None
+    layers: tuple = ()
+
+    @staticmethod
+    def of(volume: ProbeVolume, light: np.ndarray) -> _Tables:
+        live = np.flatnonzero(volume.state != DROPPED)
+        record = np.zeros(len(volume.lattice))
+        record[live] = 1 + np.arange(len(live))
+        # Weights: record 0 trusts nothing, record 1 all.
+        weights = np.where(volume.state == WEIGHTED, 2 + volume.row, np.where(volume.state == OPEN, 1, 0))
+        places, shape = _atlas(2 + len(volume.params))
+        f = FUNCTIONS[volume.function]
+        blocks, layers, side = None, (), getattr(f, "side", 4)
+        if isinstance(f, ReluField):
+            values = np.concatenate([np.full((1, side**3), LOW), np.full((1, side**3), HIGH), volume.params])
+            stored = _scatter(encode(values), places, shape, side)
+            blocks = Buffer(stored, "uint8", np.float32((HIGH - LOW) / 255), LOW)
+        elif isinstance(f, TinyMlp):
+            layers = _layers(f, volume.params)
+        else:
+            raise ValueError(f"probes: '{volume.function}' has no shading graph; bake with relu-field or mlp")
+        octants = _octants(volume, places, shape)
+        nodes = np.concatenate(
+            [record[:, None], side * places[weights], weights[:, None], (4 * places[weights])[:, :3]], axis=1
+        )
+        return _Tables(_cells(volume), nodes, *_light(light, live), _fallback(volume, record), blocks, octants, layers)
+
+
+def _atlas(count: int) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """Places [count, 3] (x, y, z in blocks) of blocks in a box, and its size in blocks."""
+    side = max(1, int(np.ceil(count ** (1 / 3))))
+    k = np.arange(count)
+    depth = -(-count // side**2)
+    return np.stack([k % side, k // side % side, k // side**2], axis=1), (side, side, depth)
+
+
+def _scatter(values: np.ndarray, places: np.ndarray, shape, side: int) -> np.ndarray:
+    """[D, H, W, 1] atlas of blocks [count, side³]."""
+    nx, ny, nz = shape
+    out = np.zeros((nz, side, ny, side, nx, side), values.dtype)
+    x, y, z = places.T
+    out[z, :, y, :, x, :] = values.reshape(-1, side, side, side)
+    return out.reshape(nz * side, ny * side, nx * side, 1)
+
+
+def _octants(volume: ProbeVolume, places: np.ndarray, shape) -> Buffer | None:
+    """The masks as an atlas of 4³ bytes; None where all are full."""
+    bits = volume.octant[:, None] >> np.arange(64, dtype=np.uint64) & np.uint64(1)
+    if bits.all():
+        return None
+    values = np.concatenate([np.ones((2, 64)), bits]).astype(np.uint8)
+    return Buffer(_scatter(values, places, shape, 4), "uint8", np.float32(1))
+
+
+def _layers(f: TinyMlp, params: np.ndarray) -> tuple:
+    """Weights and biases of all records; the first two are constants."""
+    constant = np.zeros((2, params.shape[1]), np.float32)
+    constant[:, -1] = (-1, 2)
+    parts, steps = f.parts(np.concatenate([constant, params])), f.steps(np.concatenate([constant, params]))
+    out = []
+    for k in range(3):
+        w, bias, step = parts[2 * k], parts[2 * k + 1], steps[:, k]
+        for values in (w, bias):
+            shaped = step.reshape(-1, *(1,) * (values.ndim - 1))
+            out.append(Buffer(np.rint(values / shaped), "int8", step))
+    return tuple(out)
+
+
+def _cells(volume: ProbeVolume) -> Buffer:
+    nx, ny, nz = volume.lattice.cells
+    z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
+    values = np.stack([x, y, z], axis=-1)
+    return Buffer(values, "uint8", np.float32(1)) if max(nx, ny, nz) <= 256 else Buffer(values)
+
+
+def _light(light: np.ndarray, live: np.ndarray) -> tuple[Buffer, Buffer]:
+    """Band 0 and the others; (colour, harmonic, code) with the code fastest, so that each number has its place."""
+    rows = np.concatenate([np.zeros((1, *light.shape[1:])), light[live]])
+    rows = np.moveaxis(rows, 2, 1)
+    mean, shape = rows[:, :, 0].reshape(len(rows), -1), rows[:, :, 1:].reshape(len(rows), -1)
+    return pack(mean, "float16"), pack(shape, "int8")
+
+
+def _fallback(volume: ProbeVolume, record: np.ndarray) -> np.ndarray:
+    nx, ny, nz = volume.lattice.cells
+    node = volume.fallback.reshape(nz, ny, nx, 2, 2, 2)
+    value = np.where(node >= 0, record[np.maximum(node, 0)], 0)
+    return value.transpose(0, 3, 1, 4, 2, 5).reshape(2 * nz, 2 * ny, 2 * nx, 1)

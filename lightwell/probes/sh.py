@@ -1,0 +1,101 @@
+r"""Irradiance in spherical harmonics: bands 0 … 2, zonal band 2 (ZH3), and the removal of ringing.
+
+e_lm = A_l L_lm with A = (π, 2π/3, π/4) (Ramamoorthi and Hanrahan 2001). The harmonics are those of the shading graph's
+op ``sh`` with degree 3, signs included. Arrays are [..., 9, 3]: harmonic, then colour.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.graph.ops.encoding import sh_components
+
+# Convolution of band l with the clamped cosine.
+COSINE = np.array([np.pi, 2 * np.pi / 3, np.pi / 4])
+# Band of each of the nine harmonics.
+BAND = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2])
+TO_IRRADIANCE = COSINE[BAND]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+# Band 1 of the harmonics is (-Y_1 y, Y_1 z, -Y_1 x): where x, y and z stand and their signs.
+ORDER, SIGN = np.array([3, 1, 2]), np.array([-1.0, -1.0, 1.0])
+# Directions on which irradiance must not be negative, and steps of the search for the window.
+DIRECTIONS, BISECTIONS = 256, 24
+MAX_WINDOW = 16.0
+
+
+def basis(d: np.ndarray) -> np.ndarray:
+    """[N, 9] harmonics in unit directions [N, 3]."""
+    return np.stack(sh_components(*np.asarray(d, np.float64).T, 3), axis=1)
+
+
+def directions(count: int) -> np.ndarray:
+    """[count, 3] directions on a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def evaluate(e: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """[N, 3] irradiance of coefficients [N, 9, 3] (or [9, 3]) at normals [N, 3]."""
+    return np.einsum("nk,...nkc->nc", basis(n), np.broadcast_to(e, (len(n), 9, 3)))
+
+
+def windowed(e: np.ndarray, kappa: np.ndarray) -> np.ndarray:
+    """Band l times 1 / (1 + κ l² (l + 1)²); κ [...] for e [..., 9, 3]."""
+    squared = (BAND * (BAND + 1.0)) ** 2
+    return e / (1 + np.asarray(kappa)[..., None, None] * squared[:, None])
+
+
+def deringing(e: np.ndarray) -> np.ndarray:
+    """[P] smallest κ that keeps the irradiance of [P, 9, 3] (or of each of S states, [S, P, 9, 3]) from going negative.
+
+    Several states share the largest κ, so that mixing them stays linear.
+    """
+    y = basis(directions(DIRECTIONS))
+    e = np.asarray(e, np.float64)
+    states = e.reshape(-1, *e.shape[-3:])
+    e0 = states[..., 0, :].max(axis=-1)
+
+    def good(kappa: np.ndarray) -> np.ndarray:
+        window = windowed(states, np.broadcast_to(kappa, states.shape[:2]))
+        least = np.einsum("dk,spkc->spdc", y, window).min(axis=(2, 3))
+        return (least >= -1e-6 * np.maximum(e0, 1e-30)).all(axis=0)
+
+    low, high = np.zeros(states.shape[1]), np.full(states.shape[1], MAX_WINDOW)
+    done = good(low)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        fine = good(middle)
+        low, high = np.where(fine, low, middle), np.where(fine, middle, high)
+    return np.where(done, 0.0, high)
+
+
+def zh3(e: np.ndarray) -> np.ndarray:
+    """[..., 5, 3] ZH3 coding of [..., 9, 3]: bands 0 and 1, then one zonal value per colour about the shared luminance
+    direction ω (Roughton, Sloan, Silvennoinen, Iwanicki and Shirley, ZH3: Quadratic Zonal Harmonics, 2024)."""
+    e = np.asarray(e, np.float64)
+    y = basis(axis(e).reshape(-1, 3))[:, 4:].reshape(*e.shape[:-2], 5)
+    z = np.sqrt(4 * np.pi / 5) * np.einsum("...k,...kc->...c", y, e[..., 4:, :])
+    return np.concatenate([e[..., :4, :], z[..., None, :]], axis=-2)
+
+
+def axis(e: np.ndarray) -> np.ndarray:
+    """[..., 3] unit luminance direction ω of band 1; +y where there is none."""
+    v = np.einsum("...kc,c->...k", e[..., ORDER, :], LUMINANCE) * SIGN
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.where(length > 1e-12, v / np.maximum(length, 1e-12), [0.0, 1.0, 0.0])
+
+
+def from_zh3(z: np.ndarray) -> np.ndarray:
+    """[..., 9, 3] of [..., 5, 3]: the zonal harmonic turned to ω."""
+    y = basis(axis(z).reshape(-1, 3))[:, 4:].reshape(*z.shape[:-2], 5)
+    band = np.sqrt(4 * np.pi / 5) * y[..., :, None] * z[..., 4:5, :]
+    return np.concatenate([z[..., :4, :], band], axis=-2)
+
+
+def evaluate_zh3(z: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """[N, 3] irradiance of [N, 5, 3] at normals [N, 3], without the five harmonics of band 2."""
+    low = np.einsum("nk,nkc->nc", basis(n)[:, :4], z[:, :4])
+    cosine = (axis(z) * n).sum(axis=1, keepdims=True)
+    return low + z[:, 4] * np.sqrt(5 / (4 * np.pi)) * (3 * cosine**2 - 1) / 2

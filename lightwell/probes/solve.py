@@ -1,0 +1,148 @@
+r"""The light of the probes, solved through the run-time weights.
+
+    min over L   Σ_i ω_i ‖Σ_p a_ip L_p - L_i‖² + Σ_p μ_p ‖L_p - L_p⁰‖² + Σ_pq ν_pq ‖L_p - L_q‖²
+
+with ω reweighted so that the sum becomes the symmetric relative error (IRLS; Holland and Welsch 1977). One weight
+per row lets one factorisation serve all 27 columns. Notation: I rows (radiance samples), P nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse.linalg import splu
+
+from lightwell.probes import sh
+from lightwell.probes.volume import ORPHAN, ProbeVolume, coefficients
+
+PASSES = 6
+# Pull towards the traced value, and towards neighbours, relative to the diagonal.
+TO_TRACED, TO_NEIGHBOUR = 0.05, 0.01
+# ε of the relative error: this share of the mean irradiance.
+EPSILON = 1e-3
+# Directions in which the error of a row is measured.
+DIRECTIONS = 20
+# The error of a row counts at least this share of its size: a bound on ω.
+LEAST_RESIDUAL = 0.01
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Radiance samples: where, on which side, and how much."""
+
+    place: np.ndarray
+    """[I, 3]."""
+    normal: np.ndarray
+    """[I, 3] side of a sample on a surface; 0 in free air: the offset then has no direction."""
+    light: np.ndarray
+    """[I, 9, 3] irradiance harmonics, or [S, I, 9, 3] of S light states."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solve found."""
+
+    light: np.ndarray
+    """[P, 9, 3], or [S, P, 9, 3]."""
+    orphans: np.ndarray
+    """[I] bool: rows that no probe may be trusted at."""
+    errors: tuple[float, ...]
+    """Mean symmetric relative error after each pass, the traced light first."""
+
+
+def smape(truth: np.ndarray, found: np.ndarray, epsilon: float) -> np.ndarray:
+    """|a - b| / (|a| + |b| + ε), in [0, 1]."""
+    return np.abs(truth - found) / (np.abs(truth) + np.abs(found) + epsilon)
+
+
+def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
+    """[I, P] shares of the nodes and the trusted weight Z [I]."""
+    node, share, z = coefficients(volume, rows.place, rows.normal)
+    at = np.repeat(np.arange(len(node)), node.shape[1])
+    shape = (len(node), len(volume.lattice))
+    return coo_matrix((share.ravel().astype(np.float64), (at, node.ravel())), shape=shape).tocsc(), z
+
+
+def solve(volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PASSES) -> Solution:
+    """Solve for the light of all live nodes.
+
+    traced   [P, 9, 3] (or [S, P, 9, 3]) light traced where each probe looks from: the start, and the pull.
+    Several states share ω, computed from their mean, so that the solve is linear in the light.
+    """
+    a, z = matrix(volume, rows)
+    good = z >= ORPHAN
+    a = a[np.flatnonzero(good)]
+    states = rows.light.ndim == 4
+    goal, start = (rows.light, traced) if states else (rows.light[None], traced[None])
+    goal = goal[:, good].astype(np.float64)
+    live = np.flatnonzero(volume.alive)
+    columns = a[:, live].tocsc()
+    ties = _ties(columns)
+    prior = np.moveaxis(start[:, live].astype(np.float64), 0, 1).reshape(len(live), -1)
+    right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1)
+    measure = _Measure(goal.mean(axis=0))
+    mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1)  # noqa: E731
+    omega = 1 / (measure.size + measure.epsilon) ** 2
+    best, errors = prior, [measure.error(columns @ mean_of(prior).reshape(len(live), 27))]
+    for _ in range(passes):
+        found = _weighted(columns, omega, right, prior, ties)
+        predicted = columns @ mean_of(found).reshape(len(live), 27)
+        errors.append(measure.error(predicted))
+        # A frozen denominator does not guarantee descent: the best pass is kept.
+        if errors[-1] <= min(errors):
+            best = found
+        omega = measure.omega(predicted)
+    light = np.zeros((len(start), len(volume.lattice), 9, 3), np.float32)
+    light[:, live] = np.moveaxis(best.reshape(len(live), len(start), 9, 3), 1, 0)
+    return Solution(light if states else light[0], ~good, tuple(errors))
+
+
+class _Measure:
+    """The error of rows in a few directions."""
+
+    def __init__(self, light: np.ndarray) -> None:
+        self._basis = sh.basis(sh.directions(DIRECTIONS))
+        self._truth = self._irradiance(light.reshape(len(light), 27))
+        self.size = np.abs(self._truth).mean(axis=(1, 2))
+        self.epsilon = EPSILON * max(float(self.size.mean()), 1e-30)
+
+    def _irradiance(self, light: np.ndarray) -> np.ndarray:
+        """[I, D, 3] of [I, 27]."""
+        return np.einsum("dk,ikc->idc", self._basis, light.reshape(-1, 9, 3))
+
+    def error(self, light: np.ndarray) -> float:
+        return float(smape(self._truth, self._irradiance(light), self.epsilon).mean())
+
+    def omega(self, light: np.ndarray) -> np.ndarray:
+        """[I] weights of the next pass."""
+        found = self._irradiance(light)
+        d = self.size + np.abs(found).mean(axis=(1, 2)) + self.epsilon
+        r = np.abs(self._truth - found).mean(axis=(1, 2))
+        return 1 / (d * np.maximum(r, LEAST_RESIDUAL * d))
+
+
+def _ties(columns: csc_matrix) -> csc_matrix:
+    """[P', P'] overlap of neighbours' weights, 0 on the diagonal: never across a wall."""
+    gram = (columns.T @ columns).tocsr()
+    size = np.sqrt(np.maximum(gram.diagonal(), 1e-30))
+    overlap = diags(1 / size) @ gram @ diags(1 / size)
+    overlap.setdiag(0)
+    return overlap.tocsc()
+
+
+def _weighted(columns: csc_matrix, omega: np.ndarray, right: np.ndarray, prior: np.ndarray, ties) -> np.ndarray:
+    """[P', 27 S] minimiser for given ω."""
+    omega = omega / max(float(omega.mean()), 1e-30)
+    weighted = diags(omega) @ columns
+    gram = (columns.T @ weighted).tocsc()
+    diagonal = gram.diagonal()
+    # A node that no row asks keeps its traced light.
+    floor = 1e-6 * max(float(diagonal.max(initial=0)), 1e-30)
+    pull = TO_TRACED * diagonal + floor
+    root = np.sqrt(diagonal + floor)
+    joint = TO_NEIGHBOUR * (diags(root) @ ties @ diags(root))
+    laplace = diags(np.asarray(joint.sum(axis=1)).ravel()) - joint
+    system = (gram + diags(pull) + laplace).tocsc()
+    return splu(system).solve(weighted.T @ right + pull[:, None] * prior)

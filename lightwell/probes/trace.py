@@ -1,0 +1,139 @@
+"""Light in the air: path-traced spherical harmonics and irradiance at points that lie on no surface.
+
+Notation: N points; one lane is one path, two independent halves of the paths belong to each point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.graph.ops.encoding import sh_components
+from lightwell.probes.sh import TO_IRRADIANCE
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.interactions import upload
+from lightwell.transport.radiance import (
+    MAX_DEPTH,
+    RR_DEPTH,
+    _power,
+    _vertex,
+    independent,
+    random_streams,
+    stratified,
+    trace,
+)
+from lightwell.transport.sources import Emitters, declared
+from lightwell.transport.tables import tables
+
+LAUNCH = 1 << 19
+# A stream beyond those of the paths shifts the lattice of directions.
+LATTICE_STREAM = 1 << 31
+UNIFORM = 1 / (4 * np.pi)
+
+
+@dataclass(frozen=True)
+class AirLight:
+    """What arrives at N points."""
+
+    half_a: np.ndarray
+    """[N, 9, 3] float32 irradiance harmonics by the first half of the paths."""
+    half_b: np.ndarray
+    """[N, 9, 3] ... by the second."""
+    e_a: np.ndarray
+    """[N, 3] irradiance at the given normals by the first half, without harmonics (0 where no normals were given)."""
+    e_b: np.ndarray
+
+    @property
+    def sh(self) -> np.ndarray:
+        """[N, 9, 3] both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+    @property
+    def irradiance(self) -> np.ndarray:
+        """[N, 3] both halves."""
+        return 0.5 * (self.e_a + self.e_b)
+
+
+def air_light(
+    scene: Scene,
+    points: np.ndarray,
+    paths: int,
+    seed: int,
+    *,
+    normals: np.ndarray | None = None,
+    variable: Variable | None = None,
+    light: np.ndarray | None = None,
+) -> AirLight:
+    """Light at points [N, 3] in the air, ``paths`` (even) for each.
+
+    normals   [N, 3]: also the irradiance there, all bands.
+    variable  None: the scene's own emitters, direct and indirect. Else the indirect light of the declared light of 1 cd
+              (1 lx) at ``light`` [3] or [N, 3]; its direct light is the rasteriser's.
+    """
+    if paths < 2 or paths % 2:
+        raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    tables(scene)
+    half = paths // 2
+    n = np.zeros_like(points) if normals is None else normals
+    place, normal = upload(mi.Point3f, points), upload(mi.Vector3f, n)
+    lights = None if variable is None else upload(mi.Vector3f, np.broadcast_to(np.float32(light), (len(points), 3)))
+    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
+    batch = max(1, LAUNCH // paths)
+    rows = np.zeros((len(points), 2, 30), np.float32)
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        span = (start, count, half)
+        rows[start : start + count] = _launch(scene, place, normal, settings, span, variable, lights) / half
+    sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
+    return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
+
+
+def _launch(scene: Scene, place, normal, settings, span, variable, lights) -> np.ndarray:
+    """[count, 2, 30] sums of radiance times harmonics, and of radiance times cosine."""
+    seed, max_depth, rr_depth, size = settings
+    start, count, half = span
+    lane = dr.arange(mi.UInt32, count * 2 * half)
+    group, path = lane // size, lane % size
+    row = dr.opaque(mi.UInt32, start) + group // 2
+    rng = random_streams(seed, row, (group & 1) * size + path)
+    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
+    source = Emitters() if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
+    u = stratified(shift, path, size)[1]
+    columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None)
+    dr.eval(columns)
+    return np.stack([np.array(dr.block_sum(c, half)) for c in columns], axis=1).reshape(count, 2, 30)
+
+
+def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) -> list:
+    """30 numbers of one path: nine harmonics and the cosine, times three colours."""
+    totals = [mi.Float(0)] * 30
+    at = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
+    at.p, at.t = p, mi.Float(0)
+    # ------------------------ Emitter sampling ------------------------
+    if own:
+        wo, weight, pdf, delta, shadow = source.sample(
+            geometry, at, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
+        )
+        lit = (dr.max(weight) > 0) & ~geometry.ray_test(shadow)
+        mis = dr.select(delta, 1, _power(pdf, UNIFORM))
+        totals = _added(totals, wo, n, dr.select(lit, mis * weight, 0))
+    # --------------------- Uniformly distributed ray ---------------------
+    d = mi.warp.square_to_uniform_sphere(u)
+    ray = mi.Ray3f(p, d)
+    si = geometry.ray_intersect(ray)
+    L = dr.select(si.is_valid(), trace(geometry, si, source, rng, independent(rng), max_depth - 1, rr_depth, True), 0)
+    if own:
+        Le, hit_pdf = source.hit(geometry, _vertex(at), si, ray, mi.Bool(False), mi.Bool(True))
+        L += _power(mi.Float(UNIFORM), hit_pdf) * Le
+    return _added(totals, d, n, L / UNIFORM)
+
+
+def _added(totals: list, d, n, L) -> list:
+    """Totals plus radiance L from direction d."""
+    L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+    factors = [*sh_components(d.x, d.y, d.z, 3), dr.maximum(dr.dot(n, d), 0)]
+    return [t + f * c for t, (f, c) in zip(totals, ((f, c) for f in factors for c in L))]

@@ -1,0 +1,131 @@
+r"""A baked probe volume and its query in NumPy: the definition that every other evaluator is tested against.
+
+    E(x, n) = ⟨Y(n), (N + δ F) / (Z + δ)⟩    N = Σ_p Φ_p L_p    Z = Σ_p Φ_p    δ = ε_z (1 - Z)    Φ_p = hat_p ρ_p
+
+at y = x + offset · h · n. Z is the share of trilinear weight that may be trusted; F is the probe to fall back to, the
+nearest by a free path. Notation: P nodes, R records, C cells, N points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lightwell.probes import sh
+from lightwell.probes.lattice import Lattice
+from lightwell.probes.pattern import octants
+from lightwell.probes.weights import FUNCTIONS, trusted
+
+# Places are looked up this far off along the normal, units of h: a weight knows a place, not a side.
+OFFSET = 0.2
+# ε_z: the weight of the fallback where nothing may be trusted.
+FALLBACK = 1e-3
+# What a node is.
+DROPPED, OPEN, WEIGHTED = 0, 1, 2
+# A query with less trusted weight than this is an orphan: probes or bricks are missing there.
+ORPHAN = 0.05
+ALL_OCTANTS = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+@dataclass(frozen=True)
+class ProbeVolume:
+    """Geometry (weights) and light (harmonics) of a lattice of probes."""
+
+    lattice: Lattice
+    function: str
+    """Name of the weight function, one of ``FUNCTIONS``."""
+    state: np.ndarray
+    """[P] uint8: DROPPED, OPEN (ρ = 1 everywhere) or WEIGHTED."""
+    row: np.ndarray
+    """[P] int32 record of a weighted node, -1 for others."""
+    params: np.ndarray
+    """[R, ...] float32 parameters, quantised as stored."""
+    octant: np.ndarray
+    """[R] uint64: bit o is set where octant o of the cube may be trusted at all."""
+    fallback: np.ndarray
+    """[C, 8] int32 node to fall back to in each octant of each cell; -1: none (black)."""
+    light: np.ndarray
+    """[P, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
+    offset: float = OFFSET
+    """Units of h."""
+
+    def lit(self, light: np.ndarray) -> ProbeVolume:
+        """The same weights under other light [P, 9, 3]."""
+        return replace(self, light=np.asarray(light, np.float32))
+
+    @property
+    def alive(self) -> np.ndarray:
+        """[P] bool: nodes that hold light."""
+        return self.state != DROPPED
+
+    def bytes_per_probe(self, coding: str = "zh3") -> dict[str, float]:
+        """Bytes of the parts of a live probe: weights, light (fp16 'l2' or 'zh3'), mask and tables; averages."""
+        live = max(int(self.alive.sum()), 1)
+        f = FUNCTIONS[self.function]
+        light = {"l2": 54.0, "zh3": 30.0}[coding]
+        table = (5 * len(self.lattice) + 4 * self.fallback.size) / live  # state, row; fallback
+        return {
+            "weights": f.stored * len(self.params) / live,
+            "light": light,
+            "octants": 8.0 * len(self.params) / live,
+            "tables": table,
+            "record": f.stored + light,
+        }
+
+
+def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes [N, 8], hat [N, 8] and ρ [N, 8] at places [N, 3] (already off their surfaces)."""
+    node, hat, u = volume.lattice.corners(y)
+    state = volume.state[node]
+    rho = (state == OPEN).astype(np.float32)
+    asked = (state == WEIGHTED) & (hat > 0)
+    record, place = volume.row[node[asked]], u[asked]
+    bit = volume.octant[record] >> octants(place).astype(np.uint64) & np.uint64(1)
+    value = trusted(FUNCTIONS[volume.function].raw(volume.params[record], place))
+    rho[asked] = np.where(bit.astype(bool), value, 0)
+    return node, hat.astype(np.float32), rho
+
+
+def coefficients(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes [N, 9], their shares [N, 9] of the light at x on the side of n, and Z [N]; the ninth is the fallback."""
+    y = np.asarray(x, np.float64) + volume.offset * volume.lattice.spacing * np.asarray(n, np.float64)
+    node, hat, rho = trust_at(volume, y)
+    phi = hat * rho
+    z = phi.sum(axis=1)
+    back = fallback_node(volume, y)
+    delta = FALLBACK * np.maximum(1 - z, 0)
+    total = z + delta
+    share = np.concatenate([phi, (delta * (back >= 0))[:, None]], axis=1) / np.where(total > 0, total, 1)[:, None]
+    return np.concatenate([node, np.maximum(back, 0)[:, None]], axis=1), share, z
+
+
+def fallback_node(volume: ProbeVolume, y: np.ndarray) -> np.ndarray:
+    """[N] node to fall back to."""
+    cell, f = volume.lattice.locate(y)
+    octant = (f >= 0.5) @ np.array([1, 2, 4])
+    return volume.fallback[volume.lattice.cell_number(cell), octant]
+
+
+def query(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Irradiance [N, 3] at places x [N, 3] for unit normals n [N, 3], and the trusted share Z [N]."""
+    node, share, z = coefficients(volume, x, n)
+    e = np.einsum("nk,nkbc->nbc", share, volume.light[node])
+    return np.maximum(sh.evaluate(e, n), 0), z
+
+
+def explain(volume: ProbeVolume, x, n) -> list[dict]:
+    """What each probe adds at one place: node, hat, ρ, share. For people who ask why it is dark here."""
+    x, n = np.asarray(x, float).reshape(1, 3), np.asarray(n, float).reshape(1, 3)
+    y = x + volume.offset * volume.lattice.spacing * n
+    node, hat, rho = trust_at(volume, y)
+    nodes, share, _ = coefficients(volume, x, n)
+    names = ("dropped", "open", "weighted")
+    found = [
+        {"node": int(p), "state": names[volume.state[p]], "hat": float(a), "rho": float(r), "share": float(s)}
+        for p, a, r, s in zip(node[0], hat[0], rho[0], share[0])
+    ]
+    return [
+        *found,
+        {"node": int(nodes[0, 8]), "state": "fallback", "hat": 0.0, "rho": 0.0, "share": float(share[0, 8])},
+    ]

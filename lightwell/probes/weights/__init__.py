@@ -1,0 +1,20 @@
+"""Weight functions: how far a probe is trusted at a place in its cube, in a hundred bytes."""
+
+from lightwell.probes.weights.common import WeightFunction as WeightFunction
+from lightwell.probes.weights.common import error as error
+from lightwell.probes.weights.common import leak as leak
+from lightwell.probes.weights.common import point_weight as point_weight
+from lightwell.probes.weights.common import trusted as trusted
+from lightwell.probes.weights.common import under as under
+from lightwell.probes.weights.mlp import TinyMlp
+from lightwell.probes.weights.product import ProductField
+from lightwell.probes.weights.refine import refine as refine
+from lightwell.probes.weights.relu import ReluField
+
+# By the name in files and on the command line.
+FUNCTIONS: dict[str, WeightFunction] = {
+    "relu-field": ReluField(4),
+    "relu-field-5": ReluField(5),
+    "product-field": ProductField(5, 2),
+    "mlp": TinyMlp(),
+}

@@ -1,0 +1,71 @@
+"""What weight functions share: clip, threshold, loss of a fit. Notation: B probes, Q points, C parameters."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+# Trust below this is none: residual leak is cut off before normalisation can amplify it.
+THRESHOLD = 0.02
+# A fit weighs points that must get nothing this much.
+LEAK_WEIGHT = 4.0
+# ... and points inside of geometry, which are never asked, this much.
+INSIDE_WEIGHT = 0.02
+# Slope of the clip outside [0, 1] while fitting, or gradients die.
+LEAK = 0.02
+
+
+class WeightFunction(Protocol):
+    """One way to write down ρ(u) of a probe in a few numbers."""
+
+    name: str
+    parameters: int
+    """C."""
+    stored: int
+    """Bytes of a record."""
+
+    def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """[N] value before the clip, of parameters [N, C] at probe-local places [N, 3]."""
+
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout) -> np.ndarray:
+        """[B, C] parameters for targets ρ [B, Q] at the points of the pattern, weighed by ``point_weight`` [B, Q]."""
+
+    def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, object]:
+        """[B, Q] values before the clip at shared places [Q, 3], and what ``gradient`` needs."""
+
+    def gradient(self, state: object, slope: np.ndarray) -> np.ndarray:
+        """[B, C] from the derivative of the loss by each value [B, Q]."""
+
+    def quantised(self, params: np.ndarray) -> np.ndarray:
+        """[B, C] parameters as they are stored."""
+
+
+def trusted(raw: np.ndarray) -> np.ndarray:
+    """ρ in [0, 1] of a raw value: clipped, then the threshold taken off."""
+    return np.clip((np.clip(raw, 0, 1) - THRESHOLD) / (1 - THRESHOLD), 0, None)
+
+
+def point_weight(target: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """[B, Q] float32 weight of each point in a fit; ``valid`` [B, Q]: points that lie in air."""
+    weight = np.where(target > 0, np.float32(1), np.float32(LEAK_WEIGHT))
+    return hat.astype(np.float32) ** 2 * np.where(valid, weight, np.float32(INSIDE_WEIGHT))
+
+
+def error(target: np.ndarray, rho: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """[B] root mean square of hat · (ρ̂ - ρ) over the points in air."""
+    squares = np.where(valid, (hat * (rho - target)) ** 2, 0)
+    return np.sqrt(squares.sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
+
+
+def leak(target: np.ndarray, rho: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> float:
+    """Predicted over trilinear weight where the true one is 0."""
+    dark = (target == 0) & valid
+    return float((hat * rho)[dark].sum() / np.maximum(np.broadcast_to(hat, rho.shape)[dark].sum(), 1e-12))
+
+
+def under(target: np.ndarray, rho: np.ndarray, hat: np.ndarray) -> float:
+    """Share of weight lost where the probe sees the point."""
+    seen = target == 1
+    lost = (hat * np.maximum(1 - rho, 0))[seen].sum()
+    return float(lost / np.maximum(np.broadcast_to(hat, rho.shape)[seen].sum(), 1e-12))

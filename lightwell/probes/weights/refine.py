@@ -1,0 +1,65 @@
+"""Adam on the parameters of many probes at once, against the clip and the threshold that the query has.
+
+Kingma and Ba 2015, with a cosine decay. Every step looks at the same few support points of every probe.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.probes.pattern import Pattern
+from lightwell.probes.weights.common import LEAK, THRESHOLD
+
+# Points of a step, and probes that fit into the cache together.
+POINTS, BATCH = 1024, 64
+DECAY_1, DECAY_2, EPSILON = 0.9, 0.99, 1e-8
+
+
+def refine(
+    function,
+    params: np.ndarray,
+    target: np.ndarray,
+    weight: np.ndarray,
+    layout: Pattern,
+    *,
+    steps: int,
+    rate: float,
+    points: int = POINTS,
+    seed: int = 0,
+) -> np.ndarray:
+    """[B, C] parameters after ``steps`` steps from ``params``; ``target`` and ``weight`` [B, Q]."""
+    out = np.array(params, np.float32)
+    for start in range(0, len(out), BATCH):
+        rows = slice(start, start + BATCH)
+        out[rows] = _batch(function, out[rows], target[rows], weight[rows], layout, steps, rate, points, seed)
+    return out
+
+
+def _batch(function, params, target, weight, layout, steps, rate, points, seed) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    mean, square = np.zeros_like(params), np.zeros_like(params)
+    order, used = rng.permutation(len(layout.u)), 0
+    for step in range(steps):
+        if used + points > len(order):
+            order, used = rng.permutation(len(layout.u)), 0
+        chosen = order[used : used + points]
+        used += points
+        slope, state = _loss(function, params, target[:, chosen], weight[:, chosen], layout.u[chosen])
+        gradient = function.gradient(state, slope)
+        mean = DECAY_1 * mean + (1 - DECAY_1) * gradient
+        square = DECAY_2 * square + (1 - DECAY_2) * gradient**2
+        speed = rate * 0.5 * (1 + np.cos(np.pi * step / steps))
+        correction = np.sqrt(1 - DECAY_2 ** (step + 1)) / (1 - DECAY_1 ** (step + 1))
+        params = params - np.float32(speed * correction) * mean / (np.sqrt(square) + np.float32(EPSILON))
+        params = function.bounded(params)
+    return params
+
+
+def _loss(function, params, target, weight, u) -> tuple[np.ndarray, object]:
+    """Derivative of the weighted squared error by each value, and the state of the function."""
+    value, state = function.values(params, u)
+    inner = (value - np.float32(THRESHOLD)) * np.float32(1 / (1 - THRESHOLD))
+    rho = np.clip(inner, 0, 1)
+    steep = np.where((inner < 0) | (inner > 1), np.float32(LEAK), np.float32(1))
+    # Where the clip already gives the target, nothing pulls.
+    return (2 / (u.shape[0] * (1 - THRESHOLD))) * weight * (rho - target) * steep, state

@@ -1,0 +1,148 @@
+"""The lattice, the weight functions and the query, against closed forms and against the shading graph."""
+
+import numpy as np
+import pytest
+
+from lightwell.graph import compile, evaluate
+from lightwell.probes import sh
+from lightwell.probes.lattice import Lattice
+from lightwell.probes.lower import lower
+from lightwell.probes.pattern import octants, pattern
+from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, ProbeVolume, coefficients, explain, query
+from lightwell.probes.weights import FUNCTIONS
+
+LATTICE = Lattice(np.array([-1.0, 0.3, 2.0]), 0.7, (5, 4, 6))
+
+
+def unit(v):
+    return (v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
+
+
+def made_up(function: str = "relu-field", lattice: Lattice = LATTICE, seed: int = 0) -> ProbeVolume:
+    """A volume of random weights and light: a definition is tested on nonsense, too."""
+    rng = np.random.default_rng(seed)
+    f, count = FUNCTIONS[function], len(lattice)
+    state = rng.integers(0, 3, count).astype(np.uint8)
+    weighted = np.flatnonzero(state == WEIGHTED)
+    row = np.full(count, -1, np.int32)
+    row[weighted] = np.arange(len(weighted))
+    params = f.quantised(rng.normal(0.3, 0.6, (len(weighted), f.parameters)).astype(np.float32))
+    light = rng.normal(0, 0.4, (count, 9, 3)).astype(np.float32)
+    light[:, 0] = 3 + rng.random((count, 3))
+    light[state == DROPPED] = 0
+    back = rng.integers(-1, count, (lattice.cell_count, 8)).astype(np.int32)
+    back[(back >= 0) & (state[np.maximum(back, 0)] == DROPPED)] = -1
+    masks = rng.integers(0, 2**63, len(weighted), dtype=np.uint64)
+    return ProbeVolume(lattice, function, state, row, params, masks, back, light)
+
+
+def queries(count: int, seed: int = 1):
+    rng = np.random.default_rng(seed)
+    low, high = LATTICE.nodes().min(axis=0) - 0.5, LATTICE.nodes().max(axis=0) + 0.5
+    return rng.uniform(low, high, (count, 3)).astype(np.float32), unit(rng.standard_normal((count, 3)))
+
+
+def opened(volume: ProbeVolume) -> ProbeVolume:
+    from dataclasses import replace
+
+    return replace(volume, state=np.full(len(volume.lattice), OPEN, np.uint8))
+
+
+def test_a_lattice_reaches_a_whole_cell_beyond_the_surfaces():
+    for offset in ((0, 0, 0), (0.99, 0.5, 0.01)):
+        lattice = Lattice.around(np.array([[0, 0, 0], [3, 2, 1.5]]), 0.5, offset)
+        nodes = lattice.nodes()
+        assert (nodes.min(axis=0) <= -0.5 + 1e-9).all() and (
+            nodes.max(axis=0) >= np.array([3.5, 2.5, 2.0]) - 1e-9
+        ).all()
+
+
+def test_node_cells_and_corners_agree():
+    nodes = np.arange(len(LATTICE))
+    cells = LATTICE.node_cells(nodes)
+    for corner in range(8):
+        rows = cells[:, corner] >= 0
+        middle = LATTICE.origin + LATTICE.spacing * (LATTICE.cell_corner(cells[rows, corner]) + 0.5)
+        found, hat, _ = LATTICE.corners(middle)
+        assert (found == nodes[rows, None]).any(axis=1).all() and np.allclose(hat, 1 / 8)
+
+
+def test_hats_sum_to_one_inside():
+    x, _ = queries(500)
+    _, hat, u = LATTICE.corners(x)
+    assert np.allclose(hat.sum(axis=1), 1) and np.abs(u).max() <= 1
+
+
+def test_an_open_volume_is_trilinear_interpolation():
+    volume = opened(made_up())
+    x, n = queries(400)
+    found, z = query(volume, x, n)
+    y = x + volume.offset * LATTICE.spacing * n
+    node, hat, _ = LATTICE.corners(y)
+    expected = np.maximum(sh.evaluate(np.einsum("nk,nkbc->nbc", hat, volume.light[node]), n), 0)
+    assert np.allclose(z, 1, atol=1e-6) and np.abs(found - expected).max() < 1e-5
+
+
+def test_the_query_is_linear_in_the_light():
+    volume = made_up()
+    other = np.random.default_rng(5).normal(0, 0.2, volume.light.shape).astype(np.float32)
+    x, n = queries(200)
+    node, share, _ = coefficients(volume, x, n)
+    part = lambda light: np.einsum("nk,nkbc->nbc", share, light[node])  # noqa: E731
+    mixed = part(2 * volume.light + 3 * other)
+    assert np.abs(mixed - 2 * part(volume.light) - 3 * part(other)).max() < 1e-5
+
+
+@pytest.mark.parametrize("function", ["relu-field", "relu-field-5", "mlp"])
+def test_the_shading_graph_means_the_same(function):
+    volume = made_up(function)
+    x, n = queries(1500)
+    expected, z = query(volume, x, n)
+    graph = lower(volume)
+    found = evaluate(graph, {"position": x, "normal": n})
+    assert np.abs(found["trust"][:, 0] - z).max() < 1e-5
+    # Bands 1 and 2 are stored in bytes: half a step of each of eight numbers, at most 0.5 of a harmonic each.
+    step = np.abs(volume.light[:, 1:]).max() / 127
+    assert np.abs(np.pi * found["radiance"] - expected).max() < 4 * step
+
+
+def test_drjit_means_the_same():
+    from lightwell.backend import mi
+
+    x, n = queries(1000)
+    graph = lower(made_up("mlp"))
+    expected = evaluate(graph, {"position": x, "normal": n})["radiance"]
+    columns = {k: [mi.Float(np.ascontiguousarray(c)) for c in v.T] for k, v in {"position": x, "normal": n}.items()}
+    found = np.stack([np.array(c) for c in compile(graph)(columns)["radiance"]], axis=1)
+    assert np.abs(found - expected).max() < 1e-5 * max(1, expected.max())
+
+
+def test_a_planted_bug_in_the_fallback_shows():
+    from dataclasses import replace
+
+    volume = made_up()
+    x, n = queries(2000)
+    wrong = replace(volume, fallback=np.roll(volume.fallback, 1, axis=0))
+    assert np.abs(query(wrong, x, n)[0] - query(volume, x, n)[0]).max() > 0.1
+
+
+def test_explain_adds_up():
+    x, n = queries(1)
+    parts = explain(made_up(), x[0], n[0])
+    assert len(parts) == 9 and parts[-1]["state"] == "fallback"
+    assert sum(p["share"] for p in parts) <= 1 + 1e-6
+
+
+def test_the_pattern_is_the_same_in_every_cell():
+    layout = pattern()
+    assert len(layout.u) == 4096 and 25_000 < len(layout.cube_edges) < 35_000
+    first, second, _, edge = layout.cube_edges.T
+    length = np.linalg.norm(layout.u[first] - layout.u[second], axis=1)
+    assert np.allclose(length, layout.length[edge])
+    assert set(np.bincount(octants(layout.u), minlength=64).tolist()) <= set(range(52, 77))
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
+def test_a_spacing_that_is_no_length_is_refused(spacing):
+    with pytest.raises(ValueError, match="give metres, such as 1m"):
+        Lattice.around(np.array([[0, 0, 0], [1, 1, 1]]), spacing)
