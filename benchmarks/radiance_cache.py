@@ -37,8 +37,7 @@ EPSILON = 0.01
 # Samples per pixel of a comparison, repeats, edge of the pictures, and samples of a reference.
 SPP, REPEATS, SIZE, REFERENCE = 64, 5, 256, 4096
 QUICK = {"spp": 8, "repeats": 1, "size": 24, "reference": 64}
-# A still of the benchmark trains with larger frames than an interactive one.
-STILL = {"mode": "still", "train_fraction_max": 0.25, "steps": 8}
+STILL = {"mode": "still"}
 # Ladder of ingredients, each with what it changes.
 LADDER: dict[str, dict[str, Any]] = {
     "PT, our sampling": {"termination_c": "inf"},

@@ -146,10 +146,11 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache = self.cache_of(scene)
         frames_ = self.settings.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
         start = time.perf_counter()
+        cache.still = True
         for k in range(frames_):
             cache.rate_factor = FINAL_RATE ** (k / max(frames_ - 1, 1))
             self._train(scene, sensor, cache, seed)
-        cache.rate_factor = 1.0
+        cache.rate_factor, cache.still = 1.0, False
         dr.sync_thread()
         self.seconds["train"] += time.perf_counter() - start
 

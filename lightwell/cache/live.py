@@ -180,9 +180,13 @@ class LiveSession:
                 self.cache.scene_changed("light")
             moved = True
         if moved:
-            self.still = 0
-            for total in self.sums.values():
-                total[:] = 0
+            self._forget_pictures()
+
+    def _forget_pictures(self) -> None:
+        """Begin the averages anew."""
+        self.still = 0
+        for total in self.sums.values():
+            total[:] = 0
 
     # ------------------------------------------------------------------ frames
 
@@ -199,6 +203,11 @@ class LiveSession:
     def frame(self) -> None:
         """One frame: train, render both, and now and then the other panels."""
         seed = self.frames & 0xFFFFFF
+        # A cache that is cold, or whose scene has just changed, learns from larger frames, and pictures made meanwhile
+        # are not averaged.
+        self.cache.still = self.cache.since_change < self.settings.lead_in
+        if self.cache.still:
+            self._forget_pictures()
         with dr.suspend_grad():
             start = time.perf_counter()
             told = self.cache.train_frame(self.live.scene, self.live.sensor, 1)

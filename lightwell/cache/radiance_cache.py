@@ -33,6 +33,8 @@ KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 # Frames between two copies of the weights.
 SNAPSHOT = 64
+# Frames of training before a still: share of pixels and steps.
+STILL_FRACTION, STILL_STEPS = 0.25, 8
 # Stream of random numbers that training paths draw from, apart from those of pixels.
 TRAINING_STREAM = 0x5EED
 
@@ -81,7 +83,9 @@ class RadianceCache:
         self.model = Model.of(settings)
         self.learner = Learner(self.model, settings)
         self.scale = RadianceScale(settings.radiance_scale)
-        self.tiles: dict[tuple[int, int], Tiles] = {}
+        self.tiles: dict[tuple[int, int, bool], Tiles] = {}
+        self.still = False
+        """Training before a still: no picture waits, so that frames are larger."""
         self.frame = 0
         """Frames trained."""
         self.scene_mark = ""
@@ -198,11 +202,17 @@ class RadianceCache:
 
     def controller(self, width: int, height: int) -> Tiles:
         """The tile controller of a picture size."""
-        key = (width, height)
+        key = (width, height, self.still)
         if key not in self.tiles:
-            s = self.settings
-            self.tiles[key] = Tiles(s.batch * s.steps, s.train_fraction_max)
+            fraction = self.settings.train_fraction_max
+            fraction = max(fraction, STILL_FRACTION) if self.still else fraction
+            self.tiles[key] = Tiles(self.settings.batch * self.steps, fraction)
         return self.tiles[key]
+
+    @property
+    def steps(self) -> int:
+        """Gradient steps of a frame, at most."""
+        return max(self.settings.steps, STILL_STEPS) if self.still else self.settings.steps
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
         """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
@@ -299,7 +309,7 @@ class RadianceCache:
         told.records, told.dropped = int(count[0]), int(dropped[0])
         self.size.update(told.records, told.paths, *self.picture)
         self._calibrate(np.array(reflectance_free), told)
-        steps = min(s.steps, -(-told.records // s.batch))
+        steps = min(self.steps, -(-told.records // s.batch))
         # A step of less than half a batch learns little: it waits for more records unless it is the only one.
         if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:
             steps -= 1

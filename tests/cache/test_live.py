@@ -70,7 +70,7 @@ def test_a_session_renders_obeys_and_goes_on():
     session = LiveSession("cornell", settings_of(SMALL), 24)
     session.frame()
     session.frame()
-    assert set(session.pictures) == {"cache-image", "path", "cache", "error"} and session.still == 2
+    assert set(session.pictures) == {"cache-image", "path", "cache", "error"} and session.still == 1
     light = next(t["index"] for t in session.live.things if t["light"])
     with pytest.raises(ValueError, match="no such thing"):
         session.command({"do": "move", "thing": 999})
