@@ -18,6 +18,8 @@ SOFT = 1.5
 JUMP = 2.0
 # A pixel of a surface that is cut through weighs this much against an edge; cuts are soft and filled behind.
 THROUGH = 0.05
+# Surroundings that a hidden region is continued from, pixels.
+CONTEXT = 64
 # Places where a split may be tried.
 CANDIDATES = 64
 
@@ -98,6 +100,32 @@ def _filled(
     wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
     if not wanted.any() or not known.any():
         return layer
+    box = _around(wanted)
+    part = Layer(layer.rgba[box], layer.s[box], None if layer.motion is None else layer.motion[box])
+    second = None
+    if peel is not None:
+        second = Layer(peel.rgba[box], peel.s[box], None if peel.motion is None else peel.motion[box])
+    made = _filled_part(part, weight[box], hidden[box], known[box], wanted[box], second, cut)
+    whole = [array.copy() for array in (layer.rgba, layer.s)]
+    whole[0][box], whole[1][box] = made.rgba, made.s
+    motion = layer.motion
+    if motion is not None:
+        motion = motion.copy()
+        motion[box] = made.motion
+    return Layer(*whole, motion)
+
+
+def _around(mask: np.ndarray) -> tuple[slice, slice]:
+    """The box around a mask, with ``CONTEXT`` pixels of surroundings to continue from."""
+    spans = []
+    for axis in (1, 0):
+        where = np.flatnonzero(mask.any(axis))
+        spans.append(slice(max(int(where[0]) - CONTEXT, 0), int(where[-1]) + 1 + CONTEXT))
+    return tuple(spans)
+
+
+def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None, cut: float) -> Layer:
+    """The part of a layer that is worked on."""
     parts = [np.where(known[..., None], layer.rgba / np.maximum(weight, 1e-6)[..., None], 0), layer.s[..., None]]
     if layer.motion is not None:
         parts.append(layer.motion)

@@ -175,20 +175,21 @@ def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
     target = dr.zeros(mi.Float, planes * height * width * 4)
     if len(sources.x):
         mode = reduce_mode(len(target))
-        first = points.first[sources.record]
-        k, end = mi.UInt32(first), mi.UInt32(first + points.count[sources.record])
-        plane = starts[sources.record]
+        record = mi.UInt32(sources.record)
+        k = dr.gather(mi.UInt32, mi.UInt32(points.first), record)
+        end = k + dr.gather(mi.UInt32, mi.UInt32(points.count), record)
+        plane = dr.gather(mi.Int32, mi.Int32(starts), record)
         rgba = dr.unravel(mi.Vector4f, mi.Float(np.ascontiguousarray(sources.rgba, np.float32).ravel()))
         value = mi.Float(points.value)
         if sources.sine is None:
-            base = plane + (sources.y + frame.guard) * width + sources.x + frame.guard
-            delta = np.rint(points.y * width + points.x).astype(np.int32)
-            sign = mi.Int32(np.rint(sources.cosine).astype(np.int32))
-            _scatter_whole(target, mi.Int32(base.astype(np.int32)), rgba, k, end, sign, mi.Int32(delta), value, mode)
+            x, y = (mi.Int32(v.astype(np.int32, copy=False)) + frame.guard for v in (sources.x, sources.y))
+            delta = mi.Int32(np.rint(points.y * width + points.x).astype(np.int32))
+            sign = mi.Int32(dr.round(mi.Float(sources.cosine)))
+            _scatter_whole(target, plane + y * width + x, rgba, k, end, sign, delta, value, mode)
         else:
             x, y = (mi.Float((v + frame.guard).astype(np.float32)) for v in (sources.x, sources.y))
             turn = mi.Float(sources.cosine), mi.Float(sources.sine)
             shape = mi.Float(points.x), mi.Float(points.y), value
-            _scatter_turned(target, x, y, mi.Int32(plane), mi.Int32(width), rgba, k, end, *turn, *shape, mode)
+            _scatter_turned(target, x, y, plane, mi.Int32(width), rgba, k, end, *turn, *shape, mode)
         dr.eval(target)
-    return separate(points, np.array(target).reshape(planes, height, width, 4))
+    return separate(points, target.numpy().reshape(planes, height, width, 4))
