@@ -261,17 +261,43 @@ def leak(quick: bool) -> list[Row]:
     ]
 
 
+def pending(quick: bool) -> list[Row]:
+    """What the issue asks and nobody has measured yet: rows without a figure, so that they are not forgotten."""
+    note = "not measured yet"
+    return [
+        at_least("bake: Cycles' time over ours at equal error, same cores", 2, None, "ratio", note),
+        at_most("page: frame time over that of the ordinary light map, headless Chromium", 2.5, None, "ratio", note),
+        at_most("shading at 1080p on a GPU", 0.3, None, "ms", note),
+        at_least("subsurface surfaces: PSNR", 38, None, "dB", note),
+        at_least("specular moves: correlation of image gradients with respect to the camera", 0.9, None, "", note),
+    ]
+
+
+def unmeasured(name: str) -> list[Row]:
+    """The rows of a scene, empty."""
+    what, note = f"{name}, default at no more than 1 MB: ", "not measured yet"
+    return [
+        at_least(what + "PSNR", 40, None, "dB", note),
+        at_most(what + "FLIP", 0.05, None, "of 1", note),
+        at_most(what + "bytes", MEGABYTE, None, "B", note),
+        at_least(f"{name}: atlas coverage, padding not counted", 0.7, None, "of 1", note),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--ablate", action="store_true")
-    parser.add_argument("--only", default="leak," + ",".join(SCENES))
+    parser.add_argument("--only", default="leak,pending," + ",".join(SCENES))
     arguments = parser.parse_args()
-    parts = ["leak", "courtyard"] if arguments.quick and arguments.only.count(",") == len(SCENES) else None
+    parts = ["leak", "courtyard"] if arguments.quick and arguments.only.count(",") > len(SCENES) else None
     for part in parts or arguments.only.split(","):
         if arguments.quick and part == "courtyard":
             SCENES["courtyard"] = "two-rooms"
-        rows = leak(arguments.quick) if part == "leak" else scene_rows(part, arguments.quick, arguments.ablate)
+        if part == "pending":
+            rows = [*(row for name in SCENES for row in unmeasured(name)), *pending(arguments.quick)]
+        else:
+            rows = leak(arguments.quick) if part == "leak" else scene_rows(part, arguments.quick, arguments.ablate)
         publish("neural_lightmap", rows, arguments.quick)
 
 

@@ -44,6 +44,10 @@ TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 # Paths per eye sample, and bounds of their number.
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 32, 1 << 12, 1 << 21
+# Eye samples of one of ``--shards``.
+SHARD = 1 << 16
+# What a training step of 2^14 rows takes on two cores, and the fewest steps.
+STEP_SECONDS, LEAST_STEPS = 0.04, 200
 # Edge of the directions' picture relative to the atlas, and of the fallback.
 DIRECTION_REDUCTION, FALLBACK_SIZE = 4, 512
 FALLBACK_CODEC = "jpeg90"
@@ -82,8 +86,8 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
             fits["static"] = fitted(made, samples, preset, settings.seed, steps)
         stage.advance()
         if moving is not None:
-            unit = sample_unit(moving)
-            fits["indirect"] = moving_fit(scene, made.atlas, variable, moving, unit, settings.seed, max(steps, 200))
+            unit, count = sample_unit(moving), settings.steps or max(steps, LEAST_STEPS)
+            fits["indirect"] = moving_fit(scene, made.atlas, variable, moving, unit, settings.seed, count)
         stage.advance()
     with work.timed("write"):
         stage_ = stage_of(scene, variable, settings, fits)
@@ -128,8 +132,8 @@ def _steps(settings: BakeSettings, preset: LightmapPreset) -> int:
         return 0
     if settings.steps:
         return settings.steps
-    # Seconds of a step of 2^14 rows on two cores are about 0.04; the number depends on the budget alone.
-    return max(int((1 - TEXEL_SHARE - EYE_SHARE) * settings.budget.round_seconds / 0.04), 200)
+    # The number depends on the budget alone, so that it is the same on every machine.
+    return max(int((1 - TEXEL_SHARE - EYE_SHARE) * settings.budget.round_seconds / STEP_SECONDS), LEAST_STEPS)
 
 
 # ---------------------------------------------------------------------- trace
@@ -161,16 +165,15 @@ def _trace(
             still = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
         stage.advance(note=f"{eyes} eye samples")
         if variable is not None:
-            count = max(eyes, FEWEST_EYES)
-            moving = moving_samples(scene, made.atlas, variable, count, EYE_PATHS, settings.seed + 6)
+            moving = moving_samples(scene, made.atlas, variable, eyes, EYE_PATHS, settings.seed + 6)
         stage.advance()
     return made, still, moving
 
 
 def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: LightmapPreset) -> tuple[int, int]:
-    """Paths per texel and eye samples; fixed where the settings give ``--shards`` (2^16 eye samples each)."""
+    """Paths per texel and eye samples; fixed where the settings give ``--shards``."""
     if first is None:
-        return settings.paths, settings.shards * (1 << 16)
+        return settings.paths, settings.shards * SHARD
     from lightwell.transport.irradiance import irradiance
 
     start = perf_counter()
