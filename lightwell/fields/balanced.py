@@ -47,8 +47,8 @@ from lightwell.transport.samples import Query
 
 # Share of all steps during which cells change hands, and the fewest steps between two rounds.
 ROUNDS_SHARE, FEWEST_STEPS = 0.25, 25
-# The shares of the experts are counted on about so many samples.
-COUNTED = 1 << 18
+# The shares of the experts are counted, and inputs scaled, on about so many samples; cells are dealt out by more.
+COUNTED, DEALT = 1 << 18, 1 << 20
 # Samples that price a cell, and the largest magnitude of the squared relative error of one of them.
 PRICED_SAMPLES, LARGEST_PRICE = 96, 4.0
 # Times that floor and cap are drawn tighter, because the border of the shipped gate runs through cells.
@@ -160,6 +160,12 @@ class BalancedFit(SegmentedFit):
         """Evenly spread samples on which shares are counted."""
         return self.examples.query[:: max(len(self.examples) // COUNTED, 1)]
 
+    @property
+    def _dealing(self) -> Examples:
+        """Evenly spread samples by which cells are dealt out."""
+        stride = max(len(self.examples) // DEALT, 1)
+        return self.examples if stride == 1 else self.examples.take(np.arange(0, len(self.examples), stride))
+
     def _due(self, total: int) -> int:
         """How often the cells should have been dealt out by now."""
         rounds = min(self.preset.rounds, int(ROUNDS_SHARE * total / FEWEST_STEPS))
@@ -169,7 +175,7 @@ class BalancedFit(SegmentedFit):
 
     def _deal(self) -> None:
         """Give every cell to an expert: at first by looks, later by price."""
-        preset, examples = self.preset, self.examples
+        preset, examples = self.preset, self._dealing
         lattice = self._gate.lattice if self._gate else Lattice.around(self.setup, examples.query, preset.cells)
         cells = Cells.of(lattice, examples)
         limits = preset.floor / preset.experts, preset.cap / preset.experts
@@ -178,7 +184,7 @@ class BalancedFit(SegmentedFit):
             looks = balanced_means(points, cells.weight, preset.experts, limits, self.seed)
             price = 1.0 - np.eye(preset.experts)[looks]
         else:
-            price = self._prices(cells)
+            price = self._prices(cells, examples)
         before = self._gate
         self._gate = self._within(limits, lattice, cells, price)
         self._describe(before, cells)
@@ -204,10 +210,10 @@ class BalancedFit(SegmentedFit):
             least, most = min(least, 0.5 * (floor + 1 / experts)), max(most, 0.5 * (cap + 1 / experts))
         return gate
 
-    def _prices(self, cells: Cells) -> np.ndarray:
+    def _prices(self, cells: Cells, examples: Examples) -> np.ndarray:
         """[K, M] price of each cell at each expert: squared relative error without noise, and neighbours elsewhere."""
         rows = cells.pick(PRICED_SAMPLES, self.seed + self._dealt)
-        part, weights = self.examples.take(rows), self._folded()
+        part, weights = examples.take(rows), self._folded()
         of_sample, price = cells.of_sample[rows], np.empty((len(cells), self.preset.experts))
         count = np.bincount(of_sample, minlength=len(cells))
         for e in range(self.preset.experts):
@@ -254,19 +260,20 @@ class BalancedFit(SegmentedFit):
         features = examples.features[row]
         if self._scaled < self._dealt:
             self._scale(features, runs)
-        features -= self._center[runs.group]
-        features /= self._spread[runs.group]
+        for e, (first, count) in enumerate(zip(runs.first, runs.count)):
+            own = features[first : first + count]
+            own -= self._center[e]
+            own /= self._spread[e]
         self._data = BatchedSet.from_numpy(features, examples.target[row], examples.weight[row], runs)
 
     def _scale(self, features: np.ndarray, runs: Runs) -> None:
         """Scale the inputs of each expert by its samples of now; what the experts compute stays the same."""
         folded = self._folded() if self._scaled else None
-        used = runs.count > 0
-        first, count = runs.first[used], runs.count[used][:, None]
-        mean = np.add.reduceat(features, first, dtype=np.float64) / count
-        square = np.add.reduceat(features * features, first, dtype=np.float64) / count
-        self._center[used] = mean
-        self._spread[used] = np.maximum(np.sqrt(np.maximum(square - mean**2, 0)), LEAST_SPREAD)
+        most = max(COUNTED // len(runs), 1)
+        for e, (first, count) in enumerate(zip(runs.first, runs.count)):
+            if count:  # rows of a run are in random order
+                own = features[first : first + min(count, most)].astype(np.float64)
+                self._center[e], self._spread[e] = own.mean(axis=0), np.maximum(own.std(axis=0), LEAST_SPREAD)
         if folded:
             arrays = self._trainer.arrays()
             arrays["value.w0"] = folded["w0"] * self._spread[:, :, None]
