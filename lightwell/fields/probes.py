@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import mi
+from lightwell.backend import dr, mi
 from lightwell.fields.base import FieldSetup, Progress
 from lightwell.graph import Graph
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
@@ -88,15 +88,22 @@ class CodeNetwork:
         """[B, F + 3 K] → [B, 3]."""
         features = self.mlp.sizes[0]
         code = self.mlp(parameters, x[:, :features])
-        spread, gather = np.tile(np.eye(self.rank), 3), np.repeat(np.eye(3), self.rank, axis=0)
-        mixed = x[:, features:] * (code @ mi.TensorXf(spread.astype(np.float32)))
-        return mixed @ mi.TensorXf(gather.astype(np.float32))
+        k = self.rank
+        # The code three times over; then the sum of each colour. Made on the device: a frozen step cannot upload.
+        mixed = x[:, features:] * dr.matmul(code, _ones_where(k, 3 * k, lambda row, column: column % k == row))
+        return dr.matmul(mixed, _ones_where(3 * k, 3, lambda row, column: row // k == column))
 
     def evaluate(self, parameters: Any, x: np.ndarray) -> np.ndarray:
         """The same on NumPy arrays."""
         features = self.mlp.sizes[0]
         code = self.mlp.evaluate(parameters, x[:, :features])
         return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
+
+
+def _ones_where(rows: int, columns: int, condition: Callable) -> Any:
+    """[rows, columns] tensor of ones where a condition on (row, column) holds."""
+    index = dr.arange(mi.UInt32, rows * columns)
+    return mi.TensorXf(dr.select(condition(index // columns, index % columns), mi.Float(1), 0), (rows, columns))
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+from threadpoolctl import threadpool_limits
 
 from lightwell.probes.pattern import Pattern
 from lightwell.probes.support import Support, cube_valid
@@ -105,7 +106,9 @@ def assemble(
         params[row[same]] = old_params[old_row[same]]
     if len(fresh):
         weight = point_weight(target[fresh], support.pattern.hat, cube_valid(support, fresh))
-        params[row[fresh]] = f.quantised((fit or f.fit)(target[fresh], weight, support.pattern))
+        # Small products in a row: threads of BLAS would cost more than they give.
+        with threadpool_limits(1, "blas"):
+            params[row[fresh]] = f.quantised((fit or f.fit)(target[fresh], weight, support.pattern))
     return ProbeVolume(
         lattice=support.lattice,
         function=function,

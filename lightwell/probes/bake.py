@@ -41,12 +41,13 @@ def bake_geometry(
     clock = [perf_counter()]
     support = bake_support(scene, lattice)
     clock.append(perf_counter())
-    target = trust(scene, support, np.arange(len(lattice)))
+    # Rounded before it is used, so that a bake that goes on from what was kept does the same.
+    target = trust(scene, support, np.arange(len(lattice))).astype(np.float16)
     clock.append(perf_counter())
-    volume = assemble(support, target, function, fit=fit)
+    volume = assemble(support, target.astype(np.float32), function, fit=fit)
     clock.append(perf_counter())
     names = ("rays", "trust", "fit")
-    return Geometry(volume, support, target.astype(np.float16), dict(zip(names, np.diff(clock).tolist())))
+    return Geometry(volume, support, target, dict(zip(names, np.diff(clock).tolist())))
 
 
 def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[Geometry, np.ndarray]:

@@ -10,9 +10,11 @@ from lightwell.probes.volume import OFFSET
 from lightwell.scenes.scene import Scene
 
 
-def query(scene: Scene, support: Support, light: np.ndarray, x: np.ndarray, n: np.ndarray) -> np.ndarray:
+def query(
+    scene: Scene, support: Support, light: np.ndarray, x: np.ndarray, n: np.ndarray, offset: float = OFFSET
+) -> np.ndarray:
     """[N, 3] irradiance; 0 where no probe is seen."""
-    y = x + OFFSET * support.lattice.spacing * n
+    y = x + offset * support.lattice.spacing * n
     node, hat, _ = support.lattice.corners(y)
     seen = support.alive[node] & (hat > 0)
     row, corner = np.nonzero(seen)

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from lightwell.probes import sh
 from lightwell.probes.volume import ORPHAN, ProbeVolume, coefficients
 
-PASSES = 6
+PASSES = 8
 # Pull towards the traced value, and towards neighbours, relative to the diagonal.
 TO_TRACED, TO_NEIGHBOUR = 0.05, 0.01
 # ε of the relative error: this share of the mean irradiance.
@@ -84,7 +84,8 @@ def solve(volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PAS
     right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1)
     measure = _Measure(goal.mean(axis=0))
     mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1)  # noqa: E731
-    omega = 1 / (measure.size + measure.epsilon) ** 2
+    # The traced light is the start: relative least squares first would leave a good place for a worse one.
+    omega = measure.omega(columns @ mean_of(prior).reshape(len(live), 27))
     best, errors = prior, [measure.error(columns @ mean_of(prior).reshape(len(live), 27))]
     for _ in range(passes):
         found = _weighted(columns, omega, right, prior, ties)

@@ -17,7 +17,8 @@ from lightwell.probes.lattice import Lattice
 from lightwell.probes.pattern import octants
 from lightwell.probes.weights import FUNCTIONS, trusted
 
-# Places are looked up this far off along the normal, units of h: a weight knows a place, not a side.
+# Places on surfaces are looked up this far off along the normal, units of h: a weight knows a place, not a side. What
+# moves has no wall behind it and asks without an offset, which could carry it through a wall in front of it.
 OFFSET = 0.2
 # ε_z: the weight of the fallback where nothing may be trusted.
 FALLBACK = 1e-3
@@ -48,7 +49,11 @@ class ProbeVolume:
     light: np.ndarray
     """[P, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
     offset: float = OFFSET
-    """Units of h."""
+    """Of surfaces, along their normals, units of h."""
+
+    def in_air(self) -> ProbeVolume:
+        """The same volume asked by what moves: without an offset."""
+        return replace(self, offset=0.0)
 
     def lit(self, light: np.ndarray) -> ProbeVolume:
         """The same weights under other light [P, 9, 3]."""

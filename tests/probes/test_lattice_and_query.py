@@ -146,3 +146,31 @@ def test_the_pattern_is_the_same_in_every_cell():
 def test_a_spacing_that_is_no_length_is_refused(spacing):
     with pytest.raises(ValueError, match="give metres, such as 1m"):
         Lattice.around(np.array([[0, 0, 0], [1, 1, 1]]), spacing)
+
+
+@pytest.mark.parametrize("function", ["relu-field", "relu-field-5", "mlp"])
+def test_the_device_query_means_the_same(function):
+    from lightwell.backend import mi
+    from lightwell.probes import device
+
+    volume = made_up(function)
+    x, n = queries(1500)
+    expected, z = query(volume, x, n)
+    found, trust = device.learned(volume)(mi.Point3f(x.T.copy()), mi.Vector3f(n.T.copy()))
+    assert np.abs(np.array(trust) - z).max() < 1e-5
+    # Where next to nothing is trusted, the division magnifies rounding.
+    assert np.abs(np.array(found).T - expected)[z > 0.01].max() < 1e-5 * expected.max()
+
+
+def test_the_baseline_of_distance_moments_means_the_same_on_the_device():
+    from lightwell.backend import mi
+    from lightwell.probes import ddgi, device
+
+    rng, count = np.random.default_rng(3), len(LATTICE)
+    mean = rng.random((count, ddgi.SIDE, ddgi.SIDE)) * 0.7
+    maps = np.stack([mean, mean**2 + 0.05], axis=-1).astype(np.float32)
+    origin = (LATTICE.nodes() + rng.normal(0, 0.1, (count, 3))).astype(np.float32)
+    moments = ddgi.Moments(LATTICE, origin, rng.random(count) > 0.2, maps, made_up().light)
+    x, n = queries(1000)
+    found = device.chebyshev(moments)(mi.Point3f(x.T.copy()), mi.Vector3f(n.T.copy()))[0]
+    assert np.abs(np.array(found).T - ddgi.query(moments, x, n)).max() < 1e-4

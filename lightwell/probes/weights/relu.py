@@ -16,11 +16,14 @@ from scipy.sparse import csr_matrix
 
 from lightwell.probes.pattern import Pattern
 from lightwell.probes.weights.common import THRESHOLD
+from lightwell.probes.weights.refine import refine
 
 # Stored values: uint8 over this range; they must leave [0, 1] for the clip to cut.
 LOW, HIGH = -0.5, 1.5
 NEWTON = 12
-# Pull of the grid towards its middle, relative to the mean diagonal of the normal equations.
+# Steps of the polish, and their size.
+POLISH, RATE = 60, 0.01
+# Pull of the grid towards its middle, relative to the mean diagonal of the normal equations of an empty cube.
 RIDGE = 2e-4
 # Probes that are solved together.
 BATCH = 256
@@ -81,14 +84,15 @@ class ReluField:
     def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
         batches = [slice(k, k + BATCH) for k in range(0, len(target), BATCH)]
         parts = [self._newton(target[rows], weight[rows], layout) for rows in batches]
-        return np.concatenate(parts) if parts else np.zeros((0, self.parameters), np.float32)
+        grid = np.concatenate(parts) if parts else np.zeros((0, self.parameters), np.float32)
+        return refine(self, grid, target, weight, layout, steps=POLISH, rate=RATE)
 
     def _newton(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
         basis, pairs = _operators(self.side, layout)
         goal = np.where(target > 0, THRESHOLD + (1 - THRESHOLD) * target, THRESHOLD).astype(np.float32)
         grid = np.full((len(target), self.parameters), 0.5, np.float32)
         eye = np.eye(self.parameters, dtype=np.float32)
-        ridge = RIDGE * float((weight @ basis**2).mean())
+        ridge = RIDGE * float(layout.hat.astype(np.float32) ** 2 @ (basis**2).mean(axis=1))
         active = weight
         for _ in range(NEWTON):
             left = (pairs @ active.T).T.reshape(-1, *eye.shape) + ridge * eye

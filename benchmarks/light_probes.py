@@ -1,0 +1,189 @@
+"""The figures of learned light probes, measured side by side on this machine.
+
+python benchmarks/light_probes.py                    every figure; writes results/light_probes.json (an hour or two)
+python benchmarks/light_probes.py --quick            a smoke run; writes nothing
+python benchmarks/light_probes.py --only s1-5,time   parts: scenes of lightwell.probes.leak_scenes, two-rooms,
+                                                     zdm2, godot-room, veach-ajar, time, weights, rebake
+python benchmarks/light_probes.py --offsets 2        fewer lattice offsets (the issue asks for 8)
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from probe_trial import mean, queries, trial
+from rows import Row, at_least, at_most, publish
+
+from lightwell.probes.leak_scenes import SCENES, LeakScene
+from lightwell.probes.light import Effort
+
+ROOT = Path(__file__).resolve().parents[1]
+GIVEN = ROOT.parent / "shared" / "scenes"
+# Given scenes: file, spacing in metres, share of their bounds that is asked.
+FILES = {
+    "zdm2": (GIVEN / "gltf/zdm2", 4.0),
+    "godot-room": (GIVEN / "gltf/godot-room", 1.0),
+    "veach-ajar": (GIVEN / "mitsuba/veach-ajar/scene_mi3.xml", 1.0),
+}
+OFFSETS, SEED = 8, 1
+
+
+def _leak_scene(name: str) -> LeakScene | None:
+    """A scene of the protocol by name; None where its file is absent."""
+    if name in SCENES:
+        return SCENES[name]()
+    from lightwell.scenes import load
+    from lightwell.scenes.free_air import free_air
+    from lightwell.scenes.placing import initial_light
+    from lightwell.scenes.still_light import under_sky, with_lamp
+    from lightwell.scenes.variables import declare
+    from lightwell.transport.air import _escape_share
+
+    source = "two-rooms"
+    if name != source:
+        path = FILES[name][0]
+        found = [path] if path.is_file() else sorted([*path.glob("*.glb"), *path.glob("*.gltf")])
+        if not found:
+            return None
+        source = str(found[0])
+    scene = load(source)
+    if not scene.has_static_light:
+        if name == "two-rooms":
+            scene = with_lamp(scene, (-1.6, 2.0, 0.0))
+        elif _escape_share(scene) > 0.005:
+            scene = under_sky(scene)
+        else:
+            variable = declare((), scene)
+            scene = with_lamp(scene, initial_light(scene, variable, scene.cameras[0]))
+    free_air(scene)
+    side = (lambda x: (x[:, 0] > 0).astype(int)) if name == "two-rooms" else (lambda x: np.zeros(len(x), int))
+    return LeakScene(name, scene, side, scene.bounds)
+
+
+def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
+    """Errors and leaks of one scene over the lattice offsets."""
+    made = _leak_scene(name)
+    label = made.name if made else name
+    if made is None:
+        return [at_most(f"{label}: sMAPE over trilinear's", 0.5, None, "ratio", "the scene is not on this machine")]
+    spacing = FILES[name][1] if name in FILES else 1.0
+    asked = queries(made, 200 if quick else 3000, 64 if quick else 1024)
+    effort = Effort(8, 16, 32) if quick else Effort(32, 256, 1024)
+    rng, functions = np.random.default_rng(SEED), ("relu-field", "relu-field-5")
+    trials = [trial(made, asked, spacing, rng.random(3), functions, effort, k) for k in range(offsets)]
+    rows = []
+    for function in functions:
+        rows += _compared(label, function, trials, asked, offsets)
+    return rows
+
+
+def _compared(label: str, function: str, trials: list[dict], asked, offsets: int) -> list[Row]:
+    of = lambda method: [t[method] for t in trials]  # noqa: E731
+    ours, plain, moments, sight = of(function), of("trilinear"), of("ddgi"), of("line of sight")
+    what = f"{label}, {function}"
+    note = f"{offsets} lattice offsets, {len(asked.place)} queries, worst region, mean over offsets"
+    leak = [mean(s, "bright_worst") for s in (ours, plain, moments)]
+    dark = [mean(s, "dark_worst") for s in (ours, sight)]
+    error = [mean(s, "smape") for s in (ours, plain, moments, of("validity"), sight)]
+    listed = "sMAPE ours {:.4f}, trilinear {:.4f}, DDGI {:.4f}, validity {:.4f}, line of sight {:.4f}".format(*error)
+    gain = mean(ours, "log_psnr") - max(mean(plain, "log_psnr"), mean(of("validity"), "log_psnr"))
+    floor = float(np.mean(np.abs(asked.truth - asked.again) / (asked.truth + asked.again + 1e-9)))
+    return [
+        at_most(f"{what}: bright leak over trilinear's", 0.1, leak[0] / max(leak[1], 1e-9), "ratio", note),
+        at_most(f"{what}: bright leak over DDGI's", 1.0, leak[0] / max(leak[2], 1e-9), "ratio", f"{leak[0]:.4f}"),
+        at_most(
+            f"{what}: dark leak over line of sight's", 0.5, dark[0] / max(dark[1], 1e-9), "ratio", f"{dark[0]:.4f}"
+        ),
+        at_most(f"{what}: sMAPE over trilinear's, equal spacing", 0.5, error[0] / max(error[1], 1e-9), "ratio", listed),
+        at_least(f"{what}: log-PSNR over trilinear and validity, equal spacing", 3, gain, "dB", f"noise {floor:.4f}"),
+    ]
+
+
+def query_time(quick: bool) -> list[Row]:
+    """Time of a query over that of the baselines, one run, medians."""
+    from probe_time import measure
+
+    figures = measure(1 << 14 if quick else 400_000, 2 if quick else 9)
+    note = ", ".join(f"{k} {v:.0f}" for k, v in figures.items()) + " ns per query, same harmonics for all, LLVM"
+    return [
+        at_most(f"query time over DDGI's, {name}", 0.75, figures[name] / figures["ddgi"], "ratio", note)
+        for name in ("relu-field", "mlp")
+    ] + [
+        at_most(f"query time over trilinear's, {name}", 3.0, figures[name] / figures["trilinear"], "ratio", note)
+        for name in ("relu-field", "mlp")
+    ]
+
+
+def memory(quick: bool) -> list[Row]:
+    """Bytes of a probe's record over those of the baseline."""
+    from lightwell.probes import ddgi
+    from lightwell.probes.weights import FUNCTIONS
+
+    rows = []
+    for name in ("relu-field", "relu-field-5", "mlp"):
+        size = FUNCTIONS[name].stored + 8 + 30
+        note = f"{FUNCTIONS[name].stored} B weights + 8 B mask + 30 B ZH3; DDGI {ddgi.BYTES} B"
+        rows.append(at_most(f"payload over DDGI's bytes, {name}", 0.25, size / ddgi.BYTES, "ratio", note))
+    return rows
+
+
+def weight_time(quick: bool) -> list[Row]:
+    """Rays, trust and fit of the weights, scaled to 1,000 live probes; path tracing excluded."""
+    from lightwell.probes.bake import bake_geometry
+
+    scene, spacing = SCENES["s2"]().scene, 1.0 if quick else 0.4
+    bake_geometry(scene, 1.0, "relu-field")  # compiles the kernels
+    wall, busy = perf_counter(), process_time()
+    made = bake_geometry(scene, spacing, "relu-field")
+    wall, busy = perf_counter() - wall, process_time() - busy
+    live = int(made.volume.alive.sum())
+    parts = ", ".join(f"{k} {v:.2f} s" for k, v in made.seconds.items())
+    note = f"{live} live of {len(made.volume.lattice)} nodes; {parts}; {busy:.2f} s of processor time; convex fit"
+    return [at_most("weights of 1,000 probes without a generator", 60, wall / live * 1000, "s", note)]
+
+
+def rebake_time(quick: bool) -> list[Row]:
+    """An edit of one per cent of the volume over the whole bake."""
+    from lightwell.probes.bake import bake_geometry, rebake
+
+    scene, spacing = SCENES["s2"]().scene, 1.0 if quick else 0.25
+    bake_geometry(scene, 1.0, "relu-field")
+    before = bake_geometry(scene, spacing, "relu-field")
+    low, high = scene.bounds
+    side = 0.01 ** (1 / 3) * (high - low)
+    box = np.stack([low + 0.3 * (high - low), low + 0.3 * (high - low) + side])
+    rebake(scene, before, box)
+    after, nodes = rebake(scene, before, box)
+    same = np.array_equal(after.volume.params, before.volume.params)
+    whole, part = sum(before.seconds.values()), after.seconds["rebake"]
+    note = f"{len(nodes)} of {len(before.volume.lattice)} nodes, {part:.2f} of {whole:.2f} s; same bytes: {same}"
+    return [at_most("re-bake of 1 % of the volume over the full bake of weights", 0.05, part / whole, "ratio", note)]
+
+
+PARTS = {"time": query_time, "memory": memory, "weights": weight_time, "rebake": rebake_time}
+
+
+def main() -> None:
+    """Measure the chosen parts and publish their rows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a smoke run; writes nothing")
+    parser.add_argument("--only", help="comma-separated parts")
+    parser.add_argument("--offsets", type=int, default=OFFSETS, help="lattice offsets (default: %(default)s)")
+    arguments = parser.parse_args()
+    everything = ["memory", "weights", "rebake", "time", *SCENES, "two-rooms", *FILES]
+    names = arguments.only.split(",") if arguments.only else (["memory", "s1-5"] if arguments.quick else everything)
+    for name in names:
+        offsets = 1 if arguments.quick else arguments.offsets
+        rows = PARTS[name](arguments.quick) if name in PARTS else scene_rows(name, arguments.quick, offsets)
+        publish("light_probes", rows, arguments.quick)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""The query in Dr.Jit: one function unrolled over eight corners, plain gathers, for LLVM and CUDA alike.
+
+Tested against ``volume.query``; the baselines stand beside it with the same fetch of the harmonics, so that
+times compare weights with weights. Notation: P nodes, R records; one lane is one query.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.graph.ops.activate import LEAK
+from lightwell.graph.ops.encoding import sh_components
+from lightwell.probes import ddgi
+from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.volume import DROPPED, FALLBACK, OPEN, WEIGHTED, ProbeVolume
+from lightwell.probes.weights import FUNCTIONS
+from lightwell.probes.weights.common import THRESHOLD
+from lightwell.probes.weights.mlp import HIDDEN, SPLITS, TinyMlp
+from lightwell.probes.weights.relu import ReluField
+
+# Harmonics of a node: 27 numbers in seven packets of four.
+PACKETS = 7
+# Records 0 and 1 are constants: trust nothing, trust all.
+CONSTANTS = 2
+
+Query = Callable[[mi.Point3f, mi.Vector3f], tuple[mi.Color3f, mi.Float]]
+
+
+def _table(values: np.ndarray, kind=None):
+    """A flat table on the device."""
+    array = (kind or mi.Float)(np.ascontiguousarray(values).ravel())
+    dr.make_opaque(array)
+    return array
+
+
+class _Light:
+    """Harmonics of all nodes; adds a weighted node to a sum."""
+
+    def __init__(self, light: np.ndarray) -> None:
+        rows = np.zeros((len(light), 4 * PACKETS), np.float32)
+        # Colour by colour, so that the dot product with the normal's harmonics reads in order.
+        rows[:, :27] = np.swapaxes(light, 1, 2).reshape(len(light), 27)
+        self.table = _table(rows)
+
+    def add(self, total: list, weight, node, active) -> list:
+        rows = [dr.gather(mi.Vector4f, self.table, node * PACKETS + k, active) for k in range(PACKETS)]
+        return [dr.fma(weight, row, old) for row, old in zip(rows, total)]
+
+    @staticmethod
+    def zero() -> list:
+        return [mi.Vector4f(0) for _ in range(PACKETS)]
+
+    @staticmethod
+    def irradiance(total: list, n) -> mi.Color3f:
+        y = sh_components(n.x, n.y, n.z, 3)
+        numbers = [c for packet in total for c in packet]
+        colours = [sum(a * b for a, b in zip(y, numbers[9 * c : 9 * c + 9])) for c in range(3)]
+        return dr.maximum(mi.Color3f(*colours), 0)
+
+
+class _Cell:
+    """Where a place lies in the lattice."""
+
+    def __init__(self, lattice: Lattice, y) -> None:
+        h, cells = lattice.spacing, lattice.cells
+        at = [(c - float(o)) * (1 / h) for c, o in zip(y, lattice.origin)]
+        at = [dr.clip(a, 0, size) for a, size in zip(at, cells)]
+        self.low = [dr.minimum(mi.UInt32(a), size - 1) for a, size in zip(at, cells)]
+        self.f = [a - mi.Float(low) for a, low in zip(at, self.low)]
+        self.shape = lattice.shape
+
+    def corner(self, corner: np.ndarray) -> tuple:
+        """Node, hat and probe-local place of one corner."""
+        x, y, z = (low + int(c) for low, c in zip(self.low, corner))
+        node = (z * self.shape[1] + y) * self.shape[0] + x
+        hat = mi.Float(1)
+        for f, c in zip(self.f, corner):
+            hat *= f if c else 1 - f
+        return node, hat, [f - float(c) for f, c in zip(self.f, corner)]
+
+    def octant(self) -> tuple:
+        """Cell number and octant of the place."""
+        x, y, z = self.low
+        cell = (z * (self.shape[1] - 1) + y) * (self.shape[0] - 1) + x
+        bits = [dr.select(f >= 0.5, mi.UInt32(1), 0) for f in self.f]
+        return cell * 8 + bits[0] + 2 * bits[1] + 4 * bits[2]
+
+
+def learned(volume: ProbeVolume) -> Query:
+    """The query of a volume: (place, normal) → (irradiance, trusted share)."""
+    lattice, light = volume.lattice, _Light(volume.light)
+    record = np.where(volume.state == WEIGHTED, CONSTANTS + volume.row, np.where(volume.state == OPEN, 1, 0))
+    records = _table(record.astype(np.uint32), mi.UInt32)
+    full = np.full(CONSTANTS, 0xFFFFFFFFFFFFFFFF, np.uint64)
+    octants = np.concatenate([full, volume.octant]).view(np.uint32)
+    masks = _table(octants, mi.UInt32)
+    alive = volume.fallback >= 0
+    back = np.where(alive, volume.fallback, 0)
+    backs, known = _table(back.astype(np.uint32), mi.UInt32), mi.Bool(alive.ravel())
+    rho = _rho(volume)
+
+    def query(x, n):
+        y = x + n * (volume.offset * lattice.spacing)
+        cell, total, z = _Cell(lattice, y), light.zero(), mi.Float(0)
+        for corner in CORNERS:
+            node, hat, u = cell.corner(corner)
+            row = dr.gather(mi.UInt32, records, node)
+            asked = (hat > 0) & (row > 0)
+            octant = mi.UInt32(0)
+            for value, stride in zip(u, (1, 4, 16)):
+                octant += dr.minimum(mi.UInt32(2 * value + 2), 3) * stride
+            mask = dr.gather(mi.UInt32, masks, 2 * row + (octant >> 5), asked)
+            phi = hat * rho(row, u, asked)
+            phi = dr.select(asked & ((mask >> (octant & 31)) & 1 == 1), phi, 0)
+            total, z = light.add(total, phi, node, phi > 0), z + phi
+        delta = FALLBACK * dr.maximum(1 - z, 0)
+        octant = cell.octant()
+        has = dr.gather(mi.Bool, known, octant) & (delta > 0)
+        total = light.add(total, dr.select(has, delta, 0), dr.gather(mi.UInt32, backs, octant, has), has)
+        scale = dr.select(z + delta > 0, dr.rcp(z + delta), 0)
+        return light.irradiance(total, n) * scale, z
+
+    return query
+
+
+def _rho(volume: ProbeVolume) -> Callable:
+    """ρ of records [lanes] at probe-local places."""
+    f = FUNCTIONS[volume.function]
+    constants = np.zeros((CONSTANTS, f.parameters), np.float32)
+    if isinstance(f, ReluField):
+        constants[1] = 1
+        table = _table(np.concatenate([constants, volume.params]))
+        return lambda row, u, active: _trusted(_grid(table, f.side, row, u, active))
+    if isinstance(f, TinyMlp):
+        constants[1, -1] = 1
+        stride = -(-f.parameters // 4) * 4
+        rows = np.zeros((CONSTANTS + len(volume.params), stride), np.float32)
+        rows[:, : f.parameters] = np.concatenate([constants, volume.params])
+        table = _table(rows)
+        return lambda row, u, active: _trusted(_network(table, stride // 4, row, u, active))
+    raise ValueError(f"probes: '{volume.function}' has no query on the device; bake with relu-field or mlp")
+
+
+def _trusted(raw):
+    return dr.clip((raw - THRESHOLD) * (1 / (1 - THRESHOLD)), 0, 1)
+
+
+def _grid(table, side: int, row, u, active):
+    """Trilinear value of a record's grid."""
+    at = [(value + 1) * (0.5 * (side - 1)) for value in u]
+    low = [dr.minimum(mi.UInt32(a), side - 2) for a in at]
+    f = [a - mi.Float(v) for a, v in zip(at, low)]
+    first = row * side**3 + (low[2] * side + low[1]) * side + low[0]
+    value = [dr.gather(mi.Float, table, first + int(c @ (1, side, side**2)), active) for c in CORNERS]
+    for fraction in f:
+        value = [dr.lerp(a, b, fraction) for a, b in zip(value[::2], value[1::2])]
+    return value[0]
+
+
+def _network(table, packets: int, row, u, active):
+    """Value of a record's network."""
+    numbers = [c for k in range(packets) for c in dr.gather(mi.Vector4f, table, row * packets + k, active)]
+    w1, b1, w2, b2, w3, b3 = (numbers[a:b] for a, b in zip([0, *SPLITS[:-1]], SPLITS))
+    leaky = lambda v: dr.maximum(v, v * LEAK)  # noqa: E731
+    h = [leaky(_dot(w1[3 * k : 3 * k + 3], u, b1[k])) for k in range(HIDDEN)]
+    h = [leaky(_dot(w2[HIDDEN * k : HIDDEN * (k + 1)], h, b2[k])) for k in range(HIDDEN)]
+    return _dot(w3, h, b3[0])
+
+
+def _dot(a, b, start):
+    for x, y in zip(a, b):
+        start = dr.fma(x, y, start)
+    return start
+
+
+def trilinear(volume: ProbeVolume) -> Query:
+    """Eight nodes by their hats, dropped ones left out."""
+    lattice, light, live = volume.lattice, _Light(volume.light), mi.Bool(volume.state != DROPPED)
+
+    def query(x, n):
+        y = x + n * (volume.offset * lattice.spacing)
+        cell, total, z = _Cell(lattice, y), light.zero(), mi.Float(0)
+        for corner in CORNERS:
+            node, hat, _ = cell.corner(corner)
+            weight = dr.select(dr.gather(mi.Bool, live, node), hat, 0)
+            total, z = light.add(total, weight, node, weight > 0), z + weight
+        return light.irradiance(total, n) * dr.select(z > 0, dr.rcp(z), 0), z
+
+    return query
+
+
+def chebyshev(moments: ddgi.Moments) -> Query:
+    """The baseline of distance moments, its maps with a border of one texel so that a fetch is bilinear."""
+    lattice, light = moments.lattice, _Light(moments.light)
+    side, wide = ddgi.SIDE, ddgi.SIDE + 2
+    maps = _table(_bordered(moments.maps))
+    origins, live = _table(np.pad(moments.origin, ((0, 0), (0, 1)))), mi.Bool(moments.alive)
+
+    def fetch(node, d, active):
+        p = d / (dr.abs(d.x) + dr.abs(d.y) + dr.abs(d.z))
+        fold = [(1 - dr.abs(b)) * dr.select(a >= 0, 1.0, -1.0) for a, b in ((p.x, p.y), (p.y, p.x))]
+        at = [dr.select(p.z < 0, f, v) for f, v in zip(fold, (p.x, p.y))]
+        at = [(a + 1) * (0.5 * side) + 0.5 for a in at]
+        low = [mi.UInt32(a) for a in at]
+        f = [a - mi.Float(v) for a, v in zip(at, low)]
+        first = (node * wide + low[1]) * wide + low[0]
+        texel = [dr.gather(mi.Vector2f, maps, first + k, active) for k in (0, 1, wide, wide + 1)]
+        return dr.lerp(dr.lerp(texel[0], texel[1], f[0]), dr.lerp(texel[2], texel[3], f[0]), f[1])
+
+    def query(x, n):
+        y = x + n * (moments.bias * lattice.spacing)
+        cell, total, z = _Cell(lattice, y), light.zero(), mi.Float(0)
+        for corner in CORNERS:
+            node, _, u = cell.corner(corner)
+            active = dr.gather(mi.Bool, live, node)
+            o = dr.gather(mi.Vector4f, origins, node, active)
+            to_probe, facing = mi.Vector3f(o.x, o.y, o.z) - y, mi.Vector3f(o.x, o.y, o.z) - x
+            r = dr.norm(to_probe)
+            wrap = dr.square(0.5 * dr.dot(facing, n) * dr.rsqrt(dr.maximum(dr.squared_norm(facing), 1e-18)) + 0.5)
+            moment = fetch(node, -to_probe / dr.maximum(r, 1e-9), active)
+            variance = dr.abs(dr.square(moment.x) - moment.y)
+            c = variance / dr.maximum(variance + dr.square(r - moment.x), 1e-12)
+            w = (wrap + ddgi.WRAP) * dr.select(r > moment.x, dr.maximum(c * c * c, ddgi.LEAST), 1)
+            w = dr.maximum(w, 1e-6)
+            w = dr.select(w < ddgi.CRUSH, w * w * w / ddgi.CRUSH**2, w)
+            for value in u:
+                w *= dr.maximum(1 - dr.abs(value), ddgi.FLOOR)
+            w = dr.select(active, w, 0)
+            total, z = light.add(total, w, node, active), z + w
+        return light.irradiance(total, n) * dr.select(z > 0, dr.rcp(z), 0), z
+
+    return query
+
+
+def _bordered(maps: np.ndarray) -> np.ndarray:
+    """[P, 18, 18, 2] octahedral maps with a border that continues them by the fold."""
+    side = maps.shape[1]
+    at = np.arange(-1, side + 1)
+    y, x = np.meshgrid(at, at, indexing="ij")
+    over_x, over_y = (x < 0) | (x >= side), (y < 0) | (y >= side)
+    row = np.where(over_x, side - 1 - y, y)
+    column = np.where(over_y, side - 1 - x, x)
+    return maps[:, np.clip(row, 0, side - 1), np.clip(column, 0, side - 1)]

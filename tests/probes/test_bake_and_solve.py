@@ -1,0 +1,161 @@
+"""Rays, diffusion, fits, solve and incremental bakes, on rooms of which the answer is known."""
+
+import numpy as np
+import pytest
+
+from lightwell.probes import ddgi, rays, sh
+from lightwell.probes.bake import bake_geometry, rebake
+from lightwell.probes.diffusion import diffuse, sweeps
+from lightwell.probes.leak_scenes import two_rooms
+from lightwell.probes.pattern import pattern
+from lightwell.probes.solve import Rows, smape, solve
+from lightwell.probes.support import cube_edges, cube_valid, sees
+from lightwell.probes.volume import OPEN, WEIGHTED, query, trust_at
+from lightwell.probes.weights import FUNCTIONS, error, point_weight, refine, trusted
+
+OFFSET = (0.3, 0.1, 0.7)
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    return two_rooms(0.05, door=True)
+
+
+@pytest.fixture(scope="module")
+def baked(rooms):
+    return bake_geometry(rooms.scene, 1.0, "relu-field", OFFSET)
+
+
+def test_places_in_walls_and_outside_are_not_air(rooms):
+    places = np.array([[-1.5, 1.3, 1.5], [0, 2.3, 0.5], [0, 1.0, 1.4], [-1.5, 1.3, 5.0]], np.float32)
+    assert rays.valid(rooms.scene, places).tolist() == [True, False, True, False]
+
+
+def test_segments_stop_at_a_wall_of_a_centimetre():
+    thin = two_rooms(0.01)
+    a, b = np.float32([[-0.5, 1, 1], [-0.5, 1, 1]]), np.float32([[0.5, 1, 1], [-0.1, 1, 1]])
+    assert rays.free(thin.scene, a, b).tolist() == [False, True]
+
+
+def test_diffusion_solves_what_the_sweeps_approach(rooms, baked):
+    nodes = np.flatnonzero(baked.volume.state == WEIGHTED)[:2]
+    seen, edges = sees(rooms.scene, baked.support, nodes), cube_edges(baked.support, nodes)
+    layout = baked.support.pattern
+    assert np.abs(diffuse(layout, seen, edges) - sweeps(layout, seen, edges, count=300)).max() < 1e-3
+
+
+def test_trust_decays_by_e_over_the_reach():
+    layout = pattern()
+    seen = np.broadcast_to(layout.u[:, 0] < -0.5, (1, len(layout.u)))
+    rho = diffuse(layout, seen, np.ones((1, len(layout.cube_edges)), bool), reach=0.33)[0]
+    layer = lambda x: rho[np.abs(layout.u[:, 0] - x) < 0.06].mean()  # noqa: E731
+    assert np.log(layer(-0.25) / layer(0.08)) == pytest.approx(1.0, rel=0.12)
+
+
+def test_trust_does_not_cross_a_wall(rooms):
+    closed = two_rooms(0.05)
+    made = bake_geometry(closed.scene, 1.0, "relu-field", OFFSET)
+    layout, lattice = made.support.pattern, made.support.lattice
+    nodes = np.flatnonzero(made.support.alive)
+    left = made.support.origin[nodes][:, 0] < 0
+    x = lattice.nodes()[nodes][:, None, 0] + layout.u[None, :, 0]
+    wrong = np.where(left[:, None], x > 0.03, x < -0.03)
+    assert (made.target[nodes] * wrong).max() == 0
+
+
+@pytest.mark.parametrize("function", ["relu-field", "relu-field-5"])
+def test_the_convex_fit_is_as_good_as_many_steps_of_adam(baked, function):
+    weighted = np.flatnonzero(baked.volume.state == WEIGHTED)[:5]
+    layout, f = baked.support.pattern, FUNCTIONS[function]
+    target, valid = baked.target[weighted].astype(np.float32), cube_valid(baked.support, weighted)
+    weight = point_weight(target, layout.hat, valid)
+    score = lambda params: (weight * (trusted(f.values(params, layout.u)[0]) - target) ** 2).mean()  # noqa: E731
+    newton = score(f.fit(target, weight, layout))
+    start = np.full((len(target), f.parameters), 0.5, np.float32)
+    adam = score(refine(f, start, target, weight, layout, steps=200, rate=0.03, points=512))
+    found = f.quantised(f.fit(target, weight, layout))
+    plain = error(target, np.ones_like(target), layout.hat, valid).mean()
+    assert newton < 1.25 * adam
+    assert error(target, trusted(f.values(found, layout.u)[0]), layout.hat, valid).mean() < 0.5 * plain
+
+
+@pytest.mark.parametrize("function", list(FUNCTIONS))
+def test_gradients_are_right(function):
+    f, rng = FUNCTIONS[function], np.random.default_rng(2)
+    params = f.initial(2) if function == "mlp" else rng.uniform(0.1, 0.9, (2, f.parameters)).astype(np.float32)
+    u, slope = rng.uniform(-1, 1, (40, 3)), rng.normal(size=(2, 40))
+    _, state = f.values(params.astype(np.float64), u)
+    gradient = f.gradient(state, slope)
+    for k in (0, f.parameters // 2, f.parameters - 1):
+        moved = [params.astype(np.float64).copy() for _ in range(2)]
+        for sign, p in zip((1, -1), moved):
+            p[:, k] += sign * 1e-4
+        up, down = (f.values(p, u)[0] for p in moved)
+        expected = ((up - down) * slope).sum(axis=1) / 2e-4
+        assert np.allclose(gradient[:, k], expected, rtol=2e-2, atol=2e-3)
+
+
+def test_a_furnace_is_pi_everywhere(baked):
+    light = np.zeros((len(baked.volume.lattice), 9, 3))
+    light[:, 0] = np.sqrt(4 * np.pi) * np.pi
+    rng = np.random.default_rng(0)
+    x = rng.uniform([-2.9, 0.1, 0.1], [-0.1, 2.5, 2.9], (300, 3))
+    e, z = query(baked.volume.lit(light * baked.volume.alive[:, None, None]), x, sh.directions(300))
+    assert np.abs(e[z > 0.05] / np.pi - 1).max() < 1e-3 and (z > 0.05).mean() > 0.99
+
+
+def test_the_solve_recovers_light_that_the_probes_can_show(baked):
+    volume, rng = baked.volume, np.random.default_rng(1)
+    truth = rng.normal(0, 0.1, volume.light.shape).astype(np.float32)
+    truth[:, 0] += 2
+    truth[~volume.alive] = 0
+    x = rng.uniform([-2.9, 0.1, 0.1], [2.9, 2.5, 2.9], (4000, 3))
+    from lightwell.probes.volume import coefficients
+
+    node, share, _ = coefficients(volume, x, np.zeros_like(x))
+    light = np.einsum("nk,nkbc->nbc", share, truth[node])
+    start = truth + rng.normal(0, 0.3, truth.shape).astype(np.float32) * volume.alive[:, None, None]
+    found = solve(volume, Rows(x, np.zeros_like(x), light), start)
+    assert found.errors[-1] < 0.3 * found.errors[0] and np.isfinite(found.light).all()
+    states = solve(volume, Rows(x, np.zeros_like(x), np.stack([light, 2 * light])), np.stack([start, 2 * start])).light
+    assert np.allclose(states[1], 2 * states[0], rtol=1e-3, atol=1e-3)
+
+
+def test_smape_is_bounded_and_symmetric():
+    a, b = np.array([1.0, 0.0, 4.0]), np.array([3.0, 5.0, 4.0])
+    assert np.allclose(smape(a, b, 1e-9), [0.5, 1, 0]) and np.allclose(smape(a, b, 1e-9), smape(b, a, 1e-9))
+
+
+def test_a_rebake_of_nothing_changes_nothing_and_touches_little(rooms, baked):
+    box = np.array([[-2.5, 0.2, 0.2], [-2.2, 0.5, 0.5]])
+    after, nodes = rebake(rooms.scene, baked, box)
+    assert len(nodes) < 0.1 * len(baked.volume.lattice)
+    for name in ("state", "row", "params", "octant", "fallback"):
+        assert np.array_equal(getattr(after.volume, name), getattr(baked.volume, name)), name
+
+
+def test_a_rebake_of_a_new_wall_is_the_full_bake(baked):
+    closed = two_rooms(0.05)
+    whole = bake_geometry(closed.scene, 1.0, "relu-field", OFFSET)
+    box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
+    after, _ = rebake(closed.scene, baked, box)
+    assert np.array_equal(after.volume.state, whole.volume.state)
+    x = np.random.default_rng(0).uniform([-2.9, 0.1, 0.1], [2.9, 2.5, 2.9], (2000, 3))
+    assert np.abs(trust_at(after.volume, x)[2] - trust_at(whole.volume, x)[2]).mean() < 1e-3
+
+
+def test_moments_see_a_wall(rooms, baked):
+    light = np.zeros_like(baked.volume.light)
+    moments = ddgi.bake_moments(rooms.scene, baked.support, light)
+    d = sh.directions(64)
+    assert np.allclose(ddgi.octahedral(ddgi.to_octahedral(d)), d, atol=1e-6)
+    assert (moments.maps[..., 1] + 1e-3 >= moments.maps[..., 0] ** 2).all()
+
+
+def test_an_open_room_needs_no_records():
+    room = two_rooms(0.05)
+    made = bake_geometry(room.scene, 1.0, "relu-field", OFFSET)
+    far = made.support.lattice.nodes()[:, 0] < -1.2
+    assert set(made.volume.state[far & made.volume.alive]) == {OPEN}
+    x = np.array([[-2.0, 1.3, 1.5]])
+    assert trust_at(made.volume, x)[2].max() == 1
