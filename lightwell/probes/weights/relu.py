@@ -18,8 +18,8 @@ from lightwell.probes.pattern import Pattern
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.refine import refine
 
-# Stored values: uint8 over this range; they must leave [0, 1] for the clip to cut.
-LOW, HIGH = -0.5, 1.5
+# Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a fifth of a grid cell.
+LOW, HIGH = -2.0, 3.0
 NEWTON = 12
 # Steps of the polish, and their size.
 POLISH, RATE = 60, 0.01
