@@ -65,6 +65,9 @@ describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) =>
   }
 
   async function radiance(page: Page): Promise<Radiance> {
+    // On llvmpipe (Mesa 22.3) the first read-back of a page shows, once in forty openings, the picture of the mode before,
+    // whatever was drawn in between; the second never did. SwiftShader has no such thing.
+    await page.evaluate(() => void window.lightwell.readRadiance());
     const data = await page.evaluate(() => Array.from(window.lightwell.readRadiance().data));
     return (x, y) => data.slice(4 * (y * WIDTH + x), 4 * (y * WIDTH + x) + 4);
   }
@@ -256,7 +259,7 @@ describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) =>
     };
     for (const fields of [[linearField()], [linearField(), stillField()]]) {
       const [with3, without] = [await open3({ fields, tamper }), await open3({ fields })];
-      // Two openings may differ in the last bit of a half float: they draw the same walls in another order.
+      // Up to the last bit of a half float: the same walls are drawn in another order.
       const apart = with3.map((value, i) => Math.abs(value - without[i]!) / Math.max(without[i]!, 1e-3));
       expect(Math.max(...apart)).toBeLessThan(HALF_STEP);
       expect(Math.min(...without)).toBeGreaterThan(0);
