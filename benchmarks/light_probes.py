@@ -131,6 +131,12 @@ def memory(quick: bool) -> list[Row]:
         size = FUNCTIONS[name].stored + 8 + 30
         note = f"{FUNCTIONS[name].stored} B weights + 8 B mask + 30 B ZH3; DDGI {ddgi.BYTES} B"
         rows.append(at_most(f"payload over DDGI's bytes, {name}", 0.25, size / ddgi.BYTES, "ratio", note))
+    from lightwell.probes.bake import bake_geometry
+
+    parts = bake_geometry(SCENES["s2"]().scene, 1.0, "relu-field").volume.bytes_per_probe()
+    size = sum(value for name, value in parts.items() if name != "record")
+    note = ", ".join(f"{k} {v:.0f} B" for k, v in parts.items()) + " per live probe of S2"
+    rows.append(at_most("payload over DDGI's bytes, every table counted", 0.25, size / ddgi.BYTES, "ratio", note))
     return rows
 
 

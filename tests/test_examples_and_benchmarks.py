@@ -25,3 +25,11 @@ def test_the_quick_benchmark_prints_rows_and_writes_nothing():
     text = _run("benchmarks/main_job.py", "--quick", "--only", "parity,inference,training")
     assert "parity NumPy / Dr.Jit" in text and "asked" in text
     assert (results.read_bytes() if results.exists() else None) == before
+
+
+def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/light_probes.json"
+    before = results.read_bytes() if results.exists() else None
+    text = _run("benchmarks/light_probes.py", "--quick", "--only", "memory,s1-5")
+    assert "bright leak over trilinear's" in text and "payload over DDGI's bytes" in text
+    assert (results.read_bytes() if results.exists() else None) == before
