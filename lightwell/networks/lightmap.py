@@ -85,7 +85,9 @@ class LightmapNetwork:
         if not self.base:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
-        return rows[:, BASE] * e[:, 0:1] + rows[:, GAIN] * e[:, 1:4]
+        # A product, because the gradient of a broadcast is a sum whose order the threads choose.
+        factor = dr.matmul(e[:, 0:1], dr.full(mi.TensorXf, 1, (1, 3)))
+        return rows[:, BASE] * factor + rows[:, GAIN] * e[:, 1:4]
 
     def features(self, parameters: Mapping[str, Any], places: Any) -> Any:
         """[B, channels] decoded features at places [B, 2], or None."""

@@ -1,0 +1,223 @@
+"""Light maps: what is stored is what is scored; known light is learned; planted mistakes are caught."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightwell.fields.atlas_images import denoised, dilated, push_pull
+from lightwell.fields.base import query_inputs
+from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap_graph import SOFT, stored
+from lightwell.graph import evaluate
+from lightwell.graph.pictures import BYTE, decoded, encode
+from lightwell.transport.mapped import MappedQuery
+
+SIZE = 32
+RNG = np.random.default_rng(5)
+
+
+def unit_rows(count: int, up: bool = False) -> np.ndarray:
+    v = RNG.normal(size=(count, 3))
+    v[:, 1] = np.abs(v[:, 1]) + 0.05 if up else v[:, 1]
+    return (v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
+
+
+def queries(count: int, metallic: float = 0.0, roughness: float = 0.3) -> MappedQuery:
+    """Places all over a floor of albedo 0.46, seen from above."""
+    place = RNG.random((count, 2)).astype(np.float32)
+    normal = np.tile(np.float32([0, 1, 0]), (count, 1))
+    return MappedQuery(
+        position=np.stack([place[:, 0], np.zeros(count, np.float32), place[:, 1]], axis=1),
+        normal=normal,
+        view=unit_rows(count, up=True),
+        light=np.zeros((count, 3), np.float32),
+        reflectance=np.full((count, 3), 0.5, np.float32),
+        roughness=np.full((count, 1), roughness, np.float32),
+        metallic=np.full((count, 1), metallic, np.float32),
+        uv1=place,
+    )
+
+
+def ramp() -> np.ndarray:
+    """[n, n, 3] E' in unit S that grows to the right."""
+    u = (np.arange(SIZE) + 0.5) / SIZE
+    return np.repeat(np.repeat((0.1 + 0.4 * u)[None, :, None], SIZE, axis=0), 3, axis=2)
+
+
+def radiance(fit: LightmapFit, query: MappedQuery) -> np.ndarray:
+    """What the shipped graph shows."""
+    graph = fit.lower()
+    inputs = {name: value for name, value in query_inputs(query).items() if name in graph.inputs}
+    return evaluate(graph, inputs)["radiance"] * query.reflectance
+
+
+def plain(unit: float = 2.0) -> LightmapFit:
+    return LightmapFit(PRESETS["plain"], SIZE, unit, encode(stored(ramp()), "png"))
+
+
+# ---------------------------------------------------------------------- what is stored
+
+
+def test_the_curve_is_inverted_by_the_graph():
+    query = queries(256)
+    expected = (
+        2.0 * np.interp(query.uv1[:, 0] * SIZE, np.arange(SIZE) + 0.5, ramp()[0, :, 0])[:, None] * query.reflectance
+    )
+    inside = np.abs(query.uv1[:, 0] - 0.5) < 0.48
+    assert np.abs(radiance(plain(), query) / expected - 1)[inside].max() < 0.02
+
+
+def test_bytes_are_rounded_and_truncation_would_darken():
+    x = RNG.uniform(0.01, 4, 100_000)
+    q = stored(x) / 255
+    u = q * q
+    back = u / (1 + SOFT - u)
+    exact = np.sqrt(x * (1 + SOFT) / (1 + x))
+    truncated = np.floor(255 * exact) / 255
+    bound = 4 * 0.29 / 255 / np.sqrt(len(x))
+    assert abs((q - exact).mean()) < bound < abs((truncated - exact).mean())
+    assert np.abs(back / x - 1).max() < 0.1
+
+
+@pytest.mark.parametrize("codec", ["png", "webp"])
+def test_lossless_codecs_keep_every_byte(codec):
+    texels = RNG.integers(0, 256, (16, 24, 3)).astype(np.uint8)
+    assert np.array_equal(decoded(encode(texels, codec).data), texels)
+    assert encode(texels, codec).buffer().scale == BYTE
+
+
+@pytest.mark.parametrize(
+    ("texels", "codec"), [(np.zeros((4, 4, 4), np.uint8), "png"), (np.zeros((4, 4, 3), np.uint8), "gif")]
+)
+def test_what_is_no_picture_is_refused(texels, codec):
+    with pytest.raises(ValueError, match="picture: expected"):
+        encode(texels, codec)
+
+
+# ---------------------------------------------------------------------- between charts
+
+
+def test_dilation_continues_a_chart_and_keeps_it():
+    image, covered = np.zeros((16, 16, 3), np.float32), np.zeros((16, 16), bool)
+    covered[4:8, 4:8] = covered[4:8, 12:15] = True
+    image[4:8, 4:8], image[4:8, 12:15] = 1.0, 3.0
+    filled = dilated(image, covered, 2)
+    assert np.array_equal(filled[covered], image[covered])
+    assert (filled[4:8, 2:10] == 1).all() and (filled[4:8, 10:] == 3).all()
+    assert filled.min() >= 1 and filled.max() <= 3
+
+
+def test_push_pull_of_a_constant_is_constant():
+    known = RNG.random((13, 9)) < 0.2
+    assert np.allclose(push_pull(np.where(known[..., None], 0.7, 0).astype(np.float32), known), 0.7, atol=1e-6)
+
+
+def test_a_chart_is_denoised_without_its_neighbour():
+    pytest.importorskip("mitsuba_oidn")
+    chart = np.full((48, 48), -1, np.int32)
+    chart[4:44, 4:22], chart[4:44, 26:44] = 0, 1
+    image = np.where((chart == 1)[..., None], 50.0, 0.5).astype(np.float32) * np.float32([1, 1, 1])
+    noisy = image * RNG.gamma(16, 1 / 16, (48, 48, 1)).astype(np.float32)
+    clean = denoised(noisy, chart, 3)
+    assert np.abs(clean - image)[chart >= 0].mean() < 0.6 * np.abs(noisy - image)[chart >= 0].mean()
+    assert clean[chart == 0].max() < 1.0
+
+
+# ---------------------------------------------------------------------- learned light
+
+
+def test_a_matte_light_map_looks_alike_from_everywhere():
+    query = queries(64)
+    other = replace(query, view=unit_rows(64, up=True))
+    assert np.array_equal(radiance(plain(), query), radiance(plain(), other))
+
+
+@pytest.fixture(scope="module")
+def glossy():
+    """A floor whose gloss mirrors a bright spot, in closed form: a lobe round a fixed direction."""
+    towards = np.float32([0.3, 0.8, 0.52])
+    towards /= np.linalg.norm(towards)
+
+    def truth(query: MappedQuery) -> np.ndarray:
+        mirrored = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
+        lobe = np.exp(12 * ((mirrored * towards).sum(axis=1, keepdims=True) - 1))
+        diffuse = 0.46 * np.interp(query.uv1[:, :1] * SIZE, np.arange(SIZE) + 0.5, ramp()[0, :, 0])
+        return 2.0 * (diffuse + 0.3 * lobe).repeat(3, axis=1)
+
+    preset = LightmapPreset(base="png", channels=3, share=0.25, hidden=(16, 16))
+    fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=1 << 11)
+    query = queries(1 << 13)
+    fit.train(query, truth(query), np.ones(len(query), np.float32), 400)
+    return fit, truth, towards
+
+
+def test_gloss_is_learned_where_an_ordinary_light_map_has_none(glossy):
+    fit, truth, _ = glossy
+    query = queries(2048)
+    error = lambda f: np.sqrt(np.mean((f - truth(query)) ** 2))  # noqa: E731
+    assert error(radiance(fit, query)) < 0.2 * error(radiance(plain(), query))
+
+
+def test_the_peak_of_the_lobe_is_where_it_is(glossy):
+    fit, _, towards = glossy
+    query = queries(20000)
+    mirrored = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
+    light = radiance(fit, replace(query, uv1=np.full_like(query.uv1, 0.5))).mean(axis=1)
+    weight = np.clip(light - 0.8 * light.max(), 0, None)
+    peak = (weight[:, None] * mirrored).sum(axis=0)
+    assert np.degrees(np.arccos((peak / np.linalg.norm(peak)) @ towards)) < 3
+
+
+def test_what_ships_is_what_was_trained(glossy):
+    fit, _, _ = glossy
+    query = queries(512)
+    assert np.abs(radiance(fit, query) - fit.predict(query)).max() < 5e-3 * fit.unit
+    assert set(fit.pictures) == {"e", "f0"} and fit.pictures["f0"].mime == "image/webp"
+
+
+def test_a_view_turned_round_is_caught(glossy):
+    fit, truth, _ = glossy
+    query = queries(2048)
+    wrong = replace(query, view=query.view * np.float32([-1, 1, -1]))
+    error = lambda f: np.sqrt(np.mean((f - truth(query)) ** 2))  # noqa: E731
+    assert error(radiance(fit, wrong)) > 3 * error(radiance(fit, query))
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_every_preset_trains_and_ships(name):
+    preset = PRESETS[name]
+    preset = replace(preset, share=min(preset.share, 0.25), base="png" if preset.base else "")
+    base = encode(stored(ramp()), "png") if preset.base else None
+    direction = encode(np.full((8, 8, 3), 160, np.uint8), "webp") if preset.direction else None
+    fit = LightmapFit(preset, SIZE, 2.0, base, direction, batch=1 << 9)
+    query = queries(1 << 10)
+    fit.train(query, np.full((len(query), 3), 0.2, np.float32), np.ones(len(query), np.float32), 12)
+    shown = radiance(fit, query)
+    assert shown.shape == (len(query), 3) and np.isfinite(shown).all() and (shown >= 0).all()
+    if preset.hidden:
+        assert np.abs(shown - fit.predict(query)).max() < 0.02 * np.abs(shown).max() + 1e-3
+
+
+def test_the_same_seed_gives_the_same_bytes():
+    preset = LightmapPreset(base="png", channels=3, share=0.25, hidden=(8,))
+    query = queries(1 << 10)
+    target = RNG.random((len(query), 3)).astype(np.float32)
+
+    def made() -> list[bytes]:
+        fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=1 << 9)
+        fit.train(query, target, np.ones(len(query), np.float32), 20)
+        return [p.data for p in fit.pictures.values()] + [b.array.tobytes() for b in fit.lower().buffers.values()]
+
+    assert made() == made()
+
+
+def test_a_broken_target_is_left_out():
+    fit = LightmapFit(
+        LightmapPreset(base="png", channels=3, hidden=(8,)), SIZE, 2.0, encode(stored(ramp()), "png"), batch=256
+    )
+    query = queries(512)
+    target = np.full((512, 3), 0.2, np.float32)
+    target[::7] = np.nan
+    fit.train(query, target, np.ones(512, np.float32), 10)
+    assert np.isfinite(radiance(fit, query)).all()
