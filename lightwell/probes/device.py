@@ -19,7 +19,7 @@ from lightwell.probes.volume import DROPPED, FALLBACK, OPEN, WEIGHTED, ProbeVolu
 from lightwell.probes.weights import FUNCTIONS
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import HIDDEN, SPLITS, TinyMlp
-from lightwell.probes.weights.relu import ReluField
+from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
 # Harmonics of a node: 27 numbers in seven packets of four.
 PACKETS = 7
@@ -130,6 +130,10 @@ def _rho(volume: ProbeVolume) -> Callable:
     """ρ of records [lanes] at probe-local places."""
     f = FUNCTIONS[volume.function]
     constants = np.zeros((CONSTANTS, f.parameters), np.float32)
+    if isinstance(f, ReluField) and f.side == 4:
+        constants[0], constants[1] = LOW, HIGH
+        words = _table(encode(np.concatenate([constants, volume.params])).view(np.uint32), mi.UInt32)
+        return lambda row, u, active: _trusted(_bytes(words, row, u, active))
     if isinstance(f, ReluField):
         constants[1] = 1
         table = _table(np.concatenate([constants, volume.params]))
@@ -158,6 +162,22 @@ def _grid(table, side: int, row, u, active):
     for fraction in f:
         value = [dr.lerp(a, b, fraction) for a, b in zip(value[::2], value[1::2])]
     return value[0]
+
+
+def _bytes(words, row, u, active):
+    """The same for a grid of 4³ bytes: a row of four along x is one word, so that four reads give eight values."""
+    at = [(value + 1) * 1.5 for value in u]
+    low = [dr.minimum(mi.UInt32(a), 2) for a in at]
+    f = [a - mi.Float(v) for a, v in zip(at, low)]
+    first, shift = row * 16 + low[2] * 4 + low[1], low[0] * 8
+    value = []
+    for step in (0, 1, 4, 5):
+        word = dr.gather(mi.UInt32, words, first + step, active) >> shift
+        left, right = (mi.Float(mi.Int32((word >> s) & 255)) for s in (0, 8))
+        value.append(dr.lerp(left, right, f[0]))
+    for fraction in f[1:]:
+        value = [dr.lerp(a, b, fraction) for a, b in zip(value[::2], value[1::2])]
+    return value[0] * ((HIGH - LOW) / 255) + LOW
 
 
 def _network(table, packets: int, row, u, active):
