@@ -12,6 +12,7 @@ NUMPY = {
     "relu": lambda x: np.maximum(x, 0),
     "sigmoid": lambda x: 1 / (1 + np.exp(-x)),
     "silu": lambda x: x / (1 + np.exp(-x)),
+    "sine": np.sin,
     "softplus": lambda x: np.logaddexp(0, x),
     "tanh": np.tanh,
     "exp": lambda x: np.exp(np.clip(x, EXP_LOW, EXP_HIGH)),
