@@ -110,7 +110,7 @@ def query_time(quick: bool) -> list[Row]:
     """Time of a query over that of the baselines, one run, medians."""
     from probe_time import measure
 
-    figures = measure(1 << 14 if quick else 400_000, 2 if quick else 9)
+    figures = measure(1 << 14 if quick else 400_000, 2 if quick else 25)
     note = ", ".join(f"{k} {v:.0f}" for k, v in figures.items()) + " ns per query, same harmonics for all, LLVM"
     return [
         at_most(f"query time over DDGI's, {name}", 0.75, figures[name] / figures["ddgi"], "ratio", note)
