@@ -19,7 +19,7 @@ from pathlib import Path
 from rows import Row, at_most, publish, without_bar
 
 ROOT = Path(__file__).parents[1]
-# Issue 4: bytes of the runtime without three.js, and its cost over that of an ordinary light map.
+# Bars: bytes of the runtime without three.js, and its cost over that of an ordinary light map.
 BUNDLE_KB, COST_RATIO = 25.0, 2.5
 TIMEOUT = 900
 

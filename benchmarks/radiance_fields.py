@@ -38,11 +38,11 @@ FALLBACK = "mlp"
 
 CORNELL = SCENES / "mitsuba/cornell-box/scene.xml"
 # Room: scene; distance that the light keeps from surfaces, a tenth of the shortest edge as in the box; seconds
-# of tracing and training, on which no bar is set (light comes into veach-ajar through a door ajar, and is noisy).
+# of tracing and training, on which no bar is set.
 ROOMS = {
     "godot-living-room": (SCENES / "gltf/godot-living-room/living_room.glb", 0.55, 320.0),
     "godot-room": (SCENES / "gltf/godot-room/room.glb", 0.5, 320.0),
-    "veach-ajar": (SCENES / "mitsuba/veach-ajar/scene_mi3.xml", 0.38, 560.0),
+    "veach-ajar": (SCENES / "mitsuba/veach-ajar/scene_mi3.xml", 0.38, 300.0),
 }
 # A fourth, full of small furniture, that no bar is asked of.
 MORE_ROOMS = {"room-soft-shadows": (SCENES / "gltf/room-soft-shadows/room-decoded.glb", 2.6, 320.0)}
