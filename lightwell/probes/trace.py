@@ -16,11 +16,12 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import upload
 from lightwell.transport.radiance import (
+    LATTICE_STREAM,
     MAX_DEPTH,
     RR_DEPTH,
-    _power,
-    _vertex,
     independent,
+    interaction_at,
+    power_heuristic,
     random_streams,
     stratified,
     trace,
@@ -29,8 +30,6 @@ from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
 
 LAUNCH = 1 << 19
-# A stream beyond those of the paths shifts the lattice of directions.
-LATTICE_STREAM = 1 << 31
 UNIFORM = 1 / (4 * np.pi)
 
 
@@ -119,7 +118,7 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
             geometry, at, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
         )
         lit = (dr.max(weight) > 0) & ~geometry.ray_test(shadow)
-        mis = dr.select(delta, 1, _power(pdf, UNIFORM))
+        mis = dr.select(delta, 1, power_heuristic(pdf, UNIFORM))
         totals = _added(totals, wo, n, dr.select(lit, mis * weight, 0))
     # --------------------- Uniformly distributed ray ---------------------
     d = mi.warp.square_to_uniform_sphere(u)
@@ -127,8 +126,8 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
     si = geometry.ray_intersect(ray)
     L = dr.select(si.is_valid(), trace(geometry, si, source, rng, independent(rng), max_depth - 1, rr_depth, True), 0)
     if own:
-        Le, hit_pdf = source.hit(geometry, _vertex(at), si, ray, mi.Bool(False), mi.Bool(True))
-        L += _power(mi.Float(UNIFORM), hit_pdf) * Le
+        Le, hit_pdf = source.hit(geometry, interaction_at(at), si, ray, mi.Bool(False), mi.Bool(True))
+        L += power_heuristic(mi.Float(UNIFORM), hit_pdf) * Le
     return _added(totals, d, n, L / UNIFORM)
 
 

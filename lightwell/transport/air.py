@@ -141,13 +141,13 @@ def _witnesses(scene: Scene) -> np.ndarray:
             d = mi.warp.square_to_uniform_sphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
             ray = mi.Ray3f(dr.gather(mi.Point3f, upload(mi.Point3f, places), lane // ROOM_RAYS), d)
             pi = scene.mi.ray_intersect_preliminary(ray)
-            right = ~pi.is_valid() | _right_side(scene, _sides(scene), pi, ray)
+            right = ~pi.is_valid() | right_side(scene, air_sides(scene), pi, ray)
             places = places[np.array(right, bool).reshape(-1, ROOM_RAYS).mean(axis=1) >= 0.5]
         scene.__dict__["_witnesses"] = places
     return scene.__dict__["_witnesses"]
 
 
-def _sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
+def air_sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
     """Per mesh, whether its front and its back are sides that air can touch."""
     t = tables(scene)
     front = (t.front & (t.air != -1)) | t.transmissive
@@ -157,7 +157,7 @@ def _sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
 
 def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shares of the cosine rays that hit within touch, hit a wrong side, and leave the scene: each [N]."""
-    device, sides = DevicePoints(points), _sides(scene)
+    device, sides = DevicePoints(points), air_sides(scene)
     touch = dr.opaque(mi.Float, TOUCH * scene.extent)
     found = np.zeros((3, len(points)), np.float32)
     batch = LAUNCH // RAYS
@@ -171,7 +171,7 @@ def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray,
         ray = si.spawn_ray(mi.Frame3f(_viewed(si, device, row)).to_world(d))
         pi = scene.mi.ray_intersect_preliminary(ray)
         hit = pi.is_valid()
-        wrong = hit & ~_right_side(scene, sides, pi, ray)
+        wrong = hit & ~right_side(scene, sides, pi, ray)
         masks = (hit & (pi.t < touch), wrong, ~hit)
         values = [dr.select(m, mi.Float(1), 0) for m in masks]
         dr.eval(values)
@@ -185,7 +185,7 @@ def _viewed(si, device: DevicePoints, row) -> mi.Vector3f:
     return mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
 
 
-def _right_side(scene: Scene, sides, pi, ray) -> mi.Bool:
+def right_side(scene: Scene, sides, pi, ray) -> mi.Bool:
     """Whether a ray met a side that air can touch."""
     si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
     mesh = shape_index(shape_lookup(scene), pi.shape)

@@ -11,15 +11,16 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import WRONG_SHARE, _right_side, _sides
+from lightwell.transport.air import WRONG_SHARE, air_sides, right_side
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.radiance import (
+    LATTICE_STREAM,
     LAUNCH,
     MAX_DEPTH,
     RR_DEPTH,
-    _power,
-    _vertex,
     independent,
+    interaction_at,
+    power_heuristic,
     random_streams,
     stratified,
     trace,
@@ -27,9 +28,6 @@ from lightwell.transport.radiance import (
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables
-
-# A stream beyond those of the paths shifts the lattice of directions.
-LATTICE_STREAM = 1 << 31
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     tables(scene)
-    device, sides, half = DevicePoints(points), _sides(scene), paths // 2
+    device, sides, half = DevicePoints(points), air_sides(scene), paths // 2
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((len(points), 2, 7), np.float64)
     settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
@@ -105,7 +103,7 @@ def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
     cosine = dr.dot(normal, wo)
     lit = (dr.max(weight) > 0) & (cosine > 0) & (dr.dot(flat, wo) > 0)
     lit &= ~geometry.ray_test(shadow, lit)
-    mis = dr.select(delta, 1, _power(pdf, cosine * dr.inv_pi))
+    mis = dr.select(delta, 1, power_heuristic(pdf, cosine * dr.inv_pi))
     direct = dr.select(lit, mis * weight * cosine * dr.inv_pi, 0)
     # --------------------- Cosine-distributed ray ---------------------
     d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
@@ -113,10 +111,10 @@ def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
     density = dr.dot(normal, d) * dr.inv_pi
     ray = si.spawn_ray(d)
     pi = geometry.ray_intersect_preliminary(ray, active=above)
-    wrong = pi.is_valid() & ~_right_side(scene, sides, pi, ray)
+    wrong = pi.is_valid() & ~right_side(scene, sides, pi, ray)
     met = pi.compute_surface_interaction(ray, mi.RayFlags.All, above)
-    Le, hit_pdf = source.hit(geometry, _vertex(si), met, ray, mi.Bool(False), above)
-    L = dr.select(above, _power(density, hit_pdf) * Le, 0)
+    Le, hit_pdf = source.hit(geometry, interaction_at(si), met, ray, mi.Bool(False), above)
+    L = dr.select(above, power_heuristic(density, hit_pdf) * Le, 0)
     L += dr.select(
         above & met.is_valid(),
         trace(geometry, met, source, rng, independent(rng), max_depth - 1, rr_depth, True),

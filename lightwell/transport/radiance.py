@@ -108,7 +108,7 @@ def trace(
     bsdf_sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)  # Throughput
     η = mi.Float(bsdf_sample.eta)  # Product of the indices of refraction
     ray = si.spawn_ray(si.to_world(bsdf_sample.wo))  # Current ray
-    prev = _vertex(si)  # Vertex the ray comes from
+    prev = interaction_at(si)  # Vertex the ray comes from
     bsdf_pdf_prev = mi.Float(bsdf_sample.pdf / coverage)  # Density of the ray's direction there
     bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)  # It came from a delta lobe
     depth = mi.UInt32(1)  # Surfaces left behind
@@ -122,7 +122,7 @@ def trace(
 
         if dr.hint(source.hits, mode="scalar"):
             Le, hit_pdf = source.hit(scene, prev, si, ray, bsdf_delta_prev, active)
-            mis = _power(bsdf_pdf_prev, hit_pdf)
+            mis = power_heuristic(bsdf_pdf_prev, hit_pdf)
             L += dr.select(mi.Bool(include_direct) | (depth > 1), β * mis * Le, 0)
 
         # -------------------------- Emitter sampling --------------------------
@@ -138,12 +138,12 @@ def trace(
         bsdf_value, bsdf_pdf, bsdf_sample, bsdf_weight = bsdf.eval_pdf_sample(
             ctx, si, si.to_local(wo_world), rng.next_float32(), _next_2d(rng), active_next
         )
-        mis_em = dr.select(em_delta, 1, _power(em_pdf, bsdf_pdf))
+        mis_em = dr.select(em_delta, 1, power_heuristic(em_pdf, bsdf_pdf))
         if dr.hint(source.emits and connections > 0, mode="scalar"):
             # A light ray could have found this vertex too, if the one before it was joined to light vertices.
             by_bsdf = bsdf_pdf_prev * dr.abs(dr.dot(si.n, ray.d)) / dr.square(si.t)
             both = (depth <= connections) & ~bsdf_delta_prev
-            mis_em = dr.select(both, _power(by_bsdf, _light_density(source, si)), 1)
+            mis_em = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si)), 1)
         L += dr.select(active_em, β * mis_em * bsdf_value * em_weight, 0)
 
         if dr.hint(source.emits and connections > 1, mode="scalar"):
@@ -154,7 +154,7 @@ def trace(
         ray = si.spawn_ray(si.to_world(bsdf_sample.wo))
         β *= bsdf_weight
         η *= bsdf_sample.eta
-        prev = _vertex(si)
+        prev = interaction_at(si)
         bsdf_pdf_prev = bsdf_sample.pdf
         bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)
 
@@ -199,7 +199,7 @@ def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
     value, pdf = (v / coverage for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
-    mis = _power(density, pdf * cosine / distance2)
+    mis = power_heuristic(density, pdf * cosine / distance2)
     return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
 
 
@@ -235,14 +235,14 @@ def _next_2d(rng) -> mi.Point2f:
     return mi.Point2f(x, rng.next_float32())
 
 
-def _power(pdf_a, pdf_b) -> mi.Float:
+def power_heuristic(pdf_a, pdf_b) -> mi.Float:
     """Power heuristic: weight of a sample drawn with density ``pdf_a`` that ``pdf_b`` could have drawn too."""
     a2 = dr.square(pdf_a)
     weight = a2 / dr.fma(pdf_b, pdf_b, a2)
     return dr.select(dr.isfinite(weight), weight, 0)
 
 
-def _vertex(si) -> mi.Interaction3f:
+def interaction_at(si) -> mi.Interaction3f:
     """The part of a surface interaction that emitter densities need."""
     return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
 
@@ -253,7 +253,7 @@ def _light_sample(scene, si, bsdf, source, rng, coverage) -> mi.Spectrum:
     visible = (dr.max(weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     visible &= ~scene.ray_test(shadow, visible)
     value, bsdf_pdf = (v / coverage for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wo_world), visible))
-    mis = dr.select(delta, 1, _power(pdf, bsdf_pdf))
+    mis = dr.select(delta, 1, power_heuristic(pdf, bsdf_pdf))
     return dr.select(visible, mis * value * weight, 0)
 
 
