@@ -24,7 +24,7 @@ EXACT_BONUS = 1.3
 # An exact set of so few points is always taken; of so few where the radius is below the recipe's smallest.
 EXACT, EXACT_SMALL = 40, 100
 # Distances of the two rings of a disc from its rim that are tried, pixels.
-APART = (0.7, 0.85, 1.0, 1.25)
+APART = (0.7, 0.85, 1.0, 1.25, 1.5)
 
 
 def exact(kernel: np.ndarray) -> Spreadlet:

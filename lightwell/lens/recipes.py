@@ -23,9 +23,11 @@ class Recipe:
     name: str = "default"
     """``default`` (least squares), ``best`` (the better of several point sets), ``paper`` (Poisson, Lloyd, Voronoi)."""
     base: float = 24.0
-    """Points of a sparse spreadlet: base + slope · (r + length)."""
-    slope: float = 2.5
+    """Points of a sparse spreadlet: base + slope · (r + length) up to ``bend``, and slope / 5 per pixel beyond."""
+    slope: float = 2.4
     """Points per pixel of radius; more is closer to the kernel and slower."""
+    bend: float = 32.0
+    """Radius and length together from which fewer points per pixel reach the same leak, pixels."""
     share: float = 0.2
     """Never more than this share of the kernel's pixels."""
     smallest: float = 5.0
@@ -39,7 +41,8 @@ class Recipe:
 
     def count(self, radius: float, length: float = 0.0) -> int:
         """Points asked of a sparse spreadlet."""
-        return round(self.base + self.slope * (radius + length))
+        size = radius + length
+        return round(self.base + self.slope * (min(size, self.bend) + max(size - self.bend, 0.0) / 5))
 
 
 def finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
