@@ -219,6 +219,8 @@ def _view(arguments) -> int:
 
 
 def _add_render(verbs) -> None:
+    from lightwell import cache_arguments as cache
+
     parser = _verb(
         verbs,
         "render",
@@ -237,75 +239,29 @@ def _add_render(verbs) -> None:
         "--intensity", type=float, help="candela of that light (default: 1; a .png is then exposed by itself)"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
-    parser.add_argument(
-        "--integrator", choices=("path", "nrc"), default="path", help="nrc: the radiance cache (the scene's own light)"
-    )
-    _add_cache_options(parser)
-    parser.add_argument("--frames", type=int, help="nrc: an orbit of so many frames; OUT is then a folder")
-    parser.add_argument("--format", choices=("exr", "png"), default="exr", help="nrc: format of the frames")
-    parser.add_argument("--resume", action="store_true", help="nrc: keep the frames that are there")
+    cache.add_render(parser)
     parser.add_argument("--json", action="store_true", help="print what was rendered as JSON")
 
 
-def _add_cache_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--nrc",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="an option of the radiance cache, such as preset=paper, estimator=residual, denoise=true, view=cache",
-    )
-
-
-def _cache_settings(arguments):
-    from lightwell.cache.settings import parse_options
-
-    return parse_options(arguments.nrc)
-
-
-def _render_nrc(arguments) -> int:
-    from lightwell.bake.picture import parse_size
-    from lightwell.cache.rendering import render_animation, render_nrc
-
-    width, height = parse_size(arguments.size)
-    settings = _cache_settings(arguments)
-    common = (settings, width, height, arguments.spp)
-    if arguments.frames is not None:
-        if arguments.frames < 1:
-            raise ValueError(f"render: --frames {arguments.frames}, expected at least 1")
-        facts = render_animation(
-            arguments.scene, Path(arguments.out), *common, arguments.frames, seed=arguments.seed,
-            kind=arguments.format, resume=arguments.resume, quiet=arguments.json,
-        )  # fmt: skip
-    else:
-        facts = render_nrc(arguments.scene, Path(arguments.out), *common, seed=arguments.seed)
-    text = f"{arguments.out}: {width}x{height}, {facts['seconds']:.1f} s"
-    print(json.dumps(facts, indent=1) if arguments.json else text)
-    return 0
-
-
 def _add_live(verbs) -> None:
-    parser = _verb(verbs, "live", _live, "a page in which the radiance cache learns while you move camera and lights")
-    parser.add_argument("scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or a built-in name")
-    parser.add_argument("--size", type=int, default=256, help="edge of the square pictures, pixels (default: 256)")
-    parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1 (default: any free one)")
-    parser.add_argument("--no-open", action="store_true", help="only serve")
-    _add_cache_options(parser)
+    from lightwell import cache_arguments as cache
+
+    cache.add_live(_verb(verbs, "live", _live, cache.LIVE_SUMMARY))
 
 
 def _live(arguments) -> int:
-    if not 16 <= arguments.size <= 2048:
-        raise ValueError(f"live: --size {arguments.size}, expected 16 ... 2048 pixels")
-    from lightwell.cache.live_server import live
+    from lightwell.cache.command import run_live
 
-    live(arguments.scene, _cache_settings(arguments), arguments.size, arguments.port, not arguments.no_open)
-    return 0
+    return run_live(arguments)
 
 
 def _render(arguments) -> int:
+    from lightwell.bake.picture import parse_size, render_picture
+
     if arguments.integrator == "nrc":
-        return _render_nrc(arguments)
-    from lightwell.bake.picture import render_picture
+        from lightwell.cache.command import run_render
+
+        return run_render(arguments, parse_size(arguments.size))
 
     facts = render_picture(
         arguments.scene,

@@ -14,6 +14,7 @@ ALLOWED = {
     "transport": {"backend", "scenes"},
     "probes": {"backend", "scenes", "transport", "graph"},
     "fields": {"backend", "scenes", "transport", "networks", "graph", "probes"},
+    "cache_arguments": set(),
     "cache": {"backend", "scenes", "transport", "networks", "graph"},
     "asset": {"graph", "scenes"},
     "report": {"asset"},
@@ -21,7 +22,7 @@ ALLOWED = {
     "lens": {"backend"},
     "serve": set(),
     "bake": {"backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
-    "cli": {"asset", "bake", "cache", "doctor", "lens", "serve"},
+    "cli": {"asset", "bake", "cache", "cache_arguments", "doctor", "lens", "serve"},
 }
 
 

@@ -18,6 +18,7 @@ from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
 from lightwell.scenes import load
+from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 from lightwell.scenes.scene import Camera
 
 # Panels of the page. Every panel but the first two is made on every other frame.
@@ -270,8 +271,6 @@ class LiveSession:
 
 def _jpeg(linear: np.ndarray) -> bytes:
     """Linear [H, W, 3] as an sRGB JPEG."""
-    x = np.clip(np.nan_to_num(linear), 0, 1)
-    shown = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(x, 1 / 2.4) - 0.055)
     stream = io.BytesIO()
-    Image.fromarray((shown * 255 + 0.5).astype(np.uint8)).save(stream, "JPEG", quality=JPEG_QUALITY)
+    Image.fromarray(linear_to_srgb8(np.nan_to_num(linear))).save(stream, "JPEG", quality=JPEG_QUALITY)
     return stream.getvalue()

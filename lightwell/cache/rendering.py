@@ -19,6 +19,7 @@ from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live import LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
+from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 
 # The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
 CACHE_NAME, PLAN_NAME = "radiance-cache.npz", "animation.json"
@@ -34,10 +35,8 @@ def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None
         data = stream.read(stream.size())
     else:
         x = picture[..., :3] * (automatic_exposure(picture) if exposure is None else exposure)
-        x = np.clip(np.nan_to_num(x * (1 + x / 16) / (1 + x)), 0, 1)
-        shown = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(x, 1 / 2.4) - 0.055)
         buffer = io.BytesIO()
-        Image.fromarray((shown * 255 + 0.5).astype(np.uint8)).save(buffer, "PNG")
+        Image.fromarray(linear_to_srgb8(np.nan_to_num(x * (1 + x / 16) / (1 + x)))).save(buffer, "PNG")
         data = buffer.getvalue()
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     part.write_bytes(data)

@@ -1,0 +1,126 @@
+"""References for the figures of the radiance cache: path-traced pictures, in two independent halves, kept and extended.
+
+With halves A and B of the truth T, mean((I - A) (I - B) / (R^2 + eps)) has the expectation of mean((I - T)^2 / ...):
+the noise of the reference does not count. R is the mean of all halves.
+
+    python benchmarks/radiance_cache_truth.py --spp 2048 --scenes veach-ajar,cornell-box    make or extend them
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import mi
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT.parent / "shared" / "scenes" / "mitsuba"
+NAMES = ("veach-ajar", "living-room-2", "staircase2", "veach-bidir", "cornell-box")
+EPSILON = 0.01
+# Samples of one launch of a reference; seeds of references begin here, those of comparisons stay below.
+CHUNK, FIRST_SEED = 32, 100_000
+# Ignored by git.
+FOLDER = ROOT / "out" / "references"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A picture that is known twice, independently."""
+
+    a: np.ndarray
+    """[H, W, 3]."""
+    b: np.ndarray
+    spp: int
+    """Samples per pixel of both together."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The best that is known."""
+        return 0.5 * (self.a + self.b)
+
+    def error(self, picture: np.ndarray) -> float:
+        """relMSE of a picture [H, W, 3], without the noise of the reference; may come out below zero near it."""
+        p = picture.astype(np.float64)
+        return float(np.mean((p - self.a) * (p - self.b) / (self.mean.astype(np.float64) ** 2 + EPSILON)))
+
+
+def path_tracer() -> Any:
+    """Mitsuba's own, unlimited depth."""
+    return mi.load_dict({"type": "path", "max_depth": -1})
+
+
+def scene_of(name: str, size: int, rfilter: str = "") -> Any:
+    """A given scene at about size^2 pixels; None where it is not on this machine. ``rfilter``: 'box' or its own."""
+    path = SCENES / name / "scene_mi3.xml"
+    if not path.exists():
+        return None
+    scene = mi.load_file(str(path))
+    film = scene.sensors()[0].film()
+    width, height = (int(x) for x in film.size())
+    scale = size / np.sqrt(width * height)
+    parameters = mi.traverse(scene.sensors()[0])
+    parameters["film.size"] = [round(width * scale), round(height * scale)]
+    parameters.update()
+    return scene
+
+
+def pixels(image: Any) -> np.ndarray:
+    """[H, W, 3]."""
+    return np.array(image)[..., :3]
+
+
+def truth_of(name: str, scene: Any, sensor: Any, size: int, spp: int, kind: str = "") -> Truth:
+    """The reference with ``spp`` samples at least; what is there is extended, and kept after every chunk."""
+    path = FOLDER / f"{name}-{size}{kind}.npz"
+    shape = tuple(int(x) for x in sensor.film().crop_size())[::-1]
+    sums, chunks = np.zeros((2, *shape, 3)), 0
+    if path.exists():
+        with np.load(path) as held:
+            if held["sums"].shape == sums.shape:
+                sums, chunks = held["sums"].astype(np.float64), int(held["chunks"])
+    wanted = 2 * -(-spp // (2 * CHUNK))
+    saved = time.monotonic()
+    while chunks < wanted:
+        seed = FIRST_SEED + chunks
+        image = mi.render(scene, sensor=sensor, integrator=path_tracer(), spp=CHUNK, seed=seed)
+        sums[chunks % 2] += pixels(image)
+        chunks += 1
+        if chunks % 2 == 0 and (time.monotonic() - saved > 10 or chunks >= wanted):
+            _keep(path, sums, chunks)
+            saved = time.monotonic()
+    halves = sums / (chunks / 2)
+    return Truth(halves[0], halves[1], chunks * CHUNK)
+
+
+def _keep(path: Path, sums: np.ndarray, chunks: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.part.npz")
+    np.savez(part, sums=sums, chunks=chunks)
+    os.replace(part, path)
+
+
+def main() -> None:
+    """Make or extend the references."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--spp", type=int, default=1024)
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--scenes", default=",".join(NAMES))
+    arguments = parser.parse_args()
+    for name in arguments.scenes.split(","):
+        scene = scene_of(name, arguments.size)
+        if scene is None:
+            print(f"{name}: not on this machine")
+            continue
+        start = time.perf_counter()
+        truth = truth_of(name, scene, scene.sensors()[0], arguments.size, arguments.spp)
+        print(f"{name}: {truth.spp} spp, {time.perf_counter() - start:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
