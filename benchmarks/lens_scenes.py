@@ -6,13 +6,14 @@ because shutter times have no effect in Mitsuba 3.9 and the wheel has no animate
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from lightwell.backend import mi
 from lightwell.lens.camera import Camera
-from lightwell.lens.thin_lens import View, view
+from lightwell.lens.samples import Samples
+from lightwell.lens.thin_lens import View, trace, view
 
 Transform = mi.ScalarTransform4f
 
@@ -173,6 +174,33 @@ def reference(case: Case, times: int, spp: int, lens: bool = True, moving: bool 
     mean = total / times
     noise = float(np.sqrt(np.maximum(square / times - mean**2, 0).mean() / times))
     return mean, noise
+
+
+def samples(case: Case, spp: int, seed: int, moving: bool) -> Samples:
+    """``spp`` rays a pixel through the lens, one set per stratum of the shutter, with their motion in pixels."""
+    if not moving:
+        return trace(case.scene, spp, seed=seed)
+    params = mi.traverse(case.scene)
+    rest = {f"{m.shape}.vertex_positions": np.array(params[f"{m.shape}.vertex_positions"]) for m in case.motions}
+    rng, sets = np.random.default_rng(seed), []
+    names = [shape.id() for shape in case.scene.shapes()]
+    focal = case.seen.width / (2 * np.tan(np.deg2rad(case.fov) / 2))
+    # With one sample a pixel four strata of time share the pixels among them.
+    strata = max(spp, 4)
+    shuffled = rng.permutation(case.seen.width * case.seen.height)
+    for i in range(strata):
+        t = (i + rng.random()) / strata
+        _move(params, rest, case.motions, t)
+        rays = trace(case.scene, 1, seed=1000 * seed + i, time=t)
+        motion = np.zeros((len(rays.x), 2), np.float32)
+        for one in case.motions:
+            hit = rays.shape == names.index(one.shape)
+            motion[hit] = -focal * one.travel[:2] / rays.depth[hit][:, None]
+        kept = slice(None) if spp >= strata else shuffled[i::strata]
+        rays = replace(rays, motion=motion)
+        sets.append([getattr(rays, f.name)[kept] for f in fields(rays)])
+    _move(params, rest, case.motions, 0.5)
+    return Samples(*(np.concatenate(parts) for parts in zip(*sets)))
 
 
 def inputs(case: Case, spp: int = 256):

@@ -40,6 +40,8 @@ class Samples:
     """[n] in [0, 1] over the open shutter; None is ½"""
     motion: np.ndarray | None = None
     """[n, 2] displacement in pixels per frame; None is at rest"""
+    shape: np.ndarray | None = None
+    """[n] index in ``scene.shapes()`` of what was hit, −1 for nothing: what a caller finds the motion by; not read."""
 
 
 def reconstruct(
@@ -98,7 +100,7 @@ def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, widt
 def _checked(samples: Samples) -> tuple[Samples, int]:
     """Arrays of one length without samples that are not finite; how many were left out."""
     n = len(samples.x)
-    shapes = {"y": (n,), "rgb": (n, 3), "depth": (n,), "lens": (n, 2), "time": (n,), "motion": (n, 2)}
+    shapes = {"y": (n,), "rgb": (n, 3), "depth": (n,), "lens": (n, 2), "time": (n,), "motion": (n, 2), "shape": (n,)}
     good = np.isfinite(samples.x)
     for name, shape in shapes.items():
         value = getattr(samples, name)

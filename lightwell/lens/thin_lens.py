@@ -40,7 +40,11 @@ def view(scene, sensor: int = 0) -> View:
 
 
 def trace(scene, spp: int, sensor: int = 0, seed: int = 0, integrator=None, time: float = 0.5) -> Samples:
-    """``spp`` rays per pixel [height · width · spp], each with radiance of the scene's integrator."""
+    """``spp`` rays per pixel [height · width · spp], each with radiance of the scene's integrator.
+
+    ``time`` in [0, 1] is noted with the samples: Mitsuba's shapes stand still, so a moving scene is put at that time by
+    the caller, who also adds ``motion``.
+    """
     eye = scene.sensors()[sensor]
     integrator = integrator or scene.integrator()
     seen = view(scene, sensor)
@@ -64,4 +68,13 @@ def trace(scene, spp: int, sensor: int = 0, seed: int = 0, integrator=None, time
     # Mitsuba's camera looks along +z with +x to the left of the picture and +y up: both turn for image axes.
     disc = np.stack([-np.array(on_lens.x), -np.array(on_lens.y)], 1) / max(radius, 1e-30)
     rgb = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
-    return Samples(np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc)
+    when = np.full(count, time, np.float32)
+    return Samples(np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc, when, shape=_shape(scene, found))
+
+
+def _shape(scene, found) -> np.ndarray:
+    """Index of the shape hit [n], −1 for none."""
+    index = np.full(dr.width(found.t), -1, np.int32)
+    for i, shape in enumerate(scene.shapes()):
+        index[np.array(found.is_valid() & (found.shape == mi.ShapePtr(shape)))] = i
+    return index
