@@ -160,7 +160,7 @@ def _view_figures(view: ViewComparison, picture: np.ndarray, seen: np.ndarray, u
 def measured(traced: Traced, views: Views, preset: LightmapPreset, name: str) -> Figures:
     """Fit and score one preset; its line is printed at once."""
     start = perf_counter()
-    fit = fitted(traced.made, traced.eyes, preset, 0, traced.effort.steps if preset.hidden else 0)
+    fit = fitted(traced.scene, traced.made, traced.eyes, preset, 0, traced.effort.steps if preset.hidden else 0)
     figures = views.score(fit, perf_counter() - start)
     print(
         f"  {name:<36} {figures.psnr:6.2f} dB (corrected {figures.corrected:6.2f}, truth {figures.ceiling:5.1f})"

@@ -11,4 +11,6 @@ export const MODULES = {
   "lightwell/gltf-transform": source("gltf-transform.ts"),
   "lightwell/element": source("element/index.ts"),
   "lightwell/export": source("export.ts"),
+  "lightwell/lens": source("lens/index.ts"),
+  "lightwell/lens/three": source("lens/three.ts"),
 } as const;

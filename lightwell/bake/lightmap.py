@@ -21,12 +21,15 @@ from lightwell.bake.lightmap_trace import (
     eye_samples,
     light_image,
     lit_scene,
+    lit_sides,
+    mask_image,
     reduced,
+    seen_sides,
 )
 from lightwell.bake.progress import Progress
 from lightwell.bake.settings import BakeSettings
 from lightwell.bake.work import Work, check_output
-from lightwell.fields.base import radiance_unit
+from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import stored
 from lightwell.graph.pictures import Picture, encode
@@ -36,7 +39,6 @@ from lightwell.scenes.atlas import charted_meshes
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, declare
 from lightwell.transport.samples import Samples
-from lightwell.transport.visible import visible_sides
 
 # Shares of the budget: light at texels, samples of eyes; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
@@ -83,7 +85,7 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
     steps, fits = _steps(settings, preset), {}
     with work.timed("train"), progress.stage("train light map", 2, "") as stage:
         if scene.has_static_light:
-            fits["static"] = fitted(made, samples, preset, settings.seed, steps)
+            fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps)
         stage.advance()
         if moving is not None:
             unit, count = sample_unit(moving), settings.steps or max(steps, LEAST_STEPS)
@@ -151,15 +153,12 @@ def _trace(
     still = moving = None
     with progress.stage("trace light map", 4, "") as stage:
         # A light that moves may come to every side that is seen.
-        lit = None if variable is None else visible_sides(scene, settings.seed)
-        first = chart(scene, size, settings.mips, TIMED_PATHS, settings.seed, lit=lit) if not settings.shards else None
+        sides = lit_sides(scene, settings.seed) if variable is None else seen_sides(scene, settings.seed)
+        first = None if settings.shards else chart(scene, size, settings.mips, TIMED_PATHS, settings.seed, sides=sides)
         stage.advance(note="atlas")
         paths, eyes = _counts(first, scene, settings, preset)
-        if first is not None:
-            lit = first.atlas.chart >= 0
-        made = chart(
-            scene, size, settings.mips, paths if scene.has_static_light else TIMED_PATHS, settings.seed, lit=lit
-        )
+        per_texel = paths if scene.has_static_light else TIMED_PATHS
+        made = chart(scene, size, settings.mips, per_texel, settings.seed, sides=sides)
         stage.advance(note=f"{paths} paths per texel")
         if scene.has_static_light:
             still = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
@@ -191,13 +190,17 @@ def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: L
 
 
 def fitted(
-    made: Chart, samples: EyeSamples, preset: LightmapPreset, seed: int, steps: int, progress=None
+    scene: Scene, made: Chart, samples: EyeSamples, preset: LightmapPreset, seed: int, steps: int, progress=None
 ) -> LightmapFit:
     """Pictures of the light that arrives, and the trained network."""
     unit = sample_unit(samples)
     base = encode(stored(light_image(made) / unit), preset.base, made.atlas.mips) if preset.base else None
     direction = direction_picture(made) if preset.direction else None
-    fit = LightmapFit(preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips)
+    mask = encode(mask_image(made), "webp") if preset.base else None
+    setup = FieldSetup.of(scene, unit, "static")
+    fit = LightmapFit(
+        preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask
+    )
     fit.train(samples.query, samples.radiance, samples.weight, steps, progress)
     return fit
 

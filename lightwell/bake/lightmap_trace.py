@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.atlas_images import denoised, dilated
+from lightwell.fields.base import is_matte
 from lightwell.scenes.atlas import Atlas, build, padding
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.still_light import under_sky, with_lamp
 from lightwell.scenes.variables import declare
 from lightwell.transport.air import _escape_share, reject
+from lightwell.transport.gather import KnownLight, gathered
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.mapped import MappedQuery, mapped_query
 from lightwell.transport.queries import frames
@@ -27,8 +30,12 @@ from lightwell.transport.visible import side_points, visible_sides
 OPEN = 0.005
 # A side counts as lit when its brightest point has this share of the mean light; paths that look for it.
 DARK, DARK_PATHS = 1e-4, 16
+# Points that look for light, over the whole scene; each side gets two at least.
+LOOKS = 1 << 13
 # Texels darker than this share of the mean are asked whether anything can see them.
 BLACK = 0.02
+# Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
+LEAST_SHARE, FEW_EYES = 1 / 16, 1 << 12
 # Shares of view directions: towards places where an eye may stand, the rest as ``draw_surface`` distributes them.
 TOWARDS_EYES = 0.5
 
@@ -42,6 +49,8 @@ class Chart:
     light: Irradiance
     stored: np.ndarray
     """[K] bool: texels that something can see; the others take the light of their neighbours."""
+    glossy: np.ndarray
+    """[K] bool: the eye matters there."""
 
 
 def lit_scene(scene: Scene) -> tuple[Scene, str]:
@@ -56,30 +65,68 @@ def lit_scene(scene: Scene) -> tuple[Scene, str]:
     return with_lamp(scene, place), f"the scene has no light of its own: a lamp hangs at ({where})"
 
 
-def lit_sides(scene: Scene, seed: int) -> np.ndarray:
-    """[2, T] bool: sides that something sees and light reaches."""
+@dataclass(frozen=True)
+class Sides:
+    """[2, T] bool each: which sides of which triangles a light map stores."""
+
+    lit: np.ndarray
+    """Stored: something sees them and light reaches them."""
+    dark: np.ndarray
+    """Seen, but black for the light map: no light reaches them, or they are clear glass."""
+
+
+def lit_sides(scene: Scene, seed: int) -> Sides:
+    """Sides that something sees and light reaches, and those that are seen and dark."""
     seen = visible_sides(scene, seed)
-    side, triangle = np.nonzero(seen)
-    brightest = np.zeros(len(side))
-    for place in ((1 / 3, 1 / 3), (0.1, 0.8)):
-        points = side_points(scene, triangle, side, np.broadcast_to(np.float32(place), (len(side), 2)))
-        brightest = np.maximum(brightest, irradiance(scene, points, DARK_PATHS, seed).mean.mean(axis=1))
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    side, triangle = np.nonzero(seen & ~glass)
     area = tables(scene).area[triangle]
-    # Large triangles may be lit where nobody looked.
-    lit = (brightest > DARK * np.average(brightest, weights=area)) | (area > 1e-3 * area.sum())
-    dark_backs = lit.copy()
-    dark_backs[side == 1] &= brightest[side == 1] > DARK * np.average(brightest, weights=area)
-    found = np.zeros_like(seen)
-    found[side[dark_backs], triangle[dark_backs]] = True
-    return found
+    # Large triangles may be lit where nobody looked: they are looked at in proportion.
+    looks = np.clip(LOOKS * area / max(area.sum(), 1e-30), 2, LOOKS).astype(np.int64)
+    row = np.repeat(np.arange(len(side)), looks)
+    root, v = (
+        np.sqrt(np.random.default_rng([seed, 0x51DE]).random(len(row))),
+        np.random.default_rng(seed).random(len(row)),
+    )
+    place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+    points = side_points(scene, triangle[row], side[row], place)
+    found = irradiance(scene, points, DARK_PATHS, seed).mean.mean(axis=1)
+    brightest = np.zeros(len(side))
+    np.maximum.at(brightest, row, np.nan_to_num(found))
+    bright = brightest > DARK * np.average(brightest, weights=area)
+    lit = np.zeros_like(seen)
+    lit[side[bright], triangle[bright]] = True
+    return Sides(lit, seen & ~lit)
 
 
-def chart(scene: Scene, size: int, mips: int, paths: int, seed: int, own: bool = True, lit=None) -> Chart:
+def seen_sides(scene: Scene, seed: int) -> Sides:
+    """All sides that something sees are stored but those of clear glass."""
+    seen = visible_sides(scene, seed)
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    return Sides(seen & ~glass, seen & glass)
+
+
+def matte(scene: Scene) -> np.ndarray:
+    """[M] bool: meshes that look the same from everywhere."""
+    return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
+
+
+def clear_glass(scene: Scene) -> np.ndarray:
+    """[M] bool: transmissive meshes with a lobe too narrow for any light map; the rasteriser draws them."""
+    materials = [scene.materials[mesh.material] for mesh in scene.meshes]
+    return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)
+
+
+def chart(
+    scene: Scene, size: int, mips: int, paths: int, seed: int, own: bool = True, sides: Sides | None = None
+) -> Chart:
     """Atlas, texels and their light."""
-    atlas = build(scene, size, lit_sides(scene, seed) if lit is None else lit, mips, own=own)
+    sides = lit_sides(scene, seed) if sides is None else sides
+    atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
     covered = texels(scene, atlas)
     light = irradiance(scene, covered.points, paths, seed + 1)
-    return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed))
+    glossy = ~matte(scene)[covered.points.shape]
+    return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
 
 def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
@@ -110,6 +157,18 @@ def light_image(made: Chart, clean: bool = True) -> np.ndarray:
         image = denoised(image, chart_of, padding(made.atlas.mips))
         image = dilated(image, valid, padding(made.atlas.mips))
     return image
+
+
+def mask_image(made: Chart) -> np.ndarray:
+    """[n, n, 3] uint8: red where the eye matters, green where there is a light map at all."""
+    n = made.atlas.size
+    image = np.zeros((n * n, 3), np.float32)
+    image[made.texels.index, 0] = 255 * made.glossy
+    image[made.texels.index, 1] = 255
+    covered = made.texels.chart >= 0
+    reach = padding(made.atlas.mips)
+    near = distance_transform_edt(~covered) <= reach
+    return np.where(near[..., None], dilated(image.reshape(n, n, 3), covered, reach), 0).astype(np.uint8)
 
 
 def direction_image(made: Chart) -> np.ndarray:
@@ -144,14 +203,26 @@ class EyeSamples:
         return 0.5 * (self.half_a + self.half_b)
 
 
-def eye_samples(scene: Scene, atlas: Atlas, count: int, paths: int, seed: int) -> EyeSamples:
-    """Surface points, half of them seen from places where an eye may stand, and their radiance."""
-    draw = draw_surface(scene, count, seed, floor=64)
-    points = _towards_eyes(scene, draw.points, seed)
-    a, b = static(scene, points, paths, seed)
+def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, known: np.ndarray | None) -> EyeSamples:
+    """Points on surfaces that the eye matters to, half of them seen from places where it may stand, and their radiance.
+
+    A Lambertian surface needs none: what arrives there says all. Without any other surface, a few points of all.
+
+    known   [n, n, 3] E' of the atlas, at which paths end; None: they are traced to their ends.
+    """
+    wanted = ~matte(scene) & ~clear_glass(scene)
+    share = float(tables(scene).mesh_area[wanted].sum() / max(tables(scene).mesh_area.sum(), 1e-30))
+    draw = draw_surface(scene, int(count / max(share, LEAST_SHARE)) if wanted.any() else FEW_EYES, seed, floor=64)
+    rows = np.arange(len(draw.points))
+    rows = rows[wanted[draw.points.shape]][:count] if wanted.any() else rows
+    points = _towards_eyes(scene, draw.points[rows], seed)
+    if known is None:
+        a, b = static(scene, points, paths, seed)
+    else:
+        a, b = gathered(scene, points, KnownLight.of(scene, made.atlas, known, matte(scene)), paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    weight = np.where(good, draw.weight, 0).astype(np.float32)
-    return EyeSamples(mapped_query(scene, atlas, points), np.nan_to_num(a), np.nan_to_num(b), weight)
+    weight = np.where(good & ~clear_glass(scene)[points.shape], draw.weight[rows], 0).astype(np.float32)
+    return EyeSamples(mapped_query(scene, made.atlas, points), np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
 def _towards_eyes(scene: Scene, points: SurfacePoints, seed: int) -> SurfacePoints:

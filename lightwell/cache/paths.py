@@ -1,18 +1,18 @@
-"""The two kinds of light paths: rendering paths, which end in the cache, and training paths, which leave records.
+"""Rendering paths, which end in the cache, and what they share with training paths.
 
 Notation: x1 is the primary hit, x2, x3 ... those behind it; β the throughput from the eye, τ that of one bounce.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
 from lightwell.cache.materials import lookup
+from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
 
-# Largest survival probability of the roulette; Mitsuba's path integrator.
-RR_MAX = 0.95
 # Reflectances beyond this are those of a fallback, not of a material.
 MAX_REFLECTANCE = 1.0
 
@@ -63,11 +63,123 @@ def spread(t: mi.Float, pdf: mi.Float, cosine: mi.Float) -> mi.Float:
     return dr.select(density > 0, t * dr.rsqrt(density), dr.inf)
 
 
-def power(a: mi.Float, b: mi.Float) -> mi.Float:
-    """Power heuristic of two densities: the weight of the first."""
-    a2 = dr.square(a)
-    w = a2 / dr.fma(b, b, a2)
-    return dr.detach(dr.select(dr.isfinite(w), w, 0))
+class Spread:
+    """How far a path has spread since the primary hit (Bekaert et al. 2003; Müller et al. 2021)."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "a0": mi.Float, "s": mi.Float, "run": mi.Float, "run_pdf": mi.Float, "scattered": mi.Bool,
+    }  # fmt: skip
+
+    def __init__(self):
+        self.a0 = mi.Float(0)
+        """Footprint of the primary hit."""
+        self.s = mi.Float(0)
+        """Root of the area that the path stands for."""
+        self.run, self.run_pdf = mi.Float(0), mi.Float(0)
+        """Distance since the last vertex that scattered (null surfaces are none), and the density of the direction
+        there; 0 after delta bounces."""
+        self.scattered = mi.Bool(False)
+        """There was such a vertex behind the camera."""
+
+    def arrive(self, si: Any, ray: Any) -> mi.Float:
+        """Take in the segment that ends at ``si``; returns what the vertex would add to ``s``."""
+        cosine = dr.dot(si.n, ray.d)
+        self.run += si.t
+        self.a0 = dr.select(self.scattered, self.a0, footprint(self.run, cosine))
+        return dr.select(self.scattered & (self.run_pdf > 0), spread(self.run, self.run_pdf, cosine), 0)
+
+    def leave(self, added: mi.Float, bounce: Bounce, active: mi.Bool) -> None:
+        """Go on behind a vertex."""
+        self.s += dr.select(active & ~bounce.null, added, 0)
+        self.run = dr.select(bounce.null, self.run, 0)
+        self.run_pdf = dr.select(bounce.null, self.run_pdf, dr.select(bounce.delta, 0, bounce.pdf))
+        self.scattered |= active & ~bounce.null
+
+    def ratio(self) -> mi.Float:
+        """a / a0."""
+        return dr.square(self.s) / self.a0
+
+
+class Walk:
+    """The variables of a path that both kinds of loops carry along."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "ray": mi.Ray3f, "β": mi.Spectrum, "η": mi.Float, "depth": mi.UInt32, "prev": mi.Interaction3f,
+        "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": Spread, "active": mi.Bool,
+    }  # fmt: skip
+
+    def __init__(self, ray=None):
+        self.ray = mi.Ray3f() if ray is None else mi.Ray3f(dr.detach(ray))
+        self.β, self.η = mi.Spectrum(1), mi.Float(1)
+        """Throughput from the eye and product of the indices of refraction; training paths count from the query on."""
+        self.depth = mi.UInt32(0)
+        """Vertices left behind; likewise."""
+        self.prev = dr.zeros(mi.Interaction3f)
+        """Vertex that the ray comes from."""
+        self.prev_pdf, self.prev_delta = mi.Float(1), mi.Bool(True)
+        """Density of the ray's direction there; it came from a delta lobe."""
+        self.foot = Spread()
+        self.active = mi.Bool(True)
+
+    def emission(self, scene: Any, si: Any) -> mi.Spectrum:
+        """Light of an emitter that BSDF sampling met, with its MIS weight against light sampling."""
+        ds = mi.DirectionSample3f(scene, si, self.prev)
+        em_pdf = scene.pdf_emitter_direction(self.prev, ds, self.active & ~self.prev_delta)
+        weight = dr.detach(power_heuristic(self.prev_pdf, em_pdf))
+        return weight * ds.emitter.eval(si, self.active & (self.prev_pdf > 0))
+
+    def leave(self, si: Any, bounce: Bounce) -> None:
+        """Step behind the vertex."""
+        self.ray = si.spawn_ray(si.to_world(bounce.wo))
+        self.β *= bounce.weight
+        self.η *= bounce.eta
+        self.prev = interaction_at(si)
+        self.prev_pdf, self.prev_delta = bounce.pdf, bounce.delta
+
+    def survival(self) -> mi.Float:
+        """Probability that roulette lets the path go on."""
+        return dr.minimum(dr.max(self.β) * dr.square(self.η), RR_MAX)
+
+
+@dataclass
+class Bounce:
+    """What happens at a vertex: light sampled there, and the next direction. No loop carries it."""
+
+    light: Any
+    """Light sampling: BSDF * weight * MIS weight."""
+    wo: Any
+    pdf: Any
+    weight: Any
+    eta: Any
+    delta: Any
+    null: Any
+
+
+def bounce_at(scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: Any, active: Any) -> Bounce:
+    """Light sampling and BSDF sampling, drawing numbers as Mitsuba's ``path`` does."""
+    active_em = active & smooth
+    ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
+    active_em &= ds.pdf != 0
+    sample1, sample2 = sampler.next_1d(), sampler.next_2d()
+    value, pdf, sample, weight = bsdf.eval_pdf_sample(
+        mi.BSDFContext(), si, si.to_local(ds.d), sample1, sample2, active
+    )  # fmt: skip
+    mis = dr.select(ds.delta, 1, dr.detach(power_heuristic(ds.pdf, pdf)))
+    light = dr.select(active_em, value * em_weight * mis, 0)
+    has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
+    return Bounce(light, sample.wo, sample.pdf, weight, sample.eta, has(mi.BSDFFlags.Delta), has(mi.BSDFFlags.Null))
+
+
+class Ending:
+    """Where the cache comes into a rendering path."""
+
+    DRJIT_STRUCT = {"vertex": Vertex, "β": mi.Spectrum, "differs": mi.Bool}  # noqa: RUF012
+
+    def __init__(self):
+        self.vertex, self.β = Vertex(), mi.Spectrum(0)
+        """biased: the query vertex and the throughput there; the value is added behind the loop."""
+        self.differs = mi.Bool(False)
+        """difference: the path has met its query vertex."""
 
 
 @dr.syntax
@@ -85,117 +197,78 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
 
     Papers: Müller et al. 2021 (termination, query), Bekaert et al. 2003 (footprints).
     """
-    ctx = mi.BSDFContext()
-    ray = mi.Ray3f(dr.detach(ray))
+    walk = Walk(ray)
+    end = Ending()
     L = mi.Spectrum(0)  # Radiance gathered
-    β = mi.Spectrum(1)  # Throughput from the eye
-    η = mi.Float(1)  # Product of the indices of refraction
-    depth = mi.UInt32(0)  # Vertices left behind
     valid = mi.Bool(False)  # Something was met
-    prev_si = dr.zeros(mi.Interaction3f)  # Vertex the ray comes from
-    prev_pdf = mi.Float(1)  # Density of the ray's direction there
-    prev_delta = mi.Bool(True)  # It came from a delta lobe
-    a0 = mi.Float(0)  # Footprint of the primary hit
-    s = mi.Float(0)  # Spread of the path
-    run = mi.Float(0)  # Distance since the last vertex that scattered: null surfaces are none
-    run_pdf = mi.Float(0)  # Density of the direction there; 0 after delta bounces
-    scattered = mi.Bool(False)  # There was such a vertex behind the camera
-    primary_direct = mi.Bool(False)  # The ray left a primary hit whose direct light comes from elsewhere
-    active = mi.Bool(True)
-    query = Vertex()  # Where the path ends in the cache
-    query_β = mi.Spectrum(0)  # Throughput there
-    differs = mi.Bool(False)  # difference: the path has met its query vertex
+    supplied = mi.Bool(False)  # The ray left a primary hit whose direct light comes from elsewhere
 
-    while dr.hint(active, label="lightwell nrc"):
-        si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
-        bsdf = si.bsdf(ray)
+    while dr.hint(walk.active, label="lightwell nrc"):
+        si = scene.ray_intersect(walk.ray, mi.RayFlags.All, walk.depth == 0, walk.active)
+        bsdf = si.bsdf(walk.ray)
+        smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
         # ---------------------- Emission, met by BSDF sampling ----------------------
 
-        ds = mi.DirectionSample3f(scene, si, prev_si)
-        em_pdf = scene.pdf_emitter_direction(prev_si, ds, active & ~prev_delta)
-        Le = β * power(prev_pdf, em_pdf) * ds.emitter.eval(si, active & (prev_pdf > 0))
-        L += dr.select(primary_direct, 0, Le)
-        valid |= si.is_valid() & active
-        active_next = active & si.is_valid() & (depth + 1 < around.max_depth)
+        L += dr.select(supplied, 0, walk.β * walk.emission(scene, si))
+        valid |= si.is_valid() & walk.active
+        goes = walk.active & si.is_valid() & (walk.depth + 1 < around.max_depth)
 
         # --------------------- Footprint, and the end in the cache ---------------------
 
-        bsdf_flags = bsdf.flags()
-        smooth = mi.has_flag(bsdf_flags, mi.BSDFFlags.Smooth)
+        added = mi.Float(0)
         if dr.hint(caching, mode="scalar"):
-            cosine = dr.dot(si.n, ray.d)
-            run += si.t
-            a0 = dr.select(scattered, a0, footprint(run, cosine))
-            added = dr.select(scattered & (run_pdf > 0), spread(run, run_pdf, cosine), 0)
-            wide = dr.square(s + added) > around.c * a0
-            ends = active_next & scattered & wide & smooth & around.inside(si.p)
-            if dr.hint(estimator != "biased", mode="scalar"):
-                # L_s = L̂ + (L_s - L̂), the bracket by roulette; of a difference, the first L̂ is left out.
-                go = sampler.next_1d(active_next) < q
-                first = mi.Bool(False)
-                if dr.hint(estimator == "difference", mode="scalar"):
-                    first = ends & ~differs
-                    L[first] = mi.Spectrum(0)
-                    go |= first
-                    differs |= first
-                value = cache(around.vertex(si, bsdf, ends), ends)
-                kept = dr.select(first, -1, dr.select(go, 1 - dr.rcp(q), 1))
-                L += dr.select(ends, β * value * kept, 0)
-                β[ends & go & ~first] *= dr.rcp(q)
-                active_next &= ~ends | go
+            added = walk.foot.arrive(si, walk.ray)
+            wide = walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
+            ends = goes & wide & smooth & around.inside(si.p)
+            if dr.hint(estimator == "biased", mode="scalar"):
+                end.vertex = dr.select(ends, around.vertex(si, bsdf, ends), end.vertex)
+                end.β = dr.select(ends, walk.β, end.β)
+                goes &= ~ends
             else:
-                query = dr.select(ends, around.vertex(si, bsdf, ends), query)
-                query_β[ends] = β
-                active_next &= ~ends
+                value = cache(around.vertex(si, bsdf, ends), ends)
+                L, goes = _residual(walk, end, sampler, L, value, goes, ends, q, estimator)
 
-        # --------------------------- Emitter sampling ---------------------------
+        # ------------------- Light sampling and the next direction -------------------
 
-        active_em = active_next & smooth
-        ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
-        active_em &= ds.pdf != 0
-        wo = si.to_local(ds.d)
-
-        # ------------------ BSDF value towards the light, and next direction ------------------
-
-        sample1, sample2 = sampler.next_1d(), sampler.next_2d()
-        bsdf_val, bsdf_pdf, bsdf_sample, bsdf_weight = bsdf.eval_pdf_sample(ctx, si, wo, sample1, sample2, active_next)
-        mis_em = dr.select(ds.delta, 1, power(ds.pdf, bsdf_pdf))
-        supplied = mi.Bool(False)
+        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes)
+        here = mi.Bool(False)
         if dr.hint(not first_direct, mode="scalar"):
-            supplied = (depth == 0) & smooth
-        L += dr.select(active_em & ~supplied, β * bsdf_val * em_weight * mis_em, 0)
-
-        # --------------------- Update of the loop variables ---------------------
-
-        ray = si.spawn_ray(si.to_world(bsdf_sample.wo))
-        delta = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)
-        null = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Null)
+            here = (walk.depth == 0) & smooth
+        L += dr.select(here, 0, walk.β * bounce.light)
+        supplied = here & ~bounce.delta
+        walk.leave(si, bounce)
         if dr.hint(caching, mode="scalar"):
-            s += dr.select(active_next & ~null, added, 0)
-            run = dr.select(null, run, 0)
-            run_pdf = dr.select(null, run_pdf, dr.select(delta, 0, bsdf_sample.pdf))
-            scattered |= active_next & ~null
-        primary_direct = supplied & ~delta
-        β *= bsdf_weight
-        η *= bsdf_sample.eta
-        prev_si = mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
-        prev_pdf = bsdf_sample.pdf
-        prev_delta = delta
+            walk.foot.leave(added, bounce, goes)
 
         # --------------------------- Stopping criterion ---------------------------
 
-        depth[si.is_valid() & active] += 1
-        β_max = dr.max(β)
-        rr_prob = dr.minimum(β_max * dr.square(η), RR_MAX)
-        rr_active = depth >= around.rr_depth
-        go_on = sampler.next_1d() < rr_prob
-        β[rr_active] *= dr.rcp(rr_prob)
-        active = active_next & (~rr_active | go_on) & (β_max != 0)
+        walk.depth[si.is_valid() & walk.active] += 1
+        β_max = dr.max(walk.β)
+        survival = walk.survival()
+        roulette = walk.depth >= around.rr_depth
+        go_on = sampler.next_1d() < survival
+        walk.β[roulette] *= dr.rcp(survival)
+        walk.active = goes & (~roulette | go_on) & (β_max != 0)
 
     if dr.hint(caching and estimator == "difference", mode="scalar"):
-        L = dr.select(differs, L, 0)
+        L = dr.select(end.differs, L, 0)
     if dr.hint(caching and estimator == "biased", mode="scalar"):
-        ended = dr.any(query_β != 0)
-        L += dr.select(ended, query_β * cache(query, ended), 0)
-    return L, valid, depth, dr.square(s) / a0
+        ended = dr.any(end.β != 0)
+        L += dr.select(ended, end.β * cache(end.vertex, ended), 0)
+    return L, valid, walk.depth, walk.foot.ratio()
+
+
+def _residual(walk, end, sampler, L, value, goes, ends, q, estimator: str):
+    """L_s = L̂ + (L_s - L̂), the bracket by roulette; of a difference, the first L̂ is left out and all before it."""
+    go = sampler.next_1d(goes) < q
+    first = mi.Bool(False)
+    if estimator == "difference":
+        first = ends & ~end.differs
+        L = dr.select(first, 0, L)
+        go |= first
+        end.differs |= first
+    kept = dr.select(first, -1, dr.select(go, 1 - dr.rcp(q), 1))
+    L = L + dr.select(ends, walk.β * value * kept, 0)
+    walk.β = dr.select(ends & go & ~first, walk.β * dr.rcp(q), walk.β)
+    return L, goes & (~ends | go)

@@ -12,7 +12,7 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.features import WIDTH, Vertex, stored
-from lightwell.cache.paths import RR_MAX, Surroundings, footprint, power, spread
+from lightwell.cache.paths import Surroundings, Walk, bounce_at
 
 
 class Records:
@@ -40,136 +40,124 @@ class Records:
         """[P] paths that end by roulette alone."""
 
 
+class Suffix:
+    """What a training path carries along beside ``Walk``."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "C": mi.Color3f, "T": mi.Color3f, "count": mi.UInt32, "query": mi.Int32, "prefix": mi.Color3f, "tail": Vertex,
+        "ended": mi.Bool, "bounces": mi.UInt32, "late": mi.UInt32,
+    }  # fmt: skip
+
+    def __init__(self):
+        self.C, self.T = mi.Color3f(0), mi.Color3f(1)
+        """The open segment."""
+        self.count = mi.UInt32(0)
+        """Slots in use."""
+        self.query, self.prefix = mi.Int32(-1), mi.Color3f(0)
+        self.tail, self.ended = Vertex(), mi.Bool(False)
+        self.bounces = mi.UInt32(0)
+        """Vertices left behind in all."""
+        self.late = mi.UInt32(0)
+        """Records since the query vertex, it included."""
+
+
 @dr.syntax
-def trace_records(scene, sampler, ray, around: Surroundings, unbiased, V: int, P: int) -> Records:
+def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest, V: int, P: int) -> Records:
     """Trace P training paths, one per lane, and leave their records.
 
     unbiased  mask of the paths that no cache value ends; they may be longer than V vertices.
+    shortest  records from the query vertex on before a cache value may end a path; the paper: 1.
     """
-    ctx = mi.BSDFContext()
     out = Records()
     out.features = dr.zeros(mi.Float, P * V * WIDTH)
     out.gathered, out.through = dr.zeros(mi.Float, P * V * 4), dr.zeros(mi.Float, P * V * 4)
     features, gathered, through = out.features, out.gathered, out.through
     path = dr.arange(mi.UInt32, P)
+    walk = Walk(ray)
+    kept = Suffix()
 
-    ray = mi.Ray3f(dr.detach(ray))
-    β = mi.Spectrum(1)  # Throughput from the eye, from the query vertex on from there
-    η = mi.Float(1)  # Product of the indices of refraction, likewise
-    C, T = mi.Color3f(0), mi.Color3f(1)  # The open segment
-    count = mi.UInt32(0)  # Slots in use
-    query, prefix = mi.Int32(-1), mi.Color3f(0)
-    tail, ended = Vertex(), mi.Bool(False)
-    depth = mi.UInt32(0)  # Vertices left behind, from the query vertex on from there
-    bounces = mi.UInt32(0)  # ... in all
-    prev_si = dr.zeros(mi.Interaction3f)
-    prev_pdf, prev_delta = mi.Float(1), mi.Bool(True)
-    a0, s, run, run_pdf = mi.Float(0), mi.Float(0), mi.Float(0), mi.Float(0)
-    scattered = mi.Bool(False)
-    active = mi.Bool(True)
-
-    while dr.hint(active, label="lightwell nrc training"):
-        si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
-        bsdf = si.bsdf(ray)
+    while dr.hint(walk.active, label="lightwell nrc training"):
+        si = scene.ray_intersect(walk.ray, mi.RayFlags.All, walk.depth == 0, walk.active)
+        bsdf = si.bsdf(walk.ray)
+        smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
         # ---------------------- Emission, met by BSDF sampling ----------------------
 
-        ds = mi.DirectionSample3f(scene, si, prev_si)
-        em_pdf = scene.pdf_emitter_direction(prev_si, ds, active & ~prev_delta)
-        Le = power(prev_pdf, em_pdf) * ds.emitter.eval(si, active & (prev_pdf > 0))
-        C += dr.select(count > 0, T * Le, 0)
-        active_next = active & si.is_valid() & (bounces + 1 < around.max_depth)
+        kept.C += dr.select(kept.count > 0, kept.T * walk.emission(scene, si), 0)
+        goes = walk.active & si.is_valid() & (kept.bounces + 1 < around.max_depth)
 
-        # ------------------------------- Footprint -------------------------------
+        # --------------- Footprint: the query vertex, and the cache's tail ---------------
 
-        smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        cosine = dr.dot(si.n, ray.d)
-        run += si.t
-        a0 = dr.select(scattered, a0, footprint(run, cosine))
-        added = dr.select(scattered & (run_pdf > 0), spread(run, run_pdf, cosine), 0)
-        recordable = active_next & smooth & around.inside(si.p)
-        wide = recordable & scattered & (dr.square(s + added) > around.c * a0)
+        added = walk.foot.arrive(si, walk.ray)
+        recordable = goes & smooth & around.inside(si.p)
+        wide = recordable & walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
         v = around.vertex(si, bsdf, recordable)
-
-        # ------------------- The tail: the cache ends the suffix -------------------
-
-        full = count >= V
-        ends = ~unbiased & ((wide & (query >= 0)) | (recordable & full))
-        tail = dr.select(ends, v, tail)
-        ended |= ends
-        active_next &= ~ends
-
-        # ----------------- The query vertex: the suffix begins here -----------------
-
-        begins = active_next & wide & (query < 0) & ~full
-        query[begins] = mi.Int32(count)
-        prefix[begins] = β
-        β[begins] = mi.Spectrum(1)
-        η[begins] = mi.Float(1)
-        depth[begins] = mi.UInt32(0)
-        s[begins] = mi.Float(0)
-        added[begins] = mi.Float(0)
+        full = kept.count >= V
+        ends = ~unbiased & ((wide & (kept.query >= 0) & (kept.late >= shortest)) | (recordable & full))
+        kept.tail = dr.select(ends, v, kept.tail)
+        kept.ended |= ends
+        goes &= ~ends
+        added = _begin(walk, kept, added, goes & wide & (kept.query < 0) & ~full)
 
         # -------------------------------- A record --------------------------------
 
-        opens = active_next & recordable & ~full
-        closes = opens & (count > 0)
-        before = path * V + count - 1
-        dr.scatter(gathered, mi.Vector4f(*C, 0), before, closes)
-        dr.scatter(through, mi.Vector4f(*T, 0), before, closes)
-        v.store(features, path * V + count, opens)
-        C[opens] = mi.Color3f(0)
-        T[opens] = mi.Color3f(1)
-        count[opens] += 1
+        opens = goes & recordable & ~full
+        closes = opens & (kept.count > 0)
+        before = path * V + kept.count - 1
+        dr.scatter(gathered, mi.Vector4f(*kept.C, 0), before, closes)
+        dr.scatter(through, mi.Vector4f(*kept.T, 0), before, closes)
+        v.store(features, path * V + kept.count, opens)
+        _open(kept, opens)
 
-        # ------------- Emitter sampling, BSDF value, and the next direction -------------
+        # ------------------- Light sampling and the next direction -------------------
 
-        active_em = active_next & smooth
-        ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
-        active_em &= ds.pdf != 0
-        sample1, sample2 = sampler.next_1d(), sampler.next_2d()
-        bsdf_val, bsdf_pdf, bsdf_sample, bsdf_weight = bsdf.eval_pdf_sample(
-            ctx, si, si.to_local(ds.d), sample1, sample2, active_next
-        )
-        mis_em = dr.select(ds.delta, 1, power(ds.pdf, bsdf_pdf))
-        C += dr.select(active_em & (count > 0), T * bsdf_val * em_weight * mis_em, 0)
-
-        # --------------------- Update of the loop variables ---------------------
-
-        ray = si.spawn_ray(si.to_world(bsdf_sample.wo))
-        delta = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)
-        null = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Null)
-        s += dr.select(active_next & ~null, added, 0)
-        run = dr.select(null, run, 0)
-        run_pdf = dr.select(null, run_pdf, dr.select(delta, 0, bsdf_sample.pdf))
-        scattered |= active_next & ~null
-        β *= bsdf_weight
-        T = dr.select(active_next, T * bsdf_weight, T)
-        η *= bsdf_sample.eta
-        prev_si = mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
-        prev_pdf, prev_delta = bsdf_sample.pdf, delta
-
-        # ---------------- Stopping criterion: roulette, compensated in T ----------------
-
-        depth[si.is_valid() & active] += 1
-        bounces[si.is_valid() & active] += 1
-        β_max = dr.max(β)
-        rr_prob = dr.minimum(β_max * dr.square(η), RR_MAX)
-        rr_active = active_next & (depth >= around.rr_depth)
-        go_on = sampler.next_1d() < rr_prob
-        β[rr_active] *= dr.rcp(rr_prob)
-        T[rr_active] *= dr.rcp(rr_prob)
-        died = active_next & ((rr_active & ~go_on) | ~(β_max > 0))
-        T[died] = mi.Color3f(0)
-        active = active_next & ~died
+        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes)
+        kept.C += dr.select(kept.count > 0, kept.T * bounce.light, 0)
+        kept.T = dr.select(goes, kept.T * bounce.weight, kept.T)
+        walk.leave(si, bounce)
+        walk.foot.leave(added, bounce, goes)
+        _roulette(walk, kept, si, sampler, around, goes)
 
     # A path that ended closes its last segment; nothing but a tail lies behind it.
-    closes = count > 0
-    dr.scatter(gathered, mi.Vector4f(*C, 0), path * V + count - 1, closes)
-    dr.scatter(through, mi.Vector4f(*dr.select(ended, T, 0), 0), path * V + count - 1, closes)
-    out.count, out.query, out.prefix, out.tail, out.ended = count, query, prefix, tail, ended
+    closes = kept.count > 0
+    dr.scatter(gathered, mi.Vector4f(*kept.C, 0), path * V + kept.count - 1, closes)
+    dr.scatter(through, mi.Vector4f(*dr.select(kept.ended, kept.T, 0), 0), path * V + kept.count - 1, closes)
+    out.count, out.query, out.prefix, out.tail, out.ended = kept.count, kept.query, kept.prefix, kept.tail, kept.ended
     out.unbiased = mi.Bool(unbiased)
     return out
+
+
+def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Float:
+    """The suffix begins at the query vertex: throughput, depth and spread count from there."""
+    kept.query = dr.select(begins, mi.Int32(kept.count), kept.query)
+    kept.prefix = dr.select(begins, mi.Color3f(walk.β), kept.prefix)
+    walk.β = dr.select(begins, mi.Spectrum(1), walk.β)
+    walk.η = dr.select(begins, 1, walk.η)
+    walk.depth = dr.select(begins, 0, walk.depth)
+    walk.foot.s = dr.select(begins, 0, walk.foot.s)
+    return dr.select(begins, 0, added)
+
+
+def _open(kept: Suffix, opens: mi.Bool) -> None:
+    """A new segment."""
+    kept.C = dr.select(opens, mi.Color3f(0), kept.C)
+    kept.T = dr.select(opens, mi.Color3f(1), kept.T)
+    kept.count = dr.select(opens, kept.count + 1, kept.count)
+    kept.late = dr.select(opens & (kept.query >= 0), kept.late + 1, kept.late)
+
+
+def _roulette(walk: Walk, kept: Suffix, si: Any, sampler: Any, around: Surroundings, goes: mi.Bool) -> None:
+    """Stopping criterion: roulette, compensated in T."""
+    left = si.is_valid() & walk.active
+    walk.depth = dr.select(left, walk.depth + 1, walk.depth)
+    kept.bounces = dr.select(left, kept.bounces + 1, kept.bounces)
+    survival = walk.survival()
+    chance = goes & (walk.depth >= around.rr_depth)
+    go_on = sampler.next_1d() < survival
+    dead = goes & ((chance & ~go_on) | ~(dr.max(walk.β) > 0))
+    walk.β = dr.select(chance, walk.β * dr.rcp(survival), walk.β)
+    kept.T = dr.select(dead, 0, dr.select(chance, kept.T * dr.rcp(survival), kept.T))
+    walk.active = goes & ~dead
 
 
 @dr.syntax

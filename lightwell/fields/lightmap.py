@@ -50,13 +50,17 @@ class LightmapPreset:
     """Sine layers that make the features in training (siren-two-stage)."""
     demodulated: bool = True
     """Without a base: whether the output is multiplied by the reflectance."""
+    mirrors: tuple[int, ...] = ()
+    """Edges of the textures of the environment, which the mirrored ray reads; coarse to fine."""
+    mirror_channels: int = 6
+    """Channels of each, a multiple of three."""
     rate: float = 5e-3
     size: int = 1024
     """Edge of the atlas unless another is asked for."""
 
 
 PRESETS: dict[str, LightmapPreset] = {
-    "default": LightmapPreset(direction=True, share=1 / 16),
+    "default": LightmapPreset(direction=True, share=1 / 16, mirrors=(16, 64)),
     "report": LightmapPreset(
         "", channels=9, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
     ),
@@ -92,10 +96,12 @@ class LightmapFit:
     mips: int = 0
     """Of the atlas."""
     setup: FieldSetup | None = None
-    """Of the scene, where the light moves."""
+    """Of the scene, where the light moves or is mirrored."""
+    mask: Picture | None = None
+    """What surfaces are; see ``MapNodes``."""
 
     def __post_init__(self) -> None:
-        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup)
+        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask)
         self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
         self._features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []
@@ -108,20 +114,25 @@ class LightmapFit:
         packed = -(-p.channels // PACKET) * PACKET
         texture = AtlasTexture(edge, edge, packed, quantiser) if p.channels else None
         width = self._rows.width("inputs")
-        return LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
+        wide = -(-p.mirror_channels // PACKET) * PACKET
+        mirrors = tuple(AtlasTexture(e, e, wide, quantiser) for e in p.mirrors)
+        count = p.mirror_channels if mirrors else 0
+        made = LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
+        return replace(made, mirrors=mirrors, mirror_channels=count)
 
     @property
     def pictures(self) -> dict[str, Picture]:
         """Buffer name → picture of everything that is stored as one."""
         made = {} if self.base is None else {"e": self.base}
-        return made | ({} if self.direction is None else {"d": self.direction}) | self._features
+        made |= {} if self.direction is None else {"d": self.direction}
+        return made | ({} if self.mask is None else {"m": self.mask}) | self._features
 
     # ------------------------------------------------------------------ fit
 
     def rows(self, query: MappedQuery) -> np.ndarray:
-        """[N, 8 + I] what the network sees of a query."""
+        """[N, 11 + I] what the network sees of a query."""
         found = self._rows(query)
-        return np.concatenate([found[name] for name in ("place", "base", "gain", "inputs")], axis=1)
+        return np.concatenate([found[n] for n in ("place", "base", "gain", "gloss", "mirror", "inputs")], axis=1)
 
     def train(self, query: MappedQuery, radiance: np.ndarray, weight: np.ndarray, steps: int, progress=None) -> None:
         """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network."""
@@ -159,15 +170,20 @@ class LightmapFit:
 
     def _freeze(self) -> None:
         """Make the feature textures those of the file."""
-        p = self.preset
-        if not p.channels:
-            return
-        texture = self._make_network("frozen").texture
-        values = self._baked_stage(texture) if p.stage else self._parameters["t0"]
+        p, network = self.preset, self._make_network("frozen")
+        if p.channels:
+            values = self._baked_stage(network.texture) if p.stage else self._parameters["t0"]
+            self._store("t0", network.texture, values, "f", p.channels)
+        for k, mirror in enumerate(network.mirrors, 1):
+            self._store(f"t{k}", mirror, self._parameters[f"t{k}"], f"r{k - 1}", p.mirror_channels)
+
+    def _store(self, name: str, texture: AtlasTexture, values: np.ndarray, prefix: str, channels: int) -> None:
+        """Pictures of one texture; its parameters become what they hold."""
         bytes_ = np.floor(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(texture.height, texture.width, -1)
-        for k in range(p.channels // 3):
-            self._features[f"f{k}"] = encode(bytes_[..., 3 * k : 3 * k + 3], "webp", self._feature_mips())
-        self._parameters["t0"] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
+        mips = self._feature_mips() if name == "t0" else 0
+        for k in range(channels // 3):
+            self._features[f"{prefix}{k}"] = encode(bytes_[..., 3 * k : 3 * k + 3], "webp", mips)
+        self._parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
 
     def _feature_mips(self) -> int:
         return max(self.mips - round(-np.log2(self.preset.share)), 0)

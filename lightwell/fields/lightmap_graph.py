@@ -26,6 +26,8 @@ INPUTS = {"uv1": 2} | INPUT_WIDTHS
 SOFT = 1 / 64
 # Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
 REPORT_OCTAVES = 6
+# The box of the environment is a little larger than the scene; what counts as parallel to one of its faces.
+BOX_MARGIN, PARALLEL = 1.02, 1e-3
 # Reflectance of dielectrics (glTF 2.0, appendix B).
 DIELECTRIC = 0.04
 # The lobe of a directional light map: a spherical Gaussian of this sharpness over roughness to the fourth.
@@ -47,7 +49,9 @@ class MapNodes:
     base: Picture | None
     direction: Picture | None
     setup: FieldSetup | None = None
-    """What a light map that follows a moving light knows of the scene."""
+    """What the light map knows of the scene; needed where the light moves and where there is an environment."""
+    mask: Picture | None = None
+    """What surfaces are: red, whether the eye matters; green, whether the light map lights them at all."""
 
     # ------------------------------------------------------------------ parts
 
@@ -65,6 +69,30 @@ class MapNodes:
     def direction_node(self, b: Builder) -> str:
         """Mean direction of the light, shorter the less it is directed."""
         return b.affine(b.texture("uv1", b.buffer(self.direction.buffer(), "d")), [2] * 3, [-1] * 3, name="direction")
+
+    def known(self, b: Builder) -> tuple[str, str]:
+        """g and whether a surface is lit, 0 or 1."""
+        if self.mask is None:
+            one = b.affine("roughness", [0], [1])
+            return one, one
+        m = b.texture("uv1", b.buffer(self.mask.buffer(), "m"))
+        # Bilinear reads on a chart's border are its own: the picture is continued there.
+        return b.slice(m, 0, 1), b.slice(m, 1, 1)
+
+    def mirrored(self, b: Builder) -> tuple[str, str]:
+        """(place in the environment, distance), where the mirrored ray leaves the scene's box.
+
+        Slab method on the box scaled to [−1, 1]³; the direction from its middle, octahedral (Cigolle et al. 2014).
+        """
+        half = [0.5 * BOX_MARGIN * max(s, 1e-6) for s in self.setup.size]
+        p = b.affine("position", [1 / h for h in half], [-c / h for c, h in zip(self.setup.center, half)])
+        p = b.clamp(p, -1.0, 1.0)
+        r = b.affine(b.reflect("normal", "view"), [1 / h for h in half], [0] * 3)
+        inverse = b.reciprocal(_absolute(b, r), PARALLEL)
+        t = b.multiply(b.affine(b.multiply(p, b.multiply(r, inverse)), [-1] * 3, [1] * 3), inverse)
+        x, y, z = (b.slice(t, k, 1) for k in range(3))
+        distance = _smaller(b, _smaller(b, x, y), z)
+        return _octahedral(b, b.add(p, b.multiply(r, distance))), distance
 
     def irradiance(self, b: Builder) -> str:
         """E' / S."""
@@ -93,18 +121,29 @@ class MapNodes:
         if self.direction is not None:
             d = self.direction_node(b)
             known += [d, b.dot(r, d), b.dot("normal", d)]
+        if self.preset.mirrors:
+            half = 0.5 * max(self.setup.size)
+            known.append(b.affine("position", [1 / half] * 3, [-c / half for c in self.setup.center]))
         return known
 
     # ------------------------------------------------------------------ whole graphs
 
-    def rows(self, b: Builder) -> tuple[str, str, str, str]:
-        """place, base, gain, inputs: the columns of a training row."""
+    def rows(self, b: Builder) -> dict[str, str]:
+        """place, base, gain, gloss, mirror, inputs: the columns of a training row."""
         albedo, rest = self.albedo(b)
+        gloss, lit = self.known(b)
+        # The inputs name the curve, q, which the irradiance reads.
+        light = self.irradiance(b) if self.base is not None else ""
+        mirror, inputs = b.scale("uv1", 0.0), self.inputs(b)
+        if self.preset.mirrors:
+            mirror, distance = self.mirrored(b)
+            inputs = [*inputs, b.reciprocal(distance, 0.5)]
+        made = {"place": "uv1", "gloss": gloss, "mirror": mirror, "inputs": b.concat(*inputs)}
         if self.base is not None:
-            return "uv1", b.multiply(albedo, self.irradiance(b)), rest, b.concat(*self.inputs(b))
-        zero = b.scale("reflectance", 0.0)
+            light = b.multiply(b.multiply(albedo, light), lit)
+            return made | {"base": light, "gain": b.multiply(rest, lit)}
         gain = "reflectance" if self.preset.demodulated else b.affine("reflectance", [0] * 3, [1] * 3)
-        return "uv1", zero, gain, b.concat(*self.inputs(b))
+        return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
 
     def lowered(self, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> Graph:
         """The graph that ships: pictures as they are, weights as half floats."""
@@ -116,12 +155,14 @@ class MapNodes:
         return replace(graph, buffers=buffers)
 
     def _without(self, b: Builder) -> str:
-        """Ordinary and directional light maps: R E', and a lobe round the dominant direction."""
-        light = self.irradiance(b)
-        if self.direction is None:
-            return light
-        d = self.direction_node(b)
+        """Ordinary and directional light maps: (a + g F) E', and a lobe round the dominant direction."""
+        gloss, lit = self.known(b)
+        light = b.multiply(self.irradiance(b), lit)
         albedo, rest = self.albedo(b)
+        rest = b.multiply(rest, gloss)
+        if self.direction is None:
+            return self._over_reflectance(b, b.multiply(b.add(albedo, rest), light))
+        d = self.direction_node(b)
         # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light, weighed by how directed the light is.
         r2 = b.multiply("roughness", "roughness")
         sharp = b.scale(b.reciprocal(b.multiply(r2, r2), LEAST_ROUGHNESS), SHARPNESS)
@@ -133,18 +174,20 @@ class MapNodes:
         return self._over_reflectance(b, b.add(b.multiply(albedo, light), gloss))
 
     def _with_network(self, b: Builder, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> str:
-        _, base, gain, inputs = self.rows(b)
+        row = self.rows(b)
+        gain = row["gain"]
         low, width = FEATURE_LOW, FEATURE_HIGH - FEATURE_LOW
-        read = [b.texture("uv1", b.buffer(picture.buffer(), name)) for name, picture in features.items()]
+        at = {name: row["mirror"] if name.startswith("r") else "uv1" for name in features}
+        read = [b.texture(at[name], b.buffer(picture.buffer(), name)) for name, picture in features.items()]
         read = [b.affine(t, [width] * 3, [low] * 3) for t in read]
-        x = self._layers(b, b.concat(*read, inputs), weights)
+        x = self._layers(b, b.concat(*read, row["inputs"]), weights)
         if self.base is None:
-            if self.preset.demodulated:
-                return b.activate(x, "exp")
-            return self._over_reflectance(b, b.activate(x, "exp"))
+            return self._over_reflectance(b, b.multiply(gain, b.activate(x, "exp")))
         e = b.activate(x, "exp")
-        diffuse = b.multiply(base, b.slice(e, 0, 1))
-        return self._over_reflectance(b, b.add(diffuse, b.multiply(gain, b.slice(e, 1, 3))))
+        factor = b.affine(b.multiply(row["gloss"], b.affine(b.slice(e, 0, 1), [1], [-1])), [1], [1])
+        diffuse = b.multiply(row["base"], factor)
+        gloss = b.multiply(b.multiply(gain, row["gloss"]), b.slice(e, 1, 3))
+        return self._over_reflectance(b, b.add(diffuse, gloss))
 
     def _layers(self, b: Builder, x: str, weights: Mapping[str, np.ndarray]) -> str:
         count = sum(name.startswith("w") for name in weights)
@@ -167,9 +210,27 @@ class MapNodes:
 def row_graph(nodes: MapNodes) -> Graph:
     """The columns of a training row as outputs ``place, base, gain, inputs``."""
     b = Builder(**INPUTS)
-    place, base, gain, inputs = nodes.rows(b)
-    names = {"place": place, "base": base, "gain": gain, "inputs": inputs}
-    return b.build(**{name: b.scale(node, 1.0) for name, node in names.items()})
+    return b.build(**{name: b.scale(node, 1.0) for name, node in nodes.rows(b).items()})
+
+
+def _absolute(b: Builder, a: str) -> str:
+    return b.add(b.activate(a, "relu"), b.activate(b.scale(a, -1.0), "relu"))
+
+
+def _smaller(b: Builder, a: str, c: str) -> str:
+    return b.subtract(a, b.activate(b.subtract(a, c), "relu"))
+
+
+def _octahedral(b: Builder, direction: str) -> str:
+    """[2] in [0, 1]: a direction on the square; y is its axis, so that the folded half looks down."""
+    size = _absolute(b, direction)
+    x, y, z = (b.slice(size, k, 1) for k in range(3))
+    d = b.multiply(direction, b.reciprocal(b.add(b.add(x, y), z), PARALLEL * PARALLEL))
+    flat = b.concat(b.slice(d, 0, 1), b.slice(d, 2, 1))
+    turned = b.concat(b.slice(d, 2, 1), b.slice(d, 0, 1))
+    sign = b.multiply(flat, b.reciprocal(_absolute(b, flat), PARALLEL * PARALLEL))
+    folded = b.multiply(b.affine(_absolute(b, turned), [-1, -1], [1, 1]), sign)
+    return b.affine(b.select(b.slice(d, 1, 1), flat, folded), [0.5, 0.5], [0.5, 0.5])
 
 
 def _pruned(graph: Graph) -> Graph:

@@ -1,9 +1,11 @@
 """The small network of a neural light map: features of the texel and the eye in, light out.
 
-    f = base exp(o₀) + specular exp(o₁…₃),   o = network(textures(uv), inputs)        with a base
-    f = gain exp(o),                         o = network(textures(uv), inputs)        without
+    f = base (1 + g (exp(o₀) − 1)) + g specular exp(o₁…₃),   o = network(textures, inputs)        with a base
+    f = gain exp(o),                                         o = network(textures, inputs)        without
 
-Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S. Layers may be
+Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S; g tells whether
+the eye matters at all, 0 of a Lambertian surface. Textures are read at uv, and at the place of an environment map that
+the mirrored ray meets. Layers may be
 those of a SIREN (Sitzmann et al. 2020), as Nobigi (Triglav 2022) uses them: y = sin(ω (W x + b)) / k + x.
 """
 
@@ -19,9 +21,9 @@ from lightwell.backend import dr, mi
 from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.mlp import ACTIVATIONS, glorot
 
-# Columns of a row before its inputs: uv, base, gain of the second term.
-PLACE, BASE, GAIN = slice(0, 2), slice(2, 5), slice(5, 8)
-HEAD = 8
+# Columns of a row before its inputs: uv, base, gain of the second term, g, and the place of the environment map.
+PLACE, BASE, GAIN, GLOSS, MIRROR = slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 9), slice(9, 11)
+HEAD = 11
 # Features start here, half way between the ends of their range, with noise that tells texels apart.
 START, START_NOISE = 0.5, 0.02
 # What the decoded features run from and to.
@@ -32,13 +34,14 @@ OMEGA_FIRST, OMEGA = 20.0, 30.0
 
 @dataclass(frozen=True)
 class LightmapNetwork:
-    """Parameters: ``t0`` … textures [texels, C]; ``w0, b0`` … layers; ``s0, c0`` … the layers of the first stage."""
+    """Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, all [texels, C]; ``w0, b0`` …
+    layers; ``s0, c0`` … the layers of the first stage."""
 
     texture: AtlasTexture | None
     channels: int
     """Channels of the texture that are used; the others make up a packet of four."""
     inputs: int
-    """Numbers of a row behind the first eight, at least one."""
+    """Numbers of a row behind its head, at least one."""
     hidden: tuple[int, ...] = (24, 24)
     activation: str = "relu"
     base: bool = True
@@ -47,6 +50,10 @@ class LightmapNetwork:
     """Sine layers with residuals, as Nobigi's."""
     stage: tuple[int, ...] = ()
     """Widths of sine layers that make the features from uv, in place of the texture."""
+    mirrors: tuple[AtlasTexture, ...] = ()
+    """Textures of the environment, coarse to fine; all their channels but the packet's last are used."""
+    mirror_channels: int = 0
+    """Channels of each that are used."""
 
     @property
     def outputs(self) -> int:
@@ -56,7 +63,12 @@ class LightmapNetwork:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Widths of the layers, input first."""
-        return (self.channels + self.inputs, *self.hidden, self.outputs)
+        return (self.learned + self.inputs, *self.hidden, self.outputs)
+
+    @property
+    def learned(self) -> int:
+        """Features of a row that textures hold."""
+        return self.channels + len(self.mirrors) * self.mirror_channels
 
     @property
     def stage_sizes(self) -> tuple[int, ...]:
@@ -70,6 +82,9 @@ class LightmapNetwork:
         if self.texture is not None and not self.stage:
             shape = (self.texture.height * self.texture.width, self.texture.channels)
             made["t0"] = (START + START_NOISE * rng.standard_normal(shape)).astype(np.float32)
+        for k, mirror in enumerate(self.mirrors, 1):
+            shape = (mirror.height * mirror.width, mirror.channels)
+            made[f"t{k}"] = (START + START_NOISE * rng.standard_normal(shape)).astype(np.float32)
         for k, (a, b) in enumerate(zip(self.stage_sizes, self.stage_sizes[1:])):
             made |= {f"s{k}": _sine_weights(rng, a, b, k), f"c{k}": np.zeros((1, b), np.float32)}
         last = len(self.sizes) - 2
@@ -81,13 +96,20 @@ class LightmapNetwork:
 
     def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
         """[B, 8 + I] rows → [B, 3] radiance in unit S."""
-        o = self._layers(parameters, self.features(parameters, rows[:, PLACE]), rows[:, HEAD:])
+        read = [self.features(parameters, rows[:, PLACE])]
+        read += [self._decoded(m(parameters[f"t{k}"], rows[:, MIRROR])) for k, m in enumerate(self.mirrors, 1)]
+        o = self._layers(parameters, [r for r in read if r is not None], rows[:, HEAD:])
         if not self.base:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
         # A product, because the gradient of a broadcast is a sum whose order the threads choose.
-        factor = dr.matmul(e[:, 0:1], dr.full(mi.TensorXf, 1, (1, 3)))
-        return rows[:, BASE] * factor + rows[:, GAIN] * e[:, 1:4]
+        ones = dr.full(mi.TensorXf, 1, (1, 3))
+        factor = 1 + dr.matmul(rows[:, GLOSS] * (e[:, 0:1] - 1), ones)
+        return rows[:, BASE] * factor + rows[:, GAIN] * dr.matmul(rows[:, GLOSS], ones) * e[:, 1:4]
+
+    def _decoded(self, t: Any) -> Any:
+        """Used channels of a texture of the environment, in their range."""
+        return FEATURE_LOW + (FEATURE_HIGH - FEATURE_LOW) * t[:, : self.mirror_channels]
 
     def features(self, parameters: Mapping[str, Any], places: Any) -> Any:
         """[B, channels] decoded features at places [B, 2], or None."""
@@ -103,14 +125,18 @@ class LightmapNetwork:
         t = self.texture(parameters["t0"], places)[:, : self.channels]
         return FEATURE_LOW + (FEATURE_HIGH - FEATURE_LOW) * t
 
-    def _layers(self, parameters: Mapping[str, Any], features: Any, x: Any) -> Any:
+    def _layers(self, parameters: Mapping[str, Any], features: list[Any], x: Any) -> Any:
         ones = dr.full(mi.TensorXf, 1, (x.shape[0], 1))
         last = len(self.sizes) - 2
         for k in range(last + 1):
             weights = parameters[f"w{k}"]
             y = dr.matmul(ones, parameters[f"b{k}"])
-            if k == 0 and features is not None:
-                y = y + dr.matmul(features, weights[: self.channels]) + dr.matmul(x, weights[self.channels :])
+            if k == 0 and features:
+                begin = 0
+                for part in features:
+                    y = y + dr.matmul(part, weights[begin : begin + part.shape[1]])
+                    begin += part.shape[1]
+                y = y + dr.matmul(x, weights[begin:])
             else:
                 y = y + dr.matmul(x, weights)
             if k == last:

@@ -1,123 +1,222 @@
-"""From targets of trust to a volume: open flags, parameters, octant masks and the table of fallbacks."""
+"""From targets of trust to a volume: open flags, parameters, octant masks and the table of fallbacks.
+
+Everything is found node by node (or cell by cell, with what lies a few cells round it), so that an edit of the scene
+computes the same bits as a whole bake, only fewer of them. Notation: n nodes of a level; see ``support``.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 from threadpoolctl import threadpool_limits
 
-from lightwell.probes.pattern import Pattern
-from lightwell.probes.support import Support, cube_valid
+from lightwell.probes.lattice import CORNERS, hat
+from lightwell.probes.pattern import octants
+from lightwell.probes.support import CLOSE, Support, cube_near, cube_valid
 from lightwell.probes.volume import ALL_OCTANTS, DROPPED, OPEN, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS, point_weight
+from lightwell.probes.weights import FUNCTIONS, Close, point_weight
 
 # A probe whose target is nowhere (in the air) further from 1 than this needs no record.
 OPEN_TOLERANCE = 0.02
+# A point counts for the octants that lie within this of it: a wall may leave a sliver of one without points.
+SLIVER = 0.04
+# Octants without a probe ask their neighbours this many times.
+ROUNDS = 2
+# Points with little trusted weight decide which probe an octant falls back to: they count 1 / (Z + this).
+LITTLE = 0.02
+# Cells of which the fallbacks are found together, and nodes.
+BATCH = 1024
 
 
-def states(target: np.ndarray, valid: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """[B] uint8 of nodes with targets [B, Q]: open where all air of the cube is trusted."""
-    useful = alive & (target > 0).any(axis=1)
-    # What lies inside of geometry is never asked; ρ may be anything there.
-    open_ = useful & ((target >= 1 - OPEN_TOLERANCE) | ~valid).all(axis=1)
-    return np.where(open_, OPEN, np.where(useful, WEIGHTED, DROPPED)).astype(np.uint8)
+@dataclass(frozen=True)
+class Level:
+    """Nodes of a lattice with what is known of their trust."""
+
+    support: Support
+    nodes: np.ndarray
+    """[n] numbers in the lattice, in the order of the probes."""
+    target: np.ndarray
+    """[n, Q + 8 X] float16: trust at the points of the cube, then at its places at surfaces."""
+
+    @property
+    def points(self) -> int:
+        """Q."""
+        return len(self.support.pattern.u)
 
 
-def masks(target: np.ndarray, layout: Pattern) -> np.ndarray:
-    """[B] uint64: octants of a cube with a point that may be trusted."""
-    inside = np.zeros((len(target), 64), bool)
-    octant = layout.octant
-    for o in range(64):
-        inside[:, o] = (target[:, octant == o] > 0).any(axis=1)
-    return (inside.astype(np.uint64) << np.arange(64, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
+@dataclass(frozen=True)
+class Records:
+    """What is stored of the weights of a level."""
+
+    state: np.ndarray
+    """[n] uint8."""
+    params: np.ndarray
+    """[R, C] float32 of its weighted nodes, in order."""
+    octant: np.ndarray
+    """[R] uint64."""
 
 
-def fallbacks(support: Support, state: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """[C, 8] int32 node for each octant of each cell: the most trusted corner, else that of the nearest octant along
-    free edges; -1 where no path leads to a probe.
-
-    target   [P, Q] trust of all nodes.
-    """
-    lattice, layout = support.lattice, support.pattern
-    octant_of_point = (layout.points >= 0.5) @ np.array([1, 2, 4])
-    best = np.zeros((lattice.cell_count, 8))
-    node = np.full((lattice.cell_count, 8), -1, np.int64)
-    live = np.flatnonzero(state != DROPPED)
-    k = len(layout.points)
-    cells = lattice.node_cells(live)
-    for corner in range(8):
-        mine = target[live, corner * k : (corner + 1) * k]
-        mean = np.stack([mine[:, octant_of_point == o].mean(axis=1) for o in range(8)], axis=1)
-        rows = cells[:, corner] >= 0
-        at, mean, who = cells[rows, corner], mean[rows], live[rows]
-        better = mean > best[at]
-        best[at] = np.where(better, mean, best[at])
-        node[at] = np.where(better, who[:, None], node[at])
-    return _spread(support, node, octant_of_point).astype(np.int32)
+def states(level: Level, rows: np.ndarray) -> np.ndarray:
+    """[B] uint8 of some nodes of a level: open where all air of the cube is trusted."""
+    out = np.empty(len(rows), np.uint8)
+    for start in range(0, len(rows), BATCH):
+        part = rows[start : start + BATCH]
+        nodes, target = level.nodes[part], level.target[part]
+        asked = np.concatenate([cube_valid(level.support, nodes), cube_near(level.support, nodes)[1] >= 0], axis=1)
+        useful = level.support.alive[nodes] & (target > 0).any(axis=1)
+        # What lies inside of geometry is never asked; ρ may be anything there.
+        open_ = useful & ((target >= 1 - OPEN_TOLERANCE) | ~asked).all(axis=1)
+        out[start : start + BATCH] = np.where(open_, OPEN, np.where(useful, WEIGHTED, DROPPED))
+    return out
 
 
-def _spread(support: Support, node: np.ndarray, octant_of_point: np.ndarray) -> np.ndarray:
-    """Octants without a probe take that of the nearest octant by free edges."""
-    lattice, layout = support.lattice, support.pattern
-    cell, edge = np.nonzero(support.free)
-    if not len(cell) or not (node >= 0).any():
-        return node
-    there = lattice.cell_number(lattice.cell_corner(cell) + layout.step[edge])
-    a = cell * 8 + octant_of_point[layout.start[edge]]
-    b = there * 8 + octant_of_point[layout.end[edge]]
-    between = a != b
-    pairs = np.unique(np.stack([a[between], b[between]], axis=1), axis=0)
-    size = node.size
-    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(size, size))
-    known = np.flatnonzero(node.ravel() >= 0)
-    _, _, source = dijkstra(graph, directed=False, indices=known, min_only=True, return_predecessors=True)
-    found = node.ravel().copy()
-    reached = source >= 0
-    found[reached] = node.ravel()[source[reached]]
-    return found.reshape(node.shape)
+def masks(level: Level, rows: np.ndarray) -> np.ndarray:
+    """[B] uint64: octants of a cube near a point that may be trusted."""
+    shifts = [np.zeros(3), *(SLIVER * (2 * CORNERS - 1))]
+    shared = np.zeros((level.points, 64), bool)
+    for shift in shifts:
+        shared[np.arange(level.points), octants(level.support.pattern.u + shift)] = True
+    out = np.zeros(len(rows), np.uint64)
+    for start in range(0, len(rows), BATCH):
+        part = rows[start : start + BATCH]
+        trusted = level.target[part] > 0
+        inside = trusted[:, : level.points].astype(np.float32) @ shared.astype(np.float32) > 0
+        u, _ = cube_near(level.support, level.nodes[part])
+        probe, k = np.nonzero(trusted[:, level.points :])
+        for shift in shifts:
+            inside[probe, octants(u[probe, k] + shift)] = True
+        bits = inside.astype(np.uint64) << np.arange(64, dtype=np.uint64)
+        out[start : start + BATCH] = bits.sum(axis=1, dtype=np.uint64)
+    return out
 
 
-def assemble(
-    support: Support,
-    target: np.ndarray,
-    function: str,
-    fit=None,
-    kept: tuple[np.ndarray, np.ndarray] | None = None,
-    changed: np.ndarray | None = None,
-) -> ProbeVolume:
-    """A volume without light.
+def close_points(level: Level, rows: np.ndarray) -> Close:
+    """Places at surfaces of some nodes, as a fit asks for them."""
+    u, source = cube_near(level.support, level.nodes[rows])
+    target = level.target[rows, level.points :].astype(np.float32)
+    return Close(u, target, point_weight(target, hat(u), target >= 0) * (source >= 0))
 
-    target    [P, Q] trust of all nodes.
-    fit       (targets, weights, pattern) → parameters; None: the function's own.
-    kept      Records of an earlier volume (``row``, ``params``), of which only the nodes ``changed`` are fitted again.
-    """
+
+def fitted(level: Level, rows: np.ndarray, function: str, fit=None) -> np.ndarray:
+    """[B, C] stored parameters of some nodes of a level."""
     f = FUNCTIONS[function]
-    state = states(target, cube_valid(support, np.arange(len(support.lattice))), support.alive)
-    weighted = np.flatnonzero(state == WEIGHTED)
-    row = np.full(len(state), -1, np.int32)
-    row[weighted] = np.arange(len(weighted))
-    params = np.zeros((len(weighted), f.parameters), np.float32)
-    fresh = weighted
-    if kept is not None:
-        old_row, old_params = kept
-        fresh = weighted[np.isin(weighted, changed) | (old_row[weighted] < 0)]
-        same = np.setdiff1d(weighted, fresh)
-        params[row[same]] = old_params[old_row[same]]
-    if len(fresh):
-        weight = point_weight(target[fresh], support.pattern.hat, cube_valid(support, fresh))
+    params = np.zeros((len(rows), f.parameters), np.float32)
+    for start in range(0, len(rows), BATCH):
+        part = rows[start : start + BATCH]
+        target = level.target[part, : level.points].astype(np.float32)
+        weight = point_weight(target, level.support.pattern.hat, cube_valid(level.support, level.nodes[part]))
         # Small products in a row: threads of BLAS would cost more than they give.
         with threadpool_limits(1, "blas"):
-            params[row[fresh]] = f.quantised((fit or f.fit)(target[fresh], weight, support.pattern))
+            found = (fit or f.fit)(target, weight, level.support.pattern, close_points(level, part))
+        params[start : start + BATCH] = f.quantised(found)
+    return params
+
+
+def records(level: Level, function: str, fit=None, changed: np.ndarray | None = None, kept=None) -> Records:
+    """Weights of a level, or of those nodes that have ``changed`` (rows of the level), the others ``kept``."""
+    rows = np.arange(len(level.nodes)) if changed is None else changed
+    found = states(level, rows)
+    fresh = rows[found == WEIGHTED]
+    params, octant = fitted(level, fresh, function, fit), masks(level, fresh)
+    if kept is None:
+        return Records(found, params, octant)
+    state = kept.state.copy()
+    state[rows] = found
+    weighted = np.flatnonzero(state == WEIGHTED)
+    old = np.cumsum(kept.state == WEIGHTED) - 1
+    all_params = np.empty((len(weighted), params.shape[1]), np.float32)
+    all_octant = np.empty(len(weighted), np.uint64)
+    new = np.isin(weighted, fresh)
+    all_params[new], all_octant[new] = params, octant
+    all_params[~new], all_octant[~new] = kept.params[old[weighted[~new]]], kept.octant[old[weighted[~new]]]
+    return Records(state, all_params, all_octant)
+
+
+def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """[len(cells), 8] int32 node that is trusted most where little is, for each octant of some cells; -1: none.
+
+    The level holds all nodes of its lattice.
+    """
+    support, lattice, layout = level.support, level.support.lattice, level.support.pattern
+    k, out = len(layout.points), np.full((len(cells), 8), -1, np.int32)
+    for start in range(0, len(cells), BATCH):
+        part = cells[start : start + BATCH]
+        at, rows = lattice.cell_corner(part), support.slot[part]
+        node = lattice.node_number(at[:, None] + CORNERS)
+        place = np.concatenate([np.broadcast_to(layout.points, (len(part), k, 3)), support.near[rows]], axis=1)
+        air = np.concatenate([support.valid[rows], support.source[rows] >= 0], axis=1)
+        trust = np.empty((8, *air.shape), np.float32)
+        z = np.zeros(air.shape, np.float32)
+        for corner in range(8):
+            mine, j = level.target[node[:, corner]], 7 - corner
+            near = mine[:, level.points + j * CLOSE : level.points + (j + 1) * CLOSE]
+            trust[corner] = np.concatenate([mine[:, j * k : (j + 1) * k], near], axis=1)
+            trust[corner][state[node[:, corner]] == DROPPED] = 0
+            z += hat(place - CORNERS[corner]).astype(np.float32) * trust[corner]
+        weight, octant = air / (z + LITTLE), (place >= 0.5) @ np.array([1, 2, 4])
+        for o in range(8):
+            score = (trust * (weight * (octant == o))).sum(axis=2)
+            best = score.argmax(axis=0)
+            chosen = np.take_along_axis(node, best[:, None], axis=1)[:, 0]
+            out[start : start + BATCH, o] = np.where(score.max(axis=0) > 0, chosen, -1)
+    return out
+
+
+def spread(support: Support, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """[len(cells), 8] int32 of ``first`` [C, 8]: octants without a probe take that of a neighbour by a free edge."""
+    lattice, layout = support.lattice, support.pattern
+    octant = (layout.points >= 0.5) @ np.array([1, 2, 4])
+    # Edges between two octants of a cell and its neighbours stand together: one of them is enough.
+    kind = np.stack([octant[layout.start], octant[layout.end], *(layout.step.T + 1)], axis=1) @ (1, 8, 64, 192, 576)
+    order = np.argsort(kind, kind="stable")
+    kinds, begin = np.unique(kind[order], return_index=True)
+    wide = around(lattice, cells, ROUNDS // 2 + 1)
+    linked = np.logical_or.reduceat(support.free[support.slot[wide]][:, order], begin, axis=1)
+    row, which = np.nonzero(linked)
+    here, sort = wide[row], kinds[which]
+    step = np.stack([sort // 64 % 3, sort // 192 % 3, sort // 576], axis=1) - 1
+    a, b = here * 8 + sort % 8, lattice.cell_number(lattice.cell_corner(here) + step) * 8 + sort // 8 % 8
+    a, b = np.concatenate([a, b]), np.concatenate([b, a])
+    found, none = first.ravel().copy(), np.iinfo(np.int32).max
+    for _ in range(ROUNDS):
+        best = np.full(len(found), none, np.int32)
+        known = found[b] >= 0
+        np.minimum.at(best, a[known], found[b[known]])
+        found = np.where((found < 0) & (best < none), best, found)
+    return found.reshape(first.shape)[cells]
+
+
+def around(lattice, cells: np.ndarray, rings: int) -> np.ndarray:
+    """Sorted cells within some rings of ``cells``."""
+    inside = np.zeros(lattice.cells[::-1], bool)
+    x, y, z = lattice.cell_corner(cells).T
+    inside[z, y, x] = True
+    for _ in range(rings):
+        for axis in range(3):
+            grown = np.moveaxis(inside.copy(), axis, 0)
+            old = np.moveaxis(inside, axis, 0)
+            grown[1:] |= old[:-1]
+            grown[:-1] |= old[1:]
+            inside = np.moveaxis(grown, 0, axis)
+    return np.flatnonzero(inside.ravel())
+
+
+def assemble(coarse: Level, function: str, found: Records, fallback: np.ndarray, fine=None) -> ProbeVolume:
+    """A volume without light of the records of its nodes; ``fine``: (records, bricks)."""
+    parts = [found] if fine is None else [found, fine[0]]
+    state = np.concatenate([part.state for part in parts])
+    row = np.where(state == WEIGHTED, np.cumsum(state == WEIGHTED) - 1, -1).astype(np.int32)
     return ProbeVolume(
-        lattice=support.lattice,
+        lattice=coarse.support.lattice,
         function=function,
         state=state,
         row=row,
-        params=params,
-        octant=masks(target[weighted], support.pattern),
-        fallback=fallbacks(support, state, target),
+        params=np.concatenate([part.params for part in parts]),
+        octant=np.concatenate([part.octant for part in parts]),
+        fallback=fallback,
         light=np.zeros((len(state), 9, 3), np.float32),
+        bricks=None if fine is None else fine[1],
     )
 
 

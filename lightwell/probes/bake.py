@@ -7,10 +7,12 @@ from time import perf_counter
 
 import numpy as np
 
-from lightwell.probes.assemble import assemble
+from lightwell.probes import bricks
+from lightwell.probes.assemble import ROUNDS, Level, Records, around, assemble, nearest_probes, records, spread
 from lightwell.probes.lattice import Lattice
-from lightwell.probes.support import Support, bake_support, touched, trust, update
-from lightwell.probes.volume import ProbeVolume
+from lightwell.probes.pattern import pattern
+from lightwell.probes.support import bake_support, touched, trust, update
+from lightwell.probes.volume import Bricks, ProbeVolume
 from lightwell.scenes.scene import Scene
 
 # Largest lattice that a bake takes on without being asked for a coarser one.
@@ -22,11 +24,23 @@ class Geometry:
     """A volume without light, and what it was made of: kept for incremental bakes."""
 
     volume: ProbeVolume
-    support: Support
-    target: np.ndarray
-    """[P, Q] float16 trust."""
+    levels: tuple[Level, ...]
+    """The lattice; with bricks also their fine lattice."""
+    records: tuple[Records, ...]
+    first: np.ndarray
+    """[C, 8] int32 fallbacks before octants ask their neighbours."""
     seconds: dict[str, float]
     """Of rays, trust and fit."""
+
+    @property
+    def support(self):
+        """Rays of the lattice."""
+        return self.levels[0].support
+
+    @property
+    def target(self) -> np.ndarray:
+        """[P, Q] float16 trust of the lattice's nodes."""
+        return self.levels[0].target[:, : self.levels[0].points]
 
 
 def bake_geometry(
@@ -41,35 +55,77 @@ def bake_geometry(
     clock = [perf_counter()]
     support = bake_support(scene, lattice)
     clock.append(perf_counter())
-    # Rounded before it is used, so that a bake that goes on from what was kept does the same.
-    target = trust(scene, support, np.arange(len(lattice))).astype(np.float16)
+    nodes = np.arange(len(lattice))
+    level = Level(support, nodes, trust(scene, support, nodes))
     clock.append(perf_counter())
-    volume = assemble(support, target.astype(np.float32), function, fit=fit)
+    found = records(level, function, fit)
+    cells = np.arange(lattice.cell_count)
+    first = nearest_probes(level, found.state, cells)
+    volume = assemble(level, function, found, spread(support, first, cells))
     clock.append(perf_counter())
     names = ("rays", "trust", "fit")
-    return Geometry(volume, support, target, dict(zip(names, np.diff(clock).tolist())))
+    return Geometry(volume, (level,), (found,), first, dict(zip(names, np.diff(clock).tolist())))
+
+
+def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit=None) -> Geometry:
+    """The same volume with bricks in ``chosen`` cells (sorted)."""
+    if not len(chosen):
+        return geometry
+    clock, coarse, volume = perf_counter(), geometry.levels[0], geometry.volume
+    nodes, table = bricks.layout(volume.lattice, chosen)
+    cells = bricks.fine_cells(volume.lattice, chosen)
+    lattice = bricks.fine_lattice(volume.lattice)
+    support = bake_support(scene, lattice, pattern(bricks.FINE_POINTS), cells, nodes)
+    level = Level(support, nodes, trust(scene, support, nodes))
+    found = records(level, volume.function, fit)
+    made = assemble(coarse, volume.function, geometry.records[0], volume.fallback, (found, table))
+    seconds = geometry.seconds | {"bricks": perf_counter() - clock}
+    return Geometry(made, (coarse, level), (geometry.records[0], found), geometry.first, seconds)
 
 
 def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[Geometry, np.ndarray]:
-    """The weights after the scene has changed inside ``box`` [2, 3]; and the nodes that were computed again.
+    """The weights after the scene has changed inside ``box`` [2, 3]; and the probes (numbers in the volume) whose weights
+    were computed again.
 
-    Everything that the box does not touch keeps its bytes.
+    Everything that the box does not touch keeps its bytes, and what it touches gets those of a whole bake. Bricks stay
+    where they are.
     """
-    cells, near, nodes = touched(before.support.lattice, np.asarray(box, np.float64))
-    kept = before.support
-    support = replace(
-        kept,
-        valid=kept.valid.copy(),
-        free=kept.free.copy(),
-        origin=kept.origin.copy(),
-        alive=kept.alive.copy(),
-    )
-    clock = perf_counter()
-    update(scene, support, cells, near, nodes)
-    target = before.target.copy()
-    target[nodes] = trust(scene, support, nodes)
-    old = before.volume
-    fitted = (old.row, old.params)
-    volume = assemble(support, target.astype(np.float32), old.function, fit=fit, kept=fitted, changed=nodes)
-    volume = replace(volume, light=np.where(volume.alive[:, None, None], old.light, 0))
-    return Geometry(volume, support, target, {"rebake": perf_counter() - clock}), nodes
+    clock, box = perf_counter(), np.asarray(box, np.float64)
+    levels, found, rows = [], [], []
+    for level, kept in zip(before.levels, before.records):
+        made, changed = _again(scene, level, box)
+        levels.append(made)
+        found.append(records(made, before.volume.function, fit, changed, kept))
+        rows.append(changed)
+    coarse, volume = levels[0], before.volume
+    # Fallbacks of the cells whose corners have changed, and of those that ask them.
+    near = _cells_of(coarse.support.lattice, coarse.nodes[rows[0]])
+    first = before.first.copy()
+    first[near] = nearest_probes(coarse, found[0].state, near)
+    wide = around(coarse.support.lattice, near, ROUNDS // 2 + 1)
+    fallback = volume.fallback.copy()
+    fallback[wide] = spread(coarse.support, first, wide)
+    table: Bricks | None = volume.bricks
+    made = assemble(coarse, volume.function, found[0], fallback, (found[1], table) if table is not None else None)
+    made = replace(made, light=np.where(made.alive[:, None, None], volume.light, 0), offset=volume.offset)
+    again = np.concatenate([r + (len(volume.lattice) if k else 0) for k, r in enumerate(rows)])
+    return Geometry(made, tuple(levels), tuple(found), first, {"rebake": perf_counter() - clock}), again
+
+
+def _again(scene: Scene, level: Level, box: np.ndarray) -> tuple[Level, np.ndarray]:
+    """A level after its touched cells and cubes have been cast again, and the rows of these."""
+    support = level.support.copy()
+    cells, near, nodes = touched(support.lattice, box)
+    cells, near = (part[support.slot[part] >= 0] for part in (cells, near))
+    rows = np.flatnonzero(np.isin(level.nodes, nodes))
+    update(scene, support, cells, near, level.nodes[rows])
+    target = level.target.copy()
+    if len(rows):
+        target[rows] = trust(scene, support, level.nodes[rows])
+    return Level(support, level.nodes, target), rows
+
+
+def _cells_of(lattice: Lattice, nodes: np.ndarray) -> np.ndarray:
+    """Sorted cells round nodes."""
+    cells = np.unique(lattice.node_cells(nodes))
+    return cells[cells >= 0]

@@ -54,7 +54,8 @@ def diffuse(
         shape = (len(unknown), len(unknown))
         matrix = csr_matrix((np.r_[v, v], (np.r_[i, j], np.r_[j, i])), shape=shape)
         matrix += diags((1 + pattern.decay(reach)) * degree[unknown])
-        rho[unknown] = _conjugate_gradients(matrix.tocsr(), pull[unknown])
+        _, first = np.unique(unknown // sees.shape[1], return_index=True)
+        rho[unknown] = _conjugate_gradients(matrix.tocsr(), pull[unknown], first)
     rho = np.clip(rho, 0, 1).reshape(sees.shape)
     rho[rho < LEAST] = 0
     return rho
@@ -71,23 +72,32 @@ def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.
     return offset + first[m], offset + second[m], w
 
 
-def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:
-    """Solution of a symmetric positive definite system, preconditioned by its diagonal."""
+def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Solution of a symmetric positive definite system, preconditioned by its diagonal.
+
+    first   Where the unknowns of each cube begin: cubes do not touch, and each has its own steps and its own end, so that
+            its bits do not depend on the others.
+    """
     inverse = 1 / matrix.diagonal()
+    counts = np.diff(np.r_[first, len(right)])
+    total = lambda v: np.add.reduceat(v, first)  # noqa: E731
+    spread = lambda v: np.repeat(v, counts)  # noqa: E731
     x, r = np.zeros_like(right), right.copy()
-    goal = TOLERANCE * np.abs(right * inverse).max()
+    goal = TOLERANCE * np.maximum.reduceat(np.abs(right * inverse), first)
     z = inverse * r
-    p, rz = z.copy(), r @ z
+    p, rz = z.copy(), total(r * z)
     for _ in range(MOST):
-        if np.abs(z).max() <= goal or rz == 0:
+        going = (np.maximum.reduceat(np.abs(z), first) > goal) & (rz != 0)
+        if not going.any():
             break
         q = matrix @ p
-        step = rz / (p @ q)
+        curve = total(p * q)
+        step = spread(np.where(going, rz / np.where(going, curve, 1), 0))
         x += step * p
         r -= step * q
         z = inverse * r
-        before, rz = rz, r @ z
-        p = z + (rz / before) * p
+        before, rz = rz, total(r * z)
+        p = np.where(spread(going), z + spread(rz / np.where(before != 0, before, 1)) * p, p)
     return x
 
 

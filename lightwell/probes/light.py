@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.probes.solve import Rows, Solution, solve
-from lightwell.probes.support import Support
+from lightwell.probes.bake import Geometry, rebake, with_bricks
+from lightwell.probes.bricks import BUDGET, worst
+from lightwell.probes.solve import Rows, Solution, relative_error, solve
+from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
-from lightwell.probes.volume import ProbeVolume
+from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
@@ -17,6 +19,8 @@ from lightwell.scenes.variables import Variable
 SAMPLES = 32
 # Paths of a sample, and of a probe.
 PATHS, PROBE_PATHS = 256, 1024
+# Random streams: fine probes from here on, samples of each level from a multiple of there on.
+FINE_STREAM, SAMPLE_STREAM = 1 << 28, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -31,55 +35,179 @@ class Effort:
     """Paths per probe, even."""
 
 
+@dataclass(frozen=True)
+class Lit:
+    """A volume with its light, and what that was solved from: kept for incremental bakes."""
+
+    geometry: Geometry
+    start: np.ndarray
+    """[P + F, 9, 3] light traced where the probes look from."""
+    samples: Rows
+    number: np.ndarray
+    """[I] of the samples' random streams: which cell, which point."""
+    solution: Solution
+    effort: Effort
+    seed: int
+
+    @property
+    def volume(self) -> ProbeVolume:
+        """The volume under the scene's own light."""
+        return self.geometry.volume.lit(self.solution.light)
+
+
+def origins(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
+    """[P + F, 3] where all probes look from, and [P + F] numbers of their random streams."""
+    place = [level.support.origin[level.nodes] for level in geometry.levels]
+    return np.concatenate(place), np.concatenate([level.nodes + k * FINE_STREAM for k, level in enumerate(geometry.levels)])
+
+
 def traced(
-    scene: Scene, support: Support, nodes: np.ndarray, effort: Effort, seed: int, variable=None, light=None
+    scene: Scene, geometry: Geometry, probes: np.ndarray, effort: Effort, seed: int, variable=None, light=None
 ) -> np.ndarray:
-    """[P, 9, 3] light where the probes of ``nodes`` look from; 0 elsewhere."""
-    out = np.zeros((len(support.lattice), 9, 3), np.float32)
-    nodes = nodes[support.alive[nodes]]
-    if len(nodes):
-        found = air_light(scene, support.origin[nodes], effort.probe_paths, seed, variable=variable, light=light)
-        out[nodes] = found.sh
+    """[P + F, 9, 3] light where ``probes`` (numbers in the volume) look from; 0 for others and for those that have no
+    place to look from."""
+    place, number = origins(geometry)
+    alive = np.concatenate([level.support.alive[level.nodes] for level in geometry.levels])
+    out = np.zeros((len(place), 9, 3), np.float32)
+    probes = probes[alive[probes]]
+    if len(probes):
+        found = air_light(
+            scene, place[probes], effort.probe_paths, seed, variable=variable, light=light, numbers=number[probes]
+        )
+        out[probes] = found.sh
     return out
 
 
-def places(support: Support, cells: np.ndarray, effort: Effort) -> np.ndarray:
-    """[I, 3] valid support points of some cells, at most ``effort.samples`` each, evenly spread: any run of the
-    low-discrepancy pattern is even."""
-    count = min(effort.samples, support.valid.shape[1])
-    order = np.cumsum(support.valid[cells], axis=1)
-    chosen = support.valid[cells] & (order <= count)
-    return support.points(cells)[chosen]
+def places(geometry: Geometry, effort: Effort, box: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Valid support points [I, 3], numbers of their streams [I] and cells of the lattice [I]; at most
+    ``effort.samples`` for each cell, evenly spread, as any run of the low-discrepancy pattern is.
+
+    box   [2, 3]: only of cells that it overlaps.
+    """
+    found, lattice = [], geometry.volume.lattice
+    for k, level in enumerate(geometry.levels):
+        support = level.support
+        cells = support.covered if box is None else touched(support.lattice, box)[0]
+        cells = cells[support.slot[cells] >= 0]
+        valid = support.valid[support.slot[cells]]
+        count = effort.samples if k == 0 else max(2, effort.samples // 8)
+        row, point = np.nonzero(valid & (np.cumsum(valid, axis=1) <= count))
+        place = support.points(cells)[row, point]
+        number = SAMPLE_STREAM * (k + 1) + cells[row] * valid.shape[1] + point
+        found.append((place, number, lattice.cell_number(lattice.locate(place)[0])))
+    return tuple(np.concatenate(part) for part in zip(*found))
 
 
 def rows(
     scene: Scene,
-    volume: ProbeVolume,
-    support: Support,
-    cells: np.ndarray,
+    geometry: Geometry,
     effort: Effort,
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
-) -> Rows:
-    """Radiance samples of some cells, for the scene's own light or for each of ``lights`` [S, 3]."""
-    at = places(support, cells, effort)
+    box: np.ndarray | None = None,
+) -> tuple[Rows, np.ndarray]:
+    """Radiance samples, for the scene's own light or for each of ``lights`` [S, 3], and their numbers [I]."""
+    at, number, cell = places(geometry, effort, box)
     zero = np.zeros_like(at)
     if variable is None:
-        return Rows(at, zero, air_light(scene, at, effort.paths, seed).sh)
-    states = [
-        air_light(scene, at, effort.paths, seed + k, variable=variable, light=light).sh
-        for k, light in enumerate(lights)
-    ]
-    return Rows(at, zero, np.stack(states))
+        found = [air_light(scene, at, effort.paths, seed, numbers=number)]
+    else:
+        found = [
+            air_light(scene, at, effort.paths, seed + k, variable=variable, light=light, numbers=number)
+            for k, light in enumerate(lights)
+        ]
+    halves = [np.mean([getattr(f, half) for f in found], axis=0) for half in ("half_a", "half_b")]
+    noise = 0.5 * relative_error(*halves)
+    light = found[0].sh if variable is None else np.stack([f.sh for f in found])
+    return Rows(at, zero, light, cell, noise), number
 
 
-def light_volume(
-    scene: Scene, volume: ProbeVolume, support: Support, effort: Effort, seed: int
-) -> tuple[ProbeVolume, Solution, np.ndarray]:
-    """The volume under the scene's own light, the solution, and the light traced at the probes [P, 9, 3]."""
-    cells = np.flatnonzero(support.valid.any(axis=1))
-    start = traced(scene, support, np.flatnonzero(volume.alive), effort, seed)
-    samples = rows(scene, volume, support, cells, effort, seed + 1)
-    solution = solve(volume, samples, start)
-    return volume.lit(solution.light), solution, start
+def light_volume(scene: Scene, geometry: Geometry, effort: Effort, seed: int) -> Lit:
+    """The volume under the scene's own light."""
+    start = traced(scene, geometry, np.flatnonzero(geometry.volume.alive), effort, seed)
+    samples, number = rows(scene, geometry, effort, seed + 1)
+    return Lit(geometry, start, samples, number, solve(geometry.volume, samples, start), effort, seed)
+
+
+def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None) -> Lit:
+    """The same with bricks where the error is highest; at most ``budget`` fine probes per live probe."""
+    chosen = placed(lit.geometry, lit.samples, lit.solution, budget)
+    if not len(chosen):
+        return lit
+    return light_volume(scene, with_bricks(scene, lit.geometry, chosen, fit), lit.effort, lit.seed)
+
+
+def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
+    """Sorted cells that deserve a brick."""
+    error = np.maximum(solution.residual - samples.noise, 0)
+    return worst(error, samples.cell, int(geometry.volume.alive.sum()), budget)
+
+
+def relit(scene: Scene, before: Lit, box: np.ndarray, fit=None) -> tuple[Lit, np.ndarray]:
+    """The volume after the scene has changed inside ``box`` [2, 3], and the probes whose light was solved again.
+
+    Light is traced again in touched cells and at touched probes alone; probes of which nothing has changed are held
+    fixed, so that a bake of an unchanged scene gives the same bytes.
+    """
+    geometry, again = rebake(scene, before.geometry, box, fit)
+    start = before.start.copy()
+    start[again] = traced(scene, geometry, again, before.effort, before.seed)[again]
+    fresh, number = rows(scene, geometry, before.effort, before.seed + 1, box=box)
+    samples, numbers = _merged(before, fresh, number, box)
+    old, new = before.geometry.volume, geometry.volume
+    free = np.zeros(len(new.state), bool)
+    free[again] = ~_same_weights(old, new, again) | (start[again] != before.start[again]).any(axis=(1, 2))
+    ask = _changed_rows(before, samples, numbers)
+    free[coefficients(new, samples.place[ask], samples.normal[ask])[0].ravel()] = len(ask) > 0
+    free &= new.alive
+    if not free.any():
+        solution = Solution(before.solution.light, before.solution.orphans, before.solution.errors, before.solution.residual)
+    else:
+        part = _near(new, samples, free)
+        found = solve(new, samples.part(part), start, free=free, held=before.solution.light)
+        residual, orphans = np.zeros(len(samples.place)), np.zeros(len(samples.place), bool)
+        residual[part], orphans[part] = found.residual, found.orphans
+        solution = Solution(found.light, orphans, found.errors, residual)
+    return Lit(geometry, start, samples, numbers, solution, before.effort, before.seed), np.flatnonzero(free)
+
+
+def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tuple[Rows, np.ndarray]:
+    """Samples with those of touched cells replaced, in the order of a whole bake: by number."""
+    inside = np.zeros(len(before.number), bool)
+    for k, level in enumerate(before.geometry.levels):
+        size = level.support.valid.shape[1]
+        mine = before.number // SAMPLE_STREAM == k + 1
+        inside |= mine & np.isin((before.number - SAMPLE_STREAM * (k + 1)) // size, touched(level.support.lattice, box)[0])
+    kept = before.samples.part(~inside)
+    numbers = np.concatenate([before.number[~inside], number])
+    order = np.argsort(numbers, kind="stable")
+    join = lambda name: np.concatenate([getattr(kept, name), getattr(fresh, name)])[order]  # noqa: E731
+    return Rows(*(join(name) for name in ("place", "normal", "light", "cell", "noise"))), numbers[order]
+
+
+def _changed_rows(before: Lit, samples: Rows, numbers: np.ndarray) -> np.ndarray:
+    """Samples that are new or whose light is another."""
+    at = np.minimum(np.searchsorted(before.number, numbers), len(before.number) - 1)
+    same = (before.number[at] == numbers) & (before.samples.light[at] == samples.light).all(axis=(1, 2))
+    return np.flatnonzero(~same)
+
+
+def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.ndarray:
+    """[len(probes)] bool: neither the kind of a probe nor its record has changed."""
+    same = old.state[probes] == new.state[probes]
+    a, b = old.row[probes], new.row[probes]
+    both = np.flatnonzero((a >= 0) & (b >= 0))
+    same[both] &= (old.params[a[both]] == new.params[b[both]]).all(axis=1) & (old.octant[a[both]] == new.octant[b[both]])
+    return same
+
+
+def _near(volume: ProbeVolume, samples: Rows, free: np.ndarray) -> np.ndarray:
+    """Samples that a free probe may have a share of."""
+    lattice, count = volume.lattice, len(volume.lattice)
+    nodes = np.flatnonzero(free[:count])
+    cells = set(lattice.node_cells(nodes).ravel().tolist())
+    if volume.bricks is not None:
+        asked = free[volume.bricks.table].any(axis=1)
+        cells |= set(np.flatnonzero((volume.bricks.cell >= 0) & asked[np.maximum(volume.bricks.cell, 0)]).tolist())
+    return np.flatnonzero(np.isin(samples.cell, list(cells)))

@@ -79,6 +79,18 @@ def free_rows(scene: Scene, a: mi.Point3f, b: mi.Point3f) -> np.ndarray:
     return ~np.array(blocked, bool).reshape(-1)
 
 
+def ends(scene: Scene, a: np.ndarray, d: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Whether rays from a [N, 3] along d [N, 3] hit within ``most`` metres, and the distance: [N] each."""
+    hit, t = np.zeros(len(a), bool), np.zeros(len(a), np.float32)
+    for start in range(0, len(a), LAUNCH):
+        rows = slice(start, start + LAUNCH)
+        ray = mi.Ray3f(upload(mi.Point3f, a[rows]), upload(mi.Vector3f, d[rows].astype(np.float32)))
+        ray.maxt = mi.Float(most)
+        pi = scene.mi.ray_intersect_preliminary(ray)
+        hit[rows], t[rows] = np.array(pi.is_valid(), bool), np.array(dr.select(pi.is_valid(), pi.t, 0))
+    return hit, t
+
+
 def distances(scene: Scene, points: np.ndarray, compass: np.ndarray) -> np.ndarray:
     """[N, D] metres to the first surface along directions [D, 3]; negative where it is a back face, inf: none."""
     sheets, count = mi.Bool(free_air(scene)._sheets), len(compass)

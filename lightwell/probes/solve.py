@@ -38,6 +38,15 @@ class Rows:
     """[I, 3] side of a sample on a surface; 0 in free air: the offset then has no direction."""
     light: np.ndarray
     """[I, 9, 3] irradiance harmonics, or [S, I, 9, 3] of S light states."""
+    cell: np.ndarray | None = None
+    """[I] cell of the lattice in which each lies."""
+    noise: np.ndarray | None = None
+    """[I] relative error that the noise of the samples alone makes: half of that between their two halves."""
+
+    def part(self, chosen: np.ndarray) -> Rows:
+        """Some of the rows."""
+        more = [None if v is None else v[chosen] for v in (self.cell, self.noise)]
+        return Rows(self.place[chosen], self.normal[chosen], self.light[..., chosen, :, :], *more)
 
 
 @dataclass(frozen=True)
@@ -45,11 +54,13 @@ class Solution:
     """What the solve found."""
 
     light: np.ndarray
-    """[P, 9, 3], or [S, P, 9, 3]."""
+    """[P, 9, 3], or [S, P, 9, 3]; P counts fine probes too."""
     orphans: np.ndarray
     """[I] bool: rows that no probe may be trusted at."""
     errors: tuple[float, ...]
     """Mean symmetric relative error after each pass, the traced light first."""
+    residual: np.ndarray
+    """[I] error of each row, 1 for orphans."""
 
 
 def smape(truth: np.ndarray, found: np.ndarray, epsilon: float) -> np.ndarray:
@@ -61,12 +72,14 @@ def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
     """[I, P] shares of the nodes and the trusted weight Z [I]."""
     node, share, z = coefficients(volume, rows.place, rows.normal)
     at = np.repeat(np.arange(len(node)), node.shape[1])
-    shape = (len(node), len(volume.lattice))
+    shape = (len(node), len(volume.state))
     return coo_matrix((share.ravel().astype(np.float64), (at, node.ravel())), shape=shape).tocsc(), z
 
 
-def solve(volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PASSES) -> Solution:
-    """Solve for the light of all live nodes.
+def solve(
+    volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PASSES, free: np.ndarray | None = None, held=None
+) -> Solution:
+    """Solve for the light of all live nodes, or of those that are ``free`` [P] while the others keep ``held`` light.
 
     traced   [P, 9, 3] (or [S, P, 9, 3]) light traced where each probe looks from: the start, and the pull.
     Several states share ω, computed from their mean, so that the solve is linear in the light.
@@ -77,27 +90,42 @@ def solve(volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PAS
     states = rows.light.ndim == 4
     goal, start = (rows.light, traced) if states else (rows.light[None], traced[None])
     goal = goal[:, good].astype(np.float64)
-    live = np.flatnonzero(volume.alive)
+    live = np.flatnonzero(volume.alive if free is None else volume.alive & free)
     columns = a[:, live].tocsc()
+    fixed = np.zeros((columns.shape[0], 27 * len(start)))
+    if free is not None:
+        before = (held if states else held[None]).astype(np.float64)
+        fixed = a[:, np.flatnonzero(~free)] @ np.moveaxis(before[:, ~free], 0, 1).reshape(int((~free).sum()), -1)
     ties = _ties(columns)
     prior = np.moveaxis(start[:, live].astype(np.float64), 0, 1).reshape(len(live), -1)
-    right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1)
+    right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1) - fixed
     measure = _Measure(goal.mean(axis=0))
-    mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1)  # noqa: E731
+    mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
+    predict = lambda x: columns @ mean_of(x) + mean_of(fixed)  # noqa: E731
     # The traced light is the start: relative least squares first would leave a good place for a worse one.
-    omega = measure.omega(columns @ mean_of(prior).reshape(len(live), 27))
-    best, errors = prior, [measure.error(columns @ mean_of(prior).reshape(len(live), 27))]
+    predicted = predict(prior)
+    omega, residual = measure.omega(predicted), measure.residual(predicted)
+    best, errors = prior, [float(residual.mean())]
     for _ in range(passes):
         found = _weighted(columns, omega, right, prior, ties)
-        predicted = columns @ mean_of(found).reshape(len(live), 27)
-        errors.append(measure.error(predicted))
+        predicted = predict(found)
+        errors.append(float(measure.residual(predicted).mean()))
         # A frozen denominator does not guarantee descent: the best pass is kept.
         if errors[-1] <= min(errors):
-            best = found
+            best, residual = found, measure.residual(predicted)
         omega = measure.omega(predicted)
-    light = np.zeros((len(start), len(volume.lattice), 9, 3), np.float32)
+    light = np.zeros((len(start), len(volume.state), 9, 3), np.float32)
+    if free is not None:
+        light[:, ~free] = before[:, ~free]
     light[:, live] = np.moveaxis(best.reshape(len(live), len(start), 9, 3), 1, 0)
-    return Solution(light if states else light[0], ~good, tuple(errors))
+    every = np.ones(len(good))
+    every[good] = residual
+    return Solution(light if states else light[0], ~good, tuple(errors), every)
+
+
+def relative_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """[I] symmetric relative error between two sets of harmonics [I, 9, 3]."""
+    return _Measure(a).residual(b.reshape(len(b), 27))
 
 
 class _Measure:
@@ -113,8 +141,9 @@ class _Measure:
         """[I, D, 3] of [I, 27]."""
         return np.einsum("dk,ikc->idc", self._basis, light.reshape(-1, 9, 3))
 
-    def error(self, light: np.ndarray) -> float:
-        return float(smape(self._truth, self._irradiance(light), self.epsilon).mean())
+    def residual(self, light: np.ndarray) -> np.ndarray:
+        """[I] symmetric relative error."""
+        return smape(self._truth, self._irradiance(light), self.epsilon).mean(axis=(1, 2))
 
     def omega(self, light: np.ndarray) -> np.ndarray:
         """[I] weights of the next pass."""

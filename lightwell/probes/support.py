@@ -1,19 +1,20 @@
 """The geometry of a probe volume: which support points lie in air, which see one another, and where probes look from.
 
 Everything is kept, so that an edit of the scene recomputes only the cells and cubes that it touches. Notation: P nodes,
-C cells, K points and E edges of a cell, Q = 8 K points of a cube.
+C cells, S of which are covered (all of them, or those inside bricks), K points and E edges of a cell, Q = 8 K points of a
+cube, X places at surfaces of a cell.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.probes import rays
+from lightwell.probes import rays, sh
 from lightwell.probes.diffusion import REACH, diffuse
-from lightwell.probes.lattice import Lattice, _grid
+from lightwell.probes.lattice import CORNERS, Lattice, _grid
 from lightwell.probes.pattern import Pattern, pattern
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import upload
@@ -22,6 +23,8 @@ from lightwell.transport.interactions import upload
 MOVE = 0.45
 # Cubes whose weights are computed together: a few hundred megabytes of edges at most.
 CUBES = 256
+# Places at surfaces that a cell keeps (X); they stand off this far, and rays look for them this far, units of h.
+CLOSE, OFF, REACHED = 48, 0.004, 0.5
 
 
 @dataclass
@@ -30,14 +33,30 @@ class Support:
 
     lattice: Lattice
     pattern: Pattern
+    slot: np.ndarray
+    """[C] int32 row of a covered cell, -1 for others."""
     valid: np.ndarray
-    """[C, K] bool: support points that lie in air."""
+    """[S, K] bool: support points that lie in air."""
     free: np.ndarray
-    """[C, E] bool: edges whose ends lie in air and see each other."""
+    """[S, E] bool: edges whose ends lie in air and see each other."""
+    near: np.ndarray
+    """[S, X, 3] float32 places at surfaces, in the cell, [0, 1]: walls stop light at their face, not at the next point."""
+    source: np.ndarray
+    """[S, X] int32 support point of the cell that sees each of them; -1: none."""
     origin: np.ndarray
     """[P, 3] float32: where probes look from; the node itself unless it lies inside geometry."""
     alive: np.ndarray
     """[P] bool: probes that have such a place."""
+
+    @property
+    def covered(self) -> np.ndarray:
+        """[S] cells in the order of their rows."""
+        return np.flatnonzero(self.slot >= 0)
+
+    def copy(self) -> Support:
+        """One that may be changed while this one stays."""
+        kept = {name: getattr(self, name).copy() for name in ("valid", "free", "near", "source", "origin", "alive")}
+        return replace(self, **kept)
 
     def points(self, cells: np.ndarray) -> np.ndarray:
         """[len(cells), K, 3] float32 support points."""
@@ -45,49 +64,73 @@ class Support:
         return (self.lattice.origin + self.lattice.spacing * (corner + self.pattern.points)).astype(np.float32)
 
 
-def bake_support(scene: Scene, lattice: Lattice, layout: Pattern | None = None) -> Support:
-    """Cast all rays of a volume."""
+def bake_support(
+    scene: Scene, lattice: Lattice, layout: Pattern | None = None, cells: np.ndarray | None = None, nodes=None
+) -> Support:
+    """Cast all rays of a volume, or of some of its cells (sorted) and nodes."""
     layout = layout or pattern()
-    k, e = len(layout.points), len(layout.start)
+    cells = np.arange(lattice.cell_count) if cells is None else cells
+    slot = np.full(lattice.cell_count, -1, np.int32)
+    slot[cells] = np.arange(len(cells))
     support = Support(
         lattice,
         layout,
-        np.zeros((lattice.cell_count, k), bool),
-        np.zeros((lattice.cell_count, e), bool),
+        slot,
+        np.zeros((len(cells), len(layout.points)), bool),
+        np.zeros((len(cells), len(layout.start)), bool),
+        np.zeros((len(cells), CLOSE, 3), np.float32),
+        np.full((len(cells), CLOSE), -1, np.int32),
         lattice.nodes().astype(np.float32),
         np.zeros(len(lattice), bool),
     )
-    cells = np.arange(lattice.cell_count)
-    update(scene, support, cells, cells, np.arange(len(lattice)))
+    update(scene, support, cells, cells, np.arange(len(lattice)) if nodes is None else nodes)
     return support
 
 
 def update(scene: Scene, support: Support, cells: np.ndarray, edge_cells: np.ndarray, nodes: np.ndarray) -> None:
-    """Cast the rays of some cells (points), cells (edges) and nodes again."""
+    """Cast the rays of some covered cells (points), cells (edges) and nodes again."""
     batch = max(1, (1 << 20) // support.valid.shape[1])
     for start in range(0, len(cells), batch):
         part = cells[start : start + batch]
         found = rays.valid(scene, support.points(part).reshape(-1, 3))
-        support.valid[part] = found.reshape(len(part), -1)
+        support.valid[support.slot[part]] = found.reshape(len(part), -1)
+        _approach(scene, support, part)
     _join(scene, support, edge_cells)
     _place(scene, support, nodes)
 
 
+def _approach(scene: Scene, support: Support, cells: np.ndarray) -> None:
+    """Places at surfaces: where a short ray from each support point ends, if that is in the same cell."""
+    layout, h = support.pattern, support.lattice.spacing
+    rows, count = support.slot[cells], len(support.pattern.points)
+    start = support.points(cells)
+    compass = sh.directions(count)[np.random.default_rng(3).permutation(count)]
+    hit, t = rays.ends(scene, start.reshape(-1, 3), np.tile(compass, (len(cells), 1)), REACHED * h)
+    way = np.maximum(t / h - OFF, 0).reshape(len(cells), count, 1) * compass
+    place = layout.points + way
+    inside = hit.reshape(len(cells), count) & support.valid[rows] & np.all((place >= 0) & (place <= 1), axis=2)
+    order = np.argsort(~inside, axis=1, kind="stable")[:, :CLOSE]
+    width = order.shape[1]
+    support.near[rows, :width] = np.take_along_axis(place, order[..., None], axis=1)
+    support.source[rows, :width] = np.where(np.take_along_axis(inside, order, axis=1), order, -1)
+
+
 def _join(scene: Scene, support: Support, cells: np.ndarray) -> None:
-    """Which edges of some cells are free."""
+    """Which edges of some covered cells are free."""
     layout, lattice = support.pattern, support.lattice
     batch = max(1, (1 << 21) // len(layout.start))
     for start in range(0, len(cells), batch):
         part = cells[start : start + batch]
         other = lattice.cell_number(lattice.cell_corner(part)[:, None] + layout.step)
-        both = support.valid[part][:, layout.start] & (other >= 0)
+        other = np.where(other >= 0, support.slot[np.maximum(other, 0)], -1)
+        both = support.valid[support.slot[part]][:, layout.start] & (other >= 0)
         both &= support.valid[np.maximum(other, 0), layout.end]
         row, edge = np.nonzero(both)
         origin = support.lattice.origin + lattice.spacing * lattice.cell_corner(part[row])
         a = origin + lattice.spacing * layout.points[layout.start[edge]]
         b = origin + lattice.spacing * (layout.points[layout.end[edge]] + layout.step[edge])
         both[row, edge] = rays.free(scene, a, b)
-        support.free[part] = both
+        support.free[support.slot[part]] = both
 
 
 def _place(scene: Scene, support: Support, nodes: np.ndarray) -> None:
@@ -105,18 +148,34 @@ def _place(scene: Scene, support: Support, nodes: np.ndarray) -> None:
     support.alive[nodes] = good | moved
 
 
+def cube_rows(support: Support, nodes: np.ndarray) -> np.ndarray:
+    """[B, 8] rows of the cells round some nodes; -1: beyond the border, or not covered."""
+    cells = support.lattice.node_cells(nodes)
+    return np.where(cells >= 0, support.slot[np.maximum(cells, 0)], -1)
+
+
 def cube_valid(support: Support, nodes: np.ndarray) -> np.ndarray:
     """[B, Q] bool: points of the cubes of some nodes that lie in air and in the lattice."""
-    cells = support.lattice.node_cells(nodes)
-    return (support.valid[np.maximum(cells, 0)] & (cells >= 0)[..., None]).reshape(len(nodes), -1)
+    rows = cube_rows(support, nodes)
+    return (support.valid[np.maximum(rows, 0)] & (rows >= 0)[..., None]).reshape(len(nodes), -1)
 
 
 def cube_edges(support: Support, nodes: np.ndarray) -> np.ndarray:
     """[B, M] bool: free edges inside the cubes of some nodes."""
-    cells = support.lattice.node_cells(nodes)
+    rows = cube_rows(support, nodes)
     _, _, corner, edge = support.pattern.cube_edges.T
-    at = cells[:, corner]
+    at = rows[:, corner]
     return support.free[np.maximum(at, 0), edge] & (at >= 0)
+
+
+def cube_near(support: Support, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[B, 8 X, 3] float32 probe-local places at surfaces, and [B, 8 X] the point of the cube that sees each; -1: none."""
+    rows = cube_rows(support, nodes)
+    at, k = np.maximum(rows, 0), len(support.pattern.points)
+    u = support.near[at] + (CORNERS - 1).astype(np.float32)[:, None]
+    source = support.source[at]
+    source = np.where((source >= 0) & (rows >= 0)[..., None], source + k * np.arange(8)[:, None], -1)
+    return u.reshape(len(nodes), -1, 3), source.reshape(len(nodes), -1)
 
 
 def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
@@ -136,7 +195,8 @@ def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
 
 
 def trust(scene: Scene, support: Support, nodes: np.ndarray, reach: float = REACH) -> np.ndarray:
-    """[B, Q] float32 target ρ of the probes of some nodes: what their weight functions are fitted to."""
+    """[B, Q + 8 X] float16 target ρ of the probes of some nodes: what their weight functions are fitted to, at the points
+    of the cube and at its places at surfaces."""
     seen = sees(scene, support, nodes)
     out = np.zeros(seen.shape, np.float32)
     # A probe that sees its whole cube has nothing to diffuse.
@@ -146,6 +206,18 @@ def trust(scene: Scene, support: Support, nodes: np.ndarray, reach: float = REAC
     for start in range(0, len(rows), CUBES):
         part = rows[start : start + CUBES]
         out[part] = diffuse(support.pattern, seen[part], cube_edges(support, nodes[part]), reach)
+    return np.concatenate([out, _trust_near(scene, support, nodes, out)], axis=1).astype(np.float16)
+
+
+def _trust_near(scene: Scene, support: Support, nodes: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """[B, 8 X]: 1 where the probe sees a place at a surface, else the trust of the point that does."""
+    u, source = cube_near(support, nodes)
+    used = (source >= 0) & rho.any(axis=1)[:, None]
+    row, k = np.nonzero(used)
+    place = support.lattice.nodes()[nodes[row]] + support.lattice.spacing * u[row, k]
+    out = np.zeros(source.shape, np.float32)
+    seen = rays.free(scene, support.origin[nodes[row]], place) & support.alive[nodes[row]]
+    out[row, k] = np.where(seen, 1, rho[row, source[row, k]])
     return out
 
 

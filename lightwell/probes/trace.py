@@ -65,12 +65,14 @@ def air_light(
     normals: np.ndarray | None = None,
     variable: Variable | None = None,
     light: np.ndarray | None = None,
+    numbers: np.ndarray | None = None,
 ) -> AirLight:
     """Light at points [N, 3] in the air, ``paths`` (even) for each.
 
     normals   [N, 3]: also the irradiance there, all bands.
     variable  None: the scene's own emitters, direct and indirect. Else the indirect light of the declared light of 1 cd
               (1 lx) at ``light`` [3] or [N, 3]; its direct light is the rasteriser's.
+    numbers   [N] of the points' random streams (their row): a point that keeps its number keeps its bits.
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
@@ -79,26 +81,28 @@ def air_light(
     n = np.zeros_like(points) if normals is None else normals
     place, normal = upload(mi.Point3f, points), upload(mi.Vector3f, n)
     lights = None if variable is None else upload(mi.Vector3f, np.broadcast_to(np.float32(light), (len(points), 3)))
+    streams = mi.UInt32((np.arange(len(points)) if numbers is None else numbers).astype(np.uint32))
     settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((len(points), 2, 30), np.float32)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         span = (start, count, half)
-        rows[start : start + count] = _launch(scene, place, normal, settings, span, variable, lights) / half
+        rows[start : start + count] = _launch(scene, place, normal, streams, settings, span, variable, lights) / half
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
 
 
-def _launch(scene: Scene, place, normal, settings, span, variable, lights) -> np.ndarray:
+def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights) -> np.ndarray:
     """[count, 2, 30] sums of radiance times harmonics, and of radiance times cosine."""
     seed, max_depth, rr_depth, size = settings
     start, count, half = span
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
     row = dr.opaque(mi.UInt32, start) + group // 2
-    rng = random_streams(seed, row, (group & 1) * size + path)
-    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    stream = dr.gather(mi.UInt32, streams, row)
+    rng = random_streams(seed, stream, (group & 1) * size + path)
+    shift = random_streams(seed, stream, LATTICE_STREAM + (group & 1))
     p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
     source = Emitters() if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
     u = stratified(shift, path, size)[1]

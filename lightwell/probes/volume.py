@@ -3,7 +3,13 @@ r"""A baked probe volume and its query in NumPy: the definition that every other
     E(x, n) = ⟨Y(n), (N + δ F) / (Z + δ)⟩    N = Σ_p Φ_p L_p    Z = Σ_p Φ_p    δ = ε_z (1 - Z)    Φ_p = hat_p ρ_p
 
 at y = x + offset · h · n. Z is the share of trilinear weight that may be trusted; F is the probe to fall back to, the
-nearest by a free path. Notation: P nodes, R records, C cells, N points.
+nearest by a free path. In a cell with a brick, a lattice three times finer joins in:
+
+    N = (1 - m) N_coarse + m N_fine    Z = (1 - m) Z_coarse + m Z_fine    m = inner(y) · smoothstep(Z_fine / 0.05)
+
+where inner is 1 on fine nodes all of whose cells lie in bricks, 0 on others, trilinear between: light has no seam at the
+face of a brick. Notation: P nodes of the lattice, F fine probes (numbers P … P + F - 1), R records, C cells, B bricks, N
+points.
 """
 
 from __future__ import annotations
@@ -13,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lightwell.probes import sh
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.lattice import hat as hat_of
 from lightwell.probes.pattern import octants
 from lightwell.probes.weights import FUNCTIONS, trusted
 
@@ -21,12 +28,28 @@ from lightwell.probes.weights import FUNCTIONS, trusted
 # moves has no wall behind it and asks without an offset, which could carry it through a wall in front of it.
 OFFSET = 0.2
 # ε_z: the weight of the fallback where nothing may be trusted.
-FALLBACK = 1e-3
+FALLBACK = 1e-5
 # What a node is.
 DROPPED, OPEN, WEIGHTED = 0, 1, 2
 # A query with less trusted weight than this is an orphan: probes or bricks are missing there.
 ORPHAN = 0.05
 ALL_OCTANTS = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+# Fine cells along an edge of a brick, and what a fine lattice must be trusted before it takes over.
+FINE, TAKES_OVER = 3, 0.05
+
+
+@dataclass(frozen=True)
+class Bricks:
+    """Cells with a lattice of their own: FINE³ cells, (FINE + 1)³ probes, those on a common face shared."""
+
+    cell: np.ndarray
+    """[C] int32 brick of each cell, -1: none."""
+    table: np.ndarray
+    """[B, 64] int32 numbers of the fine probes, x fastest."""
+    inner: np.ndarray
+    """[F] bool: all cells round the fine node lie in bricks."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +60,9 @@ class ProbeVolume:
     function: str
     """Name of the weight function, one of ``FUNCTIONS``."""
     state: np.ndarray
-    """[P] uint8: DROPPED, OPEN (ρ = 1 everywhere) or WEIGHTED."""
+    """[P + F] uint8: DROPPED, OPEN (ρ = 1 everywhere) or WEIGHTED."""
     row: np.ndarray
-    """[P] int32 record of a weighted node, -1 for others."""
+    """[P + F] int32 record of a weighted node, -1 for others."""
     params: np.ndarray
     """[R, ...] float32 parameters, quantised as stored."""
     octant: np.ndarray
@@ -47,21 +70,22 @@ class ProbeVolume:
     fallback: np.ndarray
     """[C, 8] int32 node to fall back to in each octant of each cell; -1: none (black)."""
     light: np.ndarray
-    """[P, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
+    """[P + F, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
     offset: float = OFFSET
     """Of surfaces, along their normals, units of h."""
+    bricks: Bricks | None = None
 
     def in_air(self) -> ProbeVolume:
         """The same volume asked by what moves: without an offset."""
         return replace(self, offset=0.0)
 
     def lit(self, light: np.ndarray) -> ProbeVolume:
-        """The same weights under other light [P, 9, 3]."""
+        """The same weights under other light [P + F, 9, 3]."""
         return replace(self, light=np.asarray(light, np.float32))
 
     @property
     def alive(self) -> np.ndarray:
-        """[P] bool: nodes that hold light."""
+        """[P + F] bool: nodes that hold light."""
         return self.state != DROPPED
 
     def bytes_per_probe(self, coding: str = "zh3") -> dict[str, float]:
@@ -69,7 +93,8 @@ class ProbeVolume:
         live = max(int(self.alive.sum()), 1)
         f = FUNCTIONS[self.function]
         light = {"l2": 54.0, "zh3": 30.0}[coding]
-        table = (5 * len(self.lattice) + 4 * self.fallback.size) / live  # state, row; fallback
+        bricks = self.bricks and self.bricks.cell.nbytes + self.bricks.table.nbytes + self.bricks.inner.nbytes
+        table = (5 * len(self.state) + 4 * self.fallback.size + (bricks or 0)) / live  # state, row; fallback; bricks
         return {
             "weights": f.stored * len(self.params) / live,
             "light": light,
@@ -79,9 +104,8 @@ class ProbeVolume:
         }
 
 
-def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes [N, 8], hat [N, 8] and ρ [N, 8] at places [N, 3] (already off their surfaces)."""
-    node, hat, u = volume.lattice.corners(y)
+def _rho(volume: ProbeVolume, node: np.ndarray, hat: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """[N, 8] float32 ρ of nodes [N, 8] at their places [N, 8, 3]."""
     state = volume.state[node]
     rho = (state == OPEN).astype(np.float32)
     asked = (state == WEIGHTED) & (hat > 0)
@@ -89,14 +113,47 @@ def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
     bit = volume.octant[record] >> octants(place).astype(np.uint64) & np.uint64(1)
     value = trusted(FUNCTIONS[volume.function].raw(volume.params[record], place))
     rho[asked] = np.where(bit.astype(bool), value, 0)
-    return node, hat.astype(np.float32), rho
+    return rho
+
+
+def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes [N, 8], hat [N, 8] and ρ [N, 8] of the lattice at places [N, 3] (already off their surfaces)."""
+    node, hat, u = volume.lattice.corners(y)
+    return node, hat.astype(np.float32), _rho(volume, node, hat, u)
+
+
+def fine_trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Fine probes [N, 8], hat [N, 8], ρ [N, 8] and share m [N] at places [N, 3]; m = 0 where there is no brick."""
+    bricks = volume.bricks
+    cell, f = volume.lattice.locate(y)
+    brick = bricks.cell[volume.lattice.cell_number(cell)]
+    at = f * FINE
+    low = np.minimum(at.astype(np.int64), FINE - 1)
+    local = (low[:, None] + CORNERS) @ np.array([1, FINE + 1, (FINE + 1) ** 2])
+    node = bricks.table[np.maximum(brick, 0)[:, None], local]
+    u = (at - low)[:, None] - CORNERS
+    weight = hat_of(u) * (brick >= 0)[:, None]
+    rho = _rho(volume, node, weight, u)
+    inner = (weight * bricks.inner[node - len(volume.lattice)]).sum(axis=1)
+    return node, weight.astype(np.float32), rho, inner * smoothstep((weight * rho).sum(axis=1) / TAKES_OVER)
+
+
+def smoothstep(x: np.ndarray) -> np.ndarray:
+    """3 x² - 2 x³ of x clipped to [0, 1]."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
 
 
 def coefficients(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes [N, 9], their shares [N, 9] of the light at x on the side of n, and Z [N]; the ninth is the fallback."""
+    """Nodes [N, 9], their shares [N, 9] of the light at x on the side of n, and Z [N]; the last is the fallback. With
+    bricks there are 17: eight of the lattice, eight fine ones, the fallback."""
     y = np.asarray(x, np.float64) + volume.offset * volume.lattice.spacing * np.asarray(n, np.float64)
     node, hat, rho = trust_at(volume, y)
     phi = hat * rho
+    if volume.bricks is not None:
+        fine, weight, rho, m = fine_trust_at(volume, y)
+        node = np.concatenate([node, fine], axis=1)
+        phi = np.concatenate([phi * (1 - m)[:, None], weight * rho * m[:, None]], axis=1)
     z = phi.sum(axis=1)
     back = fallback_node(volume, y)
     delta = FALLBACK * np.maximum(1 - z, 0)
@@ -123,14 +180,17 @@ def explain(volume: ProbeVolume, x, n) -> list[dict]:
     """What each probe adds at one place: node, hat, ρ, share. For people who ask why it is dark here."""
     x, n = np.asarray(x, float).reshape(1, 3), np.asarray(n, float).reshape(1, 3)
     y = x + volume.offset * volume.lattice.spacing * n
-    node, hat, rho = trust_at(volume, y)
+    node, hat, rho = (v[0] for v in trust_at(volume, y))
+    if volume.bricks is not None:
+        more = [v[0] for v in fine_trust_at(volume, y)[:3]]
+        node, hat, rho = (np.concatenate(pair) for pair in zip((node, hat, rho), more))
     nodes, share, _ = coefficients(volume, x, n)
     names = ("dropped", "open", "weighted")
     found = [
         {"node": int(p), "state": names[volume.state[p]], "hat": float(a), "rho": float(r), "share": float(s)}
-        for p, a, r, s in zip(node[0], hat[0], rho[0], share[0])
+        for p, a, r, s in zip(node, hat, rho, share[0])
     ]
     return [
         *found,
-        {"node": int(nodes[0, 8]), "state": "fallback", "hat": 0.0, "rho": 0.0, "share": float(share[0, 8])},
+        {"node": int(nodes[0, -1]), "state": "fallback", "hat": 0.0, "rho": 0.0, "share": float(share[0, -1])},
     ]

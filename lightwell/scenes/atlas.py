@@ -73,11 +73,19 @@ def padding(mips: int) -> int:
 
 
 def build(
-    scene: Scene, size: int, lit: np.ndarray, mips: int = 1, density: np.ndarray | None = None, own: bool = True
+    scene: Scene,
+    size: int,
+    lit: np.ndarray,
+    mips: int = 1,
+    density: np.ndarray | None = None,
+    own: bool = True,
+    dark: np.ndarray | None = None,
 ) -> Atlas:
     """The atlas of a scene.
 
     lit       [2, T] bool: sides that are seen and get light; others are not stored.
+    dark      [2, T] bool: sides that are seen and get none, or must not get any from the light map (clear glass); they
+              lie on the corner that no chart uses. All other sides that are not stored read what the other side reads.
     density   [M] texels per metre of each mesh relative to the others; None: all alike.
     own       Take the author's second texture coordinates where they are valid.
     """
@@ -91,13 +99,14 @@ def build(
             return _authored(scene, size, lit, mips, first)
     pieces = _pieces(scene, lit, density)
     uv, chart = _packed(pieces, size, padding(mips), lit)
-    return Atlas(size, mips, _both(uv, chart), chart, first, f"xatlas ({reason})")
+    return Atlas(size, mips, _both(uv, chart, dark), chart, first, f"xatlas ({reason})")
 
 
-def _both(uv: np.ndarray, chart: np.ndarray) -> np.ndarray:
-    """A side that is not stored reads where the other one is stored."""
+def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndarray:
+    """A side that is not stored reads where the other one is stored, unless it is seen to be dark."""
     for side in (0, 1):
         borrowed = (chart[side] < 0) & (chart[1 - side] >= 0)
+        borrowed &= True if dark is None else ~dark[side]
         uv[side, borrowed] = uv[1 - side, borrowed]
     return uv
 
@@ -315,7 +324,8 @@ def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.nda
     uv, label = _own_corners(scene), _author_charts(scene)
     numbers = np.unique(label, return_inverse=True)[1].reshape(-1)
     chart = np.where(lit, numbers[None], -1).astype(np.int32)
-    both = _both(np.stack([uv, uv]), chart)
+    # Nowhere is the corner that no chart uses; the author may use it, so dark sides read the other side there.
+    both = _both(np.stack([uv, uv]), chart, None)
     own_gap = _gap(_hits(uv[lit.any(axis=0)], numbers[lit.any(axis=0)], size)[1])
     safe = max((m for m in range(mips + 1) if 2 * padding(m) <= own_gap), default=0)
     return Atlas(size, safe, both, chart, first, "the author's second texture coordinates")
@@ -325,12 +335,12 @@ def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.nda
 
 
 def charted_meshes(scene: Scene, atlas: Atlas) -> list[Mesh]:
-    """The scene's meshes with ``uv1`` from the atlas, vertices split along chart borders; a sheet that is stored for
-    both sides becomes two meshes of opposite winding."""
+    """The scene's meshes with ``uv1`` from the atlas, vertices split along chart borders; a sheet whose sides differ
+    becomes two meshes of opposite winding."""
     made = []
     for number, mesh in enumerate(scene.meshes):
         rows = slice(atlas.first[number], atlas.first[number + 1])
-        twice = (atlas.chart[:, rows] >= 0).all(axis=0)
+        twice = (atlas.chart[0, rows] >= 0) & (atlas.uv[0, rows] != atlas.uv[1, rows]).any(axis=(1, 2))
         made.append(_charted(mesh, mesh.indices, _main_uv(atlas, rows), mesh.name))
         if twice.any():
             turned = mesh.indices[twice][:, ::-1]

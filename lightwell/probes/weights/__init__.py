@@ -1,5 +1,6 @@
 """Weight functions: how far a probe is trusted at a place in its cube, in a hundred bytes."""
 
+from lightwell.probes.weights.common import Close as Close
 from lightwell.probes.weights.common import WeightFunction as WeightFunction
 from lightwell.probes.weights.common import error as error
 from lightwell.probes.weights.common import leak as leak

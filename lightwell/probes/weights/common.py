@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +18,28 @@ INSIDE_WEIGHT = 0.02
 LEAK = 0.02
 
 
+@dataclass(frozen=True)
+class Close:
+    """Points right at surfaces, each probe its own: a wall must stop light at its face, not at the next support point."""
+
+    u: np.ndarray
+    """[B, X, 3] probe-local places."""
+    target: np.ndarray
+    """[B, X] ρ there."""
+    weight: np.ndarray
+    """[B, X]; 0 for rows that are not used."""
+
+    def part(self, rows: slice, size: int) -> Close:
+        """Some probes, brought to ``size``."""
+        return Close(*padded(size, self.u[rows], self.target[rows], self.weight[rows]))
+
+
+def padded(size: int, *arrays: np.ndarray) -> list[np.ndarray]:
+    """Arrays [B ≤ size, ...] with B brought to ``size`` by rows of ones: products of matrices of one shape give every
+    row the same bits, whoever stands beside it."""
+    return [np.concatenate([a, np.ones((size - len(a), *a.shape[1:]), a.dtype)]) if len(a) < size else a for a in arrays]
+
+
 class WeightFunction(Protocol):
     """One way to write down ρ(u) of a probe in a few numbers."""
 
@@ -29,11 +52,13 @@ class WeightFunction(Protocol):
     def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
         """[N] value before the clip, of parameters [N, C] at probe-local places [N, 3]."""
 
-    def fit(self, target: np.ndarray, weight: np.ndarray, layout) -> np.ndarray:
-        """[B, C] parameters for targets ρ [B, Q] at the points of the pattern, weighed by ``point_weight`` [B, Q]."""
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout, close: Close | None = None) -> np.ndarray:
+        """[B, C] parameters for targets ρ [B, Q] at the points of the pattern, weighed by ``point_weight`` [B, Q], and
+        for places at surfaces."""
 
     def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, object]:
-        """[B, Q] values before the clip at shared places [Q, 3], and what ``gradient`` needs."""
+        """[B, Q] values before the clip at shared places [Q, 3] or at each probe's own [B, Q, 3], and what ``gradient``
+        needs."""
 
     def gradient(self, state: object, slope: np.ndarray) -> np.ndarray:
         """[B, C] from the derivative of the loss by each value [B, Q]."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from lightwell.graph.ops.activate import LEAK as SLOPE
 from lightwell.probes.pattern import Pattern
+from lightwell.probes.weights.common import Close
 from lightwell.probes.weights.refine import refine
 
 HIDDEN = 8
@@ -51,7 +52,7 @@ class TinyMlp:
     def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, object]:
         w1, b1, w2, b2, w3, b3 = self.parts(params)
         x = np.ascontiguousarray(u, np.float32)
-        z1 = w1 @ x.T + b1[..., None]
+        z1 = w1 @ np.swapaxes(x, -1, -2) + b1[..., None]
         h1 = _leaky(z1)
         z2 = w2 @ h1 + b2[..., None]
         h2 = _leaky(z2)
@@ -95,8 +96,9 @@ class TinyMlp:
         parts[-1] = np.array([FIRST_BIAS])
         return np.tile(np.concatenate(parts).astype(np.float32), (count, 1))
 
-    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
-        return refine(self, self.initial(len(target)), target, weight, layout, steps=STEPS, rate=RATE)
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
+        start = self.initial(len(target))
+        return refine(self, start, target, weight, layout, steps=STEPS, rate=RATE, close=close)
 
 
 def _leaky(x: np.ndarray) -> np.ndarray:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.probes.pattern import Pattern
-from lightwell.probes.weights.common import LEAK
+from lightwell.probes.weights.common import LEAK, Close
 from lightwell.probes.weights.refine import refine
-from lightwell.probes.weights.relu import HIGH, LOW, ReluField
+from lightwell.probes.weights.relu import HIGH, LOW, ReluField, product, turned
 
 START = 2.0
 # Stored values of H: uint8 over this range.
@@ -50,8 +50,8 @@ class ProductField:
 
     def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, object]:
         g, h = (part.matrix(u) for part in self._parts)
-        split = g.shape[1]
-        a, b = params[:, :split] @ g.T, _logistic(params[:, split:] @ h.T)
+        split = g.shape[-1]
+        a, b = product(g, params[:, :split]), _logistic(product(h, params[:, split:]))
         slope = np.where((a < 0) | (a > 1), np.float32(LEAK), np.float32(1))
         clipped = np.clip(a, 0, 1)
         # The leaky clip: its value leaves [0, 1] a little, so that gradients live.
@@ -60,7 +60,7 @@ class ProductField:
 
     def gradient(self, state, slope: np.ndarray) -> np.ndarray:
         g, h, soft, b, of_clip = state
-        return np.concatenate([(slope * b * of_clip) @ g, (slope * soft * b * (1 - b)) @ h], axis=1)
+        return np.concatenate([turned(g, slope * b * of_clip), turned(h, slope * soft * b * (1 - b))], axis=1)
 
     def bounded(self, params: np.ndarray) -> np.ndarray:
         split = self.sharp**3
@@ -73,10 +73,10 @@ class ProductField:
         smooth = (bytes_ * (span / 255) + SMOOTH_LOW).astype(np.float32)
         return np.concatenate([ReluField(self.sharp).quantised(params[:, :split]), smooth], axis=1)
 
-    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
-        sharp = ReluField(self.sharp).fit(target, weight, layout)
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
+        sharp = ReluField(self.sharp).fit(target, weight, layout, close)
         start = np.concatenate([sharp, np.full((len(target), self.smooth**3), START, np.float32)], axis=1)
-        return refine(self, start, target, weight, layout, steps=STEPS, rate=RATE)
+        return refine(self, start, target, weight, layout, steps=STEPS, rate=RATE, close=close)
 
 
 def _logistic(x: np.ndarray) -> np.ndarray:

@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.probes.pattern import Pattern
-from lightwell.probes.weights.common import LEAK, THRESHOLD
+from lightwell.probes.weights.common import LEAK, THRESHOLD, Close, padded
 
 # Points of a step, and probes that fit into the cache together.
 POINTS, BATCH = 1024, 64
+# ... and places at surfaces.
+CLOSE = 96
 DECAY_1, DECAY_2, EPSILON = 0.9, 0.99, 1e-8
 
 
@@ -26,16 +28,19 @@ def refine(
     rate: float,
     points: int = POINTS,
     seed: int = 0,
+    close: Close | None = None,
 ) -> np.ndarray:
     """[B, C] parameters after ``steps`` steps from ``params``; ``target`` and ``weight`` [B, Q]."""
     out = np.array(params, np.float32)
     for start in range(0, len(out), BATCH):
         rows = slice(start, start + BATCH)
-        out[rows] = _batch(function, out[rows], target[rows], weight[rows], layout, steps, rate, points, seed)
+        part = padded(BATCH, out[rows], target[rows], weight[rows])
+        near = close and close.part(rows, BATCH)
+        out[rows] = _batch(function, *part, layout, steps, rate, points, seed, near)[: len(out[rows])]
     return out
 
 
-def _batch(function, params, target, weight, layout, steps, rate, points, seed) -> np.ndarray:
+def _batch(function, params, target, weight, layout, steps, rate, points, seed, close) -> np.ndarray:
     rng = np.random.default_rng(seed)
     mean, square = np.zeros_like(params), np.zeros_like(params)
     order, used = rng.permutation(len(layout.u)), 0
@@ -45,7 +50,12 @@ def _batch(function, params, target, weight, layout, steps, rate, points, seed) 
         chosen = order[used : used + points]
         used += points
         slope, state = _loss(function, params, target[:, chosen], weight[:, chosen], layout.u[chosen])
-        gradient = function.gradient(state, slope)
+        gradient = function.gradient(state, slope / points)
+        if close is not None:
+            near = rng.integers(0, close.target.shape[1], CLOSE)
+            slope, state = _loss(function, params, close.target[:, near], close.weight[:, near], close.u[:, near])
+            share = close.target.shape[1] / (CLOSE * len(layout.u))
+            gradient = gradient + function.gradient(state, slope * np.float32(share))
         mean = DECAY_1 * mean + (1 - DECAY_1) * gradient
         square = DECAY_2 * square + (1 - DECAY_2) * gradient**2
         speed = rate * 0.5 * (1 + np.cos(np.pi * step / steps))
@@ -62,4 +72,4 @@ def _loss(function, params, target, weight, u) -> tuple[np.ndarray, object]:
     rho = np.clip(inner, 0, 1)
     steep = np.where((inner < 0) | (inner > 1), np.float32(LEAK), np.float32(1))
     # Where the clip already gives the target, nothing pulls.
-    return (2 / (u.shape[0] * (1 - THRESHOLD))) * weight * (rho - target) * steep, state
+    return np.float32(2 / (1 - THRESHOLD)) * weight * (rho - target) * steep, state

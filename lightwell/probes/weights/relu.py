@@ -15,18 +15,23 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from lightwell.probes.pattern import Pattern
-from lightwell.probes.weights.common import THRESHOLD
-from lightwell.probes.weights.refine import refine
+from lightwell.probes.weights.common import THRESHOLD, Close, padded
 
 # Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a fifth of a grid cell.
 LOW, HIGH = -2.0, 3.0
-NEWTON = 12
-# Steps of the polish, and their size.
-POLISH, RATE = 60, 0.01
+NEWTON = 18
+# How far an idle point may be from waking to hold a step back, in turn.
+BANDS = (0.5, 0.2, 0.05)
+# Halvings of a step's length, and a step that moves no value by more than this ends the search.
+HALVINGS, STILL = 7, 3e-3
 # Pull of the grid towards its middle, relative to the mean diagonal of the normal equations of an empty cube.
 RIDGE = 2e-4
+# Pull of what lies outside of what can be stored.
+WALL = 100.0
+# Where nothing may be trusted a value stays below the threshold by half a step of a byte.
+SAFE = THRESHOLD - 0.55 * (HIGH - LOW) / 255
 # Probes that are solved together.
-BATCH = 256
+BATCH = 64
 
 
 @dataclass(frozen=True)
@@ -48,19 +53,19 @@ class ReluField:
         return self.side**3
 
     def corners(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices [N, 8] and weights [N, 8] of probe-local places [N, 3]."""
+        """Vertices [..., 8] and weights [..., 8] of probe-local places [..., 3]."""
         at = np.clip((np.asarray(u, np.float64) + 1) * 0.5, 0, 1) * (self.side - 1)
         low = np.minimum(at.astype(np.int64), self.side - 2)
         f = at - low
         bits = np.array([[k & 1, k >> 1 & 1, k >> 2 & 1] for k in range(8)])
-        vertex = (low[:, None] + bits) @ np.array([1, self.side, self.side**2])
-        return vertex, np.where(bits, f[:, None], 1 - f[:, None]).prod(axis=-1)
+        vertex = (low[..., None, :] + bits) @ np.array([1, self.side, self.side**2])
+        return vertex, np.where(bits, f[..., None, :], 1 - f[..., None, :]).prod(axis=-1)
 
     def matrix(self, u: np.ndarray) -> np.ndarray:
-        """[N, G³] float32: values are its products with grids."""
+        """[..., G³] float32 of places [..., 3]: values are its products with grids."""
         vertex, weight = self.corners(u)
-        out = np.zeros((len(u), self.parameters), np.float32)
-        np.put_along_axis(out, vertex, weight.astype(np.float32), axis=1)
+        out = np.zeros((*u.shape[:-1], self.parameters), np.float32)
+        np.put_along_axis(out, vertex, weight.astype(np.float32), axis=-1)
         return out
 
     def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -69,10 +74,10 @@ class ReluField:
 
     def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         matrix = self.matrix(u)
-        return params @ matrix.T, matrix
+        return product(matrix, params), matrix
 
     def gradient(self, state: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        return slope @ state
+        return turned(state, slope)
 
     def quantised(self, params: np.ndarray) -> np.ndarray:
         return decode(encode(params))
@@ -81,29 +86,114 @@ class ReluField:
         """Within what can be stored."""
         return np.clip(params, LOW, HIGH)
 
-    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
-        batches = [slice(k, k + BATCH) for k in range(0, len(target), BATCH)]
-        parts = [self._newton(target[rows], weight[rows], layout) for rows in batches]
-        grid = np.concatenate(parts) if parts else np.zeros((0, self.parameters), np.float32)
-        return refine(self, grid, target, weight, layout, steps=POLISH, rate=RATE)
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
+        return self.convex(target, weight, layout, close)
 
-    def _newton(self, target: np.ndarray, weight: np.ndarray, layout: Pattern) -> np.ndarray:
-        basis, pairs = _operators(self.side, layout)
-        goal = np.where(target > 0, THRESHOLD + (1 - THRESHOLD) * target, THRESHOLD).astype(np.float32)
+    def convex(
+        self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None
+    ) -> np.ndarray:
+        """[B, G³] minimisers of the squared hinge, batches of one size: a probe's bits do not depend on its fellows."""
+        out = np.empty((len(target), self.parameters), np.float32)
+        for start in range(0, len(out), BATCH):
+            rows = slice(start, start + BATCH)
+            near = close and close.part(rows, BATCH)
+            out[rows] = self._newton(*padded(BATCH, target[rows], weight[rows]), layout, near)[: len(out[rows])]
+        return out
+
+    def _newton(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None) -> np.ndarray:
+        """Newton's method on the active points, each step as long as is best along it: whole steps cycle."""
+        problem = _Hinge(self, target, weight, layout, close)
         grid = np.full((len(target), self.parameters), 0.5, np.float32)
-        eye = np.eye(self.parameters, dtype=np.float32)
-        ridge = RIDGE * float(layout.hat.astype(np.float32) ** 2 @ (basis**2).mean(axis=1))
-        active = weight
-        for _ in range(NEWTON):
-            left = (pairs @ active.T).T.reshape(-1, *eye.shape) + ridge * eye
-            right = (active * goal) @ basis + 0.5 * ridge
-            grid = self.bounded(np.linalg.solve(left, right[..., None])[..., 0])
-            value = grid @ basis.T
-            idle = ((target == 0) & (value < goal)) | ((target >= 1) & (value > 1))
-            before, active = active, np.where(idle, 0, weight)
-            if np.array_equal(before, active):
+        for k in range(NEWTON):
+            step = problem.step(grid, BANDS[min(k * len(BANDS) // NEWTON, len(BANDS) - 1)])
+            share = problem.share(grid, step)
+            grid = grid + share[:, None] * step
+            if k > NEWTON // 2 and (share * np.abs(step).max(axis=1) < STILL).all():
                 break
-        return grid
+        return self.bounded(grid)
+
+
+def product(matrix: np.ndarray, params: np.ndarray) -> np.ndarray:
+    """[B, Q] of matrices [Q, C], shared, or [B, Q, C] with parameters [B, C]."""
+    return params @ matrix.T if matrix.ndim == 2 else np.matmul(matrix, params[..., None])[..., 0]
+
+
+def turned(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """[B, C] of slopes [B, Q] with the same matrices."""
+    return slope @ matrix if matrix.ndim == 2 else np.matmul(slope[:, None], matrix)[:, 0]
+
+
+class _Hinge:
+    """Σ w h(tri(G, u) - goal)² with h one-sided where the clip forgives, and a strong pull into what can be stored."""
+
+    def __init__(self, field: ReluField, target, weight, layout: Pattern, close: Close | None) -> None:
+        self.basis, self.pairs = _operators(field.side, layout)
+        self.parts = [_Points(target, weight)]
+        self.own = None
+        if close is not None:
+            self.own = field.matrix(close.u)
+            self.parts.append(_Points(close.target, close.weight))
+        mean = float(layout.hat.astype(np.float32) ** 2 @ (self.basis**2).mean(axis=1))
+        self.ridge, self.wall = np.float32(RIDGE * mean), np.float32(WALL * mean)
+
+    def _values(self, grid: np.ndarray) -> list[np.ndarray]:
+        """Values at the points of each part."""
+        return [product(m, grid) for m in (self.basis, self.own) if m is not None]
+
+    def share(self, grid: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """[B] in [0, 1]: where along a step the loss is least, by the sign of its slope."""
+        values, ways = self._values(grid), self._values(step)
+
+        def rises(s: np.ndarray) -> np.ndarray:
+            there = grid + s[:, None] * step
+            slope = ((self.ridge * (there - 0.5) + self.wall * (there - np.clip(there, LOW, HIGH))) * step).sum(axis=1)
+            for part, value, way in zip(self.parts, values, ways):
+                miss, idle = part.miss(value + s[:, None] * way)
+                miss[idle] = 0
+                slope += (part.weight * miss * way).sum(axis=1)
+            return slope > 0
+
+        low, high = np.zeros(len(grid), np.float32), np.ones(len(grid), np.float32)
+        whole = ~rises(high)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            over = rises(middle)
+            low, high = np.where(over, low, middle), np.where(over, middle, high)
+        return np.where(whole, np.float32(1), low)
+
+    def step(self, grid: np.ndarray, band: float) -> np.ndarray:
+        """[B, G³] Newton's step, with the curvature of points that are idle by less than ``band`` too: those that a long
+        step would run into hold it back."""
+        size, left, gradient = grid.shape[1], None, None
+        for part, matrix, value in zip(self.parts, (self.basis, self.own), self._values(grid)):
+            miss, idle = part.miss(value)
+            curved = np.where(idle & (np.abs(miss) > band), np.float32(0), part.weight)
+            miss[idle] = 0
+            slope = turned(matrix, part.weight * miss)
+            if matrix.ndim == 2:
+                left, gradient = (self.pairs @ curved.T).T.reshape(-1, size, size), slope
+            else:
+                left = left + np.matmul(np.swapaxes(matrix, 1, 2) * curved[:, None], matrix)
+                gradient = gradient + slope
+        outside = grid - np.clip(grid, LOW, HIGH)
+        gradient = gradient + self.ridge * (grid - 0.5) + self.wall * outside
+        diagonal = np.arange(size)
+        left[:, diagonal, diagonal] += self.ridge + np.where(outside != 0, self.wall, np.float32(0))
+        return -np.linalg.solve(left, gradient[..., None])[..., 0]
+
+
+class _Points:
+    """What is asked of values at some points: arrays [B, Q]."""
+
+    def __init__(self, target: np.ndarray, weight: np.ndarray) -> None:
+        self.weight = weight.astype(np.float32)
+        self.goal = np.where(target > 0, THRESHOLD + (1 - THRESHOLD) * target, SAFE).astype(np.float32)
+        self.low, self.high = target == 0, target >= 1
+
+    def miss(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value less goal, and where that costs nothing."""
+        miss = value - self.goal
+        return miss, (self.low & (miss < 0)) | (self.high & (miss > 0))
 
 
 # (side, points) → interpolation matrix [Q, G³] and its products of pairs of columns [G⁶, Q].
