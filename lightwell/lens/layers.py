@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from lightwell.lens.pyramid import fill
 
@@ -20,6 +20,8 @@ JUMP = 2.0
 THROUGH = 0.05
 # Surroundings that a hidden region is continued from, pixels.
 CONTEXT = 64
+# Distance over which what lies nearest gives way to a smooth membrane, pixels.
+FADE = 40.0
 # Places where a split may be tried.
 CANDIDATES = 64
 
@@ -73,7 +75,7 @@ def split(
     rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float, peel: Layer | None = None
 ) -> list[Layer]:
     """Layers front to back. What a front layer hides comes from ``peel``, the second surfaces, where those are given
-    and lie behind it; elsewhere it is filled in smoothly from the uncovered side, up to ``reach``.
+    and lie behind it; elsewhere it is continued from the uncovered side, up to ``reach``.
     """
     cuts = thresholds(s, count)
     if not cuts:
@@ -95,7 +97,7 @@ def split(
 def _filled(
     layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float, peel: Layer | None, cut: float
 ) -> Layer:
-    """Continue a layer under what hides it: colour, blur and motion by a membrane, as far as it can be seen."""
+    """Continue a layer under what hides it: colour, blur and motion, as far as it can be seen."""
     known = weight > 0.5
     wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
     if not wanted.any() or not known.any():
@@ -130,7 +132,7 @@ def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None
     if layer.motion is not None:
         parts.append(layer.motion)
     stack = np.concatenate(parts, -1).astype(np.float32)
-    smooth = fill(np.ascontiguousarray(stack.transpose(2, 0, 1)), known.astype(np.float32)).transpose(1, 2, 0)
+    smooth = _continued(stack, known)
     if peel is not None:
         real = wanted & (peel.rgba[..., 3] > 0) & (peel.s > cut)
         given = [peel.rgba, peel.s[..., None]]
@@ -144,6 +146,22 @@ def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None
     s = np.where(replace, smooth[..., 4], layer.s)
     motion = None if layer.motion is None else np.where(replace[..., None], smooth[..., 5:7], layer.motion)
     return Layer(rgba.astype(np.float32), s.astype(np.float32), motion)
+
+
+def _continued(stack: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values [height, width, channels] beyond the known pixels: of the nearest one, so that structure goes on, and of a
+    membrane farther in. A pixel on the very border may hold light of what hides the rest: its inner neighbour is
+    taken where there is one.
+    """
+    away, nearest = distance_transform_edt(~known, return_indices=True)
+    inner = binary_erosion(known, np.ones((3, 3)), border_value=1)
+    if inner.any():
+        farther, place = distance_transform_edt(~inner, return_indices=True)
+        nearest = np.where(farther <= away + 1.1, place, nearest)
+    copied = np.where(known[..., None], stack, stack[nearest[0], nearest[1]])
+    smooth = fill(np.ascontiguousarray(stack.transpose(2, 0, 1)), known.astype(np.float32)).transpose(1, 2, 0)
+    share = np.exp(-np.square(away / FADE))[..., None].astype(np.float32)
+    return copied * share + smooth * (1 - share)
 
 
 def tidy(image: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from lightwell.lens.aperture import from_picture, polygon
 from lightwell.lens.cache import STANDARD, Shelf
 from lightwell.lens.camera import distance, from_thin_lens
 from lightwell.lens.engine import Engine
-from lightwell.lens.layers import Layer, composite, thresholds
+from lightwell.lens.layers import Layer, composite, split, thresholds
 from lightwell.lens.library import Library, load
 from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.recipes import Recipe
@@ -242,6 +242,17 @@ def test_a_given_layer_behind_is_seen_around_the_front():
     depth = np.where(front[..., 3] > 0, depth, np.inf)
     out, report = Lens(Settings()).apply(front, depth, None, camera, behind=[(behind, np.full((40, 100), 2.0))])
     assert report.layers == 2 and out[20, 50, 2] == pytest.approx(0.5, abs=0.06) and out[20, 95, 2] > 0.99
+
+
+def test_structure_goes_on_behind_a_thin_front():
+    stripes = np.where((np.arange(64) // 8) % 2, 1.0, 0.1)[:, None] * np.ones((64, 96))
+    bar = (np.abs(np.arange(96) - 48) < 3) * np.ones((64, 1), bool)
+    rgba = np.ones((64, 96, 4), np.float32)
+    rgba[..., :3] = np.where(bar, 0.5, stripes)[..., None]
+    s = np.where(bar, -9.0, 0.0).astype(np.float32)
+    behind = split(rgba, s, None, 2, 20.0)[-1].rgba
+    # A smooth fill would be off by 0.2 next to the stripes' borders.
+    assert np.abs(behind[..., 0] - stripes)[bar].max() < 0.02
 
 
 def test_layers_are_cut_at_edges_not_through_surfaces():
