@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.draws import mixed
 from lightwell.cache.features import stored
-from lightwell.cache.learner import Batch
 from lightwell.cache.model import Model
 
 
@@ -41,10 +41,17 @@ def compacted(valid: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
     return rows, dr.sum(ones)
 
 
-def packed_batches(model: Model, features, targets, rows, count, seed, scale, cap, size: int, bits: int) -> Batch:
+@functools.lru_cache(maxsize=64)
+def frozen_batches(model: Model, size: int, bits: int) -> Any:
+    """``packed_batches`` of one size, recorded once."""
+    return dr.freeze(lambda *arrays: packed_batches(model, *arrays, size, bits))
+
+
+def packed_batches(model: Model, features, targets, rows, count, seed, scale, cap, size: int, bits: int):
     """``size`` shuffled records, weight 0 beyond the ``count`` there are.
 
     targets  [R * 4] radiance per slot. scale: radiance scale. cap: largest radiance that is believed, 0 for none.
+    returns  The fields of a ``Batch``.
     """
     lane = dr.arange(mi.UInt32, size)
     there = lane < count
@@ -67,7 +74,7 @@ def packed_batches(model: Model, features, targets, rows, count, seed, scale, ca
         for k in range(3):
             dr.scatter(flat, dr.select(there, value[k], 0), lane * 3 + k)
         out.append(mi.TensorXf(flat, (size, 3)))
-    return Batch(mi.TensorXf(direct, (size, K)), *out)
+    return mi.TensorXf(direct, (size, K)), *out
 
 
 def usable(targets: mi.Float) -> tuple[mi.Bool, mi.Bool]:

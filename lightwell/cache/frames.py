@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
@@ -10,8 +12,8 @@ from lightwell.cache.draws import Draws, draws
 from lightwell.cache.paths import render_path
 from lightwell.cache.radiance_cache import RadianceCache
 
-# Lanes of one launch: large enough to fill the machine.
-LAUNCH = 1 << 21
+# Lanes of one launch: large enough to fill the machine; of a picture by time, small enough to end in time.
+LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
 
 
 def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int):
@@ -64,16 +66,61 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
 
 
 def trace_pass(scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True):
-    """Radiance [N], validity, path length and spread for camera rays; values that are not finite become 0."""
-    ray, weight, place, sampler = rays
+    """Radiance [N], validity, path length, spread and place for camera rays; what is not finite becomes 0."""
     settings = cache.settings
-    L, valid, depth, ratio = render_path(
-        scene, sampler, ray, cache.around, evaluator(cache), dr.opaque(mi.Float, q), settings.caching, estimator,
-        first_direct,
+    return _traced(
+        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), settings.caching, estimator, first_direct
     )  # fmt: skip
+
+
+def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct):
+    ray, weight, place, sampler = rays
+    L, valid, depth, ratio = render_path(scene, sampler, ray, around, evaluate, q, caching, estimator, first_direct)
     L = L * weight
     L = dr.select(dr.all(dr.isfinite(L)), L, 0)
     return L, valid, depth, ratio, place
+
+
+@dataclass(frozen=True)
+class PassShape:
+    """What a recording of a pass depends on beside its arrays."""
+
+    N: int
+    caching: bool
+    estimator: str
+    first_direct: bool
+    film: str
+    """Kind of the sensor, its film and its shutter, all of which are baked in."""
+
+
+def film_mark(sensor: Any) -> str:
+    """What of a sensor is no array."""
+    film = sensor.film()
+    shutter = (sensor.shutter_open(), sensor.shutter_open_time())
+    box = film.rfilter().is_box_filter()
+    return f"{sensor.class_name()} {film.crop_size()} {film.crop_offset()} {film.size()} {shutter} {box}"
+
+
+@functools.lru_cache(maxsize=64)
+def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
+    """f(scene, sensor, around, weights, q, first sample, samples per pixel, seed) -> what ``trace_pass`` gives, and the
+    rays. Recorded once: to trace its Python takes longer than a small pass."""
+
+    def run(scene, sensor, around, weights, q, first, spp, seed):
+        rays = sobol_rays(sensor, first, spp, seed, shape.N)
+        evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
+        out = _traced(scene, rays, around, evaluate, q, shape.caching, shape.estimator, shape.first_direct)
+        dr.eval(out)
+        return out
+
+    return dr.freeze(run)
+
+
+def sobol_pass(scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float):
+    """One pass of N lanes with the cache's own numbers; ``numbers``: first sample, samples per pixel, seed."""
+    shape = PassShape(N, cache.settings.caching, estimator, True, film_mark(sensor))
+    around, weights = cache.around, cache.packed("ema")
+    return frozen_pass(cache.model, shape)(scene, sensor, around, weights, dr.opaque(mi.Float, q), *numbers)
 
 
 def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, wavelengths: Any, coalesce: bool) -> Any:
@@ -88,4 +135,6 @@ def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, waveleng
     return block
 
 
-__all__ = ["LAUNCH", "Draws", "evaluator", "sampled_rays", "sobol_rays", "splat", "trace_pass"]
+__all__ = [
+    "LAUNCH", "Draws", "evaluator", "sampled_rays", "sobol_pass", "sobol_rays", "splat", "trace_pass",
+]  # fmt: skip

@@ -17,7 +17,7 @@ from lightwell.cache.settings import CacheSettings, settings_of
 # Samples per pixel from which 'auto' trains first and then renders with a frozen cache.
 STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
-WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 24, 1.0, 192
+WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 
@@ -60,6 +60,9 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.reservoirs: Any = None
         """Reservoirs of the last pass, and the camera that they belong to."""
         self._pose = self._pose_mark = ""
+        self._began = 0.0
+        self.samples = 0
+        """Samples per pixel of the last render."""
 
     def to_string(self) -> str:
         s = self.settings
@@ -94,6 +97,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             check_film(sensor)
         seed = int(mi.UInt32(seed)[0]) if not isinstance(seed, int) else seed
         spp = spp or int(sensor.sampler().sample_count())
+        self._began = time.perf_counter()
         cache = self.cache_of(scene)
         self._pose = str(sensor.world_transform())
         self.told, self.seconds = [], {"train": 0.0, "trace": 0.0}
@@ -138,18 +142,23 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
     render_backward = render_forward
 
     def _is_still(self, spp: int) -> bool:
-        mode = self.settings.mode
-        return self.settings.caching and (mode == "still" or (mode == "auto" and spp >= STILL_SPP))
+        s = self.settings
+        return s.caching and (s.mode == "still" or (s.mode == "auto" and (spp >= STILL_SPP or s.seconds > 0)))
 
     def warm_up(self, scene, sensor, seed: int, spp: int) -> None:
         """Train before a still: the rate falls to a tenth, so that the average settles."""
-        cache = self.cache_of(scene)
-        frames_ = self.settings.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
+        cache, s = self.cache_of(scene), self.settings
+        most = s.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
         start = time.perf_counter()
         cache.still = True
-        for k in range(frames_):
-            cache.rate_factor = FINAL_RATE ** (k / max(frames_ - 1, 1))
+        done = 0.0
+        while done < 1 and not cache.frozen:
+            cache.rate_factor = FINAL_RATE**done
             self._train(scene, sensor, cache, seed)
+            if s.seconds > 0:
+                done = (time.perf_counter() - start) / (s.train_share * s.seconds)
+            else:
+                done += 1 / most
         cache.rate_factor, cache.still = 1.0, False
         dr.sync_thread()
         self.seconds["train"] += time.perf_counter() - start
@@ -166,23 +175,32 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """All samples, in passes of one sample (frames) or of as many as fit (stills)."""
         film = sensor.film()
         width, height = (int(x) for x in film.crop_size())
-        per_pass = max(1, frames.LAUNCH // (width * height)) if still or not self.settings.caching else 1
+        timed = self.settings.seconds > 0
+        launch = frames.SMALL_LAUNCH if timed else frames.LAUNCH
+        per_pass = max(1, launch // (width * height)) if still or not self.settings.caching else 1
         if self.settings.sampling == "sensor":
             per_pass = spp if still or not self.settings.caching else 1
-        done = 0
-        while done < spp:
-            block = min(per_pass, spp - done)
+        two_level = self.settings.estimator == "two-level" and self.settings.caching
+        kind = "biased" if two_level else self.settings.estimator
+        done, longest = 0, 0.0
+        while done < spp or timed:
+            start = time.perf_counter()
+            block = per_pass if timed else min(per_pass, spp - done)
             if not still and self.settings.caching and not cache.frozen:
-                start = time.perf_counter()
                 self._train(scene, sensor, cache, seed)
                 self.seconds["train"] += time.perf_counter() - start
-            two_level = self.settings.estimator == "two-level" and self.settings.caching
-            kind = "biased" if two_level else self.settings.estimator
             film.put_block(self._pass(scene, sensor, cache, seed, done, block, spp, kind))
             done += block
+            if timed:
+                dr.eval()
+                dr.sync_thread()
+                longest = max(longest, time.perf_counter() - start) if done > block else 0.0
+                if time.perf_counter() - self._began + longest > self.settings.seconds:
+                    break
+        self.samples = done
         image = film.develop()
         if two_level:
-            image = image + self._second_level(scene, sensor, cache, seed, spp)
+            image = image + self._second_level(scene, sensor, cache, seed, done)
         return image
 
     def _second_level(self, scene, sensor, cache, seed: int, spp: int):
@@ -203,9 +221,16 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
     def _pass(self, scene, sensor, cache, seed: int, done: int, block: int, spp: int, estimator: str):
         """One pass as an image block."""
         film = sensor.film()
-        rays = self._rays(sensor, seed, done, block, spp)
         q = self.settings.residual_probability
         reservoirs = self.settings.first_hit != "nee" and estimator != "difference"
+        width, height = (int(x) for x in film.crop_size())
+        if not reservoirs and self.settings.sampling == "sobol":
+            numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
+            L, valid, _, _, place = frames.sobol_pass(
+                scene, sensor, cache, numbers, width * height * block, estimator, q
+            )  # fmt: skip
+            return frames.splat(film, L, valid, place, [], block >= 4)
+        rays = self._rays(sensor, seed, done, block, spp)
         direct = self._direct(scene, rays, film, block, spp) if reservoirs else mi.Spectrum(0)
         L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs)
         L += direct * rays[1]

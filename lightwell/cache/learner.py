@@ -20,7 +20,8 @@ from lightwell.networks.device import tensors
 # Relative loss: the term that keeps the division finite, and the weights of luminance (Müller et al. 2021).
 LOSS_EPSILON = 0.01
 LUMINANCE = (0.299, 0.587, 0.114)
-# Adam. A long memory of the second moment: a short one clips rare bright records and darkens the fit.
+# Adam. A long memory of the second moment: a short one clips rare bright records and darkens the fit. (A memory that
+# grows with the steps forgets the first, too large gradients, but fits no better.)
 BETA_1, BETA_2, EPSILON, TABLE_EPSILON = 0.9, 0.999, 1e-8, 1e-15
 # Weight decay of the layers.
 DECAY = 1e-6

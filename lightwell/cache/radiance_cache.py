@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from dataclasses import dataclass, field
@@ -11,32 +12,27 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache import persist
-from lightwell.cache.batches import compacted, packed_batches, usable
+from lightwell.cache.batches import frozen_batches
 from lightwell.cache.change import ChangeDetector
-from lightwell.cache.draws import GOLDEN, draws, mixed
-from lightwell.cache.features import WIDTH, Vertex, stored
-from lightwell.cache.learner import Learner
+from lightwell.cache.features import WIDTH, Vertex
+from lightwell.cache.learner import Batch, Learner
 from lightwell.cache.materials import MaterialTable, material_table
 from lightwell.cache.model import Model
 from lightwell.cache.paths import Surroundings
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import Tiles
-from lightwell.cache.training_paths import query_vertex, resolve, trace_records
+from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
 
 # The box is larger than the scene by this share, so that nothing lies on its surface.
 INFLATE = 0.01
-# Targets beyond this many times the running mean are cut; off in unbiased training.
-CAP = 1e4
 # Kinds of change; frames whose training paths run to their end after one; faster learning, and for how many frames.
 KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 # Frames between two copies of the weights.
 SNAPSHOT = 64
-# Frames of training before a still: share of pixels and steps.
-STILL_FRACTION, STILL_STEPS = 0.25, 8
-# Stream of random numbers that training paths draw from, apart from those of pixels.
-TRAINING_STREAM = 0x5EED
+# Frames of training before a still: largest share of pixels, and records.
+STILL_FRACTION, STILL_RECORDS = 1.0, 1 << 17
 
 
 @dataclass
@@ -152,8 +148,7 @@ class RadianceCache:
 
     def training_offset(self, seed: int) -> tuple[float, float]:
         """Where in their tiles the last frame's training pixels lay, [0, 1)^2."""
-        frame = dr.opaque(mi.UInt32, max(self.frame - 1, 0))
-        at = draws(mi.UInt32(0xFFFFFFFF), frame, mixed(mi.UInt32(seed & 0xFFFFFFFF) + TRAINING_STREAM)).next_2d()
+        at = shared_offset(dr.opaque(mi.UInt32, max(self.frame - 1, 0)), dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))
         return float(at.x[0]), float(at.y[0])
 
     @property
@@ -206,13 +201,14 @@ class RadianceCache:
         if key not in self.tiles:
             fraction = self.settings.train_fraction_max
             fraction = max(fraction, STILL_FRACTION) if self.still else fraction
-            self.tiles[key] = Tiles(self.settings.batch * self.steps, fraction)
+            target = STILL_RECORDS if self.still else self.settings.batch * self.steps
+            self.tiles[key] = Tiles(target, fraction)
         return self.tiles[key]
 
     @property
     def steps(self) -> int:
         """Gradient steps of a frame, at most."""
-        return max(self.settings.steps, STILL_STEPS) if self.still else self.settings.steps
+        return max(self.settings.steps, STILL_RECORDS // self.settings.batch) if self.still else self.settings.steps
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
         """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
@@ -234,105 +230,54 @@ class RadianceCache:
         self.history.append(told)
         return told
 
-    def _trace(self, scene, sensor, seed: int, told: Told):
+    def _trace(self, scene, sensor, seed: int, told: Told) -> Traced:
         """Training paths, their targets, and the bias meter."""
         s = self.settings
-        width, height = (int(x) for x in sensor.film().crop_size())
+        film = sensor.film()
+        width, height = (int(x) for x in film.crop_size())
         self.picture, self.size = (width, height), self.controller(width, height)
         columns, rows, tile_w, tile_h = self.size.grid(width, height)
-        V, P = s.max_vertices, columns * rows
-        numbers = (seed & 0xFFFFFFFF, self.frame, columns)
-        seed_, frame, columns_ = (dr.opaque(mi.UInt32, x) for x in numbers)
-        size = dr.opaque(mi.Float, tile_w), dr.opaque(mi.Float, tile_h)
-        sampler = draws(dr.arange(mi.UInt32, P), frame, mixed(seed_ + TRAINING_STREAM))
-        ray = self._rays(sensor, P, columns_, size, frame, seed_, sampler)
-        records = trace_records(scene, sampler, ray, self.around, self._unbiased(P, columns_, frame), V, P)
-        dr.eval(records)
-        tail = self.radiance(self.packed("raw" if s.bootstrap == "raw" else "ema"), records.tail)
-        targets, at_query = resolve(records, tail * s.tail_attenuation, V, P)
-        v, found = query_vertex(records, V, P)
-        found &= records.unbiased & dr.all(dr.isfinite(at_query))
-        shown = dr.select(found, self.radiance(self.packed("ema"), v), 0)
-        difference = dr.mean(dr.select(found, records.prefix * (at_query - shown), 0))
-        ok, bad = usable(targets)
-        dr.eval(targets, difference, found, ok, bad)
-        told.paths = P
-        told.hits = int(np.count_nonzero(np.array(records.count)))
-        self._meter(np.array(difference), np.array(records.unbiased), told)
-        return records, targets, ok, bad
+        u = self.unbiased_share
+        shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
+        place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
+        shape = Shape(columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place)
+        numbers = Numbers(seed, self.frame, columns, (tile_w, tile_h), u, s.tail_attenuation, s.tail_after)
+        tails = self.packed("raw" if s.bootstrap == "raw" else "ema")
+        traced = frozen_frame(self.model, shape)(scene, sensor, self.around, tails, self.packed("ema"), numbers)
+        told.paths, told.hits = shape.P, int(traced.hits[0])
+        count, total, square = (float(x[0]) for x in traced.meter)
+        told.bias_paths = int(count)
+        if count > 1:
+            mean = total / count
+            told.bias = (mean, math.sqrt(max(square / count - mean**2, 0) / (count - 1)))
+        return traced
 
-    @staticmethod
-    def _meter(difference: np.ndarray, unbiased: np.ndarray, told: Told) -> None:
-        """Image bias from the unbiased paths; those that no query would have ended count with 0."""
-        values = difference[unbiased]
-        told.bias_paths = len(values)
-        if len(values) > 1:
-            told.bias = (float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))))
+    @property
+    def unbiased_share(self) -> float:
+        """Training paths of the next frame that end by roulette alone."""
+        u = self.settings.still_unbiased if self.still else self.settings.unbiased_fraction
+        # At first nothing is known yet that could end a path.
+        return 1.0 if 0 < u and self.since_change < self.settings.lead_in else u
 
-    def _rays(self, sensor, P, columns, size, frame, seed, sampler):
-        """One camera ray per tile, at an offset that all tiles share."""
-        film = sensor.film()
-        tile = dr.arange(mi.UInt32, P)
-        at = mi.Point2f(tile % columns, tile // columns)
-        shared = draws(mi.UInt32(0xFFFFFFFF), frame, mixed(seed + TRAINING_STREAM))
-        offset = shared.next_2d()
-        crop = film.crop_size()
-        pixel = dr.floor((at + offset) * mi.Vector2f(*size))
-        position = (pixel + sampler.next_2d()) / mi.Vector2f(crop)
-        aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
-        time_ = sensor.shutter_open() + sampler.next_1d() * sensor.shutter_open_time()
-        ray, _ = sensor.sample_ray_differential(time_, 0.0, position, aperture)
-        return ray
-
-    def _unbiased(self, P, columns, frame):
-        """Mask: in every group of 1/u tiles, one at an offset that changes with the frame."""
-        u = self.settings.unbiased_fraction
-        if 0 < u and self.since_change < self.settings.lead_in:
-            u = 1.0  # Nothing is known yet that could end a path.
-        if u >= 1 or u <= 0:
-            return mi.Bool(u >= 1) & (dr.arange(mi.UInt32, P) >= 0)
-        tile = dr.arange(mi.UInt32, P)
-        if u == 1 / 16:
-            x, y = tile % columns, tile // columns
-            pick = mixed(frame * mi.UInt32(GOLDEN) + 1) & 15
-            return ((x & 3) == (pick & 3)) & ((y & 3) == (pick >> 2))
-        return mi.Float(mixed(tile * mi.UInt32(GOLDEN) + mixed(frame))) * 2.0**-32 < u
-
-    def _records(self, traced, seed: int, told: Told):
+    def _records(self, traced: Traced, seed: int, told: Told):
         """Shuffled batches on the device and the number of steps that they are enough for."""
-        records, targets, ok, bad = traced
         s = self.settings
-        rows, count = compacted(ok)
-        dropped = dr.count(bad)
-        reflectance_free = self._luminances(records.features, targets, ok)
-        dr.eval(rows, count, dropped, reflectance_free)
-        told.records, told.dropped = int(count[0]), int(dropped[0])
+        told.records, told.dropped = int(traced.count[0]), int(traced.dropped[0])
         self.size.update(told.records, told.paths, *self.picture)
-        self._calibrate(np.array(reflectance_free), told)
+        self._calibrate(np.array(traced.luminance), told)
         steps = min(self.steps, -(-told.records // s.batch))
         # A step of less than half a batch learns little: it waits for more records unless it is the only one.
         if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:
             steps -= 1
         if steps == 0:
             return None, 0
-        cap = 0.0 if s.unbiased_fraction >= 1 else CAP * self.scale.mean
-        device = [dr.opaque(mi.Float, x) for x in (self.scale.value, cap)]
-        slots = dr.width(ok)
+        device = [dr.opaque(mi.Float, x) for x in (self.scale.value, s.target_cap * self.scale.mean)]
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
-        batch = packed_batches(
-            self.model, records.features, targets, rows, count, order, *device, steps * s.batch,
-            max(1, (slots - 1).bit_length()),
-        )  # fmt: skip
+        slots = dr.width(traced.rows)
+        pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
+        batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, *device))
         dr.eval(batch.direct, batch.points, batch.target, batch.weight)
         return batch, steps
-
-    def _luminances(self, features, targets, ok):
-        """[R] luminance of L_s over reflectance, -1 where there is none."""
-        row = dr.arange(mi.UInt32, dr.width(ok))
-        v = stored(features, row, ok)
-        t = dr.gather(mi.Vector4f, targets, row, ok)
-        y, _ = self.model.target(mi.Color3f(t.x, t.y, t.z), v, mi.Float(1))
-        return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
 
     def _calibrate(self, luminances: np.ndarray, told: Told) -> None:
         """Follow the radiance of the scene; the weights are scaled along."""

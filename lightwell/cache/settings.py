@@ -59,20 +59,26 @@ class CacheSettings:
     lead_in: int = 8
     """Frames of a cold cache in which every training path ends by roulette: cache values that are still wrong would
     take as many frames to correct as light has bounces. Ignored where ``unbiased_fraction`` is 0."""
+    still_unbiased: float = 1.0
+    """The same while a still trains: its frames are large, so that noise costs less than a bounce per frame."""
+    tail_after: int = 1
+    """Records from the query vertex on before a cache value may end a training path; the paper: 1."""
+    target_cap: float = 100.0
+    """Records brighter than so many times the running mean are cut to that, and counted; 0: never."""
     train_fraction_max: float = 0.05
     """Largest share of pixels that train in one frame."""
     max_vertices: int = 8
     """Records that one training path can leave."""
-    batch: int = 4096
+    batch: int = 2048
     """Records of one gradient step."""
-    steps: int = 4
+    steps: int = 8
     """Gradient steps per frame, at most: fewer where records are short."""
     bootstrap: str = "raw"
     """Weights that end training paths: 'raw' or 'ema'."""
     factorise: bool = True
     """Learn radiance divided by reflectance."""
     ema_decay: float = 0.99
-    """Decay of the averaged weights at four steps a frame; 0 turns averaging off."""
+    """Decay of the averaged weights at four steps of 4,096 records a frame; 0 turns averaging off."""
     learning_rate: float = 1e-2
     radiance_scale: float = 0.0
     """Factor that brings radiance to order one; 0: calibrated automatically."""
@@ -103,6 +109,10 @@ class CacheSettings:
     mode: str = "auto"
     """'frames': train a little at every sample per pixel. 'still': train first, freeze, then render.
     'auto': 'still' from ``STILL_SPP`` samples per pixel on."""
+    seconds: float = 0.0
+    """Wall time of a still, training included (not reproducible); 0: as long as its samples take."""
+    train_share: float = 0.4
+    """seconds: the part of it that trains."""
     warmup: int = 0
     """still: frames of training before the picture; 0: by the number of samples."""
     sampling: str = "sobol"
@@ -156,6 +166,11 @@ _RANGES = (
     ("layers", 1, 8),
     ("termination_c", 0, math.inf),
     ("unbiased_fraction", 0, 1),
+    ("still_unbiased", 0, 1),
+    ("tail_after", 1, 64),
+    ("target_cap", 0, 1e30),
+    ("seconds", 0, 1e6),
+    ("train_share", 0.01, 0.99),
     ("lead_in", 0, 1 << 20),
     ("train_fraction_max", 1e-6, 1),
     ("max_vertices", 1, 64),
@@ -174,7 +189,7 @@ _RANGES = (
 
 # What the preset 'paper' sets otherwise.
 PAPER = {
-    "encoding": "frequency", "hidden": 64, "layers": 5, "train_fraction_max": 0.03, "batch": 16384,
+    "encoding": "frequency", "hidden": 64, "layers": 5, "train_fraction_max": 0.03, "batch": 16384, "steps": 4,
     "learning_rate": 5e-3,
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 # Limits and start of the side, pixels.
-SMALLEST, LARGEST, FIRST = 2.0, 128.0, 8.0
+SMALLEST, LARGEST, FIRST = 1.0, 128.0, 8.0
 # Records that a path is thought to leave before the first frame has told.
 EXPECTED = 2.5
 

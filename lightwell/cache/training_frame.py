@@ -1,0 +1,156 @@
+"""The device side of one frame of training: paths, their targets, and the bias meter, recorded once and played again.
+
+Tracing the Python of a path takes longer than running a small frame of it: ``dr.freeze`` keeps what was recorded. What
+is baked into a recording (sizes, the film, the kind of choice) is part of the key.
+
+Notation: P paths, V slots per path, R = P V.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+from lightwell.backend import dr, mi
+from lightwell.cache.batches import compacted, usable
+from lightwell.cache.draws import GOLDEN, draws, mixed
+from lightwell.cache.features import stored
+from lightwell.cache.model import Model
+from lightwell.cache.training_paths import query_vertex, resolve, trace_records
+
+# Stream of random numbers that training paths draw from, apart from those of pixels.
+TRAINING_STREAM = 0x5EED
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a recording of a frame depends on."""
+
+    P: int
+    V: int
+    crop: tuple[int, int]
+    """Pixels of the film."""
+    shutter: tuple[float, float]
+    choice: str
+    """Which paths roulette alone ends: 'all', 'none', 'sixteenth' (one of every 4 x 4 tiles), 'hashed'."""
+    film: str
+    """Kind and place of the sensor's film."""
+
+
+class Numbers:
+    """Scalars of a frame, opaque."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "seed": mi.UInt32, "frame": mi.UInt32, "columns": mi.UInt32, "tile": mi.Vector2f, "u": mi.Float,
+        "attenuation": mi.Float, "shortest": mi.UInt32,
+    }  # fmt: skip
+
+    def __init__(self, seed=0, frame=0, columns=1, tile=(1.0, 1.0), u=0.0, attenuation=1.0, shortest=1):
+        whole = lambda x: dr.opaque(mi.UInt32, x & 0xFFFFFFFF)  # noqa: E731
+        real = lambda x: dr.opaque(mi.Float, x)  # noqa: E731
+        self.seed, self.frame, self.columns = whole(seed), whole(frame), whole(columns)
+        self.tile = mi.Vector2f(real(tile[0]), real(tile[1]))
+        """Pixels of a tile."""
+        self.u, self.attenuation = real(u), real(attenuation)
+        self.shortest = whole(shortest)
+
+
+class Traced:
+    """What a frame of training paths gave."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
+        "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector3f,
+    }  # fmt: skip
+
+    def __init__(self):
+        self.features, self.targets = mi.Float(0), mi.Float(0)
+        """[R * WIDTH] vertices and [R * 4] radiance."""
+        self.rows, self.count, self.dropped = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+        """[R] rows with a finite record first; how many there are; how many are not finite."""
+        self.luminance = mi.Float(0)
+        """[R] of radiance over reflectance, -1 where there is no record."""
+        self.hits = mi.UInt32(0)
+        """Paths that met something that can be learned."""
+        self.meter = mi.Vector3f(0)
+        """Bias meter: number of unbiased paths, sum and sum of squares of prefix * (traced - cached)."""
+
+
+def choice_of(u: float) -> str:
+    """How a share of paths is chosen."""
+    return "all" if u >= 1 else "none" if u <= 0 else "sixteenth" if u == 1 / 16 else "hashed"
+
+
+def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
+    """Where in their tiles a frame's training pixels lie, [0, 1)^2."""
+    return draws(mi.UInt32(0xFFFFFFFF), frame, mixed(seed + TRAINING_STREAM)).next_2d()
+
+
+@functools.lru_cache(maxsize=64)
+def frozen_frame(model: Model, shape: Shape) -> Any:
+    """f(scene, sensor, around, tail weights, pixel weights, numbers) -> Traced; weights with one over their scale."""
+
+    def run(scene, sensor, around, tails, pixels, numbers):
+        P, V = shape.P, shape.V
+        sampler = draws(dr.arange(mi.UInt32, P), numbers.frame, mixed(numbers.seed + TRAINING_STREAM))
+        ray = _rays(sensor, shape, numbers, sampler)
+        unbiased = _unbiased(shape, numbers)
+        records = trace_records(scene, sampler, ray, around, unbiased, numbers.shortest, V, P)
+        dr.eval(records)
+        tail = model.radiance(tails[0], records.tail, tails[1])
+        targets, at_query = resolve(records, tail * numbers.attenuation, V, P)
+        dr.eval(targets, at_query)
+        out = Traced()
+        out.features, out.targets = records.features, targets
+        ok, bad = usable(targets)
+        out.rows, out.count = compacted(ok)
+        out.dropped = dr.sum(dr.select(bad, mi.UInt32(1), 0))
+        out.luminance = _luminances(model, records.features, targets, ok)
+        out.hits = dr.sum(dr.select(records.count > 0, mi.UInt32(1), 0))
+        out.meter = _meter(model, records, at_query, pixels, V, P)
+        dr.eval(out)
+        return out
+
+    return dr.freeze(run)
+
+
+def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
+    """One camera ray per tile, at an offset that all tiles share."""
+    tile = dr.arange(mi.UInt32, shape.P)
+    at = mi.Point2f(tile % numbers.columns, tile // numbers.columns)
+    pixel = dr.floor((at + shared_offset(numbers.frame, numbers.seed)) * numbers.tile)
+    position = (pixel + sampler.next_2d()) / mi.Vector2f(*shape.crop)
+    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+    time = shape.shutter[0] + sampler.next_1d() * shape.shutter[1]
+    return sensor.sample_ray_differential(time, 0.0, position, aperture)[0]
+
+
+def _unbiased(shape: Shape, numbers: Numbers) -> mi.Bool:
+    """Mask: in every group of 1/u tiles, one at an offset that changes with the frame."""
+    tile = dr.arange(mi.UInt32, shape.P)
+    if shape.choice in ("all", "none"):
+        return mi.Bool(shape.choice == "all") & (tile >= 0)
+    if shape.choice == "sixteenth":
+        x, y = tile % numbers.columns, tile // numbers.columns
+        pick = mixed(numbers.frame * mi.UInt32(GOLDEN) + 1) & 15
+        return ((x & 3) == (pick & 3)) & ((y & 3) == (pick >> 2))
+    return mi.Float(mixed(tile * mi.UInt32(GOLDEN) + mixed(numbers.frame))) * 2.0**-32 < numbers.u
+
+
+def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool) -> mi.Float:
+    row = dr.arange(mi.UInt32, dr.width(ok))
+    v = stored(features, row, ok)
+    t = dr.gather(mi.Vector4f, targets, row, ok)
+    y, _ = model.target(mi.Color3f(t.x, t.y, t.z), v, mi.Float(1))
+    return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
+
+
+def _meter(model: Model, records: Any, at_query: mi.Color3f, pixels: Any, V: int, P: int) -> mi.Vector3f:
+    """Unbiased paths that no query would have ended count with a difference of 0."""
+    v, found = query_vertex(records, V, P)
+    found &= records.unbiased & dr.all(dr.isfinite(at_query))
+    cached = dr.select(found, model.radiance(pixels[0], v, pixels[1]), 0)
+    difference = dr.mean(dr.select(found, records.prefix * (at_query - cached), 0))
+    one = dr.select(records.unbiased, mi.Float(1), 0)
+    return mi.Vector3f(dr.sum(one), dr.sum(difference), dr.sum(dr.square(difference)))
