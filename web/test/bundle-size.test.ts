@@ -15,6 +15,8 @@ const CASES = {
   element: 'export { LightwellViewer } from "lightwell/element";',
   "gltf-transform": 'export * from "lightwell/gltf-transform";',
   export: 'export * from "lightwell/export";',
+  lens: 'export { Lens, readLibrary } from "lightwell/lens";',
+  "lens-three": 'export { LensNode } from "lightwell/lens/three"; export { readLibrary } from "lightwell/lens";',
 };
 
 it("is small enough, and what is not used stays away", async () => {
@@ -23,7 +25,7 @@ it("is small enough, and what is not used stays away", async () => {
     const code = await bundle(text, { external: NOT_OURS });
     expect(code).not.toContain("WebGLRenderer requires");
     sizes[name] = { bytes: code.length, gzipped: gzipped(code) };
-    if (name === "typical") expect(code).not.toMatch(/gltf-transform|textureSampleLevel|mainImage|customElements/);
+    if (name === "typical") expect(code).not.toMatch(/gltf-transform|textureSampleLevel|mainImage|customElements|lightwell-spreadlets/);
   }
   const folder = fileURLToPath(new URL("../test-results/", import.meta.url));
   mkdirSync(folder, { recursive: true });
@@ -31,5 +33,6 @@ it("is small enough, and what is not used stays away", async () => {
   expect(sizes.everything!.gzipped).toBeLessThanOrEqual(LIMIT);
   expect(sizes.typical!.gzipped).toBeLessThanOrEqual(LIMIT);
   expect(sizes.webgpu!.gzipped).toBeLessThanOrEqual(LIMIT);
+  expect(sizes["lens-three"]!.gzipped).toBeLessThan(18_000);
   expect(sizes["gltf-transform"]!.gzipped).toBeLessThan(6_000);
 });

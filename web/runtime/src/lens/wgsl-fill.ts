@@ -1,0 +1,177 @@
+/**
+ * WGSL that continues what the front layer hides: a smooth membrane through what is seen of the back layer, by a convolution
+ * pyramid (`lightwell/lens/pyramid.py`, `fill`). Every level is padded with zeros by `PAD` on all sides.
+ */
+
+import { CUT, FRAME } from "./wgsl-frame.ts";
+
+/** Zeros around every level. */
+export const PAD = 5;
+
+/** Size of the next level. */
+export const coarser = (n: number): number => Math.ceil((n + 2 * PAD) / 2);
+
+const KERNELS = /* wgsl */ `
+const PAD = ${PAD};
+const H1 = array<f32, 5>(0.1507, 0.6836, 1.0334, 0.6836, 0.1507);
+const SYNTHESIS = 0.16432;
+const G = array<f32, 3>(0.0312, 0.7753, 0.0312);
+`;
+
+const LEVEL = /* wgsl */ `
+struct Level { fine: vec4u, coarse: vec4u }   // width, height, first texel, whether it is the coarsest
+`;
+
+/** What is known of the back layer at a pixel of the picture: light and (s, motion, 1). */
+const KNOWN = /* wgsl */ `
+struct Pair { a: vec4f, b: vec4f }
+fn known(at: vec2i) -> Pair {
+  var p: Pair;
+  if (any(at < vec2i(0)) || any(at >= vec2i(frame.size))) { return p; }
+  let index = u32(at.y) * frame.size.x + u32(at.x);
+  let spot = place[index];
+  if (front_share(spot.x, cut) < 0.5) {
+    p.a = light[index];
+    p.b = vec4f(spot.xyz, 1.0);
+  }
+  return p;
+}
+`;
+
+const COARSEN = /* wgsl */ `
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  if (any(id.xy >= level.coarse.xy) || cut.present == 0.0) { return; }
+  var a = vec4f(0.0);
+  var b = vec4f(0.0);
+  for (var y = 0; y < 5; y++) {
+    for (var x = 0; x < 5; x++) {
+      let p = known(vec2i(id.xy) * 2 + vec2i(x, y) - 2 - PAD);
+      let w = H1[x] * H1[y];
+      a += w * p.a;
+      b += w * p.b;
+    }
+  }
+  let index = level.coarse.z + id.y * level.coarse.x + id.x;
+  coarse_a[index] = a;
+  coarse_b[index] = b;
+}
+`;
+
+/** From the picture to the first level. */
+export const COARSEN_FIRST = /* wgsl */ `
+${FRAME}${CUT}${LEVEL}${KERNELS}
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> level: Level;
+@group(0) @binding(2) var<storage, read> cut: Cut;
+@group(0) @binding(3) var<storage, read> light: array<vec4f>;
+@group(0) @binding(4) var<storage, read> place: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> coarse_b: array<vec4f>;
+${KNOWN}${COARSEN}
+`;
+
+const STORED = /* wgsl */ `
+struct Pair { a: vec4f, b: vec4f }
+fn known(at: vec2i) -> Pair {
+  var p: Pair;
+  if (any(at < vec2i(0)) || any(at >= vec2i(level.fine.xy))) { return p; }
+  let index = level.fine.z + u32(at.y) * level.fine.x + u32(at.x);
+  p.a = coarse_a[index];
+  p.b = coarse_b[index];
+  return p;
+}
+`;
+
+/** From one level to the next. */
+export const COARSEN_NEXT = /* wgsl */ `
+${CUT}${LEVEL}${KERNELS}
+@group(0) @binding(0) var<uniform> level: Level;
+@group(0) @binding(1) var<storage, read> cut: Cut;
+@group(0) @binding(2) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> coarse_b: array<vec4f>;
+${STORED}${COARSEN}
+`;
+
+/** The filtered level plus the upsampled coarser result. */
+const REFINED = /* wgsl */ `
+fn refined(at: vec2i) -> Pair {
+  var p: Pair;
+  for (var y = -1; y <= 1; y++) {
+    for (var x = -1; x <= 1; x++) {
+      let q = known(at + vec2i(x, y));
+      let w = G[x + 1] * G[y + 1];
+      p.a += w * q.a;
+      p.b += w * q.b;
+    }
+  }
+  if (level.coarse.w != 0u) { return p; }
+  // Zeros lie between the coarser texels: only even padded places count.
+  let padded = at + PAD;
+  for (var y = -2; y <= 2; y++) {
+    for (var x = -2; x <= 2; x++) {
+      let j = padded + vec2i(x, y);
+      if (((j.x | j.y) & 1) != 0 || any(j / 2 >= vec2i(level.coarse.xy))) { continue; }
+      let index = level.coarse.z + u32(j.y / 2) * level.coarse.x + u32(j.x / 2);
+      let w = SYNTHESIS * H1[x + 2] * SYNTHESIS * H1[y + 2];
+      p.a += w * result_a[index];
+      p.b += w * result_b[index];
+    }
+  }
+  return p;
+}
+`;
+
+/** From a level and the coarser result to its result. */
+export const REFINE = /* wgsl */ `
+${CUT}${LEVEL}${KERNELS}
+@group(0) @binding(0) var<uniform> level: Level;
+@group(0) @binding(1) var<storage, read> cut: Cut;
+@group(0) @binding(2) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> coarse_b: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> result_a: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> result_b: array<vec4f>;
+${STORED}${REFINED}
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  if (any(id.xy >= level.fine.xy) || cut.present == 0.0) { return; }
+  let p = refined(vec2i(id.xy));
+  let index = level.fine.z + id.y * level.fine.x + id.x;
+  result_a[index] = p.a;
+  result_b[index] = p.b;
+}
+`;
+
+/** The back layer: what is seen of it, and behind the front one its continuation. */
+export const BEHIND = /* wgsl */ `
+${FRAME}${CUT}${LEVEL}${KERNELS}
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> level: Level;
+@group(0) @binding(2) var<storage, read> cut: Cut;
+@group(0) @binding(3) var<storage, read> light: array<vec4f>;
+@group(0) @binding(4) var<storage, read> place: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> result_a: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> result_b: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> behind_light: array<vec4f>;
+@group(0) @binding(8) var<storage, read_write> behind_place: array<vec4f>;
+${KNOWN}${REFINED}
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  if (any(id.xy >= frame.size)) { return; }
+  let index = id.y * frame.size.x + id.x;
+  var shine = light[index];
+  var spot = place[index];
+  let share = front_share(spot.x, cut);
+  if (share > 0.0) {
+    shine *= 1.0 - share;
+    let p = refined(vec2i(id.xy));
+    if (p.b.w > 1e-20) {
+      shine += share * max(p.a / p.b.w, vec4f(0.0));
+      // Where a surface lies partly in front, the part behind is as far away as the layer, not as the surface.
+      if (share > 0.5) { spot = vec4f(p.b.xyz / p.b.w, 0.0); }
+    }
+  }
+  behind_light[index] = shine;
+  behind_place[index] = spot;
+}
+`;
