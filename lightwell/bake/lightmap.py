@@ -161,7 +161,8 @@ def _trace(
         made = chart(scene, size, settings.mips, per_texel, settings.seed, sides=sides)
         stage.advance(note=f"{paths} paths per texel")
         if scene.has_static_light:
-            still = eye_samples(scene, made.atlas, eyes, EYE_PATHS, settings.seed + 5)
+            known = light_image(made) if preset.base else None
+            still = eye_samples(scene, made, eyes, EYE_PATHS, settings.seed + 5, known)
         stage.advance(note=f"{eyes} eye samples")
         if variable is not None:
             moving = moving_samples(scene, made.atlas, variable, eyes, EYE_PATHS, settings.seed + 6)

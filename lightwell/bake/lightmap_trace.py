@@ -32,10 +32,12 @@ OPEN = 0.005
 DARK, DARK_PATHS = 1e-4, 16
 # Points that look for light, over the whole scene; each side gets two at least.
 LOOKS = 1 << 13
+# The same for sides that nothing has seen yet.
+PEEPS = 1 << 16
 # Texels darker than this share of the mean are asked whether anything can see them.
 BLACK = 0.02
 # Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
-LEAST_SHARE, FEW_EYES = 1 / 16, 1 << 12
+LEAST_SHARE, FEW_EYES, MOST_DRAWN = 1 / 16, 1 << 12, 1 << 21
 # Shares of view directions: towards places where an eye may stand, the rest as ``draw_surface`` distributes them.
 TOWARDS_EYES = 0.5
 
@@ -77,19 +79,12 @@ class Sides:
 
 def lit_sides(scene: Scene, seed: int) -> Sides:
     """Sides that something sees and light reaches, and those that are seen and dark."""
-    seen = visible_sides(scene, seed)
+    seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
     side, triangle = np.nonzero(seen & ~glass)
     area = tables(scene).area[triangle]
     # Large triangles may be lit where nobody looked: they are looked at in proportion.
-    looks = np.clip(LOOKS * area / max(area.sum(), 1e-30), 2, LOOKS).astype(np.int64)
-    row = np.repeat(np.arange(len(side)), looks)
-    root, v = (
-        np.sqrt(np.random.default_rng([seed, 0x51DE]).random(len(row))),
-        np.random.default_rng(seed).random(len(row)),
-    )
-    place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
-    points = side_points(scene, triangle[row], side[row], place)
+    points, row = spread(scene, side, triangle, LOOKS, seed)
     found = irradiance(scene, points, DARK_PATHS, seed).mean.mean(axis=1)
     brightest = np.zeros(len(side))
     np.maximum.at(brightest, row, np.nan_to_num(found))
@@ -99,9 +94,31 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
     return Sides(lit, seen & ~lit)
 
 
+def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
+    """[2, T] bool: sides of which some point can be seen; what peeps out behind a skirting board counts."""
+    seen = visible_sides(scene, seed)
+    side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
+        points, row = spread(scene, side, triangle, PEEPS, seed)
+        found = row[reject(scene, points, seed=seed)]
+        seen[side[found], triangle[found]] = True
+    return seen
+
+
+def spread(scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int):
+    """Random points on sides [K] of triangles, two at least on each and the more the larger it is; and their rows."""
+    area = tables(scene).area[triangle]
+    looks = np.clip(count * area / max(area.sum(), 1e-30), 2, count).astype(np.int64)
+    row = np.repeat(np.arange(len(side)), looks)
+    u, v = np.random.default_rng([seed, 0x51DE]).random((2, len(row)))
+    root = np.sqrt(u)
+    place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+    return side_points(scene, triangle[row], side[row], place), row
+
+
 def seen_sides(scene: Scene, seed: int) -> Sides:
     """All sides that something sees are stored but those of clear glass."""
-    seen = visible_sides(scene, seed)
+    seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
     return Sides(seen & ~glass, seen & glass)
 
@@ -212,7 +229,8 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     """
     wanted = ~matte(scene) & ~clear_glass(scene)
     share = float(tables(scene).mesh_area[wanted].sum() / max(tables(scene).mesh_area.sum(), 1e-30))
-    draw = draw_surface(scene, int(count / max(share, LEAST_SHARE)) if wanted.any() else FEW_EYES, seed, floor=64)
+    asked = min(int(count / max(share, LEAST_SHARE)), MOST_DRAWN) if wanted.any() else FEW_EYES
+    draw = draw_surface(scene, asked, seed, floor=64)
     rows = np.arange(len(draw.points))
     rows = rows[wanted[draw.points.shape]][:count] if wanted.any() else rows
     points = _towards_eyes(scene, draw.points[rows], seed)

@@ -60,7 +60,7 @@ class LightmapPreset:
 
 
 PRESETS: dict[str, LightmapPreset] = {
-    "default": LightmapPreset(direction=True, share=1 / 16, mirrors=(16, 64)),
+    "default": LightmapPreset(direction=True, share=1 / 16),
     "report": LightmapPreset(
         "", channels=9, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
     ),

@@ -184,9 +184,9 @@ class MapNodes:
         if self.base is None:
             return self._over_reflectance(b, b.multiply(gain, b.activate(x, "exp")))
         e = b.activate(x, "exp")
-        factor = b.affine(b.multiply(row["gloss"], b.affine(b.slice(e, 0, 1), [1], [-1])), [1], [1])
+        factor = b.affine(b.multiply(b.affine(b.slice(e, 0, 3), [1] * 3, [-1] * 3), row["gloss"]), [1] * 3, [1] * 3)
         diffuse = b.multiply(row["base"], factor)
-        gloss = b.multiply(b.multiply(gain, row["gloss"]), b.slice(e, 1, 3))
+        gloss = b.multiply(b.multiply(gain, row["gloss"]), b.slice(e, 3, 3))
         return self._over_reflectance(b, b.add(diffuse, gloss))
 
     def _layers(self, b: Builder, x: str, weights: Mapping[str, np.ndarray]) -> str:

@@ -23,9 +23,9 @@ from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.probes import sh
-from lightwell.probes.bake import Geometry, bake_geometry
+from lightwell.probes.bake import Geometry, bake_geometry, with_bricks
 from lightwell.probes.code import Code
-from lightwell.probes.light import Effort, rows, traced
+from lightwell.probes.light import Effort, placed, rows, traced
 from lightwell.probes.lower import lower
 from lightwell.probes.solve import solve
 from lightwell.probes.volume import coefficients
@@ -57,6 +57,8 @@ class ProbesPreset:
     """Light states that are solved for (S)."""
     rank: int = 8
     """Bases that are kept of them (K)."""
+    bricks: float = 1.0
+    """Fine probes per live probe of the lattice, at most; 0: no bricks."""
     hidden: tuple[int, ...] = (48, 48)
     """Widths of the network on the place of the light."""
     training: TrainingSettings = TRAINING
@@ -122,8 +124,7 @@ class ProbesFit:
             )
         self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
         self._static = self.setup.light == "static"
-        self._geometry = _geometry(self.setup, self.preset, self.seed)
-        self._basis = _basis(self.setup, self.preset, self.seed, self._geometry)
+        self._geometry, self._basis = _basis(self.setup, self.preset, self.seed)
         sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
         self._data: TrainingSet | None = None
@@ -132,6 +133,7 @@ class ProbesFit:
         self.facts |= {
             "probes": int(volume.alive.sum()),
             "nodes": len(volume.lattice),
+            "bricks": 0 if volume.bricks is None else len(volume.bricks.table),
             "spacing": volume.lattice.spacing,
             "weights": volume.function,
             "bytes_per_probe": volume.bytes_per_probe("zh3"),
@@ -152,7 +154,7 @@ class ProbesFit:
         """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
         volume, k = self._geometry.volume, self._basis.shape[-1]
         out = np.empty((len(query), 3 * k), np.float32)
-        flat = self._basis.reshape(len(volume.lattice), -1)
+        flat = self._basis.reshape(len(volume.state), -1)
         for start in range(0, len(query), CHUNK):
             part = slice(start, start + CHUNK)
             normal = np.asarray(query.normal[part], np.float64)
@@ -228,7 +230,7 @@ class ProbesFit:
         self._trainer.load(path)
 
 
-def _geometry(setup: FieldSetup, preset: ProbesPreset, seed: int) -> Geometry:
+def _geometry(setup: FieldSetup, preset: ProbesPreset) -> Geometry:
     """The volume's weights, baked once for a scene and kept with it."""
     spacing = setup.spacing or 2 * setup.half_extent / ALONG
     kept = setup.scene.__dict__.setdefault("_probe_geometry", {})
@@ -238,31 +240,42 @@ def _geometry(setup: FieldSetup, preset: ProbesPreset, seed: int) -> Geometry:
     return kept[key]
 
 
-def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> np.ndarray:
-    """[P, 9, 3, K] light of the bases, path traced once and kept with the scene."""
+def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry, np.ndarray]:
+    """The volume with its bricks, and the light of the bases [P + F, 9, 3, K], path traced once and kept with the
+    scene."""
+    geometry = _geometry(setup, preset)
     kept = setup.scene.__dict__.setdefault("_probe_light", {})
-    key = (geometry.volume.lattice.spacing, preset.function, setup.light, preset.rank, preset.states, seed)
+    key = (geometry.volume.lattice.spacing, preset, setup.light, seed)
     if key not in kept:
-        kept[key] = _trace(setup, preset, seed, geometry)
+        states, samples, solution = _states(setup, preset, seed, geometry)
+        chosen = placed(geometry, samples, solution, preset.bricks)
+        if len(chosen):
+            geometry = with_bricks(setup.scene, geometry, chosen)
+            states, _, _ = _states(setup, preset, seed, geometry)
+        live = np.flatnonzero(geometry.volume.alive)
+        static = setup.light == "static"
+        kept[key] = geometry, states[0][..., None] if static else _singular(states, live, preset.rank)
     return kept[key]
 
 
-def _trace(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> np.ndarray:
-    scene, volume, support = setup.scene, geometry.volume, geometry.support
-    cells = np.flatnonzero(support.valid.any(axis=1))
+def _states(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> tuple:
+    """Light of the probes in each state [S, P + F, 9, 3], the samples, and the solution."""
+    scene, volume = setup.scene, geometry.volume
     live = np.flatnonzero(volume.alive)
     if setup.light == "static":
         effort = preset.static_effort
-        start = traced(scene, support, live, effort, seed)
-        solution = solve(volume, rows(scene, volume, support, cells, effort, seed + 1), start)
-        return solution.light[..., None]
+        start = traced(scene, geometry, live, effort, seed)
+        samples, _ = rows(scene, geometry, effort, seed + 1)
+        solution = solve(volume, samples, start)
+        return solution.light[None], samples, solution
     effort, variable = preset.effort, setup.variable
     lights = sample_lights(scene, variable, preset.states, seed + STATE_SEED)
     start = np.stack(
-        [traced(scene, support, live, effort, seed + k, variable, light) for k, light in enumerate(lights)]
+        [traced(scene, geometry, live, effort, seed + k, variable, light) for k, light in enumerate(lights)]
     )
-    samples = rows(scene, volume, support, cells, effort, seed + len(lights), variable, lights)
-    return _singular(solve(volume, samples, start).light, live, preset.rank)
+    samples, _ = rows(scene, geometry, effort, seed + len(lights), variable, lights)
+    solution = solve(volume, samples, start)
+    return solution.light, samples, solution
 
 
 def _singular(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The small network of a neural light map: features of the texel and the eye in, light out.
 
-    f = base (1 + g (exp(o₀) − 1)) + g specular exp(o₁…₃),   o = network(textures, inputs)        with a base
-    f = gain exp(o),                                         o = network(textures, inputs)        without
+    f = base (1 + g (exp(o₀…₂) − 1)) + g specular exp(o₃…₅),   o = network(textures, inputs)        with a base
+    f = gain exp(o),                                           o = network(textures, inputs)        without
 
 Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S; g tells whether
 the eye matters at all, 0 of a Lambertian surface. Textures are read at uv, and at the place of an environment map that
@@ -58,7 +58,7 @@ class LightmapNetwork:
     @property
     def outputs(self) -> int:
         """Numbers that the last layer gives."""
-        return 4 if self.base else 3
+        return 6 if self.base else 3
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -91,7 +91,7 @@ class LightmapNetwork:
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
             weights = _sine_weights(rng, a, b, k) if self.siren else glorot(rng, a, b)
             made |= {f"w{k}": weights if k < last else 0.3 * weights, f"b{k}": np.zeros((1, b), np.float32)}
-        made[f"b{last}"][0] = [0, -1.5, -1.5, -1.5] if self.base else -1.5
+        made[f"b{last}"][0] = [0, 0, 0, -1.5, -1.5, -1.5] if self.base else -1.5
         return made
 
     def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
@@ -103,9 +103,8 @@ class LightmapNetwork:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
         # A product, because the gradient of a broadcast is a sum whose order the threads choose.
-        ones = dr.full(mi.TensorXf, 1, (1, 3))
-        factor = 1 + dr.matmul(rows[:, GLOSS] * (e[:, 0:1] - 1), ones)
-        return rows[:, BASE] * factor + rows[:, GAIN] * dr.matmul(rows[:, GLOSS], ones) * e[:, 1:4]
+        gloss = dr.matmul(rows[:, GLOSS], dr.full(mi.TensorXf, 1, (1, 3)))
+        return rows[:, BASE] * (1 + gloss * (e[:, 0:3] - 1)) + rows[:, GAIN] * gloss * e[:, 3:6]
 
     def _decoded(self, t: Any) -> Any:
         """Used channels of a texture of the environment, in their range."""

@@ -26,6 +26,8 @@ BRUTE_CHARTS = 700
 FIT_ROUNDS, SHRINK = 6, 0.985
 # Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
 LEAST_COVERAGE = 0.03
+# Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
+TINY, SHARED_EDGE = 4.0, 2.0
 # Hidden triangles lie on the texel in this corner, which no chart uses.
 NOWHERE = 0.0
 
@@ -123,6 +125,8 @@ class _Piece:
     triangle: np.ndarray
     """[K] number in the concatenation."""
     side: int
+    shared: np.ndarray | None = None
+    """Numbers of triangles that all read the middle of the only triangle of this piece."""
 
 
 def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None) -> list[_Piece]:
@@ -155,10 +159,11 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
     flat = [_flat(cut, k) for k in range(len(pieces))]
     total = sum(_area(points, corners) for points, corners in flat)
     scale, best = np.sqrt(0.6 * size * size / max(total, 1e-30)), None
+    pieces, flat = _merged(pieces, flat, scale)
     for attempt in range(2 * FIT_ROUNDS):
         if best is not None and attempt >= FIT_ROUNDS:
             break
-        packed = _pack(flat, scale, pad, cut.chart_count <= BRUTE_CHARTS)
+        packed = _pack(flat, scale, pad, sum(f[2] for f in flat) <= BRUTE_CHARTS)
         extent = max(packed.width, packed.height)
         if packed.atlas_count == 1 and extent <= size:
             if best is None or scale > best[0]:
@@ -201,11 +206,44 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray]], scale: float, pad: int, brute: bool):
+def _merged(pieces: Sequence[_Piece], flat, scale: float):
+    """Pieces and (points, corners, charts) in which tiny charts have become one small triangle for each direction."""
+    made, laid = [], []
+    for piece, (points, corners) in zip(pieces, flat):
+        chart = _components(corners.astype(np.int64), len(points))
+        a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
+        area = np.abs(_cross(b - a, c - a)) / 2 * scale * scale
+        tiny = np.bincount(chart, weights=area)[chart] < TINY
+        if (~tiny).any():
+            made.append(replace(piece, indices=piece.indices[~tiny], triangle=piece.triangle[~tiny]))
+            laid.append((points, np.ascontiguousarray(corners[~tiny]), len(np.unique(chart[~tiny]))))
+        key = np.where(tiny, _direction(piece), -1)
+        for direction in np.unique(key[tiny]):
+            rows = np.flatnonzero(key == direction)
+            largest = rows[np.argmax(area[rows])]
+            made.append(
+                replace(piece, indices=piece.indices[[largest]], triangle=piece.triangle[[largest]],
+                        shared=piece.triangle[rows])
+            )  # fmt: skip
+            edge = SHARED_EDGE / scale
+            corner = np.float32([[0, 0], [edge, 0], [0, edge]])
+            laid.append((corner, np.arange(3, dtype=np.uint32)[None], 1))
+    return made, laid
+
+
+def _direction(piece: _Piece) -> np.ndarray:
+    """[K] which of the six directions along the axes each triangle's normal is nearest to."""
+    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    axis = np.abs(normal).argmax(axis=1)
+    return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
+
+
+def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad: int, brute: bool):
     import xatlas
 
     atlas = xatlas.Atlas()
-    for points, corners in flat:
+    for points, corners, _ in flat:
         atlas.add_uv_mesh(np.ascontiguousarray(points * np.float32(scale)), corners)
     atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
     return atlas
@@ -221,6 +259,10 @@ def _collected(atlas, pieces: Sequence[_Piece], size: int, lit: np.ndarray) -> t
         numbers = _components(corners.astype(np.int64), len(points))
         # Of a triangle that is lit from its back alone, the first piece is the back.
         side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
+        if piece.shared is not None:
+            own = np.where(lit[0, piece.shared], 0, 1) if piece.side == 0 else 1
+            uv[own, piece.shared] = place.mean(axis=1)
+            chart[own, piece.shared] = count
         uv[side, piece.triangle] = place if piece.side == 0 else place[:, ::-1]
         chart[side, piece.triangle] = numbers + count
         count += int(numbers.max()) + 1

@@ -1,0 +1,209 @@
+"""Final gather: radiance that leaves surfaces towards eyes, from a light map of what arrives everywhere else.
+
+A path ends where it meets a surface whose light is known, L = ρ E' (Ward et al. 1988; Jensen's final gather, 2001), so
+that little more than the directions of its first bounce is left as noise. Notation: N points, n texels along an edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.scene import Material, Scene
+from lightwell.transport.interactions import DevicePoints, gather_interaction
+from lightwell.transport.radiance import (
+    LATTICE_STREAM,
+    LAUNCH,
+    MAX_DEPTH,
+    RR_DEPTH,
+    RR_MAX,
+    _coverage,
+    _light_sample,
+    interaction_at,
+    power_heuristic,
+    random_streams,
+    stratified,
+)
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sources import Emitters
+from lightwell.transport.tables import shape_index, shape_lookup, tables
+
+# Surfaces as rough as this look nearly the same from everywhere unless they are metals: what arrives says enough for
+# the second hit of a path, where the eye is not.
+ROUGH, METAL = 0.4, 0.5
+
+
+def settled(material: Material, matte: bool) -> bool:
+    """Whether ρ E' says what a path that meets this surface needs to know."""
+    rough = material.roughness >= ROUGH and material.metallic <= METAL and material.metallic_roughness_texture is None
+    layers = material.clearcoat or material.transmission or material.delta
+    return material.alpha_mode == "OPAQUE" and not layers and (matte or rough)
+
+
+@dataclass
+class KnownLight:
+    """E' on an atlas, on the device."""
+
+    size: mi.UInt32
+    """n."""
+    image: mi.Float
+    """[n * n * 4] E', row-major."""
+    uv: mi.Float
+    """[2 * T * 6] corners of every triangle, by side."""
+    stored: mi.Bool
+    """[2 * T] sides whose light is known."""
+    first: mi.UInt32
+    """[M] first triangle of each mesh."""
+    triangles: int
+    """T."""
+    meshes: mi.UInt32
+    """See ``shape_lookup``."""
+
+    @staticmethod
+    def of(scene: Scene, atlas: Atlas, image: np.ndarray, matte: np.ndarray) -> KnownLight:
+        """image [n, n, 3] E'; matte [M] bool: meshes that look the same from everywhere."""
+        t = tables(scene)
+        known = np.array([settled(scene.materials[m.material], bool(b)) for m, b in zip(scene.meshes, matte)], bool)
+        stored = (atlas.chart >= 0) & known[t.mesh_of]
+        padded = np.concatenate([image, np.zeros((*image.shape[:2], 1))], axis=2).astype(np.float32)
+        return KnownLight(
+            dr.opaque(mi.UInt32, atlas.size),
+            mi.Float(padded.ravel()),
+            mi.Float(atlas.uv.astype(np.float32).ravel()),
+            mi.Bool(stored.ravel()),
+            mi.UInt32(t.first[:-1].astype(np.uint32)),
+            len(t.area),
+            shape_lookup(scene),
+        )
+
+    def find(self, si, place, ray, active) -> tuple[mi.Bool, mi.Spectrum]:
+        """Whether the light that leaves a hit is known, and how much it is; ``place``: barycentric weights."""
+        mesh = shape_index(self.meshes, si.shape)
+        back = dr.dot(si.n, ray.d) > 0
+        row = dr.gather(mi.UInt32, self.first, mesh, active) + si.prim_index + dr.select(back, self.triangles, 0)
+        found = active & dr.gather(mi.Bool, self.stored, row, active)
+        return found, si.bsdf().eval_diffuse_reflectance(si, found) * self._read(place, row, found)
+
+    def _read(self, place, row, active) -> mi.Spectrum:
+        """E' of a hit, bilinear."""
+        a, b, c = (
+            mi.Point2f(*(dr.gather(mi.Float, self.uv, row * 6 + (2 * k + axis), active) for axis in (0, 1)))
+            for k in range(3)
+        )
+        at = (a + (b - a) * place.x + (c - a) * place.y) * mi.Float(self.size) - 0.5
+        at = dr.clip(at, 0, mi.Float(self.size) - 1)
+        low = mi.Point2u(at)
+        high = mi.Point2u(dr.minimum(low.x + 1, self.size - 1), dr.minimum(low.y + 1, self.size - 1))
+        t = at - mi.Point2f(low)
+        texel = lambda x, y: dr.gather(mi.Vector4f, self.image, y * self.size + x, active)  # noqa: E731
+        upper = texel(low.x, low.y) * (1 - t.x) + texel(high.x, low.y) * t.x
+        lower = texel(low.x, high.y) * (1 - t.x) + texel(high.x, high.y) * t.x
+        mixed = upper * (1 - t.y) + lower * t.y
+        return mi.Color3f(mixed.x, mixed.y, mixed.z)
+
+
+def gathered(
+    scene: Scene, points: SurfacePoints, light: KnownLight, paths: int, seed: int, max_depth: int = MAX_DEPTH
+) -> tuple[np.ndarray, np.ndarray]:
+    """As ``static``: radiance leaving points towards their views, two independent half means [N, 3].
+
+    Biased by what E' has lost, and by the eye's place at rough surfaces that are seen in reflections.
+    """
+    if paths < 2 or paths % 2:
+        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    tables(scene)
+    device, half = DevicePoints(points), paths // 2
+    batch = max(1, LAUNCH // paths)
+    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, RR_DEPTH, half)]
+    rows = np.zeros((len(points), 2, 3), np.float32)
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        rows[start : start + count] = _launch(scene, device, light, settings, start, count, half)
+    return rows[:, 0], rows[:, 1]
+
+
+def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count: int, half: int) -> np.ndarray:
+    """[count, 2, 3] means of both halves."""
+    seed, max_depth, rr_depth, size = settings
+    lane = dr.arange(mi.UInt32, count * 2 * half)
+    group, path = lane // size, lane % size
+    row = dr.opaque(mi.UInt32, start) + group // 2
+    rng = random_streams(seed, row, (group & 1) * size + path)
+    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    si = gather_interaction(scene, device, row)
+    L = _walk(scene.mi, si, light, Emitters(), rng, stratified(shift, path, size), max_depth, rr_depth)
+    ok = dr.all(dr.isfinite(L))
+    L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
+    dr.eval(L, ok)
+    total, good = np.array(dr.block_sum(L, half)).T, np.array(dr.block_sum(ok, half))
+    return np.where(good[:, None] > 0, total / np.maximum(good, 1)[:, None], np.nan).reshape(count, 2, 3)
+
+
+@dr.syntax
+def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
+    """One path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known."""
+    ctx = mi.BSDFContext()
+
+    # ------------------- First vertex: the query point -------------------
+
+    bsdf = si.bsdf()
+    lobe, direction, _ = first
+    coverage = _coverage(si, bsdf)
+    L = mi.Spectrum(_light_sample(scene, si, bsdf, source, rng, coverage))
+    sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)
+    ray = si.spawn_ray(si.to_world(sample.wo))
+    prev = interaction_at(si)
+    pdf_prev = mi.Float(sample.pdf / coverage)
+    delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    η = mi.Float(sample.eta)
+    depth = mi.UInt32(1)
+    active = dr.max(β) != 0
+
+    while dr.hint(active, label="lightwell gather"):
+        pi = scene.ray_intersect_preliminary(ray, active=active)
+        si = pi.compute_surface_interaction(ray, mi.RayFlags.All, active)
+        bsdf = si.bsdf(ray)
+
+        # ------------------ Emission, met by BSDF sampling ------------------
+
+        Le, hit_pdf = source.hit(scene, prev, si, ray, delta_prev, active)
+        L += dr.select(active, β * power_heuristic(pdf_prev, hit_pdf) * Le, 0)
+
+        # ------------------------- Known light: the end -------------------------
+
+        active_next = active & si.is_valid() & (depth + 1 < max_depth)
+        found, light = known.find(si, pi.prim_uv, ray, active_next)
+        L += dr.select(found, β * light, 0)
+        active_next &= ~found
+
+        # -------------- Emitter sampling, and the next direction --------------
+
+        active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        u = mi.Point2f(rng.next_float32(), rng.next_float32())
+        wo, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, u, active_em)
+        active_em &= dr.max(em_weight) > 0
+        active_em &= ~scene.ray_test(shadow, active_em)
+        v = mi.Point2f(rng.next_float32(), rng.next_float32())
+        value, pdf, sample, weight = bsdf.eval_pdf_sample(ctx, si, si.to_local(wo), rng.next_float32(), v, active_next)
+        mis = dr.select(em_delta, 1, power_heuristic(em_pdf, pdf))
+        L += dr.select(active_em, β * mis * value * em_weight, 0)
+
+        # ------------------- Update of the loop variables -------------------
+
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        β *= weight
+        η *= sample.eta
+        prev = interaction_at(si)
+        pdf_prev = sample.pdf
+        delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        β_max = dr.max(β)
+        survival = dr.minimum(β_max * dr.square(η), RR_MAX)
+        roulette = depth >= rr_depth
+        β[roulette] *= dr.rcp(survival)
+        active = active_next & (β_max != 0) & (~roulette | (rng.next_float32() < survival))
+        depth += 1
+
+    return L
