@@ -7,22 +7,25 @@ counted on the places within half a spacing of a surface. The reference is path 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import perf_counter, process_time
 
 import numpy as np
 
 from lightwell.probes import ddgi, line_of_sight, rays, sh
-from lightwell.probes.assemble import assemble, plain
+from lightwell.probes.assemble import plain
 from lightwell.probes.bake import bake_geometry
-from lightwell.probes.lattice import Lattice
-from lightwell.probes.light import Effort, light_volume, traced
+from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.light import Effort, light_volume, refined, traced
 from lightwell.probes.metrics import Scores, score
+from lightwell.probes.pattern import pattern
+from lightwell.probes.support import bake_support
 from lightwell.probes.trace import air_light
-from lightwell.probes.volume import query
+from lightwell.probes.volume import OFFSET, query
 from lightwell.scenes.free_air import free_air
-from lightwell.transport import draw_surface
-from lightwell.transport.queries import frames
 
+# Half floats of 27 harmonics.
+TRILINEAR_BYTES = 54.0
+# Fine probes per live probe of the lattice, at most.
+BUDGET = 4.0
 # Biases that the baseline of distance moments may choose from, in its favour.
 BIASES = (0.0, 0.1, 0.2, 0.3)
 OFF_SURFACE = 0.01
@@ -48,54 +51,106 @@ class Queries:
 
 
 def queries(leak_scene, count: int, paths: int, seed: int = 0) -> Queries:
-    """Half of them in the air, half off surfaces."""
+    """Half of them in the air, half off surfaces, spread by area over both sides of all triangles."""
     scene, rng = leak_scene.scene, np.random.default_rng(seed)
     low, high = leak_scene.bounds
-    air = (low + (high - low) * rng.random((count, 3))).astype(np.float32)
-    normal = rng.standard_normal((count, 3))
+    air = (low + (high - low) * rng.random((4 * count, 3))).astype(np.float32)
+    normal = rng.standard_normal((4 * count, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    drawn = draw_surface(scene, count, seed).points
-    position, _, flat = frames(scene, drawn)
-    flat = np.where((flat * drawn.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
-    place = np.concatenate([air[: count // 2], (position + OFF_SURFACE * flat)[: count // 2]]).astype(np.float32)
-    normal = np.concatenate([normal[: count // 2], flat[: count // 2]]).astype(np.float32)
-    surface = np.arange(len(place)) >= count // 2
-    inside = np.all((place > low) & (place < high), axis=1)
-    keep = inside & rays.valid(scene, place) & (leak_scene.region(place) >= 0)
-    place, normal, surface = place[keep], normal[keep], surface[keep]
+    parts = [(air, normal, 0), (*_off_surfaces(scene, 4 * count, rng), 1)]
+    found = []
+    for place, normal, surface in parts:
+        inside = np.all((place > low) & (place < high), axis=1)
+        keep = np.flatnonzero(inside & rays.valid(scene, place) & (leak_scene.region(place) >= 0))[: count // 2]
+        found.append((place[keep], normal[keep], np.full(len(keep), surface, bool)))
+    place, normal, surface = (np.concatenate(part) for part in zip(*found))
+    normal = normal.astype(np.float32)
     light = air_light(scene, place, paths, 4242, normals=normal)
-    found = [np.maximum(sh.evaluate(e, normal), 0) for e in (light.half_a, light.half_b, light.sh)]
-    near = free_air(scene).distance(place)
-    region = leak_scene.region(place)
-    return Queries(place, normal, surface, near, region, found[2], found[0], np.maximum(light.irradiance, 0))
+    answers = [np.maximum(sh.evaluate(e, normal), 0) for e in (light.half_a, light.half_b, light.sh)]
+    near, region = free_air(scene).distance(place), leak_scene.region(place)
+    return Queries(place, normal, surface, near, region, answers[2], answers[0], np.maximum(light.irradiance, 0))
 
 
-def trial(leak_scene, asked: Queries, spacing: float, offset, functions, effort: Effort, seed: int) -> dict:
-    """Scores by method, and what it cost."""
+def _off_surfaces(scene, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Places [count, 3] a centimetre off triangles, on a side drawn at random, and the normals of that side."""
+    corners = []
+    for shape in scene.mi.shapes():
+        vertices = np.array(shape.vertex_positions_buffer()).reshape(-1, 3)
+        corners.append(vertices[np.array(shape.faces_buffer()).reshape(-1, 3).astype(np.int64)])
+    triangle = np.concatenate(corners)
+    normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    chosen = rng.choice(len(triangle), count, p=area / area.sum())
+    s, t = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
+    a, b, c = np.swapaxes(triangle[chosen], 0, 1)
+    side = (normal / np.maximum(area, 1e-30)[:, None])[chosen] * rng.choice([-1, 1], count)[:, None]
+    return ((1 - s) * a + s * (1 - t) * b + s * t * c + OFF_SURFACE * side).astype(np.float32), side
+
+
+def trial(
+    leak_scene, asked: Queries, spacing: float, offset, functions, effort: Effort, seed: int, budget=BUDGET
+) -> dict:
+    """Scores by method, and what it cost; with ``budget`` > 0 the first function also with bricks."""
     scene = leak_scene.scene
     lattice = Lattice.around(scene.bounds, spacing, offset)
-    wall, busy = perf_counter(), process_time()
     made = bake_geometry(scene, spacing, functions[0], lattice=lattice)
-    cost = {"wall": perf_counter() - wall, "busy": process_time() - busy, "nodes": len(lattice)}
-    support, target = made.support, made.target.astype(np.float32)
-    every = traced(scene, support, np.arange(len(lattice)), effort, seed)
-    answers, bytes_, live = {}, {}, int(made.volume.alive.sum())
+    support = made.support
+    every = traced(scene, made, np.arange(len(lattice)), effort, seed)
+    answers, bytes_ = {}, {}
+    ask = lambda volume: _asked(lambda v, x, n: query(v, x, n)[0], volume, asked)  # noqa: E731
     for function in functions:
-        volume = made.volume if function == functions[0] else assemble(support, target, function)
-        lit, solution, start = light_volume(scene, volume, support, effort, seed)
-        answers[function] = _asked(lambda v, x, n: query(v, x, n)[0], lit, asked)
-        answers[f"{function}, traced"] = _asked(lambda v, x, n: query(v, x, n)[0], volume.lit(start), asked)
-        bytes_[function] = volume.bytes_per_probe()
-    cost |= {"live": live, "orphans": float(solution.orphans.mean()), "bytes": bytes_}
-    answers["trilinear"] = _asked(lambda v, x, n: query(v, x, n)[0], plain(support, False).lit(every), asked)
-    answers["validity"] = _asked(lambda v, x, n: query(v, x, n)[0], plain(support, True).lit(every), asked)
+        geometry = made if function == functions[0] else bake_geometry(scene, spacing, function, lattice=lattice)
+        lit = light_volume(scene, geometry, effort, seed)
+        answers[function], bytes_[function] = ask(lit.volume), total_bytes(lit.volume)
+        if function == functions[0]:
+            lit = refined(scene, lit, budget)
+            answers["ours"], bytes_["ours"] = ask(lit.volume), total_bytes(lit.volume)
+            bricks = 0 if lit.volume.bricks is None else len(lit.volume.bricks.table)
+    answers["trilinear"] = ask(plain(support, False).lit(every))
+    answers["validity"] = ask(plain(support, True).lit(every))
+    answers |= others(support, every, asked)
     answers["line of sight"] = _line_of_sight(scene, support, every, asked)
-    moments = ddgi.bake_moments(scene, support, every)
-    answers["ddgi"] = _best_bias(moments, asked)
+    answers["ddgi"] = _best_bias(ddgi.bake_moments(scene, support, every), asked)
+    # Denser trilinear lattices of as many bytes (B8).
+    finer = spacing * min(1.0, (TRILINEAR_BYTES * support.alive.sum() / bytes_["ours"]) ** (1 / 3))
+    dense = bake_support(scene, Lattice.around(scene.bounds, finer, offset), pattern(64))
+    light = np.zeros((len(dense.lattice), 9, 3), np.float32)
+    live = np.flatnonzero(dense.alive)
+    light[live] = air_light(scene, dense.origin[live], effort.probe_paths, seed).sh
+    answers["dense trilinear"] = ask(plain(dense, False).lit(light))
+    answers["dense validity"] = ask(plain(dense, True).lit(light))
+    cost = {"nodes": len(lattice), "live": int(made.volume.alive.sum()), "bricks": bricks, "bytes": bytes_}
+    cost |= {"dense bytes": TRILINEAR_BYTES * len(live), "orphans": float(lit.solution.orphans.mean()), "finer": finer}
     near = asked.near < 0.5 * spacing
     # Errors over all queries, leak over those near surfaces.
     leak_region = np.where(near, asked.region, -1)
     return {name: score(asked.truth, found, leak_region) for name, found in answers.items()} | {"cost": cost}
+
+
+def total_bytes(volume) -> float:
+    """Bytes of a volume, tables counted."""
+    parts = volume.bytes_per_probe()
+    return sum(value for name, value in parts.items() if name != "record") * float(volume.alive.sum())
+
+
+def others(support, light: np.ndarray, asked: Queries) -> dict[str, np.ndarray]:
+    """Validity with a facing weight (B3), and one fetch at a place warped by the valid weights (B4)."""
+    found = {}
+    offset = np.where(asked.on_surface, OFFSET, 0.0)[:, None] * support.lattice.spacing
+    y = asked.place + offset * asked.normal
+    node, hat, _ = support.lattice.corners(y)
+    weight = hat * support.alive[node]
+    way = support.origin[node] - asked.place[:, None]
+    cosine = (way * asked.normal[:, None]).sum(axis=2) / np.maximum(np.linalg.norm(way, axis=2), 1e-9)
+    facing = weight * (((cosine + 1) / 2) ** 2 + 0.2)
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
+    side = np.stack([(weight * CORNERS[:, k]).sum(axis=1) / total[:, 0] for k in range(3)], axis=1)[:, None]
+    warped = np.where(CORNERS, side, 1 - side).prod(axis=2)
+    for name, w in (("facing", facing), ("warped", warped)):
+        share = w / np.maximum(w.sum(axis=1, keepdims=True), 1e-30)
+        e = np.einsum("nk,nkbc->nbc", share, light[node])
+        found[name] = np.maximum(sh.evaluate(e, asked.normal), 0)
+    return found
 
 
 def _asked(answer, volume, asked: Queries) -> np.ndarray:

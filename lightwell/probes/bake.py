@@ -84,8 +84,7 @@ def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit=None) 
 
 
 def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[Geometry, np.ndarray]:
-    """The weights after the scene has changed inside ``box`` [2, 3]; and the probes (numbers in the volume) whose weights
-    were computed again.
+    """The weights after the scene has changed inside ``box`` [2, 3]; and the probes whose weights were computed again.
 
     Everything that the box does not touch keeps its bytes, and what it touches gets those of a whole bake. Bricks stay
     where they are.

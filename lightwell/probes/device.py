@@ -15,10 +15,11 @@ from lightwell.graph.ops.activate import LEAK
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes import ddgi
 from lightwell.probes.lattice import CORNERS, Lattice
-from lightwell.probes.volume import DROPPED, FALLBACK, OPEN, WEIGHTED, ProbeVolume
+from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import HIDDEN, SPLITS, TinyMlp
+from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, ProductField
 from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
 # Harmonics of a node: 27 numbers in seven packets of four.
@@ -64,6 +65,8 @@ class _Light:
 class _Cell:
     """Where a place lies in the lattice."""
 
+    base = 0
+
     def __init__(self, lattice: Lattice, y) -> None:
         h, cells = lattice.spacing, lattice.cells
         at = [(c - float(o)) * (1 / h) for c, o in zip(y, lattice.origin)]
@@ -75,18 +78,30 @@ class _Cell:
     def corner(self, corner: np.ndarray) -> tuple:
         """Node, hat and probe-local place of one corner."""
         x, y, z = (low + int(c) for low, c in zip(self.low, corner))
-        node = (z * self.shape[1] + y) * self.shape[0] + x
+        node = (z * self.shape[1] + y) * self.shape[0] + x + self.base
         hat = mi.Float(1)
         for f, c in zip(self.f, corner):
             hat *= f if c else 1 - f
         return node, hat, [f - float(c) for f, c in zip(self.f, corner)]
 
+    def brick(self, number) -> _Cell:
+        """The place in the cell's brick; corners are rows of the bricks' table."""
+        fine, side = object.__new__(_Cell), FINE + 1
+        at = [f * FINE for f in self.f]
+        fine.low = [dr.minimum(mi.UInt32(a), FINE - 1) for a in at]
+        fine.f = [a - mi.Float(low) for a, low in zip(at, fine.low)]
+        fine.shape, fine.base = (side,) * 3, number * side**3
+        return fine
+
+    def number(self) -> mi.UInt32:
+        """Of the cell."""
+        x, y, z = self.low
+        return (z * (self.shape[1] - 1) + y) * (self.shape[0] - 1) + x
+
     def octant(self) -> tuple:
         """Cell number and octant of the place."""
-        x, y, z = self.low
-        cell = (z * (self.shape[1] - 1) + y) * (self.shape[0] - 1) + x
         bits = [dr.select(f >= 0.5, mi.UInt32(1), 0) for f in self.f]
-        return cell * 8 + bits[0] + 2 * bits[1] + 4 * bits[2]
+        return self.number() * 8 + bits[0] + 2 * bits[1] + 4 * bits[2]
 
 
 def learned(volume: ProbeVolume) -> Query:
@@ -100,15 +115,18 @@ def learned(volume: ProbeVolume) -> Query:
     alive = volume.fallback >= 0
     back = np.where(alive, volume.fallback, 0)
     backs, known = _table(back.astype(np.uint32), mi.UInt32), mi.Bool(alive.ravel())
-    rho = _rho(volume)
+    rho, bricks = _rho(volume), volume.bricks
+    if bricks is not None:
+        owner, fine_nodes = _table((bricks.cell + 1).astype(np.uint32), mi.UInt32), _table(bricks.table, mi.UInt32)
+        inner = mi.Float(np.concatenate([np.zeros(len(lattice), np.float32), bricks.inner]))
 
-    def query(x, n):
-        y = x + n * (volume.offset * lattice.spacing)
-        cell, total, z = _Cell(lattice, y), light.zero(), mi.Float(0)
+    def summed(cell, within, of):
+        total, z = light.zero(), mi.Float(0)
         for corner in CORNERS:
             node, hat, u = cell.corner(corner)
-            row = dr.gather(mi.UInt32, records, node)
-            asked = (hat > 0) & (row > 0)
+            node = of(node)
+            row = dr.gather(mi.UInt32, records, node, within)
+            asked = (hat > 0) & (row > 0) & within
             octant = mi.UInt32(0)
             for value, stride in zip(u, (1, 4, 16)):
                 octant += dr.minimum(mi.UInt32(2 * value + 2), 3) * stride
@@ -116,6 +134,26 @@ def learned(volume: ProbeVolume) -> Query:
             phi = hat * rho(row, u, asked)
             phi = dr.select(asked & ((mask >> (octant & 31)) & 1 == 1), phi, 0)
             total, z = light.add(total, phi, node, phi > 0), z + phi
+        return total, z
+
+    def blended(cell, total, z):
+        number = dr.gather(mi.UInt32, owner, cell.number())
+        within, fine = number > 0, cell.brick(dr.select(number > 0, number - 1, 0))
+        of = lambda row: dr.gather(mi.UInt32, fine_nodes, row, within)  # noqa: E731
+        more, share = summed(fine, within, of)
+        m, t = mi.Float(0), dr.clip(share * (1 / TAKES_OVER), 0, 1)
+        for corner in CORNERS:
+            row, hat, _ = fine.corner(corner)
+            m += hat * dr.gather(mi.Float, inner, of(row), within)
+        m *= t * t * (3 - 2 * t)
+        return [dr.lerp(a, b, m) for a, b in zip(total, more)], dr.lerp(z, share, m)
+
+    def query(x, n):
+        y = x + n * (volume.offset * lattice.spacing)
+        cell = _Cell(lattice, y)
+        total, z = summed(cell, mi.Bool(True), lambda node: node)
+        if bricks is not None:
+            total, z = blended(cell, total, z)
         delta = FALLBACK * dr.maximum(1 - z, 0)
         octant = cell.octant()
         has = dr.gather(mi.Bool, known, octant) & (delta > 0)
@@ -145,7 +183,17 @@ def _rho(volume: ProbeVolume) -> Callable:
         rows[:, : f.parameters] = np.concatenate([constants, volume.params])
         table = _table(rows)
         return lambda row, u, active: _trusted(_network(table, stride // 4, row, u, active))
-    raise ValueError(f"probes: '{volume.function}' has no query on the device; bake with relu-field or mlp")
+    if isinstance(f, ProductField):
+        constants[1, : f.sharp**3], constants[1, f.sharp**3 :] = 1, SMOOTH_HIGH
+        rows = np.concatenate([constants, volume.params])
+        sharp, smooth = _table(rows[:, : f.sharp**3]), _table(rows[:, f.sharp**3 :])
+
+        def product(row, u, active):
+            cut = dr.clip(_grid(sharp, f.sharp, row, u, active), 0, 1)
+            return _trusted(cut * dr.rcp(1 + dr.exp(-_grid(smooth, f.smooth, row, u, active))) * (1 / FULL))
+
+        return product
+    raise ValueError(f"probes: no weight function '{volume.function}', expected one of {', '.join(FUNCTIONS)}")
 
 
 def _trusted(raw):

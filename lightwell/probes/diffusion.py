@@ -75,8 +75,8 @@ def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.
 def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Solution of a symmetric positive definite system, preconditioned by its diagonal.
 
-    first   Where the unknowns of each cube begin: cubes do not touch, and each has its own steps and its own end, so that
-            its bits do not depend on the others.
+    first   Where the unknowns of each cube begin: cubes do not touch, and each has its own steps and end, so that its
+            bits do not depend on the others.
     """
     inverse = 1 / matrix.diagonal()
     counts = np.diff(np.r_[first, len(right)])

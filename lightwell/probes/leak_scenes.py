@@ -66,8 +66,9 @@ def _block(low, high) -> Masonry:
     return Masonry(np.asarray(low) - OUTER, np.asarray(high) + OUTER)
 
 
-def two_rooms(wall: float = 0.05, door: bool = False) -> LeakScene:
-    """S1 and S2: two rooms of 3 x 2.6 x 3 m, a wall between them, the left one lit; S2 has a doorway."""
+def two_rooms(wall: float = 0.05, door: bool = False, shut: bool = False) -> LeakScene:
+    """S1 and S2: two rooms of 3 x 2.6 x 3 m, a wall between them, the left one lit; S2 has a doorway, which a door leaf
+    may shut."""
     half = wall / 2
     low, high = np.array([-3 - half, 0, 0]), np.array([3 + half, 2.6, 3])
     rooms = _block(low, high)
@@ -75,7 +76,9 @@ def two_rooms(wall: float = 0.05, door: bool = False) -> LeakScene:
     rooms.carve((half, 0, 0), high, WHITE)
     if door:
         rooms.carve((-half, 0, 1.0), (half, 2.0, 1.9), WHITE)
-    kit = _kit(f"two-rooms-{wall}-{door}")
+    kit = _kit(f"two-rooms-{wall}-{door}-{shut}")
+    if shut:
+        kit.add("leaf", "white", box((-0.8 * half, 0, 1.0), (0.8 * half, 2.0, 1.9)))
     # The dark room has a light of its own, a thousandth as bright: without it any leak would be a whole.
     scene = _finish(kit, rooms, (-1.6, 2.2, 1.4, 10.0), (1.7, 2.2, 1.6, 10.0 / CONTRAST))
 
@@ -165,6 +168,7 @@ def dividers() -> LeakScene:
 SCENES: dict[str, Callable[[], LeakScene]] = {
     **{f"s1-{cm}": (lambda cm=cm: two_rooms(cm / 100)) for cm in (1, 2, 5, 10, 20, 50)},
     "s2": lambda: two_rooms(0.05, door=True),
+    "s2-shut": lambda: two_rooms(0.05, door=True, shut=True),
     "s3": column,
     "s4": storeys,
     "s5": corridor,

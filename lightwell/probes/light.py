@@ -58,7 +58,9 @@ class Lit:
 def origins(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """[P + F, 3] where all probes look from, and [P + F] numbers of their random streams."""
     place = [level.support.origin[level.nodes] for level in geometry.levels]
-    return np.concatenate(place), np.concatenate([level.nodes + k * FINE_STREAM for k, level in enumerate(geometry.levels)])
+    return np.concatenate(place), np.concatenate(
+        [level.nodes + k * FINE_STREAM for k, level in enumerate(geometry.levels)]
+    )
 
 
 def traced(
@@ -78,7 +80,9 @@ def traced(
     return out
 
 
-def places(geometry: Geometry, effort: Effort, box: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def places(
+    geometry: Geometry, effort: Effort, box: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Valid support points [I, 3], numbers of their streams [I] and cells of the lattice [I]; at most
     ``effort.samples`` for each cell, evenly spread, as any run of the low-discrepancy pattern is.
 
@@ -162,7 +166,9 @@ def relit(scene: Scene, before: Lit, box: np.ndarray, fit=None) -> tuple[Lit, np
     free[coefficients(new, samples.place[ask], samples.normal[ask])[0].ravel()] = len(ask) > 0
     free &= new.alive
     if not free.any():
-        solution = Solution(before.solution.light, before.solution.orphans, before.solution.errors, before.solution.residual)
+        solution = Solution(
+            before.solution.light, before.solution.orphans, before.solution.errors, before.solution.residual
+        )
     else:
         part = _near(new, samples, free)
         found = solve(new, samples.part(part), start, free=free, held=before.solution.light)
@@ -178,7 +184,9 @@ def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tu
     for k, level in enumerate(before.geometry.levels):
         size = level.support.valid.shape[1]
         mine = before.number // SAMPLE_STREAM == k + 1
-        inside |= mine & np.isin((before.number - SAMPLE_STREAM * (k + 1)) // size, touched(level.support.lattice, box)[0])
+        inside |= mine & np.isin(
+            (before.number - SAMPLE_STREAM * (k + 1)) // size, touched(level.support.lattice, box)[0]
+        )
     kept = before.samples.part(~inside)
     numbers = np.concatenate([before.number[~inside], number])
     order = np.argsort(numbers, kind="stable")
@@ -198,7 +206,9 @@ def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.
     same = old.state[probes] == new.state[probes]
     a, b = old.row[probes], new.row[probes]
     both = np.flatnonzero((a >= 0) & (b >= 0))
-    same[both] &= (old.params[a[both]] == new.params[b[both]]).all(axis=1) & (old.octant[a[both]] == new.octant[b[both]])
+    same[both] &= (old.params[a[both]] == new.params[b[both]]).all(axis=1) & (
+        old.octant[a[both]] == new.octant[b[both]]
+    )
     return same
 
 

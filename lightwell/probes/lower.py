@@ -1,8 +1,9 @@
 """A probe volume as a shading graph, out of ops that every runtime has: no op of its own.
 
 Per pixel: the cell by ``nearest``; for its eight corners the record by ``rows``, ρ by ``grid`` in an atlas of 4³ blocks
-(or three indexed ``linear`` layers), the harmonics by ``rows``; the fallback; a division; the dot product with the
-normal's harmonics. Notation: P nodes, L live nodes, K numbers of the light's code.
+(or three indexed ``linear`` layers), the harmonics by ``rows``; the same for the cell's brick, where there are bricks;
+the fallback; a division; the dot product with the normal's harmonics. Notation: P nodes, F fine probes, L live probes,
+B bricks, K numbers of the light's code.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from lightwell.graph import Builder, Graph, pack
 from lightwell.graph.buffers import Buffer
 from lightwell.probes.code import Code
 from lightwell.probes.lattice import CORNERS
-from lightwell.probes.volume import DROPPED, FALLBACK, OPEN, WEIGHTED, ProbeVolume
+from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import TinyMlp
+from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, SMOOTH_LOW, ProductField
 from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
 # Largest irradiance that is let through, in the field's unit.
@@ -30,7 +32,7 @@ BELOW = 1e-4
 def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: Code | None = None) -> Graph:
     """The graph whose output ``radiance`` is E / π, for a Lambertian surface divided by its reflectance.
 
-    basis   [P, 9, 3, K] light per unit of each code number, with ``code``; else the volume's own light.
+    basis   [P + F, 9, 3, K] light per unit of each code number, with ``code``; else the volume's own light.
     Other outputs: ``trust`` (Z).
     """
     b = Builder(position=3, normal=3, **({"light": 3} if code else {}))
@@ -41,7 +43,9 @@ def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = Non
     unit_place = b.clamp(b.affine(y, (1 / (h * cells)).tolist(), (-volume.lattice.origin / (h * cells)).tolist()))
     low = b.nearest(unit_place, b.buffer(tables.cells, "cells"))
     f = b.subtract(b.affine(unit_place, cells.tolist(), [0.0] * 3), low)
-    total, z = _sum(b, volume, tables, low, f)
+    total, z = _sum(b, volume, tables, low, f, volume.lattice.shape, b.buffer(tables.nodes, "nodes"))
+    if volume.bricks is not None:
+        total, z = _with_bricks(b, volume, tables, unit_place, f, (total, z))
     fallback = _light_row(b, b.nearest(unit_place, b.buffer(tables.fallback, "fallback")), tables)
     delta = b.scale(b.clamp(b.affine(z, [-1.0], [1.0]), 0.0, 1.0), FALLBACK)
     total = b.add(total, b.multiply(delta, fallback))
@@ -55,15 +59,31 @@ def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = Non
     return b.build(radiance=radiance, trust=b.scale(z, 1.0))
 
 
-def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str) -> tuple[str, str]:
-    """N and Z over the eight corners."""
-    nx, ny, _ = volume.lattice.shape
+def _with_bricks(b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f: str, coarse) -> tuple[str, str]:
+    """N and Z of the lattice and of the cell's brick, blended by m."""
+    brick = b.nearest(place, b.buffer(tables.bricks, "bricks"))
+    low = b.nearest(f, b.buffer(_fine_cells(), "fine.cells"))
+    at, side = b.subtract(b.scale(f, float(FINE)), low), FINE + 1
+    fine, z, inner = _sum(
+        b, volume, tables, low, at, (side,) * 3, b.buffer(tables.fine, "fine.nodes"), b.scale(brick, float(side**3))
+    )
+    t = b.clamp(b.scale(z, 1 / TAKES_OVER))
+    smooth = b.multiply(b.multiply(t, t), b.affine(t, [-2.0], [3.0]))
+    m = b.multiply(smooth, inner)
+    rest = b.affine(m, [-1.0], [1.0])
+    return tuple(b.add(b.multiply(rest, a), b.multiply(m, c)) for a, c in zip(coarse, (fine, z)))
+
+
+def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str, shape, nodes: str, base=None) -> tuple:
+    """N and Z over the eight corners of a lattice of ``shape``; with ``base``, the first node of a brick, also the
+    share of inner nodes."""
+    nx, ny, _ = shape
     strides = np.array([1.0, nx, nx * ny])
     first = b.linear(low, strides[None], np.zeros(1))
+    first = first if base is None else b.add(first, base)
     g = b.affine(f, [-1.0] * 3, [1.0] * 3)
     axis = [[b.slice(v, k, 1) for v in (g, f)] for k in range(3)]
-    nodes = b.buffer(tables.nodes, "nodes")
-    total = z = None
+    total = z = inner = None
     for corner in CORNERS:
         node = b.rows(b.affine(first, [1.0], [float(corner @ strides)]), nodes)
         u = b.affine(f, [1.0] * 3, (-corner).astype(float).tolist())
@@ -71,7 +91,10 @@ def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str) -> 
         phi = b.multiply(hat, _rho(b, volume, tables, node, u))
         part = b.multiply(phi, _light_row(b, b.slice(node, 0, 1), tables))
         total, z = (part, phi) if z is None else (b.add(total, part), b.add(z, phi))
-    return total, z
+        if base is not None:
+            mine = b.multiply(hat, b.slice(node, 8, 1))
+            inner = mine if inner is None else b.add(inner, mine)
+    return (total, z) if base is None else (total, z, inner)
 
 
 def _light_row(b: Builder, record: str, tables: _Tables) -> str:
@@ -89,10 +112,12 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str) ->
         x = b.activate(b.linear(x, b.buffer(w2, "mlp.w2"), b.buffer(b2, "mlp.b2"), record), "leaky_relu")
         raw = b.linear(x, b.buffer(w3, "mlp.w3"), b.buffer(b3, "mlp.b3"), record)
     else:
-        side, size = f.side, np.array(tables.blocks.shape[2::-1])
-        half = (side - 1) / 2
-        at = b.add(b.slice(node, 1, 3), b.affine(u, [half] * 3, [half + 0.5] * 3))
-        raw = b.grid(b.affine(at, (1 / size).tolist(), [0.0] * 3), b.buffer(tables.blocks, "blocks"))
+        raw = _block(b, tables.blocks, getattr(f, "sharp", getattr(f, "side", 0)), b.slice(node, 1, 3), u, "blocks")
+        if isinstance(f, ProductField):
+            # A place of a block of the sharp grid is one of the smooth grid, the sides apart.
+            at = b.scale(b.slice(node, 1, 3), f.smooth / f.sharp)
+            smooth = b.activate(_block(b, tables.smooth, f.smooth, at, u, "smooth"), "sigmoid")
+            raw = b.multiply(b.clamp(raw), b.scale(smooth, 1 / FULL))
     rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]))
     if tables.octants is None:
         return rho
@@ -104,6 +129,13 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str) ->
     )
 
 
+def _block(b: Builder, blocks: Buffer, side: int, place: str, u: str, name: str) -> str:
+    """Trilinear value of the block at ``place`` (vertices) of an atlas."""
+    size, half = np.array(blocks.shape[2::-1]), (side - 1) / 2
+    at = b.add(place, b.affine(u, [half] * 3, [half + 0.5] * 3))
+    return b.grid(b.affine(at, (1 / size).tolist(), [0.0] * 3), b.buffer(blocks, name))
+
+
 @dataclass(frozen=True)
 class _Tables:
     """Buffers of a graph."""
@@ -111,7 +143,8 @@ class _Tables:
     cells: Buffer
     """[Cz, Cy, Cx, 3] least corner of each cell."""
     nodes: np.ndarray
-    """[P, 8] record of the light; place of the block; record of the weights; place of the octants."""
+    """[P, 8] record of the light; place of the block; record of the weights; place of the octants. Rows beyond the
+    lattice are those of fine probes."""
     mean: Buffer
     """[L + 1, 3 K] float16: band 0 of each colour; row 0 is black."""
     shape: Buffer
@@ -121,30 +154,41 @@ class _Tables:
     blocks: Buffer | None
     octants: Buffer | None
     layers: tuple = ()
+    smooth: Buffer | None = None
+    """Atlas of the second grid of a product field."""
+    bricks: np.ndarray | None = None
+    """[Cz, Cy, Cx, 1] number of a cell's brick + 1; brick 0 trusts nothing."""
+    fine: np.ndarray | None = None
+    """[64 (B + 1), 9] as ``nodes``, then 1 for inner nodes."""
 
     @staticmethod
     def of(volume: ProbeVolume, light: np.ndarray) -> _Tables:
         live = np.flatnonzero(volume.state != DROPPED)
-        record = np.zeros(len(volume.lattice))
+        record = np.zeros(len(volume.state))
         record[live] = 1 + np.arange(len(live))
         # Weights: record 0 trusts nothing, record 1 all.
         weights = np.where(volume.state == WEIGHTED, 2 + volume.row, np.where(volume.state == OPEN, 1, 0))
         places, shape = _atlas(2 + len(volume.params))
         f = FUNCTIONS[volume.function]
-        blocks, layers, side = None, (), getattr(f, "side", 4)
-        if isinstance(f, ReluField):
-            values = np.concatenate([np.full((1, side**3), LOW), np.full((1, side**3), HIGH), volume.params])
+        blocks, layers, smooth, side = None, (), None, getattr(f, "side", getattr(f, "sharp", 4))
+        if isinstance(f, (ReluField, ProductField)):
+            sharp = volume.params[:, : side**3]
+            values = np.concatenate([np.full((1, side**3), LOW), np.full((1, side**3), HIGH), sharp])
             stored = _scatter(encode(values), places, shape, side)
             blocks = Buffer(stored, "uint8", np.float32((HIGH - LOW) / 255), LOW)
+        if isinstance(f, ProductField):
+            count, span = f.smooth**3, SMOOTH_HIGH - SMOOTH_LOW
+            values = np.concatenate([np.full((2, count), SMOOTH_HIGH), volume.params[:, side**3 :]])
+            stored = _scatter(np.rint((values - SMOOTH_LOW) / span * 255).astype(np.uint8), places, shape, f.smooth)
+            smooth = Buffer(stored, "uint8", np.float32(span / 255), SMOOTH_LOW)
         elif isinstance(f, TinyMlp):
             layers = _layers(f, volume.params)
-        else:
-            raise ValueError(f"probes: '{volume.function}' has no shading graph; bake with relu-field or mlp")
         octants = _octants(volume, places, shape)
         nodes = np.concatenate(
             [record[:, None], side * places[weights], weights[:, None], (4 * places[weights])[:, :3]], axis=1
         )
-        return _Tables(_cells(volume), nodes, *_light(light, live), _fallback(volume, record), blocks, octants, layers)
+        made = (*_light(light, live), _fallback(volume, record), blocks, octants, layers, smooth)
+        return _Tables(_cells(volume), nodes[: len(volume.lattice)], *made, *_bricks(volume, nodes))
 
 
 def _atlas(count: int) -> tuple[np.ndarray, tuple[int, int, int]]:
@@ -192,6 +236,25 @@ def _cells(volume: ProbeVolume) -> Buffer:
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     values = np.stack([x, y, z], axis=-1)
     return Buffer(values, "uint8", np.float32(1)) if max(nx, ny, nz) <= 256 else Buffer(values)
+
+
+def _bricks(volume: ProbeVolume, nodes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Number of each cell's brick, and the rows of its nodes."""
+    if volume.bricks is None:
+        return None, None
+    table, count = volume.bricks.table, len(volume.lattice)
+    rows = np.concatenate([nodes[table], volume.bricks.inner[table - count, None]], axis=2)
+    none = np.zeros((1, table.shape[1], rows.shape[2]))
+    nx, ny, nz = volume.lattice.cells
+    number = (volume.bricks.cell + 1.0).reshape(nz, ny, nx, 1)
+    return number, np.concatenate([none, rows]).reshape(-1, rows.shape[2])
+
+
+def _fine_cells() -> np.ndarray:
+    """[3, 3, 3, 3] least corner of each fine cell of a brick."""
+    k = np.arange(FINE)
+    z, y, x = np.meshgrid(k, k, k, indexing="ij")
+    return np.stack([x, y, z], axis=-1).astype(np.float64)
 
 
 def _light(light: np.ndarray, live: np.ndarray) -> tuple[Buffer, Buffer]:

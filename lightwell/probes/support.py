@@ -1,8 +1,8 @@
 """The geometry of a probe volume: which support points lie in air, which see one another, and where probes look from.
 
 Everything is kept, so that an edit of the scene recomputes only the cells and cubes that it touches. Notation: P nodes,
-C cells, S of which are covered (all of them, or those inside bricks), K points and E edges of a cell, Q = 8 K points of a
-cube, X places at surfaces of a cell.
+C cells, S of which are covered (all of them, or those inside bricks), K points, E edges and X places at surfaces of a
+cell, Q = 8 K points of a cube.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Support:
     free: np.ndarray
     """[S, E] bool: edges whose ends lie in air and see each other."""
     near: np.ndarray
-    """[S, X, 3] float32 places at surfaces, in the cell, [0, 1]: walls stop light at their face, not at the next point."""
+    """[S, X, 3] float32 places at surfaces, in the cell, [0, 1]: walls stop light at their face, not at some point."""
     source: np.ndarray
     """[S, X] int32 support point of the cell that sees each of them; -1: none."""
     origin: np.ndarray
@@ -169,7 +169,7 @@ def cube_edges(support: Support, nodes: np.ndarray) -> np.ndarray:
 
 
 def cube_near(support: Support, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[B, 8 X, 3] float32 probe-local places at surfaces, and [B, 8 X] the point of the cube that sees each; -1: none."""
+    """[B, 8 X, 3] float32 probe-local places at surfaces, and [B, 8 X] the point of the cube that sees each, or -1."""
     rows = cube_rows(support, nodes)
     at, k = np.maximum(rows, 0), len(support.pattern.points)
     u = support.near[at] + (CORNERS - 1).astype(np.float32)[:, None]
@@ -195,8 +195,8 @@ def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
 
 
 def trust(scene: Scene, support: Support, nodes: np.ndarray, reach: float = REACH) -> np.ndarray:
-    """[B, Q + 8 X] float16 target ρ of the probes of some nodes: what their weight functions are fitted to, at the points
-    of the cube and at its places at surfaces."""
+    """[B, Q + 8 X] float16 target ρ of the probes of some nodes: what their weight functions are fitted to, at the
+    points of the cube and at its places at surfaces."""
     seen = sees(scene, support, nodes)
     out = np.zeros(seen.shape, np.float32)
     # A probe that sees its whole cube has nothing to diffuse.

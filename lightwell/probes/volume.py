@@ -7,9 +7,9 @@ nearest by a free path. In a cell with a brick, a lattice three times finer join
 
     N = (1 - m) N_coarse + m N_fine    Z = (1 - m) Z_coarse + m Z_fine    m = inner(y) · smoothstep(Z_fine / 0.05)
 
-where inner is 1 on fine nodes all of whose cells lie in bricks, 0 on others, trilinear between: light has no seam at the
-face of a brick. Notation: P nodes of the lattice, F fine probes (numbers P … P + F - 1), R records, C cells, B bricks, N
-points.
+where inner is 1 on fine nodes all of whose cells lie in bricks, 0 on others, trilinear between: light has no seam at
+the face of a brick. Notation: P nodes of the lattice, F fine probes (numbers P … P + F - 1), R records, C cells, B
+bricks, N points.
 """
 
 from __future__ import annotations

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from lightwell.probes import ddgi, rays, sh
-from lightwell.probes.bake import bake_geometry, rebake
+from lightwell.probes.bake import bake_geometry, rebake, with_bricks
 from lightwell.probes.diffusion import diffuse, sweeps
 from lightwell.probes.leak_scenes import two_rooms
+from lightwell.probes.light import Effort, light_volume, refined, relit
 from lightwell.probes.pattern import pattern
 from lightwell.probes.solve import Rows, smape, solve
 from lightwell.probes.support import cube_edges, cube_valid, sees
@@ -129,19 +130,56 @@ def test_smape_is_bounded_and_symmetric():
 def test_a_rebake_of_nothing_changes_nothing_and_touches_little(rooms, baked):
     box = np.array([[-2.5, 0.2, 0.2], [-2.2, 0.5, 0.5]])
     after, nodes = rebake(rooms.scene, baked, box)
-    assert len(nodes) < 0.1 * len(baked.volume.lattice)
+    assert 0 < len(nodes) < 0.1 * len(baked.volume.lattice)
     for name in ("state", "row", "params", "octant", "fallback"):
         assert np.array_equal(getattr(after.volume, name), getattr(baked.volume, name)), name
 
 
-def test_a_rebake_of_a_new_wall_is_the_full_bake(baked):
-    closed = two_rooms(0.05)
+def test_a_rebake_of_a_shut_door_is_the_full_bake(baked):
+    closed = two_rooms(0.05, door=True, shut=True)
     whole = bake_geometry(closed.scene, 1.0, "relu-field", OFFSET)
     box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
     after, _ = rebake(closed.scene, baked, box)
     assert np.array_equal(after.volume.state, whole.volume.state)
-    x = np.random.default_rng(0).uniform([-2.9, 0.1, 0.1], [2.9, 2.5, 2.9], (2000, 3))
-    assert np.abs(trust_at(after.volume, x)[2] - trust_at(whole.volume, x)[2]).mean() < 1e-3
+    for name in ("row", "params", "octant", "fallback"):
+        assert np.array_equal(getattr(after.volume, name), getattr(whole.volume, name)), name
+
+
+def test_bricks_are_baked_again_where_a_box_touches_them(rooms, baked):
+    closed = two_rooms(0.05, door=True, shut=True)
+    cells = np.unique(
+        baked.volume.lattice.cell_number(baked.volume.lattice.locate(np.array([[0, 1, 1.4], [2, 1, 1]]))[0])
+    )
+    before = with_bricks(rooms.scene, baked, cells)
+    box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
+    after, _ = rebake(closed.scene, before, box)
+    whole = with_bricks(closed.scene, bake_geometry(closed.scene, 1.0, "relu-field", OFFSET), cells)
+    assert len(after.volume.state) > len(after.volume.lattice)
+    for name in ("state", "row", "params", "octant", "fallback"):
+        assert np.array_equal(getattr(after.volume, name), getattr(whole.volume, name)), name
+
+
+def test_an_incremental_bake_of_the_light_keeps_what_it_does_not_touch(rooms, baked):
+    lit = light_volume(rooms.scene, baked, Effort(4, 8, 8), 3)
+    box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
+    same, solved = relit(rooms.scene, lit, box)
+    assert len(solved) == 0 and np.array_equal(same.volume.light, lit.volume.light)
+    assert np.array_equal(same.samples.light, lit.samples.light) and np.array_equal(same.number, lit.number)
+    after, solved = relit(two_rooms(0.05, door=True, shut=True).scene, lit, box)
+    changed = np.flatnonzero((after.volume.light != lit.volume.light).any(axis=(1, 2)))
+    assert len(changed) and set(changed) <= set(solved.tolist()) | set(np.flatnonzero(~after.volume.alive))
+    assert np.isfinite(after.volume.light).all()
+
+
+def test_bricks_stand_where_the_error_is(rooms, baked):
+    lit = light_volume(rooms.scene, baked, Effort(8, 32, 64), 3)
+    fine = refined(rooms.scene, lit, 2.0)
+    assert fine.volume.bricks is not None
+    added = len(fine.volume.state) - len(fine.volume.lattice)
+    assert added <= 64 / 42 * 2.0 * lit.volume.alive.sum()
+    score = lambda of: np.maximum(lit.solution.residual - lit.samples.noise, 0)[of].mean()  # noqa: E731
+    inside = fine.volume.bricks.cell[lit.samples.cell] >= 0
+    assert score(inside) > 2 * score(~inside)
 
 
 def test_moments_see_a_wall(rooms, baked):

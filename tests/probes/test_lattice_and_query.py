@@ -1,10 +1,12 @@
 """The lattice, the weight functions and the query, against closed forms and against the shading graph."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lightwell.graph import compile, evaluate
-from lightwell.probes import sh
+from lightwell.probes import bricks, sh
 from lightwell.probes.lattice import Lattice
 from lightwell.probes.lower import lower
 from lightwell.probes.pattern import octants, pattern
@@ -36,6 +38,51 @@ def made_up(function: str = "relu-field", lattice: Lattice = LATTICE, seed: int 
     return ProbeVolume(lattice, function, state, row, params, masks, back, light)
 
 
+def bricked(function: str = "relu-field", seed: int = 0) -> ProbeVolume:
+    """The same with bricks in some cells."""
+    plain, rng = made_up(function, seed=seed), np.random.default_rng(seed)
+    nodes, table = bricks.layout(LATTICE, np.array([0, 1, 7, 12, 19, 33]))
+    state = np.concatenate([plain.state, rng.integers(0, 3, len(nodes)).astype(np.uint8)])
+    more, f = int((state[len(LATTICE) :] == WEIGHTED).sum()), FUNCTIONS[function]
+    light = rng.normal(0, 0.4, (len(nodes), 9, 3)).astype(np.float32)
+    light[:, 0] = 3 + rng.random((len(nodes), 3))
+    light[state[len(LATTICE) :] == DROPPED] = 0
+    return replace(
+        plain,
+        state=state,
+        row=np.where(state == WEIGHTED, np.cumsum(state == WEIGHTED) - 1, -1).astype(np.int32),
+        params=np.concatenate([plain.params, f.quantised(rng.normal(0.3, 0.6, (more, f.parameters)))]).astype(
+            np.float32
+        ),
+        octant=np.concatenate([plain.octant, rng.integers(0, 2**63, more, dtype=np.uint64)]),
+        light=np.concatenate([plain.light, light]),
+        bricks=table,
+    )
+
+
+def test_light_has_no_seam_at_the_face_of_a_brick():
+    volume, n = bricked(), np.array([[0.0, 0, 1]])
+    middle = LATTICE.origin + LATTICE.spacing * (LATTICE.cell_corner(np.array([12]))[0] + 0.5)
+    volume = replace(volume, state=np.where(volume.state == WEIGHTED, OPEN, volume.state), offset=0.0)
+    for axis in range(3):
+        for side in (-1, 1):
+            face = middle.copy()
+            face[axis] += side * 0.5 * LATTICE.spacing
+            a, b = face.copy(), face.copy()
+            a[axis], b[axis] = a[axis] - 1e-6, b[axis] + 1e-6
+            found = query(volume, np.stack([a, b]), np.repeat(n, 2, axis=0))[0]
+            assert np.abs(found[0] - found[1]).max() < 1e-3
+
+
+def test_a_brick_changes_only_its_own_cell():
+    volume = bricked()
+    x, n = queries(2000)
+    inside = volume.bricks.cell[LATTICE.cell_number(LATTICE.locate(x + volume.offset * LATTICE.spacing * n)[0])] >= 0
+    plain = replace(volume, bricks=None)
+    differs = np.abs(query(volume, x, n)[0] - query(plain, x, n)[0]).max(axis=1) > 1e-6
+    assert differs[inside].mean() > 0.2 and not differs[~inside].any()
+
+
 def queries(count: int, seed: int = 1):
     rng = np.random.default_rng(seed)
     low, high = LATTICE.nodes().min(axis=0) - 0.5, LATTICE.nodes().max(axis=0) + 0.5
@@ -43,8 +90,6 @@ def queries(count: int, seed: int = 1):
 
 
 def opened(volume: ProbeVolume) -> ProbeVolume:
-    from dataclasses import replace
-
     return replace(volume, state=np.full(len(volume.lattice), OPEN, np.uint8))
 
 
@@ -93,9 +138,10 @@ def test_the_query_is_linear_in_the_light():
     assert np.abs(mixed - 2 * part(volume.light) - 3 * part(other)).max() < 1e-5
 
 
-@pytest.mark.parametrize("function", ["relu-field", "relu-field-5", "mlp"])
-def test_the_shading_graph_means_the_same(function):
-    volume = made_up(function)
+@pytest.mark.parametrize("function", list(FUNCTIONS))
+@pytest.mark.parametrize("make", [made_up, bricked])
+def test_the_shading_graph_means_the_same(function, make):
+    volume = make(function)
     x, n = queries(1500)
     expected, z = query(volume, x, n)
     graph = lower(volume)
@@ -118,8 +164,6 @@ def test_drjit_means_the_same():
 
 
 def test_a_planted_bug_in_the_fallback_shows():
-    from dataclasses import replace
-
     volume = made_up()
     x, n = queries(2000)
     wrong = replace(volume, fallback=np.roll(volume.fallback, 1, axis=0))
@@ -148,12 +192,13 @@ def test_a_spacing_that_is_no_length_is_refused(spacing):
         Lattice.around(np.array([[0, 0, 0], [1, 1, 1]]), spacing)
 
 
-@pytest.mark.parametrize("function", ["relu-field", "relu-field-5", "mlp"])
-def test_the_device_query_means_the_same(function):
+@pytest.mark.parametrize("function", list(FUNCTIONS))
+@pytest.mark.parametrize("make", [made_up, bricked])
+def test_the_device_query_means_the_same(function, make):
     from lightwell.backend import mi
     from lightwell.probes import device
 
-    volume = made_up(function)
+    volume = make(function)
     x, n = queries(1500)
     expected, z = query(volume, x, n)
     found, trust = device.learned(volume)(mi.Point3f(x.T.copy()), mi.Vector3f(n.T.copy()))

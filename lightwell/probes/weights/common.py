@@ -20,7 +20,7 @@ LEAK = 0.02
 
 @dataclass(frozen=True)
 class Close:
-    """Points right at surfaces, each probe its own: a wall must stop light at its face, not at the next support point."""
+    """Points right at surfaces, each probe its own: a wall must stop light at its face, not at the next point."""
 
     u: np.ndarray
     """[B, X, 3] probe-local places."""
@@ -37,7 +37,9 @@ class Close:
 def padded(size: int, *arrays: np.ndarray) -> list[np.ndarray]:
     """Arrays [B ≤ size, ...] with B brought to ``size`` by rows of ones: products of matrices of one shape give every
     row the same bits, whoever stands beside it."""
-    return [np.concatenate([a, np.ones((size - len(a), *a.shape[1:]), a.dtype)]) if len(a) < size else a for a in arrays]
+    return [
+        np.concatenate([a, np.ones((size - len(a), *a.shape[1:]), a.dtype)]) if len(a) < size else a for a in arrays
+    ]
 
 
 class WeightFunction(Protocol):

@@ -18,6 +18,7 @@ START = 2.0
 # Stored values of H: uint8 over this range.
 SMOOTH_LOW, SMOOTH_HIGH = -4.0, 8.0
 STEPS, RATE = 300, 0.03
+FULL = np.float32(1 / (1 + np.exp(-SMOOTH_HIGH)))
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class ProductField:
 
     def gradient(self, state, slope: np.ndarray) -> np.ndarray:
         g, h, soft, b, of_clip = state
-        return np.concatenate([turned(g, slope * b * of_clip), turned(h, slope * soft * b * (1 - b))], axis=1)
+        return np.concatenate([turned(g, slope * b * of_clip), turned(h, slope * soft * b * (1 - FULL * b))], axis=1)
 
     def bounded(self, params: np.ndarray) -> np.ndarray:
         split = self.sharp**3
@@ -80,4 +81,5 @@ class ProductField:
 
 
 def _logistic(x: np.ndarray) -> np.ndarray:
-    return 1 / (1 + np.exp(-np.clip(x, -30, 30)))
+    """σ(x) / σ(SMOOTH_HIGH): the largest value that is stored gives exactly 1."""
+    return 1 / ((1 + np.exp(-np.clip(x, -30, 30))) * FULL)

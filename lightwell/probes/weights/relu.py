@@ -19,11 +19,8 @@ from lightwell.probes.weights.common import THRESHOLD, Close, padded
 
 # Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a fifth of a grid cell.
 LOW, HIGH = -2.0, 3.0
-NEWTON = 18
-# How far an idle point may be from waking to hold a step back, in turn.
-BANDS = (0.5, 0.2, 0.05)
-# Halvings of a step's length, and a step that moves no value by more than this ends the search.
-HALVINGS, STILL = 7, 3e-3
+# Newton steps, and tries of a step's length; a step that moves no value by more than ``STILL`` is the last.
+NEWTON, SECANTS, STILL = 20, 7, 3e-3
 # Pull of the grid towards its middle, relative to the mean diagonal of the normal equations of an empty cube.
 RIDGE = 2e-4
 # Pull of what lies outside of what can be stored.
@@ -89,9 +86,7 @@ class ReluField:
     def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
         return self.convex(target, weight, layout, close)
 
-    def convex(
-        self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None
-    ) -> np.ndarray:
+    def convex(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
         """[B, G³] minimisers of the squared hinge, batches of one size: a probe's bits do not depend on its fellows."""
         out = np.empty((len(target), self.parameters), np.float32)
         for start in range(0, len(out), BATCH):
@@ -104,11 +99,14 @@ class ReluField:
         """Newton's method on the active points, each step as long as is best along it: whole steps cycle."""
         problem = _Hinge(self, target, weight, layout, close)
         grid = np.full((len(target), self.parameters), 0.5, np.float32)
-        for k in range(NEWTON):
-            step = problem.step(grid, BANDS[min(k * len(BANDS) // NEWTON, len(BANDS) - 1)])
+        going = np.ones(len(grid), bool)
+        for _ in range(NEWTON):
+            step = problem.step(grid)
             share = problem.share(grid, step)
-            grid = grid + share[:, None] * step
-            if k > NEWTON // 2 and (share * np.abs(step).max(axis=1) < STILL).all():
+            grid = np.where(going[:, None], grid + share[:, None] * step, grid)
+            # Each probe ends by itself: its bits do not depend on the others of the batch.
+            going &= share * np.abs(step).max(axis=1) >= STILL
+            if not going.any():
                 break
         return self.bounded(grid)
 
@@ -144,30 +142,34 @@ class _Hinge:
         """[B] in [0, 1]: where along a step the loss is least, by the sign of its slope."""
         values, ways = self._values(grid), self._values(step)
 
-        def rises(s: np.ndarray) -> np.ndarray:
+        def slope(s: np.ndarray) -> np.ndarray:
             there = grid + s[:, None] * step
-            slope = ((self.ridge * (there - 0.5) + self.wall * (there - np.clip(there, LOW, HIGH))) * step).sum(axis=1)
+            rest = self.ridge * (there - 0.5) + self.wall * (there - np.clip(there, LOW, HIGH))
+            total = (rest * step).sum(axis=1)
             for part, value, way in zip(self.parts, values, ways):
                 miss, idle = part.miss(value + s[:, None] * way)
                 miss[idle] = 0
-                slope += (part.weight * miss * way).sum(axis=1)
-            return slope > 0
+                total += (part.weight * miss * way).sum(axis=1)
+            return total
 
         low, high = np.zeros(len(grid), np.float32), np.ones(len(grid), np.float32)
-        whole = ~rises(high)
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            over = rises(middle)
+        a, b = slope(low), slope(high)
+        whole, tiny = b <= 0, np.float32(1e-30)
+        for _ in range(SECANTS):
+            # Regula falsi, the end that stays put losing half its weight (Illinois).
+            middle = np.clip((low * b - high * a) / np.maximum(b - a, tiny), low, high)
+            c = slope(middle)
+            over = c > 0
+            a, b = np.where(over, 0.5 * a, c), np.where(over, c, 0.5 * b)
             low, high = np.where(over, low, middle), np.where(over, middle, high)
-        return np.where(whole, np.float32(1), low)
+        return np.where(whole, np.float32(1), np.float32(0.5) * (low + high))
 
-    def step(self, grid: np.ndarray, band: float) -> np.ndarray:
-        """[B, G³] Newton's step, with the curvature of points that are idle by less than ``band`` too: those that a long
-        step would run into hold it back."""
+    def step(self, grid: np.ndarray) -> np.ndarray:
+        """[B, G³] Newton's step: to the minimum of the quadratic of the active points."""
         size, left, gradient = grid.shape[1], None, None
         for part, matrix, value in zip(self.parts, (self.basis, self.own), self._values(grid)):
             miss, idle = part.miss(value)
-            curved = np.where(idle & (np.abs(miss) > band), np.float32(0), part.weight)
+            curved = np.where(idle, np.float32(0), part.weight)
             miss[idle] = 0
             slope = turned(matrix, part.weight * miss)
             if matrix.ndim == 2:
