@@ -63,7 +63,7 @@ async function colours(page: Page): Promise<number> {
 }
 
 describe("examples/web", () => {
-  it.each(["three.html", "webgpu.html"])("%s draws, frame after frame", async (name) => {
+  it.each(["three.html", "webgpu.html", "lens.html"])("%s draws, frame after frame", async (name) => {
     const { page, errors } = await openPage(browser, 200, 150);
     await page.goto(`${origin}/examples/web/${name}`);
     await page.waitForFunction(() => Number(document.body.dataset.frames) > 2).catch(() => expect(errors).toEqual([]));

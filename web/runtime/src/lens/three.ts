@@ -2,7 +2,7 @@
 
 import { HalfFloatType, LinearSRGBColorSpace, type OrthographicCamera, PerspectiveCamera, type Texture } from "three";
 import { texture } from "three/tsl";
-import { NodeUpdateType, StorageTexture, TempNode } from "three/webgpu";
+import { Node, NodeUpdateType, StorageTexture } from "three/webgpu";
 import type { AnyNode } from "../webgpu/field-nodes.ts";
 import type { DepthMeaning, LensCamera } from "./camera.ts";
 import { type Edges, Lens } from "./lens.ts";
@@ -31,7 +31,7 @@ const MILLI = 1e-3;
  *     pipeline.outputNode = lens;
  *     lens.lens.focus = 3;
  */
-export class LensNode extends TempNode {
+export class LensNode extends Node {
   /** Of the lens: metres, see `LensCamera`. */
   readonly lens: { -readonly [K in keyof LensCamera]?: LensCamera[K] } = {};
   /** Whether anything is blurred. */
