@@ -1,20 +1,22 @@
-# ruff: noqa: B023  (functions made in loops are called at once)
 """The figures of the radiance cache, measured side by side on this machine.
 
-    python benchmarks/radiance_cache.py                     every figure; about two hours on 2 quiet cores
+    python benchmarks/radiance_cache.py                     every figure; about 20 minutes on 2 quiet cores
     python benchmarks/radiance_cache.py --quick             a smoke run of the parts; writes nothing
     python benchmarks/radiance_cache.py --only equal,frame  some parts
-    python benchmarks/radiance_cache.py --scenes veach-ajar
+    python benchmarks/radiance_cache.py --resume            take scenes that are measured already from out/figures
 
-Equal time: both sides render the same number of samples per pixel, the time of ours includes its training, and the gain
-is error times time of Mitsuba's ``path`` over error times time of ours (the error of a path tracer falls as one over
-time). Kernels are compiled before the clock starts, on both sides. relMSE is mean((I - R)^2 / (R^2 + 0.01)).
+References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes).
+
+Equal time: Mitsuba's ``path`` renders ``--spp`` samples; ours gets the wall time that this took, its training included
+(``seconds=``). Kernels are compiled before the clock starts, on both sides. relMSE is mean((I - R)^2 / (R^2 + 0.01)).
+Every scene has a process of its own: virtual calls reach the materials of all scenes that a process holds.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -25,268 +27,206 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, pixels, scene_of, truth_of
 from rows import RESULTS, Row, at_least, at_most, publish, without_bar
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 
-ROOT = Path(__file__).resolve().parents[1]
-SCENES = ROOT.parent / "shared" / "scenes" / "mitsuba"
-NAMES = ("veach-ajar", "living-room-2", "staircase2", "veach-bidir", "cornell-box")
-EPSILON = 0.01
-# Samples per pixel of a comparison, repeats, edge of the pictures, and samples of a reference.
-SPP, REPEATS, SIZE, REFERENCE = 64, 5, 256, 4096
-QUICK = {"spp": 8, "repeats": 1, "size": 24, "reference": 64}
-STILL = {"mode": "still"}
+FIGURES = ROOT / "out" / "figures"
+PLAN = {"spp": 64, "repeats": 5, "size": 256, "reference": 1024, "quick": 0}
+QUICK = {"spp": 4, "repeats": 1, "size": 24, "reference": 64, "quick": 1}
+STILL: dict[str, Any] = {"mode": "still"}
 # Ladder of ingredients, each with what it changes.
 LADDER: dict[str, dict[str, Any]] = {
     "PT, our sampling": {"termination_c": "inf"},
     "PT + ReSTIR": {"termination_c": "inf", "first_hit": "restir-di"},
     "+ NRC": {},
     "+ NRC + ReSTIR": {"first_hit": "restir-di"},
-    "self-training off": {"unbiased_fraction": 1.0},
+    "self-training on": {"still_unbiased": 1 / 16},
     "averaging off": {"ema_decay": 0.0},
     "frequency encoding": {"encoding": "frequency", "hidden": 64},
     "factorisation off": {"factorise": False},
+    "c = 1.58": {"termination_c": 1.58},
 }
+Figures = dict[str, Any]
 
 
-def scene_of(name: str, size: int, box: bool = False) -> Any:
-    """A given scene at about size^2 pixels; None where it is not on this machine."""
-    path = SCENES / name / "scene_mi3.xml"
-    if not path.exists():
-        return None
-    scene = mi.load_file(str(path))
-    film = scene.sensors()[0].film()
-    width, height = (int(x) for x in film.size())
-    scale = size / np.sqrt(width * height)
-    parameters = mi.traverse(scene.sensors()[0])
-    parameters["film.size"] = [round(width * scale), round(height * scale)]
-    parameters.update()
-    return scene
-
-
-def path_tracer() -> Any:
-    """Mitsuba's own, unlimited depth."""
-    return mi.load_dict({"type": "path", "max_depth": -1})
-
-
-def reference(name: str, scene: Any, size: int, spp: int) -> np.ndarray:
-    """A path-traced picture, kept in benchmarks/results/references (not in the repository)."""
-    folder = RESULTS / "references"
-    path = folder / f"{name}-{size}-{spp}.npy"
-    if path.exists():
-        return np.load(path)
-    total, chunk = 0.0, 64
-    for k in range(-(-spp // chunk)):
-        total = total + pixels(mi.render(scene, integrator=path_tracer(), spp=chunk, seed=10_000 + k)).astype(float)
-    picture = (total / -(-spp // chunk)).astype(np.float32)
-    folder.mkdir(parents=True, exist_ok=True)
-    np.save(path, picture)
-    return picture
-
-
-def pixels(image: Any) -> np.ndarray:
-    """[H, W, 3]."""
-    return np.array(image)[..., :3]
-
-
-def rel_mse(picture: np.ndarray, truth: np.ndarray) -> float:
-    """Relative mean squared error, all channels alike."""
-    return float(np.mean((picture - truth) ** 2 / (truth**2 + EPSILON)))
-
-
-def timed(run: Callable[[], Any]) -> tuple[np.ndarray, float, float]:
-    """(picture, wall seconds, processor seconds)."""
-    wall, cpu = time.perf_counter(), time.process_time()
+def timed(run: Callable[[], Any]) -> tuple[np.ndarray, float]:
+    """(picture, wall seconds)."""
+    wall = time.perf_counter()
     image = run()
     dr.eval(image)
     dr.sync_thread()
-    return pixels(image), time.perf_counter() - wall, time.process_time() - cpu
+    return pixels(image), time.perf_counter() - wall
 
 
-def cold(options: dict[str, Any], scene: Any) -> NrcIntegrator:
+def cold(options: Figures, scene: Any) -> NrcIntegrator:
     """A new integrator whose tables of the scene are ready and which has learned nothing."""
     nrc = NrcIntegrator(settings=settings_of(options))
     nrc.cache_of(scene)
     return nrc
 
 
-def compare(name: str, options: dict[str, Any], plan: dict[str, int]) -> dict[str, float] | None:
-    """Medians of error, wall and processor time of both sides, in turns."""
-    scene = scene_of(name, plan["size"])
-    if scene is None:
-        return None
-    truth = reference(name, scene, plan["size"], plan["reference"])
-    spp = plan["spp"]
-    mi.render(scene, integrator=path_tracer(), spp=spp, seed=1)
-    mi.render(scene, integrator=cold(options, scene), spp=spp, seed=1)
+def frozen(options: Figures, scene: Any, sensor: Any, frames: int) -> NrcIntegrator:
+    """An integrator with a cache that has learned for so many large frames and learns no more."""
+    nrc = cold({**options, "mode": "still", "warmup": frames}, scene)
+    nrc.seconds = {"train": 0.0, "trace": 0.0}
+    nrc.warm_up(scene, sensor, 1, 1)
+    nrc.cache.freeze()
+    nrc.settings = nrc.settings.changed(mode="frames")
+    return nrc
+
+
+def box_sensor(scene: Any, spp: int) -> Any:
+    """The scene's sensor with a box filter, as the denoiser wants it."""
+    film = scene.sensors()[0].film()
+    width, height = (int(x) for x in film.size())
+    pose = mi.ScalarTransform4f(np.array(scene.sensors()[0].world_transform().matrix).reshape(4, 4))
+    return mi.load_dict({
+        "type": "perspective", "to_world": pose,
+        "fov": float(mi.traverse(scene.sensors()[0])["x_fov"][0]),
+        "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
+        "sampler": {"type": "independent", "sample_count": spp},
+    })  # fmt: skip
+
+
+# ------------------------------------------------------------------ figures of one scene, in a process of its own
+
+
+def race(scene: Any, sensor: Any, options: Figures, plan: Figures, truth: Truth, after: Callable | None = None):
+    """Medians of error and wall time of both sides, in turns; ``after`` may work on both pictures."""
+    pt, spp = path_tracer(), plan["spp"]
+    _, seconds = timed(lambda: mi.render(scene, sensor=sensor, integrator=pt, spp=spp, seed=1))
+    ours = lambda seconds: cold({**STILL, **options, "seconds": seconds}, scene)  # noqa: E731
+    # Twice: recordings are made in the first, kernels of all sizes by the second.
+    for _ in range(2):
+        mi.render(scene, sensor=sensor, integrator=ours(max(seconds, 0.2)), spp=1, seed=1)
     rows = []
     for seed in range(plan["repeats"]):
-        nrc = cold(options, scene)
-        ours, wall, cpu = timed(lambda nrc=nrc, seed=seed: mi.render(scene, integrator=nrc, spp=spp, seed=100 + seed))
-        theirs, wall_pt, cpu_pt = timed(
-            lambda seed=seed: mi.render(scene, integrator=path_tracer(), spp=spp, seed=200 + seed)
+        theirs, wall_pt = timed(
+            lambda seed=seed: mi.render(scene, sensor=sensor, integrator=pt, spp=spp, seed=200 + seed)
         )
-        rows.append([rel_mse(ours, truth), wall, cpu, nrc.seconds["train"], rel_mse(theirs, truth), wall_pt, cpu_pt])
-    error, wall, cpu, train, error_pt, wall_pt, cpu_pt = np.median(rows, axis=0)
-    return {
-        "error": error, "wall": wall, "cpu": cpu, "train": train, "error_pt": error_pt, "wall_pt": wall_pt,
-        "gain": error_pt * wall_pt / (error * wall), "gain_cpu": error_pt * cpu_pt / (error * cpu),
-    }  # fmt: skip
+        nrc = ours(wall_pt)
+        picture, wall = timed(
+            lambda nrc=nrc, seed=seed: mi.render(scene, sensor=sensor, integrator=nrc, spp=1, seed=100 + seed)
+        )
+        if after:
+            picture, theirs = after(nrc, picture, seed), after(nrc, theirs, seed)
+        rows.append([truth.error(picture), wall, nrc.seconds["train"], nrc.samples, truth.error(theirs), wall_pt])
+    error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
+    return {"error": error, "wall": wall, "train": train, "samples": samples, "error_pt": error_pt, "wall_pt": wall_pt,
+            "gain": error_pt * wall_pt / (max(error, 1e-9) * wall)}  # fmt: skip
 
 
-def _told(f: dict[str, float], plan: dict[str, int]) -> str:
-    return (
-        f"{plan['spp']} spp, {plan['size']}^2, {plan['repeats']} repeats: {f['error']:.3g} in {f['wall']:.2f} s "
-        f"({f['train']:.2f} s training) against {f['error_pt']:.3g} in {f['wall_pt']:.2f} s; "
-        f"by processor time {f['gain_cpu']:.2f}"
-    )
-
-
-def equal(names: list[str], plan: dict[str, int]) -> list[Row]:
+def equal(name: str, scene: Any, plan: Figures) -> Figures:
     """Equal-time error of stills, cold start, training included."""
-    rows, gains = [], {}
-    for name in names:
-        figures = compare(name, STILL, plan)
-        if figures is None:
-            continue
-        gains[name] = figures["gain"]
-        bar = 15 if name == "veach-ajar" else 0.9
-        rows.append(at_least(f"equal time: relMSE of path over ours, {name}", bar, figures["gain"], "ratio",
-                             _told(figures, plan)))  # fmt: skip
-    whole = set(gains) == set(NAMES)
-    mean = float(np.exp(np.mean(np.log(list(gains.values()))))) if whole else None
-    rows.append(at_least("equal time: geometric mean of the five scenes", 5, mean, "ratio"))
-    return rows
+    sensor = scene.sensors()[0]
+    return race(scene, sensor, {}, plan, truth_of(name, scene, sensor, plan["size"], plan["reference"]))
 
 
-def frame(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """Milliseconds of a warm one-sample frame, training included, over a 1-spp frame of path."""
-    rows = []
-    for name in names:
-        scene = scene_of(name, plan["size"])
-        if scene is None:
-            continue
-        nrc = cold({"mode": "frames", "budget": "low"}, scene)
-        for seed in range(4):
-            mi.render(scene, integrator=nrc, spp=1, seed=seed)
-            mi.render(scene, integrator=path_tracer(), spp=1, seed=seed)
-        times = []
-        for seed in range(3 if plan["repeats"] == 1 else 20):
-            _, wall, cpu = timed(lambda seed=seed: mi.render(scene, integrator=nrc, spp=1, seed=seed))
-            _, wall_pt, cpu_pt = timed(lambda seed=seed: mi.render(scene, integrator=path_tracer(), spp=1, seed=seed))
-            times.append([wall, cpu, wall_pt, cpu_pt, nrc.seconds["train"]])
-        wall, cpu, wall_pt, cpu_pt, train = 1e3 * np.median(times, axis=0)
-        note = f"{wall:.0f} ms ({train:.0f} training) against {wall_pt:.0f}; by processor time {cpu / cpu_pt:.2f}"
-        what = f"frame: time of a 1-sample frame over path's, {name}"
-        large = name in ("veach-ajar", "living-room-2")  # >= 100 k triangles
-        make = (
-            (lambda w, v, n: at_most(w, 1.0, v, "ratio", n))
-            if large
-            else (lambda w, v, n: without_bar(w, v, "ratio", n))
-        )
-        rows.append(make(what, wall / wall_pt, note))
-    return rows
+def denoise(name: str, scene: Any, plan: Figures) -> Figures:
+    """The same with Open Image Denoise on both sides (box filter, same guides, outside the clock)."""
+    from lightwell.cache.denoising import denoised
+    from lightwell.cache.views import guides
+
+    plan = {**plan, "repeats": min(plan["repeats"], 3), "spp": max(4, plan["spp"] // 2)}
+    sensor = box_sensor(scene, plan["spp"])
+    truth = truth_of(name, scene, sensor, plan["size"], plan["reference"] // 2, "-box")
+
+    def after(nrc, picture, seed):
+        return denoised(picture, *guides(scene, sensor, nrc.cache, seed))
+
+    return race(scene, sensor, {}, plan, truth, after)
 
 
-def unbiased(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """z-test of the unbiased mode against the path tracer, and its equal-time variance."""
-    rows = []
-    options = {**STILL, "estimator": "residual", "residual_probability": 0.5}
-    repeats = max(3, 3 * plan["repeats"])
-    for name in names:
-        scene = scene_of(name, plan["size"])
-        if scene is None:
-            continue
-        nrc = cold(options, scene)
-        spp = plan["spp"]
-        mi.render(scene, integrator=nrc, spp=spp, seed=1)
-        nrc.cache.freeze()
-        nrc.settings = nrc.settings.changed(mode="frames")
-        ours, theirs, times = [], [], []
-        for seed in range(repeats):
-            a, wall, _ = timed(lambda seed=seed: mi.render(scene, integrator=nrc, spp=spp, seed=300 + seed))
-            b, wall_pt, _ = timed(
-                lambda seed=seed: mi.render(scene, integrator=path_tracer(), spp=spp, seed=600 + seed)
-            )
-            ours.append(a)
-            theirs.append(b)
+def ladder(name: str, scene: Any, plan: Figures) -> Figures:
+    """Error of each rung in the time of half the samples."""
+    sensor = scene.sensors()[0]
+    plan = {**plan, "repeats": min(plan["repeats"], 2), "spp": max(4, plan["spp"] // 2)}
+    truth = truth_of(name, scene, sensor, plan["size"], plan["reference"])
+    rungs = dict(list(LADDER.items())[:3]) if plan["quick"] else LADDER
+    return {rung: race(scene, sensor, options, plan, truth) for rung, options in rungs.items()}
+
+
+def frame(name: str, scene: Any, plan: Figures) -> Figures:
+    """Milliseconds of a warm one-sample frame, training included, and of a 1-spp frame of path."""
+    nrc = cold({"mode": "frames", "budget": "low"}, scene)
+    times = []
+    for seed in range(3 if plan["quick"] else 40):
+        _, wall = timed(lambda seed=seed: mi.render(scene, integrator=nrc, spp=1, seed=seed))
+        _, wall_pt = timed(lambda seed=seed: mi.render(scene, integrator=path_tracer(), spp=1, seed=seed))
+        times.append([1e3 * wall, 1e3 * wall_pt, 1e3 * nrc.seconds["train"]])
+    wall, wall_pt, train = (float(x) for x in np.median(times[len(times) // 2 :], axis=0))
+    triangles = sum(int(shape.primitive_count()) for shape in scene.shapes())
+    return {"wall": wall, "wall_pt": wall_pt, "train": train, "triangles": triangles}
+
+
+def unbiased(name: str, scene: Any, plan: Figures) -> Figures:
+    """z of the mean against the path tracer's, and equal-time variance, with a cache trained before."""
+    sensor, spp = scene.sensors()[0], max(1, plan["spp"] // 4)
+    options = {"estimator": "residual", "residual_probability": 0.5, "termination_c": 1.58}
+    nrc = frozen(options, scene, sensor, 2 if plan["quick"] else 12)
+    pt, repeats = path_tracer(), 3 if plan["quick"] else 16
+    sides: list[list[np.ndarray]] = [[], []]
+    times = []
+    for seed in range(-1, repeats):
+        a, wall = timed(lambda seed=seed: mi.render(scene, integrator=nrc, spp=spp, seed=301 + seed))
+        b, wall_pt = timed(lambda seed=seed: mi.render(scene, integrator=pt, spp=spp, seed=601 + seed))
+        if seed >= 0:
+            sides[0].append(a)
+            sides[1].append(b)
             times.append([wall, wall_pt])
-        a, b = np.array(ours), np.array(theirs)
-        means = a.mean(axis=(1, 2, 3)), b.mean(axis=(1, 2, 3))
-        z = (means[0].mean() - means[1].mean()) / np.sqrt(sum(m.var(ddof=1) for m in means) / repeats)
-        truth = b.mean(axis=0)
-        variance = [float(np.mean(x.var(axis=0, ddof=1) / (truth**2 + EPSILON))) for x in (a, b)]
-        wall, wall_pt = np.median(times, axis=0)
-        rows.append(at_most(f"unbiased: |z| of the mean against path, {name}", 2.576, abs(float(z)), "sigma",
-                            f"{repeats} pictures of {spp} spp on both sides"))  # fmt: skip
-        gain = variance[1] * wall_pt / (variance[0] * wall)
-        rows.append(without_bar(f"unbiased: equal-time variance of path over ours, {name}", gain, "ratio",
-                                "cache trained before; asked: >= 1.5 on two scenes"))  # fmt: skip
-    return rows
+    a, b = np.array(sides[0]), np.array(sides[1])
+    means = a.mean(axis=(1, 2, 3)), b.mean(axis=(1, 2, 3))
+    z = (means[0].mean() - means[1].mean()) / np.sqrt(sum(m.var(ddof=1) for m in means) / repeats)
+    scale = (0.5 * (a.mean(axis=0) + b.mean(axis=0))) ** 2 + EPSILON
+    variance = [float(np.mean(x.var(axis=0, ddof=1) / scale)) for x in (a, b)]
+    wall, wall_pt = (float(x) for x in np.median(times, axis=0))
+    return {"z": abs(float(z)), "gain": variance[1] * wall_pt / (variance[0] * wall), "repeats": repeats, "spp": spp}
 
 
-def lag(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """Frames to 1.1 x the steady error of the cache from cold; frames to regain 90 % after a light switch; drift."""
-    rows = []
-    name = "cornell-box"
-    scene = scene_of(name, plan["size"])
-    if scene is None or name not in names:
-        return rows
-    frames, steady = (6, 2) if plan["repeats"] == 1 else (120, 20)
+def lag(name: str, scene: Any, plan: Figures) -> Figures:
+    """Frames to 1.1 x the steady error of the cache view from cold; frames to regain 90 % after a light switch."""
     from lightwell.cache.views import view
 
+    frames, steady = (6, 2) if plan["quick"] else (100, 20)
     sensor = scene.sensors()[0]
     cache = RadianceCache(settings_of({"mode": "frames"}))
     cache.prepare(scene)
-    spp = max(1, plan["spp"] // 8)
+    truth = truth_of(name, scene, sensor, plan["size"], plan["reference"])
 
-    def errors(count: int) -> list[np.ndarray]:
-        shown = []
+    def shown(count: int) -> list[np.ndarray]:
+        pictures = []
         for _ in range(count):
             with dr.suspend_grad():
                 cache.train_frame(scene, sensor, 1)
-                shown.append(view(scene, sensor, cache, "cache", spp, 5))
-        return shown
+                pictures.append(view(scene, sensor, cache, "cache", 4, 5))
+        return pictures
 
-    first = errors(frames)
-    truth = reference(name, scene, plan["size"], plan["reference"])
-    curve = np.array([rel_mse(x, truth) for x in first])
-    settled = np.median(curve[-steady:])
-    cold_frames = int(np.argmax(curve <= 1.1 * settled)) + 1
-    note = f"steady error {settled:.3g}, after 8 frames {curve[min(7, len(curve) - 1)]:.3g}"
-    rows.append(
-        at_most(
-            "cold start: frames to 1.1 x the steady error of the cache view, Cornell box",
-            8,
-            cold_frames,
-            "frames",
-            note,
-        )
-    )
+    curve = np.array([truth.error(x) for x in shown(frames)])
+    settled = float(np.median(curve[-steady:]))
     parameters = mi.traverse(scene)
     key = next(k for k in parameters.keys() if k.endswith("radiance.value"))
     parameters[key] = parameters[key] * 0.1
     parameters.update()
-    after = errors(frames)
-    gap = np.array([abs(float(x.mean()) - 0.1 * float(truth.mean())) for x in after])
-    start = 0.9 * float(truth.mean())
-    t90 = int(np.argmax(gap <= 0.1 * start)) + 1
-    rows.append(at_most("light switch: frames to regain 90 % of the gap (mean of the cache view), Cornell box", 8, t90,
-                        "frames", f"lamp to a tenth; changes noticed: {cache.changes}"))  # fmt: skip
-    return rows
+    level = float(truth.mean.mean())
+    gap = np.array([abs(float(x.mean()) - 0.1 * level) for x in shown(frames)]) / (0.9 * level)
+    return {"cold": first(curve <= 1.1 * settled), "steady": settled, "after8": float(curve[min(7, frames - 1)]),
+            "t90": first(gap <= 0.1), "t50": first(gap <= 0.5), "changes": cache.changes}  # fmt: skip
 
 
-def drift(names: list[str], plan: dict[str, int]) -> list[Row]:
+def first(holds: np.ndarray) -> int:
+    """Number, from 1, of the first frame for which it holds; one more than there are if for none."""
+    return int(np.argmax(holds)) + 1 if holds.any() else len(holds) + 1
+
+
+def drift(name: str, scene: Any, plan: Figures) -> Figures:
     """Mean of the cache view over many static frames."""
-    name = "cornell-box"
-    scene = scene_of(name, min(plan["size"], 128))
-    if scene is None or name not in names:
-        return []
     from lightwell.cache.views import view
 
-    frames = 12 if plan["repeats"] == 1 else 2000
+    scene = scene_of(name, min(plan["size"], 96))
+    frames = 12 if plan["quick"] else 2000
     sensor = scene.sensors()[0]
     cache = RadianceCache(settings_of({"mode": "frames", "budget": "low"}))
     cache.prepare(scene)
@@ -294,80 +234,166 @@ def drift(names: list[str], plan: dict[str, int]) -> list[Row]:
     for k in range(frames):
         with dr.suspend_grad():
             cache.train_frame(scene, sensor, 1)
-            if k % max(frames // 40, 1) == 0:
+            if k % max(frames // 100, 1) == 0:
                 means.append(float(view(scene, sensor, cache, "cache", 4, 5).mean()))
-    half = len(means) // 2
-    change = abs(np.mean(means[-half // 2 :]) / np.mean(means[half : -half // 2 or None]) - 1)
-    return [
-        at_most("drift: change of the mean over the last half of 2,000 static frames", 0.02, float(change), "ratio")
-    ]
+    half = means[len(means) // 2 :]
+    early, late = half[: len(half) // 2], half[len(half) // 2 :]
+    return {"change": abs(float(np.mean(late) / np.mean(early)) - 1), "changes": cache.changes}
 
 
-def denoise(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """Equal-time error with Open Image Denoise on both sides (box filter, same guides)."""
-    from lightwell.cache.denoising import denoised
-    from lightwell.cache.views import guides
+# ------------------------------------------------------------------ rows
 
-    rows, gains = [], []
-    for name in names:
-        scene = scene_of(name, plan["size"])
-        if scene is None:
-            continue
-        film = scene.sensors()[0].film()
-        width, height = (int(x) for x in film.size())
-        fov = float(mi.traverse(scene.sensors()[0])["x_fov"][0])
-        sensor = mi.load_dict({
-            "type": "perspective", "to_world": scene.sensors()[0].world_transform(), "fov": fov,
-            "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
-            "sampler": {"type": "independent", "sample_count": plan["spp"]},
-        })  # fmt: skip
-        pt, spp = path_tracer(), max(4, plan["spp"] // 4)
-        truth = np.mean([pixels(mi.render(scene, sensor=sensor, integrator=pt, spp=64, seed=900 + k))
-                         for k in range(max(1, plan["reference"] // 256))], axis=0)  # fmt: skip
-        mi.render(scene, sensor=sensor, integrator=cold(STILL, scene), spp=spp, seed=1)
-        found = []
-        for seed in range(plan["repeats"]):
-            nrc = cold(STILL, scene)
-            a, wall, _ = timed(lambda nrc=nrc: mi.render(scene, sensor=sensor, integrator=nrc, spp=spp, seed=seed))
-            # The path tracer gets as many samples as fit into the same time.
-            _, one, _ = timed(lambda: mi.render(scene, sensor=sensor, integrator=pt, spp=spp, seed=seed))
-            more = max(1, round(spp * wall / one))
-            b, _, _ = timed(lambda: mi.render(scene, sensor=sensor, integrator=pt, spp=more, seed=50 + seed))
-            albedo, normal = guides(scene, sensor, nrc.cache, seed)
-            found.append(rel_mse(denoised(b, albedo, normal), truth) / rel_mse(denoised(a, albedo, normal), truth))
-        gains.append(float(np.median(found)))
-        rows.append(without_bar(f"denoised: relMSE of path over ours at equal time, {name}", gains[-1], "ratio"))
-    mean = float(np.exp(np.mean(np.log(gains)))) if len(gains) == len(NAMES) else None
-    rows.append(at_least("denoised: geometric mean of the five scenes", 2, mean, "ratio"))
+
+def told(f: Figures, plan: Figures) -> str:
+    return (
+        f"{f['error']:.3g} in {f['wall']:.2f} s ({f['train']:.2f} s training, {f['samples']:.0f} spp) against "
+        f"{f['error_pt']:.3g} in {f['wall_pt']:.2f} s at {plan['size']}^2, {plan['repeats']} repeats"
+    )
+
+
+def geometric(found: dict[str, Figures]) -> float | None:
+    """Of the gains, where all scenes are there."""
+    if set(found) != set(NAMES):
+        return None
+    return float(np.exp(np.mean([np.log(max(f["gain"], 1e-9)) for f in found.values()])))
+
+
+def equal_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    rows = []
+    for name, f in found.items():
+        bar = 15 if name == "veach-ajar" else 0.9
+        rows.append(at_least(f"equal time: relMSE of path over ours, {name}", bar, f["gain"], "ratio", told(f, plan)))
+    return [*rows, at_least("equal time: geometric mean of the five scenes", 5, geometric(found), "ratio")]
+
+
+def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    what = "denoised: relMSE of path over ours at equal time, "
+    rows = [without_bar(what + name, f["gain"], "ratio", told(f, {**plan, "repeats": min(plan["repeats"], 3)}))
+            for name, f in found.items()]  # fmt: skip
+    return [*rows, at_least("denoised: geometric mean of the five scenes", 2, geometric(found), "ratio")]
+
+
+def frame_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    rows = []
+    for name, f in found.items():
+        note = f"{f['wall']:.0f} ms ({f['train']:.0f} training) against {f['wall_pt']:.0f}; {f['triangles']} triangles"
+        what, ratio = f"frame: time of a 1-sample frame over path's, {name}", f["wall"] / f["wall_pt"]
+        large = f["triangles"] >= 100_000
+        rows.append(at_most(what, 1, ratio, "ratio", note) if large else without_bar(what, ratio, "ratio", note))
     return rows
 
 
-def ladder(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """Error and time of each rung; written to results/radiance_cache_ladder.json for the table and plot in docs."""
-    table = []
-    for name in names:
-        for rung, options in LADDER.items():
-            figures = compare(name, {**STILL, **options}, {**plan, "repeats": min(plan["repeats"], 3)})
-            if figures is None:
-                continue
-            table.append({"scene": name, "rung": rung, **{k: float(f"{v:.4g}") for k, v in figures.items()}})
-            print(f"ladder {name:<14} {rung:<22} gain {figures['gain']:.2f}", flush=True)
-    if table and plan is not QUICK:
+def unbiased_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    rows = []
+    for name, f in found.items():
+        note = f"{f['repeats']} pictures of {f['spp']} spp on both sides; 99 %"
+        rows.append(at_most(f"unbiased: |z| of the mean against path, {name}", 2.576, f["z"], "sigma", note))
+        what = f"unbiased: equal-time variance of path over ours, {name}"
+        rows.append(without_bar(what, f["gain"], "ratio", "cache trained before"))
+    if found:
+        second = sorted((f["gain"] for f in found.values()), reverse=True)[min(1, len(found) - 1)]
+        what = "unbiased: equal-time variance of path over ours, second best scene"
+        rows.append(at_least(what, 1.5, second if len(found) > 1 else None, "ratio"))
+    return rows
+
+
+def lag_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    rows = []
+    for name, f in found.items():
+        note = f"steady error {f['steady']:.3g}, after 8 frames {f['after8']:.3g}"
+        what = f"cold start: frames to 1.1 x the steady error of the cache view, {name}"
+        rows.append(at_most(what, 8, f["cold"], "frames", note))
+        note = f"lamp to a tenth, mean of the cache view; half after {f['t50']}; changes noticed: {f['changes']}"
+        rows.append(at_most(f"light switch: frames to regain 90 % of the gap, {name}", 8, f["t90"], "frames", note))
+    return rows
+
+
+def drift_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    what = "drift: change of the mean of the cache view over the last 1,000 of 2,000 static frames, "
+    return [at_most(what + name, 0.02, f["change"], "ratio", f"false alarms: {f['changes']}")
+            for name, f in found.items()]  # fmt: skip
+
+
+def ladder_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    """The table goes to results/radiance_cache_ladder.json, the plot to docs/images/cache-ladder.png."""
+    if not plan["quick"] and found:
         path = RESULTS / "radiance_cache_ladder.json"
-        old = json.loads(path.read_text()) if path.exists() else []
-        done = {(r["scene"], r["rung"]) for r in table}
-        path.write_text(json.dumps([r for r in old if (r["scene"], r["rung"]) not in done] + table, indent=1) + "\n")
-    return []
+        old = json.loads(path.read_text()) if path.exists() else {}
+        short = {n: {r: {k: float(f"{v:.4g}") for k, v in f.items()} for r, f in t.items()} for n, t in found.items()}
+        table = {**old, **short}
+        path.write_text(json.dumps(table, indent=1) + "\n")
+        plot(table, ROOT / "docs" / "images" / "cache-ladder.png")
+    rows = []
+    for rung in LADDER:
+        gains = [t[rung]["gain"] for t in found.values() if rung in t]
+        value = float(np.exp(np.mean(np.log(np.maximum(gains, 1e-9))))) if len(gains) == len(NAMES) else None
+        rows.append(without_bar(f"ladder: relMSE of path over ours, geometric mean, {rung}", value, "ratio"))
+    return rows
 
 
-def gpu(names: list[str], plan: dict[str, int]) -> list[Row]:
-    """Milliseconds of the cache per 1080p frame on a GPU; the published figure is 2.6 ms on an RTX 3090."""
+COLOURS = ("#4878a8", "#e08a3c", "#5a9e6f", "#c0504d", "#8d6cab")
+
+
+def plot(table: Figures, path: Path) -> None:
+    """Gains of the rungs by scene, as bars on a logarithmic axis; the line is Mitsuba's path."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    width, height, left, top, low, high = 1120, 520, 64, 40, -1.0, 2.0
+    image = Image.new("RGB", (width, height), "white")
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(15)
+    span = (width - left - 16) / len(LADDER)
+    y = lambda gain: top + (high - min(max(np.log10(max(gain, 1e-6)), low), high)) / (high - low) * 380  # noqa: E731
+    for gain in (0.1, 0.3, 1, 3, 10, 30, 100):
+        draw.line((left, y(gain), width - 16, y(gain)), "black" if gain == 1 else "#dddddd", 2 if gain == 1 else 1)
+        draw.text((left - 8, y(gain)), f"{gain:g}", "black", font, anchor="rm")
+    for k, rung in enumerate(LADDER):
+        for j, rows in enumerate(table.values()):
+            at = left + k * span + 8 + j * (span - 20) / len(table)
+            ends = sorted((y(rows.get(rung, {}).get("gain", 1.0)), y(1.0)))
+            draw.rectangle((at, ends[0], at + (span - 20) / len(table) - 2, ends[1]), COLOURS[j % len(COLOURS)])
+        for line, text in enumerate(rung.replace(", our", ",+our").replace(" encoding", "+encoding").split("+")):
+            draw.text((left + (k + 0.5) * span, 436 + 18 * line), text.strip() or "with", "black", font, anchor="mm")
+    for j, name in enumerate(table):
+        draw.rectangle((left + j * 190, 492, left + j * 190 + 14, 506), COLOURS[j % len(COLOURS)])
+        draw.text((left + j * 190 + 20, 499), name, "black", font, anchor="lm")
+    draw.text((left, 18), "relMSE of path over ours in the same wall time, training included", "black", font, "lm")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.save(path)
+
+
+def gpu_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "GPU: cache overhead per 1080p frame (published: 2.6 ms, RTX 3090)"
     return [without_bar(what, None, "ms", "no GPU on this machine")]
 
 
-PARTS = {"equal": equal, "frame": frame, "unbiased": unbiased, "lag": lag, "drift": drift, "denoise": denoise,
-         "ladder": ladder, "gpu": gpu}  # fmt: skip
+ONE = ("cornell-box",)
+# Part: (figures of a scene, rows, scenes).
+PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
+    "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
+    "unbiased": (unbiased, unbiased_rows, NAMES),
+    "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
+    "ladder": (ladder, ladder_rows, NAMES), "gpu": (None, gpu_rows, ()),
+}  # fmt: skip
+
+
+def measured(part: str, name: str, plan: Figures, resume: bool) -> Figures | None:
+    """Figures of a scene from a process of its own, or from what it left; None where the scene is not there."""
+    if not (SCENES / name / "scene_mi3.xml").exists():
+        return None
+    kept = FIGURES / f"radiance_cache-{part}-{name}.json"
+    if resume and kept.exists():
+        held = json.loads(kept.read_text())
+        if held["plan"] == plan:
+            return held["figures"]
+    words = [sys.executable, __file__, "--child", part, "--scenes", name, "--plan", json.dumps(plan)]
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"radiance_cache: {part} of {name} ended with {done.returncode}; its message is above")
+    figures = json.loads(done.stdout.strip().splitlines()[-1])
+    if not plan["quick"]:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps({"plan": plan, "figures": figures}))
+    return figures
 
 
 def main() -> None:
@@ -375,17 +401,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="smoke run; writes nothing")
     parser.add_argument("--only", default=",".join(PARTS), help="parts, comma-separated")
-    parser.add_argument("--scenes", default=",".join(NAMES), help="scenes, comma-separated")
-    parser.add_argument("--spp", type=int, default=SPP)
-    parser.add_argument("--repeats", type=int, default=REPEATS)
-    parser.add_argument("--reference", type=int, default=REFERENCE, help="samples per pixel of the truth")
+    parser.add_argument("--scenes", default="", help="scenes, comma-separated (default: those of the part)")
+    parser.add_argument("--resume", action="store_true", help="keep what is in out/figures")
+    parser.add_argument("--spp", type=int, default=PLAN["spp"], help="samples of path that set the time")
+    parser.add_argument("--repeats", type=int, default=PLAN["repeats"])
+    parser.add_argument("--reference", type=int, default=PLAN["reference"], help="samples per pixel of the truth")
+    parser.add_argument("--child", default="", help=argparse.SUPPRESS)
+    parser.add_argument("--plan", default="", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    plan = {"spp": arguments.spp, "repeats": arguments.repeats, "size": SIZE, "reference": arguments.reference}
-    names = arguments.scenes.split(",")
+    if arguments.child:
+        plan = json.loads(arguments.plan)
+        scene = scene_of(arguments.scenes, plan["size"])
+        print(json.dumps(PARTS[arguments.child][0](arguments.scenes, scene, plan)), flush=True)
+        return
+    plan = {**PLAN, "spp": arguments.spp, "repeats": arguments.repeats, "reference": arguments.reference}
     if arguments.quick:
-        plan, names = QUICK, ["cornell-box"]
+        plan = QUICK
     for part in arguments.only.split(","):
-        publish("radiance_cache", PARTS[part](names, plan), arguments.quick)
+        _, rows, scenes = PARTS[part]
+        scenes = ONE[: len(scenes)] if arguments.quick else scenes
+        if arguments.scenes:
+            scenes = tuple(n for n in scenes if n in arguments.scenes.split(","))
+        found = {name: f for name in scenes if (f := measured(part, name, plan, arguments.resume)) is not None}
+        publish("radiance_cache", rows(found, plan), arguments.quick)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache.draws import mixed
 from lightwell.cache.features import stored
 from lightwell.cache.model import Model
+from lightwell.cache.recorded import Recorded
 
 
 @dr.syntax
@@ -44,7 +45,7 @@ def compacted(valid: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
 @functools.lru_cache(maxsize=64)
 def frozen_batches(model: Model, size: int, bits: int) -> Any:
     """``packed_batches`` of one size, recorded once."""
-    return dr.freeze(lambda *arrays: packed_batches(model, *arrays, size, bits))
+    return Recorded(lambda *arrays: packed_batches(model, *arrays, size, bits))
 
 
 def packed_batches(model: Model, features, targets, rows, count, seed, scale, cap, size: int, bits: int):

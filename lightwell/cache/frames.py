@@ -11,6 +11,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache.draws import Draws, draws
 from lightwell.cache.paths import render_path
 from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.recorded import Recorded
 
 # Lanes of one launch: large enough to fill the machine; of a picture by time, small enough to end in time.
 LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
@@ -65,11 +66,13 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
     return lambda v, active: cache.radiance(packed, v)
 
 
-def trace_pass(scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True):
+def trace_pass(
+    scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True,
+    caching: bool = True,
+):  # fmt: skip
     """Radiance [N], validity, path length, spread and place for camera rays; what is not finite becomes 0."""
-    settings = cache.settings
     return _traced(
-        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), settings.caching, estimator, first_direct
+        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), caching, estimator, first_direct
     )  # fmt: skip
 
 
@@ -113,12 +116,14 @@ def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
         dr.eval(out)
         return out
 
-    return dr.freeze(run)
+    return Recorded(run)
 
 
-def sobol_pass(scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float):
+def sobol_pass(
+    scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool
+):  # fmt: skip
     """One pass of N lanes with the cache's own numbers; ``numbers``: first sample, samples per pixel, seed."""
-    shape = PassShape(N, cache.settings.caching, estimator, True, film_mark(sensor))
+    shape = PassShape(N, caching, estimator, True, film_mark(sensor))
     around, weights = cache.around, cache.packed("ema")
     return frozen_pass(cache.model, shape)(scene, sensor, around, weights, dr.opaque(mi.Float, q), *numbers)
 

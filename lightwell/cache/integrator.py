@@ -18,6 +18,9 @@ from lightwell.cache.settings import CacheSettings, settings_of
 STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
+# A still that has time for fewer gradient steps than this is path traced: what so few can teach costs more than it
+# brings (measured on the Cornell box, where a path costs a third of a microsecond).
+LEAST_STEPS = 400
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 
@@ -61,6 +64,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """Reservoirs of the last pass, and the camera that they belong to."""
         self._pose = self._pose_mark = ""
         self._began = 0.0
+        self.caching = self.settings.caching
+        """Whether the paths of this picture may end in the cache; not in a still too short to learn anything."""
         self.samples = 0
         """Samples per pixel of the last render."""
 
@@ -97,7 +102,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             check_film(sensor)
         seed = int(mi.UInt32(seed)[0]) if not isinstance(seed, int) else seed
         spp = spp or int(sensor.sampler().sample_count())
-        self._began = time.perf_counter()
+        self._began, self.caching = time.perf_counter(), self.settings.caching
         cache = self.cache_of(scene)
         self._pose = str(sensor.world_transform())
         self.told, self.seconds = [], {"train": 0.0, "trace": 0.0}
@@ -157,6 +162,10 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             self._train(scene, sensor, cache, seed)
             if s.seconds > 0:
                 done = (time.perf_counter() - start) / (s.train_share * s.seconds)
+                # The first frame tells how many steps there is time for.
+                if len(self.told) == 1 and self.told[0].steps / done < LEAST_STEPS * (cache.learner.step < LEAST_STEPS):
+                    self.caching = False
+                    break
             else:
                 done += 1 / most
         cache.rate_factor, cache.still = 1.0, False
@@ -177,16 +186,16 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         width, height = (int(x) for x in film.crop_size())
         timed = self.settings.seconds > 0
         launch = frames.SMALL_LAUNCH if timed else frames.LAUNCH
-        per_pass = max(1, launch // (width * height)) if still or not self.settings.caching else 1
+        per_pass = max(1, launch // (width * height)) if still or not self.caching else 1
         if self.settings.sampling == "sensor":
-            per_pass = spp if still or not self.settings.caching else 1
-        two_level = self.settings.estimator == "two-level" and self.settings.caching
+            per_pass = spp if still or not self.caching else 1
+        two_level = self.settings.estimator == "two-level" and self.caching
         kind = "biased" if two_level else self.settings.estimator
         done, longest = 0, 0.0
         while done < spp or timed:
             start = time.perf_counter()
             block = per_pass if timed else min(per_pass, spp - done)
-            if not still and self.settings.caching and not cache.frozen:
+            if not still and self.caching and not cache.frozen:
                 self._train(scene, sensor, cache, seed)
                 self.seconds["train"] += time.perf_counter() - start
             film.put_block(self._pass(scene, sensor, cache, seed, done, block, spp, kind))
@@ -227,12 +236,12 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if not reservoirs and self.settings.sampling == "sobol":
             numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
             L, valid, _, _, place = frames.sobol_pass(
-                scene, sensor, cache, numbers, width * height * block, estimator, q
+                scene, sensor, cache, numbers, width * height * block, estimator, q, self.caching
             )  # fmt: skip
             return frames.splat(film, L, valid, place, [], block >= 4)
         rays = self._rays(sensor, seed, done, block, spp)
         direct = self._direct(scene, rays, film, block, spp) if reservoirs else mi.Spectrum(0)
-        L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs)
+        L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs, self.caching)
         L += direct * rays[1]
         return frames.splat(film, L, valid, place, rays[0].wavelengths, block >= 4)
 

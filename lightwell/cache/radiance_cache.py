@@ -21,7 +21,7 @@ from lightwell.cache.model import Model
 from lightwell.cache.paths import Surroundings
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
-from lightwell.cache.tiles import Tiles
+from lightwell.cache.tiles import FIRST, Tiles
 from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
 
 # The box is larger than the scene by this share, so that nothing lies on its surface.
@@ -31,8 +31,8 @@ KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 # Frames between two copies of the weights.
 SNAPSHOT = 64
-# Frames of training before a still: largest share of pixels, and records.
-STILL_FRACTION, STILL_RECORDS = 1.0, 1 << 17
+# Frames of training before a still: largest share of pixels, records, and first side of the tiles.
+STILL_FRACTION, STILL_RECORDS, STILL_SIDE = 1.0, 1 << 17, 2.0
 
 
 @dataclass
@@ -202,7 +202,7 @@ class RadianceCache:
             fraction = self.settings.train_fraction_max
             fraction = max(fraction, STILL_FRACTION) if self.still else fraction
             target = STILL_RECORDS if self.still else self.settings.batch * self.steps
-            self.tiles[key] = Tiles(target, fraction)
+            self.tiles[key] = Tiles(target, fraction, STILL_SIDE if self.still else FIRST)
         return self.tiles[key]
 
     @property

@@ -17,6 +17,7 @@ from lightwell.cache.batches import compacted, usable
 from lightwell.cache.draws import GOLDEN, draws, mixed
 from lightwell.cache.features import stored
 from lightwell.cache.model import Model
+from lightwell.cache.recorded import Recorded
 from lightwell.cache.training_paths import query_vertex, resolve, trace_records
 
 # Stream of random numbers that training paths draw from, apart from those of pixels.
@@ -112,7 +113,7 @@ def frozen_frame(model: Model, shape: Shape) -> Any:
         dr.eval(out)
         return out
 
-    return dr.freeze(run)
+    return Recorded(run)
 
 
 def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
