@@ -218,7 +218,14 @@ def equal_bytes(run: Run) -> list[Row]:
     numbers = compared(run, "cornell", scene, [*sizes, *baselines], ROAMING)
     found = numbers["by_name"]
     rows = [_equal(name, found, [s.name for s in sizes]) for name in BASELINES + ALSO]
-    return [replace(row, asked="–", holds=None) if name in ALSO else row for row, name in zip(rows, BASELINES + ALSO)]
+    rows = [replace(row, asked="–", holds=None) if name in ALSO else row for row, name in zip(rows, BASELINES + ALSO)]
+    return rows + [_error(numbers, field) for field in numbers["fields"]]
+
+
+def _error(numbers: dict[str, Any], field: dict[str, Any]) -> Row:
+    """The error of one field beside all others of the same samples."""
+    what = f"Cornell box, same samples: error of {field['name']}"
+    return without_bar(what, 100 * field["relative_error"], "%", _note(numbers, field))
 
 
 def _equal(name: str, found: dict[str, Any], sizes: list[str]) -> Row:
@@ -248,7 +255,8 @@ def seams(run: Run) -> list[Row]:
     numbers = compared(run, "cornell", scene, choices, ROAMING)
     field = numbers["by_name"].get(choices[0].name)
     note = f"{field['segments']} experts in view; {_note(numbers, field)}" if field else "its training failed"
-    return [at_most(what, 1.2, field["border_ratio"] if field else None, "ratio", note)]
+    bar = at_most(what, 1.2, field["border_ratio"] if field else None, "ratio", note)
+    return [bar, _error(numbers, field)] if field else [bar]
 
 
 def rooms(run: Run) -> list[Row]:
