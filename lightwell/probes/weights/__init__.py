@@ -7,7 +7,7 @@ from lightwell.probes.weights.common import leak as leak
 from lightwell.probes.weights.common import point_weight as point_weight
 from lightwell.probes.weights.common import trusted as trusted
 from lightwell.probes.weights.common import under as under
-from lightwell.probes.weights.mlp import TinyMlp
+from lightwell.probes.weights.mlp import TinyMlp as TinyMlp
 from lightwell.probes.weights.product import ProductField
 from lightwell.probes.weights.refine import refine as refine
 from lightwell.probes.weights.relu import ReluField

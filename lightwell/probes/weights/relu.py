@@ -86,21 +86,33 @@ class ReluField:
     def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
         return self.convex(target, weight, layout, close)
 
-    def convex(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
-        """[B, G³] minimisers of the squared hinge, batches of one size: a probe's bits do not depend on its fellows."""
+    def convex(
+        self,
+        target: np.ndarray,
+        weight: np.ndarray,
+        layout: Pattern,
+        close: Close | None = None,
+        start: np.ndarray | None = None,
+        steps: int = NEWTON,
+    ) -> np.ndarray:
+        """[B, G³] minimisers of the squared hinge, batches of one size: a probe's bits do not depend on its fellows.
+
+        start   [B, G³] where to begin; ``steps`` of Newton's method follow.
+        """
         out = np.empty((len(target), self.parameters), np.float32)
-        for start in range(0, len(out), BATCH):
-            rows = slice(start, start + BATCH)
+        first = np.full(out.shape, 0.5, np.float32) if start is None else start
+        for begin in range(0, len(out), BATCH):
+            rows = slice(begin, begin + BATCH)
             near = close and close.part(rows, BATCH)
-            out[rows] = self._newton(*padded(BATCH, target[rows], weight[rows]), layout, near)[: len(out[rows])]
+            parts = padded(BATCH, target[rows], weight[rows], first[rows])
+            out[rows] = self._newton(*parts, layout, near, steps)[: len(out[rows])]
         return out
 
-    def _newton(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None) -> np.ndarray:
+    def _newton(self, target, weight, grid, layout: Pattern, close: Close | None, steps: int) -> np.ndarray:
         """Newton's method on the active points, each step as long as is best along it: whole steps cycle."""
         problem = _Hinge(self, target, weight, layout, close)
-        grid = np.full((len(target), self.parameters), 0.5, np.float32)
         going = np.ones(len(grid), bool)
-        for _ in range(NEWTON):
+        for _ in range(steps):
             step = problem.step(grid)
             share = problem.share(grid, step)
             grid = np.where(going[:, None], grid + share[:, None] * step, grid)

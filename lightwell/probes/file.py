@@ -1,0 +1,227 @@
+"""Probe volumes as files (``format/PROBES.md``): what a graphics card reads is what lies on disk.
+
+A line of JSON, then words of 32 bits: nodes, grids of weights, harmonics, cells, bricks. Readers trust nothing: sizes,
+numbers and indices are checked before they are used.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.probes import sh
+from lightwell.probes.lattice import Lattice
+from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
+from lightwell.probes.weights import FUNCTIONS
+from lightwell.probes.weights.relu import decode, encode
+
+MAGIC, VERSION = b"LWPROBES", 1
+MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
+# Words of a node, a record of weights, a cell and a brick; of a probe's light by coding.
+NODE, RECORD, CELL, BRICK = 4, 16, 12, 64
+LIGHT = {"l2": 8, "zh3": 5}
+# Node kinds in files: records follow from 2 on.
+FIRST_RECORD = 2
+# Largest irradiance.
+BRIGHTEST = 6e4
+
+
+def write(volume: ProbeVolume, path: str | os.PathLike, coding: str = "zh3", unit: float = 1.0) -> dict[str, float]:
+    """Write a volume; returns bytes per live probe by part.
+
+    coding   'l2' or 'zh3': harmonics of band 0 as half floats, of the others as bytes with a step for each probe.
+    unit     Irradiance of 1 in the file; choose it so that values lie near 1.
+    """
+    data, parts = encode_volume(volume, coding, unit)
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(data)
+    temporary.replace(path)
+    return parts
+
+
+def encode_volume(volume: ProbeVolume, coding: str = "zh3", unit: float = 1.0) -> tuple[bytes, dict[str, float]]:
+    """Bytes of a volume, and bytes per live probe by part."""
+    if volume.function != "relu-field":
+        raise ValueError(f"probes: files hold 'relu-field' weights, not '{volume.function}'; bake with preset default")
+    if coding not in LIGHT:
+        raise ValueError(f"probes: no coding '{coding}', expected l2 or zh3")
+    sections = {
+        "nodes": _nodes(volume),
+        "weights": encode(volume.params).reshape(-1, 64).view("<u4"),
+        "light": _light(volume.light / unit, coding),
+        "cells": _cells(volume),
+        "bricks": np.zeros((0, BRICK), "<u4") if volume.bricks is None else volume.bricks.table.astype("<u4"),
+    }
+    places, words = {}, 0
+    for name, rows in sections.items():
+        places[name] = [words, len(rows)]
+        # Each section starts at a texel of four words.
+        words += -(-rows.size // 4) * 4
+    lattice = volume.lattice
+    header = {
+        "version": VERSION,
+        "origin": lattice.origin.tolist(),
+        "spacing": lattice.spacing,
+        "shape": list(lattice.shape),
+        "offset": volume.offset,
+        "unit": float(unit),
+        "coding": coding,
+        "function": volume.function,
+        "sections": places,
+    }
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-(len(MAGIC) + 4 + len(text)) % 16)
+    payload = b"".join(np.pad(rows.ravel(), (0, -rows.size % 4)).tobytes() for rows in sections.values())
+    live = max(int(volume.alive.sum()), 1)
+    parts = {name: 4.0 * rows.size / live for name, rows in sections.items()}
+    return MAGIC + struct.pack("<I", len(text)) + text + payload, parts
+
+
+def _nodes(volume: ProbeVolume) -> np.ndarray:
+    """[P + F, 4]: 0 dropped, 1 open, else 2 + record; the octants (two words); 1 for inner fine nodes."""
+    rows = np.zeros((len(volume.state), NODE), "<u4")
+    rows[:, 0] = np.where(volume.state == WEIGHTED, FIRST_RECORD + volume.row, volume.state == OPEN)
+    mask = np.full(len(rows), 0xFFFFFFFFFFFFFFFF, np.uint64)
+    weighted = volume.state == WEIGHTED
+    mask[weighted] = volume.octant[volume.row[weighted]]
+    rows[:, 1:3] = mask.view("<u4").reshape(-1, 2)
+    if volume.bricks is not None:
+        rows[len(volume.lattice) :, 3] = volume.bricks.inner
+    return rows
+
+
+def _cells(volume: ProbeVolume) -> np.ndarray:
+    """[C, 12]: 1 + the node to fall back to in each octant, 1 + the brick (0: none), zeros."""
+    rows = np.zeros((volume.lattice.cell_count, CELL), "<u4")
+    rows[:, :8] = volume.fallback + 1
+    if volume.bricks is not None:
+        rows[:, 8] = volume.bricks.cell + 1
+    return rows
+
+
+def _light(light: np.ndarray, coding: str) -> np.ndarray:
+    """[P + F, 8 or 5] words: three half floats of band 0 and one of the step, then bytes, colour by colour."""
+    e = np.clip(np.nan_to_num(np.asarray(light, np.float64)), -BRIGHTEST, BRIGHTEST)
+    e = sh.windowed(e, sh.deringing(e))
+    rest = e[:, 1:] if coding == "l2" else sh.zh3(e)[:, 1:]
+    rest = np.swapaxes(rest, 1, 2).reshape(len(e), -1)
+    step = (np.abs(rest).max(axis=1, initial=0) / 127).astype(np.float16)
+    # A step that rounds to nothing has nothing to tell.
+    code = np.rint(rest / np.where(step > 0, step, 1).astype(np.float64)[:, None]) * (step > 0)[:, None]
+    half = np.concatenate([e[:, 0], step[:, None]], axis=1).astype("<f2")
+    code = np.clip(code, -127, 127).astype(np.int8)
+    return np.concatenate([half.view("<u4"), np.ascontiguousarray(code).view("<u4")], axis=1)
+
+
+def read(path: str | os.PathLike) -> ProbeVolume:
+    """The volume of a file; one line of ``ValueError`` for anything that is not one."""
+    path = Path(path)
+    if path.stat().st_size > MOST_BYTES:
+        raise ValueError(f"{path}: larger than {MOST_BYTES >> 20} MiB, which no probe volume is")
+    return decode_volume(path.read_bytes(), str(path))
+
+
+def decode_volume(data: bytes, name: str = "probes") -> ProbeVolume:
+    """The volume of some bytes."""
+    header, words = _parts(data, name)
+    lattice = _lattice(header, name)
+    take = lambda section, width: _section(header, words, section, width, name)  # noqa: E731
+    nodes, weights = take("nodes", NODE), take("weights", RECORD)
+    coding = header.get("coding")
+    if coding not in LIGHT:
+        raise ValueError(f"{name}: no coding '{coding}', expected l2 or zh3")
+    light, cells, table = take("light", LIGHT[coding]), take("cells", CELL), take("bricks", BRICK)
+    count, fine = len(lattice), len(nodes) - len(lattice)
+    _check(len(light) == len(nodes), name, "light of as many probes as there are nodes")
+    _check(fine >= 0 and (fine > 0) == (len(table) > 0), name, "fine probes where there are bricks")
+    _check(len(cells) == lattice.cell_count, name, f"{lattice.cell_count} cells")
+    _check(nodes[:, 0].max() < FIRST_RECORD + len(weights), name, "records that exist")
+    _check(cells[:, :8].max() <= count and cells[:, 8].max() <= len(table), name, "nodes and bricks that exist")
+    _check(not len(table) or (table.min() >= count and table.max() < len(nodes)), name, "fine probes that exist")
+    state = np.minimum(nodes[:, 0], WEIGHTED).astype(np.uint8)
+    row = np.where(state == WEIGHTED, nodes[:, 0].astype(np.int64) - FIRST_RECORD, -1).astype(np.int32)
+    octant = np.full(len(weights), 0xFFFFFFFFFFFFFFFF, np.uint64)
+    mine = np.flatnonzero(state == WEIGHTED)
+    octant[row[mine]] = np.ascontiguousarray(nodes[mine, 1:3]).view("<u8")[:, 0]
+    bricks = None
+    if fine:
+        bricks = Bricks(cells[:, 8].astype(np.int32) - 1, table.astype(np.int32), nodes[count:, 3] > 0)
+    values = _decoded(light, coding, name) * _number(header, "unit", name)
+    values[state == DROPPED] = 0
+    return ProbeVolume(
+        lattice=lattice,
+        function="relu-field",
+        state=state,
+        row=row,
+        params=decode(np.ascontiguousarray(weights).view(np.uint8).reshape(-1, FUNCTIONS["relu-field"].parameters)),
+        octant=octant,
+        fallback=cells[:, :8].astype(np.int32) - 1,
+        light=values.astype(np.float32),
+        offset=_number(header, "offset", name, 0.0, 1.0),
+        bricks=bricks,
+    )
+
+
+def _parts(data: bytes, name: str) -> tuple[dict, np.ndarray]:
+    """Header and words."""
+    start = len(MAGIC) + 4
+    if len(data) < start or data[: len(MAGIC)] != MAGIC:
+        raise ValueError(f"{name}: not a probe volume (it does not begin with {MAGIC.decode()})")
+    size = struct.unpack_from("<I", data, len(MAGIC))[0]
+    _check(size <= MOST_HEADER and start + size <= len(data), name, "a header that ends in the file")
+    try:
+        header = json.loads(data[start : start + size])
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{name}: the header is not JSON") from error
+    _check(isinstance(header, dict) and header.get("version") == VERSION, name, f"version {VERSION}")
+    _check(header.get("function") == "relu-field", name, "weights 'relu-field'")
+    rest = data[start + size :]
+    _check(len(rest) % 4 == 0, name, "whole words")
+    return header, np.frombuffer(rest, "<u4")
+
+
+def _check(good: bool, name: str, expected: str) -> None:
+    if not good:
+        raise ValueError(f"{name}: damaged, expected {expected}; bake it again")
+
+
+def _number(header: dict, key: str, name: str, low: float = 1e-30, high: float = 1e30) -> float:
+    value = header.get(key)
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
+    _check(good, name, f"{key} from {low:g} to {high:g}")
+    return float(value)
+
+
+def _lattice(header: dict, name: str) -> Lattice:
+    origin, shape = header.get("origin"), header.get("shape")
+    good = isinstance(origin, list) and len(origin) == 3 and all(isinstance(v, (int, float)) for v in origin)
+    _check(good and all(abs(v) < 1e9 for v in origin), name, "an origin of three numbers")
+    good = isinstance(shape, list) and len(shape) == 3 and all(type(v) is int and 2 <= v <= 1 << 16 for v in shape)
+    _check(good, name, "a shape of three numbers, 2 or more each")
+    return Lattice(np.array(origin), _number(header, "spacing", name, 1e-6, 1e6), tuple(shape))
+
+
+def _section(header: dict, words: np.ndarray, section: str, width: int, name: str) -> np.ndarray:
+    sections = header.get("sections")
+    place = sections.get(section) if isinstance(sections, dict) else None
+    good = isinstance(place, list) and len(place) == 2 and all(type(v) is int and v >= 0 for v in place)
+    _check(
+        good and place[0] % 4 == 0 and place[0] + place[1] * width <= len(words), name, f"section {section} in the file"
+    )
+    return words[place[0] : place[0] + place[1] * width].reshape(place[1], width)
+
+
+def _decoded(rows: np.ndarray, coding: str, name: str) -> np.ndarray:
+    """[P + F, 9, 3] of stored light."""
+    half = np.ascontiguousarray(rows[:, :2]).view("<f2").astype(np.float64)
+    _check(bool(np.isfinite(half).all()), name, "finite light")
+    count = 8 if coding == "l2" else 4
+    code = np.ascontiguousarray(rows[:, 2:]).view(np.int8).reshape(len(rows), 3, count)
+    rest = np.swapaxes(code * half[:, 3, None, None], 1, 2)
+    e = np.concatenate([half[:, None, :3], rest], axis=1)
+    return e if coding == "l2" else sh.from_zh3(e)

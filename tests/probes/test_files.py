@@ -1,0 +1,92 @@
+"""Files of probe volumes: what is written is read, what is damaged is refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+from test_lattice_and_query import bricked, made_up, queries
+
+from lightwell.probes import sh
+from lightwell.probes.file import MAGIC, decode_volume, encode_volume, read, write
+from lightwell.probes.volume import query
+
+
+@pytest.mark.parametrize("coding", ["l2", "zh3"])
+@pytest.mark.parametrize("make", [made_up, bricked])
+def test_what_is_written_is_read(tmp_path, make, coding):
+    volume = make()
+    parts = write(volume, tmp_path / "v.lwp", coding)
+    found = read(tmp_path / "v.lwp")
+    for name in ("state", "row", "params", "octant", "fallback"):
+        assert np.array_equal(getattr(found, name), getattr(volume, name)), name
+    live = volume.alive
+    window = sh.windowed(volume.light, sh.deringing(volume.light))
+    expected = window if coding == "l2" else sh.from_zh3(sh.zh3(window))
+    # The axis of band 2 turns a little with the bytes of band 1.
+    step = np.abs(expected[:, 1:]).max(axis=(1, 2)) / (100 if coding == "l2" else 15)
+    assert (np.abs(found.light - expected).max(axis=(1, 2)) < np.maximum(step, 4e-3))[live].mean() > 0.97
+    assert parts["light"] * live.sum() == {"l2": 32, "zh3": 20}[coding] * len(volume.state)
+    # The trusted share does not depend on the light.
+    x, n = queries(500)
+    assert np.array_equal(query(found, x, n)[1], query(volume, x, n)[1])
+
+
+def test_light_of_a_file_is_not_negative():
+    volume = made_up()
+    rng = np.random.default_rng(0)
+    wild = volume.lit(rng.normal(0, 1, volume.light.shape) + np.eye(9)[0][:, None] * 4)
+    found = decode_volume(encode_volume(wild, "l2")[0])
+    e = np.einsum("dk,pkc->pdc", sh.basis(sh.directions(256)), found.light[volume.alive])
+    # Half a step of each of eight bytes.
+    assert e.min() > -0.05 * np.abs(found.light).max()
+
+
+def test_the_same_volume_gives_the_same_bytes():
+    assert encode_volume(bricked())[0] == encode_volume(bricked())[0]
+
+
+def _changed(data: bytes, **changes) -> bytes:
+    size = int.from_bytes(data[8:12], "little")
+    header = json.loads(data[12 : 12 + size]) | changes
+    text = json.dumps(header).encode()
+    return MAGIC + len(text).to_bytes(4, "little") + text + data[12 + size :]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"version": 2},
+        {"shape": [5, 4, 100000]},
+        {"shape": [5, 4]},
+        {"spacing": -1.0},
+        {"spacing": "1"},
+        {"origin": [0, 0, 1e300]},
+        {"coding": "l3"},
+        {"function": "mlp"},
+        {"unit": None},
+        {"sections": None},
+        {"sections": {"nodes": [0, 1 << 40]}},
+        {"sections": {"nodes": [-4, 2]}},
+    ],
+)
+def test_a_damaged_header_is_refused(changes):
+    with pytest.raises(ValueError, match=r"file\.lwp: "):
+        decode_volume(_changed(encode_volume(bricked())[0], **changes), "file.lwp")
+
+
+def test_damaged_words_are_refused_or_harmless():
+    data, rng = encode_volume(bricked())[0], np.random.default_rng(0)
+    x, n = queries(20)
+    for _ in range(60):
+        broken = bytearray(data)
+        for at in rng.integers(0, len(data), 8):
+            broken[at] = rng.integers(0, 256)
+        try:
+            volume = decode_volume(bytes(broken), "file.lwp")
+        except ValueError as error:
+            assert "\n" not in str(error)
+            continue
+        assert np.isfinite(query(volume, x, n)[0]).all()
+    for size in (0, 5, 11, 40, len(data) - 2):
+        with pytest.raises(ValueError):
+            decode_volume(data[:size], "file.lwp")
