@@ -45,6 +45,8 @@ SCENES = {
 MEGABYTE = 1_000_000
 # Stream of the held-out views, which training never draws from.
 HELD_OUT = 0x5EED
+# A pixel counts as lit above this share of the picture's mean.
+LEAST_LIT = 0.05
 PLAIN_CODECS = ("webp50", "webp75", "webp90", "webp")
 
 
@@ -98,8 +100,26 @@ def trace(source, effort: Effort) -> Traced:
     made = chart(scene, effort.size, 1, effort.paths, 0)
     eyes = eye_samples(scene, made, effort.eyes, effort.eye_paths, 5, light_image(made))
     seconds = perf_counter() - start
-    cameras = sample_cameras(scene, declare((), scene), effort.views, HELD_OUT, authored=True)
-    return Traced(made, eyes, cameras, scene, effort, seconds)
+    cameras = sample_cameras(scene, declare((), scene), 4 * effort.views, HELD_OUT, authored=True)
+    lit = [camera for camera in cameras if shows_light(scene, camera)]
+    return Traced(made, eyes, (lit or cameras)[: effort.views], scene, effort, seconds)
+
+
+def shows_light(scene, camera) -> bool:
+    """Whether a camera sees more than darkness: one in a sealed cupboard would be matched without an error."""
+    from lightwell.transport.camera import static_image
+
+    picture = sum(static_image(scene, camera, 16, 10, 16)).mean(axis=2)
+    return float((picture > LEAST_LIT * picture.mean()).mean()) > 0.3 and picture.mean() > 0.05 * brightness(scene)
+
+
+def brightness(scene) -> float:
+    """Mean radiance of points all over the scene."""
+    from lightwell.transport.radiance import static
+    from lightwell.transport.surface import draw_surface
+
+    a, b = static(scene, draw_surface(scene, 512, 1, floor=0).points, 16, 1)
+    return float(np.nan_to_num(a + b).mean())
 
 
 class Views:

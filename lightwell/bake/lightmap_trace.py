@@ -7,33 +7,38 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from lightwell.backend import dr, mi
 from lightwell.fields.atlas_images import denoised, dilated
 from lightwell.fields.base import is_matte
-from lightwell.scenes.atlas import Atlas, build, padding
+from lightwell.fields.lightmap_graph import DIELECTRIC
+from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.still_light import under_sky, with_lamp
 from lightwell.scenes.variables import declare
 from lightwell.transport.air import _escape_share, reject
 from lightwell.transport.gather import KnownLight, gathered
+from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.mapped import MappedQuery, mapped_query
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import draw_surface
-from lightwell.transport.tables import tables
+from lightwell.transport.tables import shape_index, shape_lookup, tables
 from lightwell.transport.texels import Texels, texels
 from lightwell.transport.visible import side_points, visible_sides
 
 # More rays than this leave a scene that daylight can enter.
 OPEN = 0.005
 # A side counts as lit when its brightest point has this share of the mean light; paths that look for it.
-DARK, DARK_PATHS = 1e-4, 16
+DARK, DARK_PATHS = 1e-4, 8
 # Points that look for light, over the whole scene; each side gets two at least.
-LOOKS = 1 << 13
+LOOKS = 1 << 16
 # The same for sides that nothing has seen yet.
 PEEPS = 1 << 16
+# Rays from free places that look for sides.
+GLANCES = 1 << 20
 # Texels darker than this share of the mean are asked whether anything can see them.
 BLACK = 0.02
 # Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
@@ -96,13 +101,44 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
 
 def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
     """[2, T] bool: sides of which some point can be seen; what peeps out behind a skirting board counts."""
-    seen = visible_sides(scene, seed)
+    seen = visible_sides(scene, seed) | met_sides(scene, seed)
     side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
     if len(side):
         points, row = spread(scene, side, triangle, PEEPS, seed)
         found = row[reject(scene, points, seed=seed)]
         seen[side[found], triangle[found]] = True
     return seen
+
+
+def met_sides(scene: Scene, seed: int) -> np.ndarray:
+    """[2, T] bool: sides that rays from free places meet. Of two faces in one place, the one that rays meet counts."""
+    rng = np.random.default_rng([seed, 0x6A2E])
+    places = free_places(scene, rng)
+    if len(scene.cameras):
+        places = np.concatenate([places, np.float32([c.position for c in scene.cameras])])
+    d = rng.normal(size=(GLANCES, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    ray = mi.Ray3f(upload(mi.Point3f, places[rng.integers(len(places), size=GLANCES)]), upload(mi.Vector3f, d))
+    pi = scene.mi.ray_intersect_preliminary(ray)
+    si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
+    hit, back = pi.is_valid(), dr.dot(si.n, ray.d) > 0
+    mesh, triangle = shape_index(shape_lookup(scene), pi.shape), pi.prim_index
+    dr.eval(hit, back, mesh, triangle)
+    hit, mesh = np.array(hit, bool), np.array(mesh)
+    t = tables(scene)
+    found = np.zeros((2, len(t.area)), bool)
+    found[np.array(back, bool)[hit].astype(int), t.first[mesh[hit]] + np.array(triangle)[hit]] = True
+    return found
+
+
+def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """[K, 3] places in the free air, the half of it that is farther from surfaces."""
+    from lightwell.scenes.free_air import free_air
+
+    low, high = scene.bounds
+    places = low + (high - low) * rng.random((4096, 3))
+    distance = free_air(scene).distance(places)
+    return places[distance > np.quantile(distance, 0.5)].astype(np.float32)
 
 
 def spread(scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int):
@@ -237,23 +273,40 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     if known is None:
         a, b = static(scene, points, paths, seed)
     else:
-        a, b = gathered(scene, points, KnownLight.of(scene, made.atlas, known, matte(scene)), paths, seed)
+        a, b = _corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    weight = np.where(good & ~clear_glass(scene)[points.shape], draw.weight[rows], 0).astype(np.float32)
-    return EyeSamples(mapped_query(scene, made.atlas, points), np.nan_to_num(a), np.nan_to_num(b), weight)
+    query = mapped_query(scene, made.atlas, points)
+    good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
+    weight = np.where(good, draw.weight[rows], 0).astype(np.float32)
+    return EyeSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def _corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
+    """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
+    light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
+    query = mapped_query(scene, atlas, points)
+    color = query.reflectance - DIELECTRIC * (1 - query.metallic)
+    albedo = np.clip(color * (1 - query.metallic), 0, 1)
+    stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True)
+    return light + np.where(stored, albedo * (bilinear(known, query.uv1) - seen), 0)
+
+
+def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """[N, C] reads of an image [n, n, C] at uv [N, 2], as the graph's ``texture`` reads it."""
+    n = image.shape[0]
+    at = np.clip(uv * np.float32(n) - np.float32(0.5), 0, n - 1)
+    low = at.astype(np.int64)
+    high, t = np.minimum(low + 1, n - 1), (at - low)[..., None].astype(np.float32)
+    upper = image[low[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[low[:, 1], high[:, 0]] * t[:, 0]
+    lower = image[high[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[high[:, 1], high[:, 0]] * t[:, 0]
+    return upper * (1 - t[:, 1]) + lower * t[:, 1]
 
 
 def _towards_eyes(scene: Scene, points: SurfacePoints, seed: int) -> SurfacePoints:
     """Turn a share of the views towards free places that the surface faces; occlusion is not asked: what lies behind
     another surface is seen through a door, or never."""
-    from lightwell.scenes.free_air import free_air
-
     rng = np.random.default_rng([seed, 0xE7E])
-    low, high = scene.bounds
-    air = free_air(scene)
-    places = low + (high - low) * rng.random((4096, 3))
-    distance = air.distance(places)
-    places = places[distance > np.quantile(distance, 0.5)].astype(np.float32)
+    places = free_places(scene, rng)
     position, _, flat = frames(scene, points)
     flat = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
     eye = places[rng.integers(len(places), size=len(points))] - position

@@ -164,13 +164,13 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
         if best is not None and attempt >= FIT_ROUNDS:
             break
         packed = _pack(flat, scale, pad, sum(f[2] for f in flat) <= BRUTE_CHARTS)
-        extent = max(packed.width, packed.height)
+        extent = max(packed.width, packed.height) + pad + 1
         if packed.atlas_count == 1 and extent <= size:
             if best is None or scale > best[0]:
                 best = (scale, packed)
             if extent > SHRINK * size:
                 break
-        step = (size - 2 * pad) / max(extent - 2 * pad, 1) if packed.atlas_count == 1 else 0.7
+        step = (size - 3 * pad) / max(extent - 3 * pad, 1) if packed.atlas_count == 1 else 0.7
         if best is not None and scale * step * SHRINK <= best[0]:
             break
         scale *= step * (SHRINK if extent > size else 1.0)
@@ -179,7 +179,7 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
             f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
             "give a larger --size or fewer --mips"
         )
-    return _collected(best[1], pieces, size, lit)
+    return _collected(best[1], pieces, size, pad + 1, lit)
 
 
 def _options(texels: float, pad: int, brute: bool):
@@ -249,13 +249,16 @@ def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad:
     return atlas
 
 
-def _collected(atlas, pieces: Sequence[_Piece], size: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _collected(
+    atlas, pieces: Sequence[_Piece], size: int, border: int, lit: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     uv = np.full((*lit.shape, 3, 2), NOWHERE, np.float32)
     chart = np.full(lit.shape, -1, np.int32)
     count = 0
     for k, piece in enumerate(pieces):
         points, corners = _flat(atlas, k)
-        place = points[corners] / np.float32(size)
+        # The texel in the corner stays free: it is nowhere.
+        place = (points[corners] + np.float32(border)) / np.float32(size)
         numbers = _components(corners.astype(np.int64), len(points))
         # Of a triangle that is lit from its back alone, the first piece is the back.
         side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1

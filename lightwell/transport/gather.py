@@ -21,7 +21,6 @@ from lightwell.transport.radiance import (
     RR_DEPTH,
     RR_MAX,
     _coverage,
-    _light_sample,
     interaction_at,
     power_heuristic,
     random_streams,
@@ -108,7 +107,9 @@ class KnownLight:
 def gathered(
     scene: Scene, points: SurfacePoints, light: KnownLight, paths: int, seed: int, max_depth: int = MAX_DEPTH
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As ``static``: radiance leaving points towards their views, two independent half means [N, 3].
+    """As ``static``: radiance leaving points towards their views, two independent half means [2, N, 3]; and two of E'
+    by the same paths, a control variate: L + a (E' − what these paths saw of it) has the mean of L and, where a is the
+    diffuse albedo, little more noise than the reflections.
 
     Biased by what E' has lost, and by the eye's place at rough surfaces that are seen in reflections.
     """
@@ -118,15 +119,15 @@ def gathered(
     device, half = DevicePoints(points), paths // 2
     batch = max(1, LAUNCH // paths)
     settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, RR_DEPTH, half)]
-    rows = np.zeros((len(points), 2, 3), np.float32)
+    rows = np.zeros((len(points), 2, 6), np.float32)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         rows[start : start + count] = _launch(scene, device, light, settings, start, count, half)
-    return rows[:, 0], rows[:, 1]
+    return rows[..., :3].swapaxes(0, 1), rows[..., 3:].swapaxes(0, 1)
 
 
 def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count: int, half: int) -> np.ndarray:
-    """[count, 2, 3] means of both halves."""
+    """[count, 2, 6] means of both halves: radiance and E'."""
     seed, max_depth, rr_depth, size = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
@@ -134,17 +135,21 @@ def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count
     rng = random_streams(seed, row, (group & 1) * size + path)
     shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
-    L = _walk(scene.mi, si, light, Emitters(), rng, stratified(shift, path, size), max_depth, rr_depth)
-    ok = dr.all(dr.isfinite(L))
-    L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
-    dr.eval(L, ok)
-    total, good = np.array(dr.block_sum(L, half)).T, np.array(dr.block_sum(ok, half))
-    return np.where(good[:, None] > 0, total / np.maximum(good, 1)[:, None], np.nan).reshape(count, 2, 3)
+    L, E = _walk(scene.mi, si, light, Emitters(), rng, stratified(shift, path, size), max_depth, rr_depth)
+    ok = dr.all(dr.isfinite(L)) & dr.all(dr.isfinite(E))
+    L, E, ok = dr.select(ok, L, 0), dr.select(ok, E, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
+    dr.eval(L, E, ok)
+    total = np.concatenate([np.array(dr.block_sum(v, half)).T for v in (L, E)], axis=1)
+    good = np.array(dr.block_sum(ok, half))[:, None]
+    return np.where(good > 0, total / np.maximum(good, 1), np.nan).reshape(count, 2, 6)
 
 
 @dr.syntax
 def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
-    """One path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known."""
+    """One path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known.
+
+    Returns the radiance, and what the same directions see of E': f cos / p replaced by cos / (π p).
+    """
     ctx = mi.BSDFContext()
 
     # ------------------- First vertex: the query point -------------------
@@ -152,15 +157,29 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
     bsdf = si.bsdf()
     lobe, direction, _ = first
     coverage = _coverage(si, bsdf)
-    L = mi.Spectrum(_light_sample(scene, si, bsdf, source, rng, coverage))
-    sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)
+    facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
+    wo_em, em_weight, em_pdf, em_delta, shadow = source.sample(
+        scene, si, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
+    )
+    seen = (dr.max(em_weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    seen &= ~scene.ray_test(shadow, seen)
+    value, pdf = bsdf.eval_pdf(ctx, si, si.to_local(wo_em), seen)
+    weight_em = dr.select(seen, dr.select(em_delta, 1, power_heuristic(em_pdf, pdf / coverage)) * em_weight, 0)
+    L = weight_em * value / coverage
+    E = weight_em * dr.maximum(facing * mi.Frame3f.cos_theta(si.to_local(wo_em)), 0) * dr.inv_pi
+    sample, first_weight = bsdf.sample(ctx, si, lobe * coverage, direction)
+    cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
+    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * coverage / sample.pdf, 0)
+    arriving = mi.Spectrum(0)  # Radiance from the sampled direction
+    β = mi.Spectrum(1)
     ray = si.spawn_ray(si.to_world(sample.wo))
     prev = interaction_at(si)
     pdf_prev = mi.Float(sample.pdf / coverage)
     delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    sample_first = mi.UInt32(sample.sampled_type)
     η = mi.Float(sample.eta)
     depth = mi.UInt32(1)
-    active = dr.max(β) != 0
+    active = dr.max(first_weight) != 0
 
     while dr.hint(active, label="lightwell gather"):
         pi = scene.ray_intersect_preliminary(ray, active=active)
@@ -170,13 +189,13 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         # ------------------ Emission, met by BSDF sampling ------------------
 
         Le, hit_pdf = source.hit(scene, prev, si, ray, delta_prev, active)
-        L += dr.select(active, β * power_heuristic(pdf_prev, hit_pdf) * Le, 0)
+        arriving += dr.select(active, β * power_heuristic(pdf_prev, hit_pdf) * Le, 0)
 
         # ------------------------- Known light: the end -------------------------
 
         active_next = active & si.is_valid() & (depth + 1 < max_depth)
         found, light = known.find(si, pi.prim_uv, ray, active_next)
-        L += dr.select(found, β * light, 0)
+        arriving += dr.select(found, β * light, 0)
         active_next &= ~found
 
         # -------------- Emitter sampling, and the next direction --------------
@@ -189,7 +208,7 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         v = mi.Point2f(rng.next_float32(), rng.next_float32())
         value, pdf, sample, weight = bsdf.eval_pdf_sample(ctx, si, si.to_local(wo), rng.next_float32(), v, active_next)
         mis = dr.select(em_delta, 1, power_heuristic(em_pdf, pdf))
-        L += dr.select(active_em, β * mis * value * em_weight, 0)
+        arriving += dr.select(active_em, β * mis * value * em_weight, 0)
 
         # ------------------- Update of the loop variables -------------------
 
@@ -206,4 +225,5 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         active = active_next & (β_max != 0) & (~roulette | (rng.next_float32() < survival))
         depth += 1
 
-    return L
+    delta = mi.has_flag(sample_first, mi.BSDFFlags.Delta)
+    return L + first_weight * arriving, E + dr.select(delta, 0, diffuse_weight) * arriving
