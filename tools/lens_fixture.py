@@ -1,6 +1,7 @@
 """Frames of the lens for the web's tests, made by the Python reference: python tools/lens_fixture.py
 
-Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, and a whole frame of two layers.
+Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, a whole frame of two layers, and the libraries
+that they were made with, so that a library that is baked anew does not touch them.
 """
 
 from __future__ import annotations
@@ -177,9 +178,13 @@ def frame_of_two_layers() -> dict:
 def main() -> None:
     rng = np.random.default_rng(6)
     cases = {"still": still(rng), "moving": moving(rng, load(JOINT)), "frame": frame_of_two_layers()}
+    cases |= {
+        "disc": base64.b64encode(DISC.read_bytes()).decode(),
+        "joint": base64.b64encode(JOINT.read_bytes()).decode(),
+    }
     with gzip.GzipFile(FIXTURES / "lens.json.gz", "wb", mtime=0) as file:
         file.write(json.dumps(cases).encode())
-    print({k: [n for n in v] for k, v in cases.items()}, (FIXTURES / "lens.json.gz").stat().st_size)
+    print(*cases, (FIXTURES / "lens.json.gz").stat().st_size)
 
 
 if __name__ == "__main__":

@@ -10,15 +10,13 @@ import { launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
 
 const file = (path: string) => readFileSync(fileURLToPath(new URL(path, import.meta.url)));
-const library = (name: string) => file(`../../lightwell/lens/standard/${name}.lwsp`).toString("base64");
-const [disc, joint] = [library("disc-32"), library("disc-16-speed-32")];
-
 interface Packed {
   readonly shape: readonly [number, number, ...number[]];
   readonly type: "f4" | "i4";
   readonly data: string;
 }
-const CASES = JSON.parse(gunzipSync(file("fixtures/lens.json.gz")).toString()) as Record<"still" | "moving" | "frame", any>;
+const CASES = JSON.parse(gunzipSync(file("fixtures/lens.json.gz")).toString()) as Record<"still" | "moving" | "frame", any> & Record<"disc" | "joint", string>;
+const { disc, joint } = CASES;
 
 function unpack({ type, data }: Packed): number[] {
   const raw = Buffer.from(data, "base64");
@@ -199,6 +197,7 @@ describe("planted bugs are found", () => {
 
   it.each([
     ["behind", "shine += share *", "shine += 0.0 * share *"],
+    ["flood", "far < nearest", "far > nearest"],
     ["composite", "(1.0 - out.w) * behind", "behind"],
     ["splat_behind", "vec3f(cut.border)", "vec3f(0.1 * cut.border)"],
     ["choose", "bitcast<i32>(atomicLoad(&stats[EDGES_AT + k]))", "1"],

@@ -1,13 +1,10 @@
 /** Depth of field and motion blur in one pass, on WebGPU, from a colour and a depth texture. */
 
-import { type DepthMeaning, DEFAULT_CAMERA, checkCamera, inverseDepth, inverseFocus, type LensCamera, strength } from "./camera.ts";
+import type { DepthMeaning, LensCamera } from "./camera.ts";
+import { type Edges, frameBlock, positive } from "./frame-block.ts";
 import { type SpreadletLibrary } from "./library.ts";
 import { type BindingKind, MOST_LINE, type Plan, plan, type PlannedShader } from "./plan.ts";
 import type { PictureFormat } from "./wgsl-composite.ts";
-import { FLAGS, FRAME_BYTES } from "./wgsl-frame.ts";
-
-/** How light from outside the picture is guessed: its border repeated, dividing by coverage, or not at all. */
-export type Edges = "extend" | "renormalise" | "dark";
 
 /** What stays the same from frame to frame. */
 export interface LensOptions {
@@ -185,32 +182,10 @@ export class Lens {
     return this.noMotion;
   }
 
-  private uniforms(frame: LensFrame, { options, domain, guard, extend }: Plan): ArrayBuffer {
-    const camera: LensCamera = { ...DEFAULT_CAMERA, ...frame.camera };
-    checkCamera(camera);
+  private uniforms(frame: LensFrame, planned: Plan): ArrayBuffer {
     const { edges = "extend", tolerance = 1e-3 } = this.options;
-    const { opaque = true, white = 1, cut = null, number = 0, motionScale = [1, 1] } = frame;
-    positive(white, "white");
-    const moves = frame.motion && this.moving ? FLAGS.motion : 0;
-    const block = new ArrayBuffer(FRAME_BYTES);
-    new Uint32Array(block).set([options.width, options.height, ...domain, guard, extend, (16 * number) >>> 0]);
-    new Uint32Array(block)[7] = (cut === null ? FLAGS.autoCut : 0) | moves | (opaque ? FLAGS.opaque : 0) | (opaque && edges !== "dark" ? FLAGS.normalise : 0);
-    new Float32Array(block).set(
-      [
-        ...inverseDepth(frame.depthMeaning),
-        ...[strength(camera, options.width), inverseFocus(camera), options.largest, options.longest],
-        ...[motionScale[0] * camera.shutter, motionScale[1] * camera.shutter, white, tolerance],
-        cut ?? 0,
-      ],
-      8,
-    );
-    return block;
+    return frameBlock(planned, { ...frame, motion: Boolean(frame.motion) && this.moving !== null, edges, tolerance });
   }
-}
-
-function positive(value: number, what: string): number {
-  if (!(value > 0 && value < Infinity)) throw new RangeError(`lens: ${what} is ${value}; give a number above 0`);
-  return value;
 }
 
 interface Stage {

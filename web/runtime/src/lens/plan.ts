@@ -6,7 +6,7 @@
 import { type SpreadletLibrary, turns } from "./library.ts";
 import { fastSize } from "./sizes.ts";
 import { composite, type PictureFormat } from "./wgsl-composite.ts";
-import { BEHIND, COARSEN_FIRST, COARSEN_NEXT, coarser, REFINE } from "./wgsl-fill.ts";
+import { BEHIND, COARSEN_FIRST, COARSEN_NEXT, coarser, FLOOD, REFINE, SEED } from "./wgsl-fill.ts";
 import { FRAME_BYTES, STATS_WORDS } from "./wgsl-frame.ts";
 import { CHOOSE, EDGES, GATHER, RANGE } from "./wgsl-gather.ts";
 import { type Part, type Shelf, splat } from "./wgsl-splat.ts";
@@ -106,7 +106,7 @@ export function plan(options: PlanOptions): Plan {
     steps.push({ shader: "edges", uses: ["frame", "stats", "cut", "place"], groups: tiles });
   }
   steps.push({ shader: "choose", uses: ["frame", "stats", "cut"], groups: [1, 1, 1] });
-  if (layers === 2) fillBehind(width, height, buffers, shaders, steps);
+  if (layers === 2) fillBehind(options, buffers, shaders, steps);
   for (const part of parts) {
     const [image, still_] = [`image_${part}`, `still_${part}`];
     buffers[image] = { bytes: 32 * domain[0] * domain[1] };
@@ -174,7 +174,8 @@ class Shelves {
 }
 
 /** Steps that continue the back layer behind the front one. */
-function fillBehind(width: number, height: number, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>, steps: Step[]): void {
+function fillBehind(options: PlanOptions, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>, steps: Step[]): void {
+  const { width, height } = options;
   const levels = Math.max(1, Math.ceil(Math.log2(Math.max(width, height))));
   const sizes: [number, number, number][] = [[width, height, 0]];
   let texels = 0;
@@ -192,12 +193,32 @@ function fillBehind(width: number, height: number, buffers: Record<string, Plann
   shaders.coarsen_first = { code: COARSEN_FIRST, bindings: ["uniform", "uniform", "read", "read", "read", "write", "write"] };
   shaders.coarsen_next = { code: COARSEN_NEXT, bindings: ["uniform", "read", "write", "write"] };
   shaders.refine = { code: REFINE, bindings: ["uniform", "read", "write", "write", "write", "write"] };
-  shaders.behind = { code: BEHIND, bindings: ["uniform", "uniform", "read", "read", "read", "write", "write", "write", "write"] };
+  shaders.seed = { code: SEED, bindings: ["uniform", "read", "read", "write"] };
+  shaders.flood = { code: FLOOD, bindings: ["uniform", "uniform", "read", "write", "write"] };
+  shaders.behind = { code: BEHIND, bindings: ["uniform", "uniform", "read", "read", "read", ...new Array<"write">(5).fill("write")] };
   const over = (i: number) => [groups(sizes[i]![0], 8), groups(sizes[i]![1], 8), 1] as const;
   const pyramid = ["coarse_a", "coarse_b"];
   const results = ["result_a", "result_b"];
   steps.push({ shader: "coarsen_first", uses: ["frame", "level0", "cut", "light", "place", ...pyramid], groups: over(1) });
   for (let i = 1; i < levels; i++) steps.push({ shader: "coarsen_next", uses: [`level${i}`, "cut", ...pyramid], groups: over(i + 1) });
   for (let i = levels; i > 0; i--) steps.push({ shader: "refine", uses: [`level${i}`, "cut", ...pyramid, ...results], groups: over(i) });
-  steps.push({ shader: "behind", uses: ["frame", "level0", "cut", "light", "place", ...results, "behind_light", "behind_place"], groups: over(0) });
+  const seeds = flood(options, buffers, steps);
+  steps.push({ shader: "behind", uses: ["frame", "level0", "cut", "light", "place", ...results, seeds, "behind_light", "behind_place"], groups: over(0) });
+}
+
+/** Steps that find the nearest seen pixel within the reach of blur and motion; returns the buffer that holds it. */
+function flood({ width, height, largest, moving, longest }: PlanOptions, buffers: Record<string, PlannedBuffer>, steps: Step[]): string {
+  const area = [groups(width, 8), groups(height, 8), 1] as const;
+  const reach = largest + (moving ? longest / 2 : 0) + 4;
+  const pair = ["seeds_a", "seeds_b"];
+  for (const name of pair) buffers[name] = { bytes: 8 * width * height };
+  steps.push({ shader: "seed", uses: ["frame", "cut", "place", "seeds_a"], groups: area });
+  // Jumps of 2^n, …, 2, 1 see 2^(n+1) - 1 far; one more of 1 mends most of what they miss.
+  const jumps = [1, 1];
+  while (2 * jumps[0]! - 1 < reach) jumps.unshift(2 * jumps[0]!);
+  jumps.forEach((step, i) => {
+    buffers[`jump${i}`] = of(Int32Array.of(step, 0, 0, 0));
+    steps.push({ shader: "flood", uses: ["frame", `jump${i}`, "cut", pair[i % 2]!, pair[(i + 1) % 2]!], groups: area });
+  });
+  return pair[jumps.length % 2]!;
 }

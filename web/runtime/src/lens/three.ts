@@ -5,7 +5,8 @@ import { texture } from "three/tsl";
 import { Node, NodeUpdateType, StorageTexture } from "three/webgpu";
 import type { AnyNode } from "../webgpu/field-nodes.ts";
 import type { DepthMeaning, LensCamera } from "./camera.ts";
-import { type Edges, Lens } from "./lens.ts";
+import type { Edges } from "./frame-block.ts";
+import { Lens } from "./lens.ts";
 import type { SpreadletLibrary } from "./library.ts";
 
 /** Options of a `LensNode`. */

@@ -1,6 +1,7 @@
 /**
- * WGSL that continues what the front layer hides: a smooth membrane through what is seen of the back layer, by a convolution
- * pyramid (`lightwell/lens/pyramid.py`, `fill`). Every level is padded with zeros by `PAD` on all sides.
+ * WGSL that continues what the front layer hides (`lightwell/lens/layers.py`): the nearest pixel that is seen of the back
+ * layer, found by jump flooding (Rong and Tan 2006), gives way to a smooth membrane through all of them farther in, by a
+ * convolution pyramid (`lightwell/lens/pyramid.py`, `fill`). Every level is padded with zeros by `PAD` on all sides.
  */
 
 import { CUT, FRAME } from "./wgsl-frame.ts";
@@ -142,9 +143,66 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
 }
 `;
 
+const SEEDS = /* wgsl */ `
+// Nobody is known yet.
+const NOBODY = 0xffffffffu;
+fn away(at: vec2i, seed: u32) -> f32 {
+  return select(length(vec2f(vec2i(i32(seed & 0xffffu), i32(seed >> 16u)) - at)), 1e9, seed == NOBODY);
+}
+`;
+
+/** Every seen pixel knows itself, and so does every one that has none but seen neighbours. */
+export const SEED = /* wgsl */ `
+${FRAME}${CUT}${SEEDS}
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> cut: Cut;
+@group(0) @binding(2) var<storage, read> place: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> seeds: array<vec2u>;
+fn seen(at: vec2i) -> bool {
+  if (any(at < vec2i(0)) || any(at >= vec2i(frame.size))) { return true; }
+  return front_share(place[u32(at.y) * frame.size.x + u32(at.x)].x, cut) < 0.5;
+}
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  if (any(id.xy >= frame.size) || cut.present == 0.0) { return; }
+  var inner = true;
+  for (var k = 0; k < 9; k++) { inner = inner && seen(vec2i(id.xy) + vec2i(k % 3, k / 3) - 1); }
+  let me = id.x | (id.y << 16u);
+  seeds[id.y * frame.size.x + id.x] = vec2u(select(NOBODY, me, seen(vec2i(id.xy))), select(NOBODY, me, inner));
+}
+`;
+
+/** Every pixel takes the nearest of what its eight neighbours at a distance know. */
+export const FLOOD = /* wgsl */ `
+${FRAME}${CUT}${SEEDS}
+struct Jump { step: i32, pad0: i32, pad1: i32, pad2: i32 }
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> jump: Jump;
+@group(0) @binding(2) var<storage, read> cut: Cut;
+@group(0) @binding(3) var<storage, read_write> seeds: array<vec2u>;
+@group(0) @binding(4) var<storage, read_write> next: array<vec2u>;
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  if (any(id.xy >= frame.size) || cut.present == 0.0) { return; }
+  let at = vec2i(id.xy);
+  let index = id.y * frame.size.x + id.x;
+  var best = seeds[index];
+  var nearest = vec2f(away(at, best.x), away(at, best.y));
+  for (var k = 0; k < 9; k++) {
+    let there = at + (vec2i(k % 3, k / 3) - 1) * jump.step;
+    if (any(there < vec2i(0)) || any(there >= vec2i(frame.size))) { continue; }
+    let known = seeds[u32(there.y) * frame.size.x + u32(there.x)];
+    let far = vec2f(away(at, known.x), away(at, known.y));
+    best = select(best, known, far < nearest);
+    nearest = min(nearest, far);
+  }
+  next[index] = best;
+}
+`;
+
 /** The back layer: what is seen of it, and behind the front one its continuation. */
 export const BEHIND = /* wgsl */ `
-${FRAME}${CUT}${LEVEL}${KERNELS}
+${FRAME}${CUT}${LEVEL}${KERNELS}${SEEDS}
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> level: Level;
 @group(0) @binding(2) var<storage, read> cut: Cut;
@@ -152,23 +210,37 @@ ${FRAME}${CUT}${LEVEL}${KERNELS}
 @group(0) @binding(4) var<storage, read> place: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> result_a: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> result_b: array<vec4f>;
-@group(0) @binding(7) var<storage, read_write> behind_light: array<vec4f>;
-@group(0) @binding(8) var<storage, read_write> behind_place: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> seeds: array<vec2u>;
+@group(0) @binding(8) var<storage, read_write> behind_light: array<vec4f>;
+@group(0) @binding(9) var<storage, read_write> behind_place: array<vec4f>;
 ${KNOWN}${REFINED}
+// Distance over which what lies nearest gives way to the membrane, px.
+const FADE = 40.0;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
   if (any(id.xy >= frame.size)) { return; }
+  let at = vec2i(id.xy);
   let index = id.y * frame.size.x + id.x;
   var shine = light[index];
   var spot = place[index];
   let share = front_share(spot.x, cut);
-  if (share > 0.0) {
+  // What is seen for the better part continues itself.
+  if (share >= 0.5) {
     shine *= 1.0 - share;
-    let p = refined(vec2i(id.xy));
-    if (p.b.w > 1e-20) {
-      shine += share * max(p.a / p.b.w, vec4f(0.0));
+    let seed = seeds[index];
+    let far = away(at, seed.x);
+    // Nobody sees what lies farther under its cover than blur and motion reach.
+    if (far <= frame.largest + 0.5 * frame.longest + 2.0) {
+      // A pixel on the border may hold light of what covers the rest: its inner neighbour is better.
+      let from_there = select(seed.x, seed.y, away(at, seed.y) <= far + 1.1);
+      let nearest = (from_there >> 16u) * frame.size.x + (from_there & 0xffffu);
+      let own = exp(-(far / FADE) * (far / FADE));
+      let p = refined(at);
+      let weight = select(0.0, (1.0 - own) / p.b.w, p.b.w > 1e-20);
+      let rest = select(1.0, own, p.b.w > 1e-20);
+      shine += share * max(light[nearest] * rest + p.a * weight, vec4f(0.0));
       // Where a surface lies partly in front, the part behind is as far away as the layer, not as the surface.
-      if (share > 0.5) { spot = vec4f(p.b.xyz / p.b.w, 0.0); }
+      if (share > 0.5) { spot = vec4f(place[nearest].xyz * rest + p.b.xyz * weight, 0.0); }
     }
   }
   behind_light[index] = shine;
