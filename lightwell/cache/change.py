@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,3 +49,34 @@ class ChangeDetector:
         agree = np.all(np.sign(new - np.median(old)) == np.sign(difference))
         noise = 1.4826 * np.median(np.abs(old - np.median(old)))
         return bool(agree and abs(difference) > max(least, SIGMAS * noise))
+
+
+# Frames between which growth is looked for, frames of one mean, and the factor that is too much.
+SPAN, FEW, TOO_MUCH = 64, 8, 1.5
+
+
+class GrowthWatch:
+    """Does a cache that feeds on itself brighten without bound, though nothing in the scene changes?"""
+
+    def __init__(self) -> None:
+        self._levels: deque[float] = deque(maxlen=SPAN)
+
+    def reset(self) -> None:
+        """Begin anew: after a change."""
+        self._levels.clear()
+
+    def update(self, level: float) -> float:
+        """Take in one frame's mean radiance of the cache; returns the growth factor where it is too much, else 0."""
+        if not math.isfinite(level) or level <= 0:
+            return 0.0
+        self._levels.append(level)
+        if len(self._levels) < SPAN:
+            return 0.0
+        numbers = np.array(self._levels)
+        parts = [float(np.median(part)) for part in np.split(numbers, SPAN // FEW)]
+        steady = sum(b > a for a, b in pairwise(parts)) >= len(parts) - 2
+        factor = parts[-1] / parts[0]
+        if not steady or factor < TOO_MUCH:
+            return 0.0
+        self.reset()
+        return factor

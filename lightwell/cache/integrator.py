@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from typing import Any
 
@@ -23,6 +24,10 @@ WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 LEAST_STEPS = 400
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
+
+# budget=auto: training takes this share of a frame's time at most.
+TRAINING_SHARE = 0.25
+LOG = logging.getLogger("lightwell.cache")
 
 check_variant()
 
@@ -195,11 +200,15 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         while done < spp or timed:
             start = time.perf_counter()
             block = per_pass if timed else min(per_pass, spp - done)
-            if not still and self.caching and not cache.frozen:
+            trains = not still and self.caching and not cache.frozen
+            if trains:
                 self._train(scene, sensor, cache, seed)
                 self.seconds["train"] += time.perf_counter() - start
+            trained = time.perf_counter() - start
             film.put_block(self._pass(scene, sensor, cache, seed, done, block, spp, kind))
             done += block
+            if trains and self.settings.budget == "auto":
+                self._balance(cache, trained, time.perf_counter() - start)
             if timed:
                 dr.eval()
                 dr.sync_thread()
@@ -211,6 +220,17 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if two_level:
             image = image + self._second_level(scene, sensor, cache, seed, done)
         return image
+
+    def _balance(self, cache: RadianceCache, training: float, frame: float) -> None:
+        """budget=auto: hold training to a quarter of the frame's time, by its steps and with them its paths."""
+        dr.sync_thread()
+        now = cache.most_steps or self.settings.steps
+        share = training / max(frame, 1e-9)
+        wanted = now - 1 if share > TRAINING_SHARE else now + 1 if share < 0.7 * TRAINING_SHARE else now
+        wanted = min(max(wanted, 1), self.settings.steps)
+        if wanted != now:
+            LOG.info("nrc: training takes %.0f %% of a frame; %d steps from now on", 100 * share, wanted)
+        cache.most_steps = wanted
 
     def _second_level(self, scene, sensor, cache, seed: int, spp: int):
         """What full paths say beyond the cache, from one path for every ``level_samples`` cheap ones."""

@@ -24,6 +24,8 @@ SMOOTH = {"conductor", "dielectric", "thindielectric", "null"}
 DIFFUSE = {"diffuse", "pplastic"}
 ROUGH = {"roughconductor", "roughdielectric", "roughplastic", "plastic", "principled", "principledthin", "measured",
          "hair"}  # fmt: skip
+# Share of values that may be no numbers before a material is refused.
+MOST_BROKEN = 0.01
 _warned: set[str] = set()
 
 
@@ -70,7 +72,8 @@ def material_table(scene: Any) -> MaterialTable:
     for number, bsdf in bsdfs.items():
         roughness[number] = _roughness(bsdf)
     if len(numbers):
-        total, diffuse = _albedos(numbers)
+        total, diffuse, broken = _albedos(numbers)
+        _refuse(bsdfs, numbers, broken)
         albedo[numbers, :, :3] = np.maximum(total - diffuse, 0)
     highest = float((albedo[numbers, :, :3] + diffuse).max()) if len(numbers) else 0.0
     table = MaterialTable(mi.Float(roughness), mi.Float(albedo.ravel()), highest)
@@ -78,8 +81,8 @@ def material_table(scene: Any) -> MaterialTable:
     return table
 
 
-def _albedos(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean sample weight and diffuse reflectance [M, ANGLES, 3] of materials, by angle."""
+def _albedos(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean sample weight and diffuse reflectance [M, ANGLES, 3] of materials, by angle; share that is no number [M]."""
     count = len(numbers) * ANGLES * SAMPLES
     lane = dr.arange(mi.UInt32, count)
     sample = lane % SAMPLES
@@ -98,12 +101,23 @@ def _albedos(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     si.dp_du, si.dp_dv = mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
     _, weight = bsdf.sample(mi.BSDFContext(), si, u[0], mi.Point2f(u[1], u[2]), True)
     diffuse = bsdf.eval_diffuse_reflectance(si, True)
-    weight = dr.select(dr.isfinite(weight), weight, 0)
+    sound = np.array(dr.all(dr.isfinite(weight)) & dr.all(dr.isfinite(diffuse))).reshape(len(numbers), -1)
     out = []
     for value in (weight, diffuse):
         total = np.array(dr.select(dr.isfinite(value), value, 0)).T.reshape(len(numbers), ANGLES, SAMPLES, 3)
         out.append(total.mean(axis=2))
-    return out[0], out[1]
+    return out[0], out[1], 1 - sound.mean(axis=1)
+
+
+def _refuse(bsdfs: dict[int, Any], numbers: np.ndarray, broken: np.ndarray) -> None:
+    """A material that answers with no number now and then is survived; one that does so often is a mistake."""
+    for number, share in zip(numbers, broken):
+        if share > MOST_BROKEN:
+            bsdf = bsdfs[int(number)]
+            raise ValueError(
+                f"nrc: {share:.0%} of the values of material '{bsdf.id() or bsdf.class_name()}' are not finite; "
+                "correct its parameters (a negative or missing colour, roughness or index of refraction)"
+            )
 
 
 def _roughness(bsdf: Any) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,12 +14,13 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache import persist
 from lightwell.cache.batches import frozen_batches
-from lightwell.cache.change import ChangeDetector
+from lightwell.cache.change import ChangeDetector, GrowthWatch
 from lightwell.cache.features import WIDTH, Vertex
 from lightwell.cache.learner import Batch, Learner
 from lightwell.cache.materials import MaterialTable, material_table
 from lightwell.cache.model import Model
 from lightwell.cache.paths import Surroundings
+from lightwell.cache.replay import Replay
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import FIRST, Tiles
@@ -88,6 +90,10 @@ class RadianceCache:
         """Fingerprint of the scene."""
         self.detector, self.changes, self.boost = ChangeDetector(), 0, 0
         """Finds changes; how many there were; frames that still learn faster because of one."""
+        self.growth, self.replay = GrowthWatch(), Replay()
+        """Looks for a cache that feeds on itself; rays of earlier cameras."""
+        self.most_steps = 0
+        """budget=auto: gradient steps of a frame, at most; 0: as the settings say."""
         self.snapshot: tuple[Any, ...] | None = None
         """Sound weights to go back to."""
         self.rollbacks = 0
@@ -130,6 +136,7 @@ class RadianceCache:
         self.since_change = max(0, self.settings.lead_in - REACTION)
         self.boost = BOOST_FRAMES
         self.detector.reset()
+        self.growth.reset()
         self.changes += 1
         self.touched()
 
@@ -203,12 +210,16 @@ class RadianceCache:
             fraction = max(fraction, STILL_FRACTION) if self.still else fraction
             target = STILL_RECORDS if self.still else self.settings.batch * self.steps
             self.tiles[key] = Tiles(target, fraction, STILL_SIDE if self.still else FIRST)
+        if not self.still:
+            self.tiles[key].target = self.settings.batch * self.steps
         return self.tiles[key]
 
     @property
     def steps(self) -> int:
         """Gradient steps of a frame, at most."""
-        return max(self.settings.steps, STILL_RECORDS // self.settings.batch) if self.still else self.settings.steps
+        if self.still:
+            return max(self.settings.steps, STILL_RECORDS // self.settings.batch)
+        return min(self.most_steps or self.settings.steps, self.settings.steps)
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
         """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
@@ -241,9 +252,16 @@ class RadianceCache:
         shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
         shape = Shape(columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place)
-        numbers = Numbers(seed, self.frame, columns, (tile_w, tile_h), u, s.tail_attenuation, s.tail_after)
+        self.replay.look(str(sensor.world_transform().matrix))
+        numbers = Numbers(
+            seed, self.frame, columns, (tile_w, tile_h), u, s.tail_attenuation, s.tail_after, s.replay, self.replay.held
+        )
         tails = self.packed("raw" if s.bootstrap == "raw" else "ema")
-        traced = frozen_frame(self.model, shape)(scene, sensor, self.around, tails, self.packed("ema"), numbers)
+        traced = frozen_frame(self.model, shape)(
+            scene, sensor, self.around, tails, self.packed("ema"), numbers, self.replay.pool
+        )
+        self.replay.saw(traced.o, traced.d)
+        self._watch_growth(float(traced.level[0]))
         told.paths, told.hits = shape.P, int(traced.hits[0])
         count, total, square = (float(x[0]) for x in traced.meter)
         told.bias_paths = int(count)
@@ -251,6 +269,15 @@ class RadianceCache:
             mean = total / count
             told.bias = (mean, math.sqrt(max(square / count - mean**2, 0) / (count - 1)))
         return traced
+
+    def _watch_growth(self, level: float) -> None:
+        """Advise where the cache feeds on itself."""
+        if factor := self.growth.update(level):
+            warnings.warn(
+                f"nrc: the cache grew {factor:.1f} times brighter while the scene rested; its materials reflect up to "
+                f"{self.materials.highest if self.materials else 1:.2f} of what they receive: set tail_attenuation=0.9",
+                stacklevel=2,
+            )
 
     @property
     def unbiased_share(self) -> float:

@@ -18,7 +18,7 @@ CHOICES = {
     "preset": PRESETS,
     "encoding": ("hash", "frequency"),
     "bootstrap": ("raw", "ema"),
-    "first_hit": ("nee", "restir-di"),
+    "first_hit": ("nee", "restir-di", "restir-gi"),
     "restir_reuse": ("biased", "unbiased"),
     "estimator": ("biased", "residual", "two-level"),
     "on_change": ("detect", "hint-only", "off"),
@@ -27,7 +27,7 @@ CHOICES = {
     "sampling": ("sobol", "sensor"),
     "view": (
         "image", "cache", "cache-2", "depth", "spread", "training", "residual", "raw-minus-ema", "albedo", "dropped",
-        "reservoir", "tiles",
+        "reservoir", "tiles", "bias",
     ),
 }  # fmt: skip
 
@@ -85,9 +85,12 @@ class CacheSettings:
     tail_attenuation: float = 1.0
     """Factor on cache values that end training paths, <= 1; against BSDFs that make energy."""
     first_hit: str = "nee"
-    """Direct light at the first hit: 'nee' or 'restir-di'."""
+    """Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for light of one bounce."""
     restir_reuse: str = "biased"
     """How neighbours' reservoirs are merged."""
+    replay: float = 0.125
+    """Share of training paths that start where earlier cameras looked, once the camera has moved: what is off screen is
+    traced anew, not forgotten."""
     restir_candidates: int = 8
     """Light samples that a reservoir chooses from afresh (the paper: 32)."""
     estimator: str = "biased"
@@ -180,6 +183,7 @@ _RANGES = (
     ("learning_rate", 1e-7, 1),
     ("radiance_scale", 0, 1e30),
     ("tail_attenuation", 0, 1),
+    ("replay", 0, 0.5),
     ("restir_candidates", 1, 1024),
     ("residual_probability", 1e-3, 1),
     ("level_samples", 1, 64),

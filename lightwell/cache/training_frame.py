@@ -44,10 +44,12 @@ class Numbers:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "seed": mi.UInt32, "frame": mi.UInt32, "columns": mi.UInt32, "tile": mi.Vector2f, "u": mi.Float,
-        "attenuation": mi.Float, "shortest": mi.UInt32,
+        "attenuation": mi.Float, "shortest": mi.UInt32, "replay": mi.Float, "held": mi.UInt32,
     }  # fmt: skip
 
-    def __init__(self, seed=0, frame=0, columns=1, tile=(1.0, 1.0), u=0.0, attenuation=1.0, shortest=1):
+    def __init__(
+        self, seed=0, frame=0, columns=1, tile=(1.0, 1.0), u=0.0, attenuation=1.0, shortest=1, replay=0.0, held=0
+    ):  # fmt: skip
         whole = lambda x: dr.opaque(mi.UInt32, x & 0xFFFFFFFF)  # noqa: E731
         real = lambda x: dr.opaque(mi.Float, x)  # noqa: E731
         self.seed, self.frame, self.columns = whole(seed), whole(frame), whole(columns)
@@ -55,6 +57,8 @@ class Numbers:
         """Pixels of a tile."""
         self.u, self.attenuation = real(u), real(attenuation)
         self.shortest = whole(shortest)
+        self.replay, self.held = real(replay), whole(held)
+        """Share of paths that start with a ray of the pool, and rays in the pool."""
 
 
 class Traced:
@@ -62,7 +66,8 @@ class Traced:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
-        "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector3f,
+        "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector3f, "level": mi.Float, "o": mi.Point3f,
+        "d": mi.Vector3f,
     }  # fmt: skip
 
     def __init__(self):
@@ -76,6 +81,10 @@ class Traced:
         """Paths that met something that can be learned."""
         self.meter = mi.Vector3f(0)
         """Bias meter: number of unbiased paths, sum and sum of squares of prefix * (traced - cached)."""
+        self.level = mi.Float(0)
+        """Sum of the cache's values at the tails that ended paths, over their number."""
+        self.o, self.d = mi.Point3f(0), mi.Vector3f(0)
+        """[P] rays that the paths began with."""
 
 
 def choice_of(u: float) -> str:
@@ -90,12 +99,15 @@ def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
 
 @functools.lru_cache(maxsize=64)
 def frozen_frame(model: Model, shape: Shape) -> Any:
-    """f(scene, sensor, around, tail weights, pixel weights, numbers) -> Traced; weights with one over their scale."""
+    """f(scene, sensor, around, tail weights, pixel weights, numbers, pool) -> Traced; weights with one over scale.
 
-    def run(scene, sensor, around, tails, pixels, numbers):
+    pool  origins and directions of rays of earlier cameras.
+    """
+
+    def run(scene, sensor, around, tails, pixels, numbers, pool):
         P, V = shape.P, shape.V
         sampler = draws(dr.arange(mi.UInt32, P), numbers.frame, mixed(numbers.seed + TRAINING_STREAM))
-        ray = _rays(sensor, shape, numbers, sampler)
+        ray, replayed = _replayed(_rays(sensor, shape, numbers, sampler), numbers, pool, P)
         unbiased = _unbiased(shape, numbers)
         records = trace_records(scene, sampler, ray, around, unbiased, numbers.shortest, V, P)
         dr.eval(records)
@@ -109,7 +121,10 @@ def frozen_frame(model: Model, shape: Shape) -> Any:
         out.dropped = dr.sum(dr.select(bad, mi.UInt32(1), 0))
         out.luminance = _luminances(model, records.features, targets, ok)
         out.hits = dr.sum(dr.select(records.count > 0, mi.UInt32(1), 0))
-        out.meter = _meter(model, records, at_query, pixels, V, P)
+        out.meter = _meter(model, records, at_query, pixels, ~replayed, V, P)
+        ended = dr.select(records.ended, mi.Float(1), 0)
+        out.level = dr.sum(ended * mi.luminance(tail)) / dr.maximum(dr.sum(ended), 1)
+        out.o, out.d = ray.o, ray.d
         dr.eval(out)
         return out
 
@@ -125,6 +140,17 @@ def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
     aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     time = shape.shutter[0] + sampler.next_1d() * shape.shutter[1]
     return sensor.sample_ray_differential(time, 0.0, position, aperture)[0]
+
+
+def _replayed(ray: Any, numbers: Numbers, pool: Any, P: int) -> tuple[Any, mi.Bool]:
+    """Some of the rays replaced by ones of the pool, and which: what they meet is traced in the scene of today."""
+    lane = mixed(dr.arange(mi.UInt32, P) * mi.UInt32(GOLDEN) ^ mixed(numbers.frame + 77))
+    chosen = (mi.Float(lane) * 2.0**-32 < numbers.replay) & (numbers.held > 0)
+    row = mixed(lane + 5) % dr.maximum(numbers.held, 1)
+    o, d = dr.gather(mi.Point3f, pool[0], row, chosen), dr.gather(mi.Vector3f, pool[1], row, chosen)
+    out = mi.Ray3f(ray)
+    out.o, out.d = dr.select(chosen, o, ray.o), dr.select(chosen, d, ray.d)
+    return out, chosen
 
 
 def _unbiased(shape: Shape, numbers: Numbers) -> mi.Bool:
@@ -147,11 +173,14 @@ def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool
     return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
 
 
-def _meter(model: Model, records: Any, at_query: mi.Color3f, pixels: Any, V: int, P: int) -> mi.Vector3f:
+def _meter(
+    model: Model, records: Any, at_query: mi.Color3f, pixels: Any, counts: mi.Bool, V: int, P: int
+) -> mi.Vector3f:
     """Unbiased paths that no query would have ended count with a difference of 0."""
     v, found = query_vertex(records, V, P)
-    found &= records.unbiased & dr.all(dr.isfinite(at_query))
+    counts = counts & records.unbiased
+    found &= counts & dr.all(dr.isfinite(at_query))
     cached = dr.select(found, model.radiance(pixels[0], v, pixels[1]), 0)
     difference = dr.mean(dr.select(found, records.prefix * (at_query - cached), 0))
-    one = dr.select(records.unbiased, mi.Float(1), 0)
+    one = dr.select(counts, mi.Float(1), 0)
     return mi.Vector3f(dr.sum(one), dr.sum(difference), dr.sum(dr.square(difference)))

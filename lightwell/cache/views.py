@@ -13,6 +13,8 @@ from lightwell.cache.paths import render_path
 
 # Mirrors and panes that a view looks through at most, and samples per pixel of guides.
 MIRRORS, GUIDE_SPP = 8, 4
+# Pixels along the edge of the squares over which the bias view averages: what is left of it per pixel is noise.
+BLOCK = 8
 
 
 @dr.syntax
@@ -67,6 +69,8 @@ def view(scene: Any, sensor: Any, cache: Any, name: str, spp: int, seed: int) ->
         return _training(sensor, cache, name, seed)
     rays = _rays(sensor, spp, seed)
     ray, weight, _, sampler = rays
+    if name == "bias":
+        return _blocks(_image(_path_view(scene, cache, rays, name), sensor, spp))
     if name in ("depth", "spread", "dropped", "cache-2"):
         return _image(_path_view(scene, cache, rays, name), sensor, spp)
     v, found, β, L = first_vertex(scene, sampler, ray, cache.around)
@@ -84,6 +88,16 @@ def view(scene: Any, sensor: Any, cache: Any, name: str, spp: int, seed: int) ->
     raise ValueError(f"nrc: there is no view '{name}' here")
 
 
+def _blocks(image: np.ndarray) -> np.ndarray:
+    """Means over squares of ``BLOCK`` pixels, shown at full size."""
+    height, width, _ = image.shape
+    out = np.empty_like(image)
+    for y in range(0, height, BLOCK):
+        for x in range(0, width, BLOCK):
+            out[y : y + BLOCK, x : x + BLOCK] = image[y : y + BLOCK, x : x + BLOCK].mean(axis=(0, 1))
+    return out
+
+
 def _path_view(scene, cache, rays, name: str):
     from lightwell.cache.frames import evaluator
 
@@ -91,8 +105,9 @@ def _path_view(scene, cache, rays, name: str):
     around = cache.around
     if name == "cache-2":
         around = cache.surroundings(0.0)
+    kind = "difference" if name == "bias" else "biased"
     L, _, depth, ratio = render_path(
-        scene, sampler, ray, around, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, "biased", True
+        scene, sampler, ray, around, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, kind, True
     )
     if name == "depth":
         return mi.Color3f(mi.Float(depth))
