@@ -11,6 +11,8 @@ export const MODULES = {
   "lightwell/gltf-transform": source("gltf-transform.ts"),
   "lightwell/element": source("element/index.ts"),
   "lightwell/export": source("export.ts"),
+  "lightwell/probes": source("probes/index.ts"),
+  "lightwell/probes/webgpu": source("probes/webgpu.ts"),
   "lightwell/lens": source("lens/index.ts"),
   "lightwell/lens/three": source("lens/three.ts"),
 } as const;

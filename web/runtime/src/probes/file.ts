@@ -1,0 +1,174 @@
+/** Reads probe volumes (`format/PROBES.md`): checks everything, then hands the words to the graphics card as they are. */
+
+/** A probe volume: where it is, and the words that shaders read. */
+export interface ProbeFile {
+  /** Place of the first node, metres. */
+  readonly origin: readonly [number, number, number];
+  /** Distance of neighbouring nodes, metres. */
+  readonly spacing: number;
+  /** Nodes along x, y, z. */
+  readonly shape: readonly [number, number, number];
+  /** Surfaces are looked up this far off along their normal, in spacings; what moves asks without. */
+  readonly offset: number;
+  /** Irradiance of 1 in the words. */
+  readonly unit: number;
+  /** Probes, those of bricks included. */
+  readonly probes: number;
+  readonly bricks: number;
+  /** First texel (four words) of each section; light as eight words a probe. */
+  readonly at: Readonly<Record<Section, number>>;
+  readonly words: Uint32Array<ArrayBuffer>;
+}
+
+const SECTIONS = { nodes: 4, weights: 16, light: 8, cells: 12, bricks: 64 } as const;
+type Section = keyof typeof SECTIONS;
+
+const MAGIC = "LWPROBES";
+const MOST_PROBES = 1 << 22;
+
+class ProbeFileError extends Error {
+  constructor(expected: string) {
+    super(`probes: damaged file, expected ${expected}; bake it again`);
+  }
+}
+
+function check(good: boolean, expected: string): asserts good {
+  if (!good) throw new ProbeFileError(expected);
+}
+
+const isNumber = (value: unknown, low: number, high: number): value is number =>
+  typeof value === "number" && value >= low && value <= high;
+
+const isInteger = (value: unknown, low: number, high: number): value is number =>
+  Number.isInteger(value) && isNumber(value, low, high);
+
+/** Reads the bytes of a file. */
+export function readProbes(bytes: ArrayBuffer): ProbeFile {
+  check(bytes.byteLength >= 16, `${MAGIC} and a header`);
+  const start = MAGIC.length + 4;
+  const text = new TextDecoder();
+  check(text.decode(new Uint8Array(bytes, 0, MAGIC.length)) === MAGIC, `${MAGIC} at the beginning`);
+  const size = new DataView(bytes).getUint32(MAGIC.length, true);
+  check(size <= 1 << 16 && start + size <= bytes.byteLength, "a header that ends in the file");
+  let header: Record<string, unknown>;
+  try {
+    header = JSON.parse(text.decode(new Uint8Array(bytes, start, size))) as Record<string, unknown>;
+  } catch {
+    throw new ProbeFileError("a header of JSON");
+  }
+  const rest = bytes.slice(start + size);
+  check(rest.byteLength % 4 === 0, "whole words");
+  return assembled(header, new Uint32Array(rest));
+}
+
+function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFile {
+  check(typeof header === "object" && header !== null && header.version === 1, "version 1");
+  check(header.function === "relu-field", "weights 'relu-field'");
+  const { origin, shape, spacing, offset, unit, coding } = header;
+  check(Array.isArray(origin) && origin.length === 3 && origin.every((v) => isNumber(v, -1e9, 1e9)), "an origin");
+  check(Array.isArray(shape) && shape.length === 3 && shape.every((v) => isInteger(v, 2, 1 << 16)), "a shape");
+  check(isNumber(spacing, 1e-6, 1e6) && isNumber(offset, 0, 1) && isNumber(unit, 1e-30, 1e30), "spacing, offset and unit");
+  check(coding === "l2" || coding === "zh3", "coding l2 or zh3");
+  const [nx, ny, nz] = shape as [number, number, number];
+  check(nx * ny * nz <= MOST_PROBES, "fewer nodes");
+  const stored = (name: Section, width: number): Uint32Array => {
+    const place = (header.sections as Record<string, unknown> | undefined)?.[name];
+    check(Array.isArray(place) && place.length === 2 && place.every((v) => isInteger(v, 0, words.length)), `section ${name}`);
+    const [first, rows] = place as [number, number];
+    check(first % 4 === 0 && first + rows * width <= words.length, `section ${name} in the file`);
+    return words.subarray(first, first + rows * width);
+  };
+  const parts: Record<Section, Uint32Array> = {
+    nodes: stored("nodes", SECTIONS.nodes),
+    weights: stored("weights", SECTIONS.weights),
+    light: coding === "l2" ? stored("light", 8) : fromZh3(stored("light", 5)),
+    cells: stored("cells", SECTIONS.cells),
+    bricks: stored("bricks", SECTIONS.bricks),
+  };
+  checkIndices(parts, nx * ny * nz, (nx - 1) * (ny - 1) * (nz - 1));
+  const at = {} as Record<Section, number>;
+  let total = 0;
+  for (const name of Object.keys(SECTIONS) as Section[]) {
+    at[name] = total / 4;
+    total += parts[name].length;
+  }
+  const joined = new Uint32Array(total);
+  for (const name of Object.keys(SECTIONS) as Section[]) joined.set(parts[name], 4 * at[name]);
+  return {
+    origin: origin as [number, number, number],
+    shape: [nx, ny, nz],
+    spacing,
+    offset,
+    unit,
+    probes: parts.nodes.length / 4,
+    bricks: parts.bricks.length / 64,
+    at,
+    words: joined,
+  };
+}
+
+function checkIndices(parts: Record<Section, Uint32Array>, nodes: number, cells: number): void {
+  const { nodes: node, weights, light, cells: cell, bricks } = parts;
+  const [probes, records, tables] = [node.length / 4, weights.length / 16, bricks.length / 64];
+  check(probes >= nodes && probes > nodes === tables > 0 && light.length === 8 * probes, "a light and a node for each probe");
+  check(cell.length === 12 * cells, `${cells} cells`);
+  for (let i = 0; i < node.length; i += 4) check(node[i]! < 2 + records, "records that exist");
+  for (let i = 0; i < cell.length; i += 12) {
+    for (let k = 0; k < 8; k++) check(cell[i + k]! <= nodes, "nodes that exist");
+    check(cell[i + 8]! <= tables, "bricks that exist");
+  }
+  for (const probe of bricks) check(probe >= nodes && probe < probes, "fine probes that exist");
+  for (let i = 0; i < light.length; i += 8) {
+    for (let k = 0; k < 4; k++) check(((light[i + (k >> 1)]! >>> (16 * (k & 1) + 10)) & 31) < 31, "finite light");
+  }
+}
+
+/** The value of a half float. */
+export function half(bits: number): number {
+  const [exponent, fraction] = [(bits >> 10) & 31, bits & 1023];
+  const size = exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : (2 ** -14 * fraction) / 1024;
+  return bits & 0x8000 ? -size : size;
+}
+
+const LUMINANCE = [0.2126, 0.7152, 0.0722] as const;
+const BAND_2 = [1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396] as const;
+
+/** Light of eight words a probe from five: the zonal value of each colour becomes five harmonics about the shared axis. */
+function fromZh3(rows: Uint32Array): Uint32Array {
+  const count = rows.length / 5;
+  const out = new Uint32Array(8 * count);
+  const code = new Int8Array(new Uint32Array(rows).buffer);
+  const made = new Int8Array(out.buffer);
+  for (let p = 0; p < count; p++) {
+    out[8 * p] = rows[5 * p]!;
+    const step = half(rows[5 * p + 1]! >>> 16);
+    const low = (color: number, k: number) => code[20 * p + 8 + 4 * color + k]! * step;
+    // Band 1 is (-y, z, -x).
+    const axis = [2, 0, 1].map((k, i) => (i === 2 ? 1 : -1) * LUMINANCE.reduce((sum, w, c) => sum + w * low(c, k), 0));
+    const length = Math.hypot(...axis);
+    const [x, y, z] = length > 1e-12 ? axis.map((v) => v / length) : [0, 1, 0];
+    const y2 = [x! * y!, y! * z!, 3 * z! * z! - 1, x! * z!, x! * x! - y! * y!].map((v, k) => v * BAND_2[k]!);
+    const values = [0, 1, 2].map((c) => [
+      ...[0, 1, 2].map((k) => low(c, k)),
+      ...y2.map((v) => Math.sqrt((4 * Math.PI) / 5) * v * low(c, 3)),
+    ]);
+    const largest = Math.max(...values.flat().map(Math.abs));
+    // The step is rounded up, so that bytes suffice.
+    const bits = toHalf(largest / 127);
+    out[8 * p + 1] = ((bits << 16) | (rows[5 * p + 1]! & 0xffff)) >>> 0;
+    const fine = half(bits);
+    values.forEach((numbers, c) => numbers.forEach((v, k) => (made[32 * p + 8 + 8 * c + k] = fine ? Math.round(v / fine) : 0)));
+  }
+  return out;
+}
+
+/** The least half float that is no smaller than a value, which is not negative. */
+export function toHalf(value: number): number {
+  let [low, high] = [0, 0x7bff];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (half(middle) < value) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}

@@ -1,0 +1,128 @@
+/** A probe volume on the graphics card, and materials of `WebGLRenderer` that are lit by it. */
+
+import { DataTexture, type IUniform, type Material, NearestFilter, RGBAIntegerFormat, UnsignedIntType } from "three";
+import { type ProbeFile, readProbes } from "./file.ts";
+import { probesGlsl, ROW_BITS } from "./shader.ts";
+
+/** How a material asks a volume. */
+export interface ProbeUse {
+  /** Learned weights, or trilinear ones for comparison. */
+  readonly mode: IUniform<number>;
+  /** Factor of the irradiance. */
+  readonly intensity: IUniform<number>;
+  /** What is drawn: 0 the lit material, 1 the irradiance, 2 trust, 3 learned less trilinear light, 4 the share of a probe. */
+  readonly view: IUniform<number>;
+  /** The probe of view 4. */
+  readonly probe: IUniform<number>;
+}
+
+let volumes = 0;
+
+/** Probes that light what moves. `dispose()` frees the texture. */
+export class ProbeVolume {
+  readonly file: ProbeFile;
+  /** Prefix of all names in shaders. */
+  readonly name = `lwProbes${volumes++}`;
+  /** The words, four in a texel. */
+  readonly texture: DataTexture;
+
+  constructor(file: ProbeFile | ArrayBuffer) {
+    this.file = file instanceof ArrayBuffer ? readProbes(file) : file;
+    const width = 1 << ROW_BITS;
+    const height = Math.max(1, Math.ceil(this.file.words.length / (4 * width)));
+    const words = new Uint32Array(4 * width * height);
+    words.set(this.file.words);
+    this.texture = new DataTexture(words, width, height, RGBAIntegerFormat, UnsignedIntType);
+    this.texture.minFilter = this.texture.magFilter = NearestFilter;
+    this.texture.needsUpdate = true;
+  }
+
+  /** Place of a node of the lattice, metres. */
+  node(number: number): [number, number, number] {
+    const { origin, spacing, shape } = this.file;
+    const at = [number % shape[0], Math.floor(number / shape[0]) % shape[1], Math.floor(number / (shape[0] * shape[1]))];
+    return origin.map((o, k) => o + spacing * at[k]!) as [number, number, number];
+  }
+
+  /** Whether a probe holds light. */
+  alive(number: number): boolean {
+    return this.file.words[4 * this.file.at.nodes + 4 * number]! > 0;
+  }
+
+  /**
+   * Light a standard (or any other lit) material of `WebGLRenderer` by this volume, on top of what lights it already.
+   * Returns what can be changed at any time.
+   */
+  light(material: Material): ProbeUse {
+    const use: ProbeUse = { mode: { value: 0 }, intensity: { value: 1 }, view: { value: 0 }, probe: { value: -1 } };
+    const { name, texture } = this;
+    const before = material.onBeforeCompile;
+    material.onBeforeCompile = (shader, renderer) => {
+      before.call(material, shader, renderer);
+      Object.assign(shader.uniforms, {
+        [`${name}_words`]: { value: texture },
+        [`${name}_u_mode`]: use.mode,
+        [`${name}_u_gain`]: use.intensity,
+        [`${name}_u_view`]: use.view,
+        [`${name}_u_probe`]: use.probe,
+      });
+      shader.vertexShader = shader.vertexShader
+        .replace("#include <common>", `#include <common>\nvarying vec3 ${name}_place;`)
+        .replace("#include <project_vertex>", `#include <project_vertex>\n${placing(name)}`);
+      shader.fragmentShader = shader.fragmentShader
+        .replace("#include <common>", `#include <common>\n${declared(name)}${probesGlsl(this.file, name)}`)
+        .replace("#include <lights_fragment_maps>", `#include <lights_fragment_maps>\n${asking(name)}`)
+        .replace("#include <opaque_fragment>", `#include <opaque_fragment>\n${showing(name)}`);
+    };
+    const key = material.customProgramCacheKey();
+    material.customProgramCacheKey = () => `${key}${name}`;
+    material.needsUpdate = true;
+    return use;
+  }
+
+  dispose(): void {
+    this.texture.dispose();
+  }
+}
+
+const placing = (name: string) => `
+{
+  vec4 lwPlace = vec4(transformed, 1.0);
+  #ifdef USE_INSTANCING
+    lwPlace = instanceMatrix * lwPlace;
+  #endif
+  ${name}_place = (modelMatrix * lwPlace).xyz;
+}`;
+
+const declared = (name: string) => `
+varying vec3 ${name}_place;
+uniform highp usampler2D ${name}_words;
+uniform int ${name}_u_mode, ${name}_u_view, ${name}_u_probe;
+uniform float ${name}_u_gain;
+vec4 ${name}_answer = vec4(0.0);
+vec3 ${name}_other = vec3(0.0);
+`;
+
+const asking = (name: string) => `
+#if defined(RE_IndirectDiffuse)
+{
+  vec3 lwNormal = inverseTransformDirection(normal, viewMatrix);
+  ${name}_probe = ${name}_u_probe;
+  if (${name}_u_view == 3) {
+    ${name}_mode = 1;
+    ${name}_other = ${name}(${name}_place, lwNormal).rgb;
+  }
+  ${name}_mode = ${name}_u_mode;
+  ${name}_answer = ${name}(${name}_place, lwNormal);
+  irradiance += ${name}_u_gain * ${name}_answer.rgb;
+}
+#endif`;
+
+const showing = (name: string) => `
+if (${name}_u_view == 1) gl_FragColor.rgb = ${name}_u_gain * ${name}_answer.rgb / 3.14159265;
+if (${name}_u_view == 2) gl_FragColor.rgb = mix(vec3(0.6, 0.02, 0.02), vec3(0.02, 0.3, 0.6), ${name}_answer.w);
+if (${name}_u_view == 3) {
+  float lwLess = dot(${name}_u_gain * (${name}_answer.rgb - ${name}_other), vec3(0.2126, 0.7152, 0.0722));
+  gl_FragColor.rgb = lwLess < 0.0 ? vec3(0.02, 0.05, 0.02 - lwLess) : vec3(0.02 + lwLess, 0.05, 0.02);
+}
+if (${name}_u_view == 4) gl_FragColor.rgb = mix(vec3(0.02), vec3(1.0, 0.6, 0.05), ${name}_share);`;

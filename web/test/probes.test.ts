@@ -1,0 +1,111 @@
+/** Probe volumes in the browser: GLSL and WGSL mean what the definition means, and light three.js' standard material. */
+
+import { readFileSync } from "node:fs";
+import { fileURLToPath } from "node:url";
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { readProbes } from "../runtime/src/probes/file.ts";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { bundle, gzipped, modulePage, NOT_OURS } from "./support/bundle.ts";
+
+const fixture = (name: string) => readFileSync(fileURLToPath(new URL(`fixtures/${name}`, import.meta.url)));
+const [MADE_UP, ROOMS] = [fixture("probes.lwp"), fixture("probe-rooms.lwp")];
+const bytesOf = (file: Buffer) => file.buffer.slice(file.byteOffset, file.byteOffset + file.length) as ArrayBuffer;
+const TRUTH = JSON.parse(fixture("probes.json").toString()) as Record<"place" | "normal" | "irradiance", number[][]> & { trust: number[] };
+/** Trust is the sum of hat · ρ: the shaders' tolerance of ρ. */
+const TOLERANCE = 2 / 255;
+
+let browser: Browser;
+let page: Page;
+let errors: string[];
+const site = new Site();
+
+beforeAll(async () => {
+  await site.open();
+  browser = await launch("swiftshader");
+  ({ page, errors } = await openPage(browser));
+  await page.goto(site.put("/index.html", modulePage(await bundle("pages/probes.ts"))));
+  await page.waitForFunction(() => window.probes);
+}, 90_000);
+
+afterAll(async () => {
+  await browser?.close();
+  await site.close();
+  expect(errors).toEqual([]);
+});
+
+describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
+  it("answers as the definition does, bricks and fallback included", async () => {
+    const { place, normal, irradiance, trust } = TRUTH;
+    const asked = { file: MADE_UP.toString("base64"), place, normal };
+    const { data } = await page.evaluate(([k, q]) => window.probes[k](q), [kind, asked] as const);
+    let [worst, error] = [0, 0];
+    trust.forEach((z, i) => {
+      worst = Math.max(worst, Math.abs(data[4 * i + 3]! - z));
+      // Where next to nothing is trusted, the division magnifies rounding.
+      if (z > 0.01) irradiance[i]!.forEach((e, c) => (error = Math.max(error, Math.abs(data[4 * i + c]! - e) / (1 + e))));
+    });
+    expect(worst).toBeLessThan(TOLERANCE);
+    expect(error).toBeLessThan(TOLERANCE);
+    // A planted bug: the wrong normal shows.
+    const turned = { ...asked, normal: normal.map(([x, y, z]) => [y!, z!, x!]) };
+    const wrong = await page.evaluate(([k, q]) => window.probes[k](q), [kind, turned] as const);
+    expect(Math.max(...irradiance.map((e, i) => Math.abs(wrong.data[4 * i]! - e[0]!)))).toBeGreaterThan(0.05);
+  });
+});
+
+const KINDS = ["webgl", "webgpu", "fallback"] as const;
+
+it.each(KINDS)("lights a standard material: %s", async (kind) => {
+  const place: [number, number, number] = [-1.5, 1.3, 1.5];
+  const file = ROOMS.toString("base64");
+  const data = await page.evaluate(([k, f, p]) => window.probes.ball(k, f, p), [kind, file, place] as const);
+  const size = Math.sqrt(data.length / 4);
+  const middle = 4 * ((size / 2) * size + size / 2);
+  const front = { file, place: [[place[0], place[1], place[2] + 0.4]], normal: [[0, 0, 1]] };
+  const { data: expected } = await page.evaluate((q) => window.probes.webgl(q), front);
+  // Diffuse light alone: albedo 1, E / π.
+  for (let c = 0; c < 3; c++) expect(Math.abs((data[middle + c]! * Math.PI) / expected[c]! - 1)).toBeLessThan(0.05);
+  expect(Math.min(...data.filter((_, i) => i % 4 === 0))).toBeGreaterThanOrEqual(0);
+});
+
+it("stops light at the wall that trilinear weights leak through", async () => {
+  const place = Array.from({ length: 24 }, (_, i) => [0.04 + 0.01 * i, 1.2, 0.4]);
+  const asked = { file: ROOMS.toString("base64"), place, normal: place.map(() => [1, 0, 0]) };
+  const mean = async (mode: number) => {
+    const { data } = await page.evaluate((q) => window.probes.webgl(q), { ...asked, mode });
+    return place.reduce((sum, _, i) => sum + data[4 * i]!, 0) / place.length;
+  };
+  const [learned, plain] = [await mean(0), await mean(1)];
+  expect(learned).toBeLessThan(plain);
+  expect(learned).toBeGreaterThan(0);
+});
+
+it("reads what a bake writes, and refuses what is damaged", () => {
+  const rooms = readProbes(bytesOf(ROOMS));
+  expect(rooms.probes).toBeGreaterThan(100);
+  const text = bytesOf(MADE_UP);
+  for (const size of [0, 7, 20, 200, text.byteLength - 4]) expect(() => readProbes(text.slice(0, size))).toThrow("probes: damaged");
+  let refused = 0;
+  for (let seed = 1; seed < 60; seed++) {
+    const broken = new Uint8Array(text.slice(0));
+    for (let k = 0; k < 8; k++) broken[(seed * 7919 + k * 104729) % broken.length] = (seed * 31 + k * 17) & 255;
+    try {
+      readProbes(broken.buffer);
+    } catch (error) {
+      expect(String(error)).toMatch(/^Error: probes: damaged/);
+      refused++;
+    }
+  }
+  expect(refused).toBeGreaterThan(5);
+});
+
+it("is small", async () => {
+  const sizes = await Promise.all(
+    ['export * from "lightwell/probes";', 'export { ProbeVolumeLight, ProbeVolume } from "lightwell/probes/webgpu";'].map(async (text) =>
+      gzipped(await bundle(text, { external: NOT_OURS })),
+    ),
+  );
+  console.log(`lightwell/probes ${sizes[0]} B gzipped, lightwell/probes/webgpu ${sizes[1]} B`);
+  expect(Math.max(...sizes)).toBeLessThan(8_000);
+});
