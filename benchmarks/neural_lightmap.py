@@ -27,7 +27,7 @@ from rows import Row, at_least, at_most, publish, without_bar
 from lightwell.bake.evaluate import Baked
 from lightwell.bake.lightmap import fitted
 from lightwell.bake.lightmap_score import compare_camera
-from lightwell.bake.lightmap_trace import Chart, EyeSamples, chart, eye_samples, light_image, lit_scene
+from lightwell.bake.lightmap_trace import Chart, EyeSamples, chart, eye_samples, lit_scene
 from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.report import metrics
 from lightwell.report.records import ViewComparison
@@ -98,7 +98,7 @@ def trace(source, effort: Effort) -> Traced:
     start = perf_counter()
     scene, _ = lit_scene(load(str(source)))
     made = chart(scene, effort.size, 1, effort.paths, 0)
-    eyes = eye_samples(scene, made, effort.eyes, effort.eye_paths, 5, light_image(made))
+    eyes = eye_samples(scene, made, effort.eyes, effort.eye_paths, 5, made.image)
     seconds = perf_counter() - start
     cameras = sample_cameras(scene, declare((), scene), 4 * effort.views, HELD_OUT, authored=True)
     lit = [camera for camera in cameras if shows_light(scene, camera)]

@@ -111,6 +111,9 @@ def _add_bake_options(parser: argparse.ArgumentParser) -> None:
         "--mips", type=int, default=1, help="lightmap: mip level up to which charts do not mix (default: %(default)s)"
     )
     parser.add_argument(
+        "--max-bytes", metavar="SIZE", help="lightmap: the best that fits, 1MB or 250kB, by short trial fits"
+    )
+    parser.add_argument(
         "--spacing", metavar="LENGTH", help="probes: distance of neighbouring probes, 1m or 50cm (default: extent / 8)"
     )
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
@@ -139,6 +142,7 @@ def _add_bake(verbs) -> None:
 
 
 def _settings(arguments, scene: str, out: str):
+    from lightwell.bake.lightmap_bytes import parse_bytes
     from lightwell.bake.settings import BakeSettings, Budget, metres
 
     budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
@@ -159,6 +163,7 @@ def _settings(arguments, scene: str, out: str):
         static=not arguments.no_static,
         size=arguments.size,
         mips=arguments.mips,
+        max_bytes=None if arguments.max_bytes is None else parse_bytes(arguments.max_bytes),
         spacing=None if arguments.spacing is None else metres(arguments.spacing),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -11,15 +12,18 @@ import numpy as np
 from lightwell.asset.page import write_page
 from lightwell.asset.records import Fallback, FieldEntry
 from lightwell.asset.write import write_glb
+from lightwell.bake.lightmap_bytes import choose
 from lightwell.bake.lightmap_moving import moving_fit, moving_samples
+from lightwell.bake.lightmap_resume import kept_counts, kept_eyes, kept_light, kept_sides
 from lightwell.bake.lightmap_score import LightmapStage, score_lightmap, stage_of
+from lightwell.bake.lightmap_seams import SHARE as SEAM_SHARE
+from lightwell.bake.lightmap_seams import seam_samples
 from lightwell.bake.lightmap_trace import (
     Chart,
     EyeSamples,
     chart,
     direction_image,
     eye_samples,
-    light_image,
     lit_scene,
     lit_sides,
     mask_image,
@@ -45,13 +49,13 @@ TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 # Paths per eye sample, and bounds of their number.
-EYE_PATHS, FEWEST_EYES, MOST_EYES = 32, 1 << 12, 1 << 21
+EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
 # Eye samples of one of ``--shards``.
 SHARD = 1 << 16
 # What a training step of 2^14 rows takes on two cores, and the fewest steps.
 STEP_SECONDS, LEAST_STEPS = 0.04, 200
-# Edge of the directions' picture relative to the atlas, and of the fallback.
-DIRECTION_REDUCTION, FALLBACK_SIZE = 4, 512
+# Edge of the fallback.
+FALLBACK_SIZE = 512
 FALLBACK_CODEC = "jpeg90"
 # The brightest irradiance of the fallback, as a quantile of all texels: bytes are not spent on a few highlights.
 FALLBACK_QUANTILE = 0.999
@@ -78,14 +82,21 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
     work.open(scene)
     size = settings.size or preset.size
     with work.timed("trace"):
-        made, samples, moving = _trace(scene, variable, settings, preset, size, progress)
+        made, samples, moving = _trace(scene, variable, settings, preset, size, work.part("lightmap"), progress)
     progress.say(
         f"atlas: {made.atlas.charts} charts, {made.atlas.coverage:.0%} of {size} x {size}, {made.atlas.origin}"
     )
+    if preset.hidden and not made.glossy.any() and scene.has_static_light:
+        progress.say("every surface looks the same from everywhere: no network is needed, the light map is plain")
+        preset = replace(preset, hidden=(), channels=0, direction=False)
+    if settings.max_bytes and samples is not None:
+        trial = lambda p, s, n: fitted(scene, made, s, p, settings.seed, n)  # noqa: E731
+        preset = choose(settings.max_bytes, preset, made, samples, trial, progress.say)
     steps, fits = _steps(settings, preset), {}
     with work.timed("train"), progress.stage("train light map", 2, "") as stage:
         if scene.has_static_light:
-            fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps)
+            folder = work.part("lightmap")
+            fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps, folder=folder)
         stage.advance()
         if moving is not None:
             unit, count = sample_unit(moving), settings.steps or max(steps, LEAST_STEPS)
@@ -147,27 +158,39 @@ def _trace(
     settings: BakeSettings,
     preset: LightmapPreset,
     size: int,
+    folder: Path,
     progress: Progress,
 ) -> tuple[Chart, EyeSamples | None, EyeSamples | None]:
     """The atlas with its light, samples of the still light, samples of the moving one."""
     still = moving = None
     with progress.stage("trace light map", 4, "") as stage:
         # A light that moves may come to every side that is seen.
-        sides = lit_sides(scene, settings.seed) if variable is None else seen_sides(scene, settings.seed)
+        look = lit_sides if variable is None else seen_sides
+        sides = kept_sides(folder / "sides.npz", lambda: look(scene, settings.seed))
         first = None if settings.shards else chart(scene, size, settings.mips, TIMED_PATHS, settings.seed, sides=sides)
         stage.advance(note="atlas")
-        paths, eyes = _counts(first, scene, settings, preset)
+        paths, eyes = kept_counts(folder / "counts.npz", lambda: _counts(first, scene, settings, preset))
         per_texel = paths if scene.has_static_light else TIMED_PATHS
-        made = chart(scene, size, settings.mips, per_texel, settings.seed, sides=sides)
+        keep = lambda make: kept_light(folder / "light.npz", make)  # noqa: E731
+        made = chart(scene, size, settings.mips, per_texel, settings.seed, sides=sides, keep=keep)
         stage.advance(note=f"{paths} paths per texel")
         if scene.has_static_light:
-            known = light_image(made) if preset.base else None
-            still = eye_samples(scene, made, eyes, EYE_PATHS, settings.seed + 5, known)
+            still = kept_eyes(folder / "eyes.npz", lambda: _still_samples(scene, made, eyes, preset, settings.seed))
         stage.advance(note=f"{eyes} eye samples")
         if variable is not None:
-            moving = moving_samples(scene, made.atlas, variable, eyes, EYE_PATHS, settings.seed + 6)
+            make = lambda: moving_samples(scene, made.atlas, variable, eyes, EYE_PATHS, settings.seed + 6)  # noqa: E731
+            moving = kept_eyes(folder / "moving.npz", make)
         stage.advance()
     return made, still, moving
+
+
+def _still_samples(scene: Scene, made: Chart, count: int, preset: LightmapPreset, seed: int) -> EyeSamples:
+    """Eye samples, a tenth of them on seams."""
+    samples = eye_samples(scene, made, count, EYE_PATHS, seed + 5, made.image if preset.base else None)
+    across = None
+    if preset.base and preset.hidden:
+        across = seam_samples(scene, made, made.image, int(SEAM_SHARE * count), EYE_PATHS, seed + 7)
+    return samples if across is None else samples + across
 
 
 def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: LightmapPreset) -> tuple[int, int]:
@@ -191,19 +214,33 @@ def _counts(first: Chart | None, scene: Scene, settings: BakeSettings, preset: L
 
 
 def fitted(
-    scene: Scene, made: Chart, samples: EyeSamples, preset: LightmapPreset, seed: int, steps: int, progress=None
+    scene: Scene,
+    made: Chart,
+    samples: EyeSamples,
+    preset: LightmapPreset,
+    seed: int,
+    steps: int,
+    progress=None,
+    folder: Path | None = None,
 ) -> LightmapFit:
     """Pictures of the light that arrives, and the trained network."""
     unit = sample_unit(samples)
-    base = encode(stored(light_image(made) / unit), preset.base, made.atlas.mips) if preset.base else None
-    direction = direction_picture(made) if preset.direction else None
+    base = base_picture(made, unit, preset) if preset.base else None
+    direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
     mask = encode(mask_image(made), "webp") if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
     fit = LightmapFit(
         preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask
     )
-    fit.train(samples.query, samples.radiance, samples.weight, steps, progress)
+    fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
     return fit
+
+
+def base_picture(made: Chart, unit: float, preset: LightmapPreset) -> Picture:
+    """E' in the curve of a screen."""
+    image = reduced(made.image, preset.base_reduction) if preset.base_reduction > 1 else made.image
+    mips = max(made.atlas.mips - int(np.log2(preset.base_reduction)), 0)
+    return encode(stored(image / unit), preset.base, mips)
 
 
 def sample_unit(samples: EyeSamples) -> float:
@@ -212,9 +249,9 @@ def sample_unit(samples: EyeSamples) -> float:
     return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
 
 
-def direction_picture(made: Chart) -> Picture:
+def direction_picture(made: Chart, reduction: int) -> Picture:
     """The dominant direction as bytes, at a lower resolution."""
-    small = reduced(direction_image(made), DIRECTION_REDUCTION)
+    small = reduced(direction_image(made), min(reduction, made.atlas.size))
     return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp")
 
 
@@ -235,7 +272,7 @@ def _write_asset(
 
 def fallback(made: Chart) -> Fallback:
     """Linear irradiance for viewers that know MOZ_lightmap only."""
-    image = light_image(made)
+    image = made.image
     factor = max(made.atlas.size // FALLBACK_SIZE, 1)
     irradiance = np.pi * reduced(image, factor)
     top = max(float(np.quantile(irradiance, FALLBACK_QUANTILE)), 1e-6)

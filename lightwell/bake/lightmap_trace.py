@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -58,6 +59,11 @@ class Chart:
     """[K] bool: texels that something can see; the others take the light of their neighbours."""
     glossy: np.ndarray
     """[K] bool: the eye matters there."""
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """[n, n, 3] E': denoised, continued across chart borders and smooth between them."""
+        return light_image(self)
 
 
 def lit_scene(scene: Scene) -> tuple[Scene, str]:
@@ -171,13 +177,13 @@ def clear_glass(scene: Scene) -> np.ndarray:
 
 
 def chart(
-    scene: Scene, size: int, mips: int, paths: int, seed: int, own: bool = True, sides: Sides | None = None
+    scene: Scene, size: int, mips: int, paths: int, seed: int, own: bool = True, sides: Sides | None = None, keep=None
 ) -> Chart:
-    """Atlas, texels and their light."""
+    """Atlas, texels and their light; ``keep``: gives the light that a killed bake has kept, or keeps it."""
     sides = lit_sides(scene, seed) if sides is None else sides
     atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
     covered = texels(scene, atlas)
-    light = irradiance(scene, covered.points, paths, seed + 1)
+    light = (keep or (lambda make: make()))(lambda: irradiance(scene, covered.points, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
     return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
@@ -255,6 +261,13 @@ class EyeSamples:
         """[N, 3] both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
+    def __add__(self, other: EyeSamples) -> EyeSamples:
+        """Both, the weights of the second relative to the mean of the first."""
+        names = MappedQuery.__dataclass_fields__
+        query = MappedQuery(**{n: np.concatenate([getattr(s.query, n) for s in (self, other)]) for n in names})
+        halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
+        return EyeSamples(query, *halves, np.concatenate([self.weight, other.weight * self.weight.mean()]))
+
 
 def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, known: np.ndarray | None) -> EyeSamples:
     """Points on surfaces that the eye matters to, half of them seen from places where it may stand, and their radiance.
@@ -273,7 +286,7 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     if known is None:
         a, b = static(scene, points, paths, seed)
     else:
-        a, b = _corrected(scene, made.atlas, points, known, paths, seed)
+        a, b = corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = mapped_query(scene, made.atlas, points)
     good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
@@ -281,7 +294,7 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     return EyeSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
-def _corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
+def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
     """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)

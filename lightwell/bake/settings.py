@@ -93,6 +93,8 @@ class BakeSettings:
     """Texels along each edge of a light map; None: the preset's."""
     mips: int = 1
     """Mip level up to which no texel of a light map mixes charts."""
+    max_bytes: int | None = None
+    """Most bytes that a light map may take; None: as many as its preset takes."""
     spacing: float | None = None
     """Distance of neighbouring light probes, metres; None: an eighth of the scene."""
 

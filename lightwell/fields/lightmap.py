@@ -6,7 +6,9 @@ pictures. Notation: N samples, n texels along the edge of the atlas, S the unit 
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -34,6 +36,10 @@ class LightmapPreset:
 
     base: str = "webp90"
     """Codec of the ordinary light map below the network; empty: none."""
+    base_reduction: int = 1
+    """Edge of the atlas relative to that of the stored picture."""
+    direction_reduction: int = 4
+    """The same of the directions' picture."""
     direction: bool = False
     """A second picture with the dominant direction (directional light map)."""
     channels: int = 6
@@ -134,8 +140,19 @@ class LightmapFit:
         found = self._rows(query)
         return np.concatenate([found[n] for n in ("place", "base", "gain", "gloss", "mirror", "inputs")], axis=1)
 
-    def train(self, query: MappedQuery, radiance: np.ndarray, weight: np.ndarray, steps: int, progress=None) -> None:
-        """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network."""
+    def train(
+        self,
+        query: MappedQuery,
+        radiance: np.ndarray,
+        weight: np.ndarray,
+        steps: int,
+        progress=None,
+        folder: Path | None = None,
+    ) -> None:
+        """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network.
+
+        folder   Where every form of the quantiser leaves what it has learned, for a training that is resumed.
+        """
         if not self.preset.hidden:
             return
         good = np.isfinite(radiance).all(axis=1) & (weight > 0)
@@ -143,15 +160,36 @@ class LightmapFit:
         target = (radiance[order] / self.unit).astype(np.float32)
         data = TrainingSet.from_numpy(self.rows(query[order]), target, weight[order])
         for quantiser, until in (("noise", ROUND_FROM), ("round", FREEZE_FROM), ("frozen", 1.0)):
-            self._phase(data, quantiser, round(until * steps), steps, progress)
+            if quantiser == "frozen":
+                self._freeze()
+            self.network = self._make_network(quantiser)
+            if quantiser == "frozen" and self.preset.stage:
+                self.network = replace(self.network, stage=())
+            done = None if folder is None else folder / f"{quantiser}.npz"
+            if not self._taken_up(done):
+                self._phase(data, round(until * steps), steps, progress)
+                self._leave(done)
 
-    def _phase(self, data: TrainingSet, quantiser: str, until: int, steps: int, progress) -> None:
-        """Steps up to ``until`` with one form of the quantiser."""
-        if quantiser == "frozen":
-            self._freeze()
-        self.network = self._make_network(quantiser)
-        if quantiser == "frozen" and self.preset.stage:
-            self.network = replace(self.network, stage=())
+    def _taken_up(self, path: Path | None) -> bool:
+        """Whether parameters were left by an earlier run, which are then taken."""
+        if path is None or not path.exists():
+            return False
+        with np.load(path, allow_pickle=False) as arrays:
+            self.history.append((int(arrays["step"]), float(arrays["loss"])))
+            self._parameters = {name[2:]: arrays[name] for name in arrays.files if name.startswith("p.")}
+        return True
+
+    def _leave(self, path: Path | None) -> None:
+        if path is None:
+            return
+        step, loss = self.history[-1]
+        temporary = path.with_suffix(".part")
+        with open(temporary, "wb") as stream:
+            np.savez(stream, step=step, loss=loss, **{f"p.{name}": v for name, v in self._parameters.items()})
+        os.replace(temporary, path)
+
+    def _phase(self, data: TrainingSet, until: int, steps: int, progress) -> None:
+        """Steps up to ``until`` with the quantiser as it is."""
         settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
         trainer = Trainer(self.network, settings, self.seed)
         trainer.adopt(self._parameters, keep_moments=False)

@@ -40,6 +40,12 @@ def stored(value: np.ndarray) -> np.ndarray:
     return np.floor(255 * np.sqrt(np.minimum(x * (1 + SOFT) / (1 + x), 1)) + 0.5).astype(np.uint8)
 
 
+def restored(texels: np.ndarray) -> np.ndarray:
+    """Bytes → E' / S."""
+    u = (np.asarray(texels, np.float32) / 255) ** 2
+    return u / (1 + SOFT - u)
+
+
 @dataclass(frozen=True)
 class MapNodes:
     """Puts together the nodes of one light map."""

@@ -52,10 +52,44 @@ def test_plain_has_no_network(tmp_path):
     assert report["macs_per_pixel"] == 0
 
 
+def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
+    from lightwell.fields import lightmap as field
+
+    whole, halved = tmp_path / "whole", tmp_path / "halved"
+    bake(BakeSettings("cornell", whole, **SMALL))
+    phase, calls = field.LightmapFit._phase, []
+
+    def killed(self, *arguments):
+        calls.append(0)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        phase(self, *arguments)
+
+    monkeypatch.setattr(field.LightmapFit, "_phase", killed)
+    with pytest.raises(KeyboardInterrupt):
+        bake(BakeSettings("cornell", halved, **SMALL))
+    monkeypatch.setattr(field.LightmapFit, "_phase", phase)
+    kept = {p.name for p in (halved / ".lightwell" / "lightmap").iterdir()}
+    assert {"sides.npz", "counts.npz", "light.npz", "eyes.npz", "noise.npz"} <= kept
+    bake(BakeSettings("cornell", halved, resume=True, **SMALL))
+    assert (halved / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+
+
+def test_max_bytes_are_kept(tmp_path):
+    report = bake(BakeSettings("cornell", tmp_path, max_bytes=4000, **SMALL))
+    assert report["bytes"] <= 4000
+
+
+def test_too_few_bytes_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="--max-bytes 100 is too few for this light map, whose smallest form takes"):
+        bake(BakeSettings("cornell", tmp_path, max_bytes=100, **SMALL))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--preset", "nonsense"], "no preset 'nonsense'; choose one of default, report"),
+        (["--max-bytes", "many"], "--max-bytes 'many' is not a size; write 1MB, 250kB"),
         (["--size", "1000"], "--size 1000 is not a power of two"),
         (["--mips", "-1"], "--mips -1 is too small"),
     ],

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from lightwell.fields.atlas_images import denoised, dilated, push_pull
-from lightwell.fields.base import query_inputs
+from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap_graph import SOFT, stored
-from lightwell.graph import evaluate
+from lightwell.fields.lightmap_graph import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
+from lightwell.graph import Builder, evaluate
 from lightwell.graph.pictures import BYTE, decoded, encode
 from lightwell.transport.mapped import MappedQuery
 
@@ -124,6 +124,47 @@ def test_a_chart_is_denoised_without_its_neighbour():
     assert clean[chart == 0].max() < 1.0
 
 
+# ---------------------------------------------------------------------- what surfaces are
+
+
+def masked(red: int, green: int):
+    mask = np.broadcast_to(np.uint8([red, green, 0]), (SIZE, SIZE, 3))
+    return encode(np.ascontiguousarray(mask), "webp")
+
+
+def test_a_matte_surface_ignores_the_network_and_glass_gets_no_light():
+    query, other = queries(256), None
+    other = replace(query, view=unit_rows(256, up=True))
+    shown = {}
+    for name, mask in (("matte", masked(0, 255)), ("glossy", masked(255, 255)), ("glass", masked(255, 0))):
+        preset = LightmapPreset(base="png", channels=3, share=0.25, hidden=(8,))
+        fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=256, mask=mask)
+        fit.train(query, RNG.random((256, 3)).astype(np.float32), np.ones(256, np.float32), 10)
+        shown[name] = [radiance(fit, q) for q in (query, other)]
+    assert np.array_equal(*shown["matte"]) and not np.array_equal(*shown["glossy"])
+    # A Lambertian surface shows its albedo, 0.46 here, times E'.
+    assert np.allclose(shown["matte"][0], radiance(plain(), query) * 0.46 / 0.5, rtol=1e-3)
+    assert not shown["glass"][0].any()
+
+
+def test_the_environment_is_read_where_the_mirrored_ray_leaves_the_box():
+    setup = FieldSetup((0.0, 0.0, 0.0), 1.0, 1.0, "static", (2.0, 2.0, 2.0))
+    nodes = MapNodes(replace(PRESETS["report"], base="", mirrors=(8,)), 1.0, None, None, setup)
+    b = Builder(**INPUTS)
+    place, distance = nodes.mirrored(b)
+    graph = b.build(place=b.scale(place, 1.0), distance=b.scale(distance, 1.0))
+    query = queries(512)
+    query = replace(query, position=RNG.uniform(-0.9, 0.9, (512, 3)).astype(np.float32))
+    found = evaluate(graph, {k: v for k, v in query_inputs(query).items() if k in graph.inputs})
+    r = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
+    left = query.position + r * found["distance"]
+    assert np.abs(np.abs(left).max(axis=1) - BOX_MARGIN).max() < 0.02
+    d = left / np.abs(left).sum(axis=1, keepdims=True)
+    up = d[:, 1] > 0
+    assert np.abs(found["place"][up] - (0.5 + 0.5 * d[up][:, [0, 2]])).max() < 1e-3
+    assert found["place"].min() >= -1e-3 and found["place"].max() <= 1 + 1e-3
+
+
 # ---------------------------------------------------------------------- learned light
 
 
@@ -184,13 +225,14 @@ def test_a_view_turned_round_is_caught(glossy):
     assert error(radiance(fit, wrong)) > 3 * error(radiance(fit, query))
 
 
-@pytest.mark.parametrize("name", list(PRESETS))
+@pytest.mark.parametrize("name", [*PRESETS, "environment"])
 def test_every_preset_trains_and_ships(name):
-    preset = PRESETS[name]
+    preset = PRESETS[name] if name in PRESETS else replace(PRESETS["default"], mirrors=(8, 16))
     preset = replace(preset, share=min(preset.share, 0.25), base="png" if preset.base else "")
     base = encode(stored(ramp()), "png") if preset.base else None
     direction = encode(np.full((8, 8, 3), 160, np.uint8), "webp") if preset.direction else None
-    fit = LightmapFit(preset, SIZE, 2.0, base, direction, batch=1 << 9)
+    setup = FieldSetup((0.5, 0.5, 0.5), 0.5, 2.0, "static", (1.0, 1.0, 1.0))
+    fit = LightmapFit(preset, SIZE, 2.0, base, direction, batch=1 << 9, setup=setup)
     query = queries(1 << 10)
     fit.train(query, np.full((len(query), 3), 0.2, np.float32), np.ones(len(query), np.float32), 12)
     shown = radiance(fit, query)
