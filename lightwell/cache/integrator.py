@@ -19,9 +19,9 @@ from lightwell.cache.settings import CacheSettings, settings_of
 STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
-# A still that has time for fewer gradient steps than this is path traced: what so few can teach costs more than it
-# brings (measured on the Cornell box, where a path costs a third of a microsecond).
-LEAST_STEPS = 400
+# A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few steps
+# can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 600 steps on).
+WORTH = 500.0
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 
@@ -167,8 +167,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             self._train(scene, sensor, cache, seed)
             if s.seconds > 0:
                 done = (time.perf_counter() - start) / (s.train_share * s.seconds)
-                # The first frame tells how many steps there is time for.
-                if len(self.told) == 1 and self.told[0].steps / done < LEAST_STEPS * (cache.learner.step < LEAST_STEPS):
+                if len(self.told) == 2 and cache.frame == 2 and not self._pays(self.told[1]):
                     self.caching = False
                     break
             else:
@@ -176,6 +175,11 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache.rate_factor, cache.still = 1.0, False
         dr.sync_thread()
         self.seconds["train"] += time.perf_counter() - start
+
+    def _pays(self, told: Told) -> bool:
+        """Whether a still by time has time for steps enough; calmer pictures need a better cache to gain from it."""
+        steps = told.steps * self.settings.train_share * self.settings.seconds / sum(told.seconds.values())
+        return not steps * told.noise < WORTH
 
     def _train(self, scene, sensor, cache: RadianceCache, seed: int) -> None:
         told = cache.train_frame(scene, sensor, seed)

@@ -23,7 +23,7 @@ from lightwell.cache.paths import Surroundings
 from lightwell.cache.replay import Replay
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
-from lightwell.cache.tiles import FIRST, Tiles
+from lightwell.cache.tiles import FIRST, SLACK, Tiles
 from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
 
 # The box is larger than the scene by this share, so that nothing lies on its surface.
@@ -33,8 +33,8 @@ KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 # Frames between two copies of the weights.
 SNAPSHOT = 64
-# Frames of training before a still: largest share of pixels, records, and first side of the tiles.
-STILL_FRACTION, STILL_RECORDS, STILL_SIDE = 1.0, 1 << 17, 2.0
+# Frames of training before a still: largest share of pixels, records, first side of the tiles, and their slack.
+STILL_FRACTION, STILL_RECORDS, STILL_SIDE, STILL_SLACK = 1.0, 1 << 17, 2.0, 0.4
 
 
 @dataclass
@@ -57,11 +57,25 @@ class Told:
     bias: tuple[float, float] = (0.0, float("inf"))
     """Bias meter: mean of prefix * (traced - cached) over unbiased paths, and its standard error; radiance."""
     bias_paths: int = 0
+    noise: float = float("nan")
+    """stills: relative variance of one path per pixel, from neighbouring training paths."""
     scale: float = 1.0
     changed: bool = False
     """The scene seemed to have changed."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage: trace, records, train."""
+
+
+def noise_of(luminances: np.ndarray, columns: int, rows: int) -> float:
+    """Relative variance of first records' luminance over reflectance [rows * columns] within squares of 4 x 4 tiles;
+    -1 stands for no record."""
+    whole = luminances.reshape(rows, columns)[: rows // 4 * 4, : columns // 4 * 4]
+    groups = whole.reshape(rows // 4, 4, columns // 4, 4).swapaxes(1, 2).reshape(-1, 16).astype(np.float64)
+    groups = groups[(groups >= 0).all(axis=1) & np.isfinite(groups).all(axis=1)]
+    if not len(groups):
+        return float("nan")
+    mean = groups.mean(axis=1)
+    return float(np.mean(groups.var(axis=1, ddof=1) / (mean**2 + 0.01 * mean.mean() ** 2 + 1e-30)))
 
 
 def bounds_of(scene: Any) -> np.ndarray:
@@ -108,7 +122,8 @@ class RadianceCache:
         self.materials: MaterialTable | None = None
         self._around: Surroundings | None = None
         self._packs: dict[str, Any] = {}
-        self.picture = (0, 0)
+        self.picture, self.grid = (0, 0), (1, 1)
+        """Pixels of the last training frame, and its tiles."""
         self.size = Tiles(1, 1.0)
 
     # ------------------------------------------------------------------ scene
@@ -209,7 +224,8 @@ class RadianceCache:
             fraction = self.settings.train_fraction_max
             fraction = max(fraction, STILL_FRACTION) if self.still else fraction
             target = STILL_RECORDS if self.still else self.settings.batch * self.steps
-            self.tiles[key] = Tiles(target, fraction, STILL_SIDE if self.still else FIRST)
+            side, slack = (STILL_SIDE, STILL_SLACK) if self.still else (FIRST, SLACK)
+            self.tiles[key] = Tiles(target, fraction, side, slack)
         if not self.still:
             self.tiles[key].target = self.settings.batch * self.steps
         return self.tiles[key]
@@ -218,7 +234,7 @@ class RadianceCache:
     def steps(self) -> int:
         """Gradient steps of a frame, at most."""
         if self.still:
-            return max(self.settings.steps, STILL_RECORDS // self.settings.batch)
+            return max(self.settings.steps, 2 * STILL_RECORDS // self.settings.batch)
         return min(self.most_steps or self.settings.steps, self.settings.steps)
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
@@ -248,6 +264,7 @@ class RadianceCache:
         width, height = (int(x) for x in film.crop_size())
         self.picture, self.size = (width, height), self.controller(width, height)
         columns, rows, tile_w, tile_h = self.size.grid(width, height)
+        self.grid = (columns, rows)
         u = self.unbiased_share
         shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
@@ -291,7 +308,10 @@ class RadianceCache:
         s = self.settings
         told.records, told.dropped = int(traced.count[0]), int(traced.dropped[0])
         self.size.update(told.records, told.paths, *self.picture)
-        self._calibrate(np.array(traced.luminance), told)
+        luminances = np.array(traced.luminance)
+        if self.still:
+            told.noise = noise_of(luminances[:: s.max_vertices], *self.grid)
+        self._calibrate(luminances, told)
         steps = min(self.steps, -(-told.records // s.batch))
         # A step of less than half a batch learns little: it waits for more records unless it is the only one.
         if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:

@@ -9,6 +9,10 @@ from dataclasses import dataclass
 SMALLEST, LARGEST, FIRST = 1.0, 128.0, 8.0
 # Records that a path is thought to leave before the first frame has told.
 EXPECTED = 2.5
+# Deviation from the target that is left alone.
+SLACK = 0.04
+# Slack from which sides are powers of the root of two: then all pictures of a size share a few recordings.
+COARSE = 0.25
 
 
 @dataclass
@@ -21,6 +25,8 @@ class Tiles:
     """Largest share of pixels that train."""
     side: float = FIRST
     """Pixels; kept as a fraction, rounded only when the grid is built."""
+    slack: float = SLACK
+    """Relative deviation from the target that changes nothing."""
     per_path: float = EXPECTED
     """Mean records of a path."""
 
@@ -39,5 +45,10 @@ class Tiles:
         if records <= 0 or paths <= 0:
             return
         self.per_path += 0.25 * (records / paths - self.per_path)
-        self.side *= math.sqrt(records / self.wanted(width, height))
+        ratio = records / self.wanted(width, height)
+        if abs(ratio - 1) <= self.slack:
+            return  # Another number of paths is another recording (``training_frame``).
+        self.side *= math.sqrt(ratio)
+        if self.slack >= COARSE:
+            self.side = 2 ** (round(2 * math.log2(self.side)) / 2)
         self.side = min(max(self.side, SMALLEST), LARGEST)
