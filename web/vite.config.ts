@@ -8,7 +8,13 @@ const here = (path: string): string => fileURLToPath(new URL(path, import.meta.u
 /** Builds the viewer as one self-contained page that ships inside the Python package. */
 export default defineConfig({
   root: here("viewer"),
-  resolve: { alias: { lightwell: here("runtime/src/index.ts") } },
+  resolve: {
+    alias: [
+      { find: /^lightwell\/lens$/, replacement: here("runtime/src/lens/index.ts") },
+      { find: /^lightwell$/, replacement: here("runtime/src/index.ts") },
+    ],
+  },
+  assetsInclude: ["**/*.lwsp"],
   plugins: [viteSingleFile({ removeViteModuleLoader: true })],
   build: {
     outDir: here("../lightwell/viewer"),

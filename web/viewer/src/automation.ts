@@ -58,6 +58,8 @@ export interface Automation {
   removeLamp(index: number): Promise<void>;
   /** Learned light at half resolution, or at full; resolves when it is drawn so. */
   setHalf(on: boolean): Promise<void>;
+  /** The lens: on or off, distance in focus (metres) and f-number; resolves when the picture is shown. */
+  setLens(on: boolean, setting?: { focus?: number; fstop?: number }): Promise<void>;
   stats(): Stats;
   /** The canvas: 8-bit RGBA. */
   readPixels(): { width: number; height: number; data: Uint8Array };
@@ -115,6 +117,7 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
       viewer.setHalf(on);
       await viewer.prepared();
     },
+    setLens: (on, setting) => viewer.lens.set(on, setting),
     stats: () => stats(viewer, notice, trouble),
     readPixels: () => viewer.readPixels(),
     readRadiance: () => viewer.readRadiance(),

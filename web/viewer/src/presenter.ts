@@ -27,6 +27,8 @@ export interface Shown {
   readonly glowing: boolean;
   /** Whether the learned light is still being compiled. */
   readonly preparing: boolean;
+  /** Whether the picture goes through the lens before it is shown. */
+  readonly developed?: boolean;
 }
 
 /** What the learned picture is held against in split mode. */
@@ -72,7 +74,7 @@ export class Presenter {
     else pipeline.renderStage(pipeline.total, w, h, stage, rig.camera);
     if (this.shaderError) return { ok: false, isNew: false };
     const isNew = this.compare(shown, w, h);
-    pipeline.present();
+    if (!shown.developed) pipeline.present();
     return { ok: true, isNew };
   }
 

@@ -5,10 +5,12 @@ import { Box3, type DataTexture, Vector3, type WebGLRenderer } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { CameraRig, overview } from "./camera-rig.ts";
 import type { Comparison } from "./comparison.ts";
+import { Darkroom } from "./darkroom.ts";
 import { Emitter } from "./emitter.ts";
 import type { ViewerEvents } from "./events.ts";
 import { Exposure } from "./exposure.ts";
 import { LampDesk } from "./lamp-desk.ts";
+import { LensDesk, type LensHost } from "./lens-desk.ts";
 import type { Mode } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
@@ -53,6 +55,8 @@ export class Viewer extends Emitter<ViewerEvents> {
   half: boolean;
   /** What the user does to the lamps. */
   readonly desk: LampDesk;
+  /** What the user does with the lens. */
+  readonly lens: LensDesk;
   /** Size of the file that is shown. */
   fileBytes = 0;
   private readonly exposed: Exposure;
@@ -80,6 +84,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     });
     this.rig = new CameraRig(canvas);
     this.presenter = new Presenter(this.renderer, this.stage, this.rig, options);
+    this.lens = new LensDesk(this.lensHost());
     this.scale = new RenderScale(options.size === null, () => this.invalidate());
     this.setToneMapping(options.toneMapping ?? "agx");
     this.listen();
@@ -340,6 +345,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     cancelAnimationFrame(this.requested);
     this.resizeObserver.disconnect();
     this.unload();
+    this.lens.dispose();
     this.scale.dispose();
     this.presenter.dispose();
     this.rig.dispose();
@@ -368,6 +374,20 @@ export class Viewer extends Emitter<ViewerEvents> {
     onShaderError(this.renderer, (log) => {
       this.presenter.shaderError = log;
     });
+  }
+
+  /** What the lens needs of the viewer. */
+  private lensHost(): LensHost {
+    const viewer = this;
+    const { renderer, presenter, stage, rig } = this;
+    return {
+      ...{ renderer, presenter, stage, camera: rig.camera },
+      get mode() {
+        return viewer.mode;
+      },
+      changed: () => this.changed(),
+      say: (message) => this.say(message),
+    };
   }
 
   /** Meter the picture of a view. */
@@ -456,9 +476,12 @@ export class Viewer extends Emitter<ViewerEvents> {
     const { mode, against, split, stillLight, exposure, preparing, view: index } = this;
     const view = index === null ? null : { index, data: this.page.views[index]! };
     const glowing = this.options.ui && !needsReference(this) && mode !== "experts";
-    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing };
+    const developed = this.lens.active;
+    if (developed) Darkroom.prepare(this.presenter.pipeline.total);
+    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing, developed };
     const { ok, isNew } = this.presenter.draw(shown, scale);
     if (!ok) return this.recover();
+    if (developed) void this.lens.develop();
     if (isNew) this.emit("change", undefined);
     this.emit("frame", undefined);
   }

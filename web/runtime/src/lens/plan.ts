@@ -91,7 +91,7 @@ export function plan(options: PlanOptions): Plan {
     forward: { code: rowsForward(domain[0]), bindings: ["uniform", "read", "write"] },
     solve: { code: columnsSolve(domain[1]), bindings: ["uniform", "read", "write", "write", "read"] },
     back: { code: rowsBack(domain[0]), bindings: ["uniform", "read", "write", "write"] },
-    composite: { code: composite(layers, format), bindings: ["uniform", "picture", ...new Array<"read">(layers).fill("read")] },
+    composite: { code: composite(layers, format), bindings: ["uniform", "picture", "read", ...(layers === 2 ? (["read", "read", "read", "write"] as const) : [])] },
   };
   const tiles = [groups(width, 64), groups(height, 64), 1] as const;
   const steps: Step[] = [
@@ -106,7 +106,7 @@ export function plan(options: PlanOptions): Plan {
     steps.push({ shader: "edges", uses: ["frame", "stats", "cut", "place"], groups: tiles });
   }
   steps.push({ shader: "choose", uses: ["frame", "stats", "cut"], groups: [1, 1, 1] });
-  if (layers === 2) fillBehind(options, buffers, shaders, steps);
+  const seeds = layers === 2 ? fillBehind(options, buffers, shaders, steps) : null;
   for (const part of parts) {
     const [image, still_] = [`image_${part}`, `still_${part}`];
     buffers[image] = { bytes: 32 * domain[0] * domain[1] };
@@ -123,7 +123,8 @@ export function plan(options: PlanOptions): Plan {
     steps.push({ shader: "solve", uses: ["frame", "columns", image, still_, "rows"], groups: [domain[0], 2, 1] });
     steps.push({ shader: "back", uses: ["frame", "rows", image, still_], groups: [height, 2, 1] });
   }
-  steps.push({ shader: "composite", uses: ["frame", "picture", ...parts.map((part) => `image_${part}`)], groups: [groups(width, 8), groups(height, 8), 1] });
+  const layered = [...parts.map((part) => `image_${part}`), ...(seeds ? ["cut", "place", seeds] : [])];
+  steps.push({ shader: "composite", uses: ["frame", "picture", ...layered], groups: [groups(width, 8), groups(height, 8), 1] });
   return { options, domain, guard, extend, buffers, shaders, steps };
 }
 
@@ -173,8 +174,8 @@ class Shelves {
   }
 }
 
-/** Steps that continue the back layer behind the front one. */
-function fillBehind(options: PlanOptions, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>, steps: Step[]): void {
+/** Steps that continue the back layer behind the front one; returns the buffer of nearest pixels. */
+function fillBehind(options: PlanOptions, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>, steps: Step[]): string {
   const { width, height } = options;
   const levels = Math.max(1, Math.ceil(Math.log2(Math.max(width, height))));
   const sizes: [number, number, number][] = [[width, height, 0]];
@@ -204,6 +205,7 @@ function fillBehind(options: PlanOptions, buffers: Record<string, PlannedBuffer>
   for (let i = levels; i > 0; i--) steps.push({ shader: "refine", uses: [`level${i}`, "cut", ...pyramid, ...results], groups: over(i) });
   const seeds = flood(options, buffers, steps);
   steps.push({ shader: "behind", uses: ["frame", "level0", "cut", "light", "place", ...results, seeds, "behind_light", "behind_place"], groups: over(0) });
+  return seeds;
 }
 
 /** Steps that find the nearest seen pixel within the reach of blur and motion; returns the buffer that holds it. */

@@ -143,7 +143,8 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
 }
 `;
 
-const SEEDS = /* wgsl */ `
+/** Who is nearest of what is seen of the back layer, and of what is well inside it: x | y << 16. */
+export const SEEDS = /* wgsl */ `
 // Nobody is known yet.
 const NOBODY = 0xffffffffu;
 fn away(at: vec2i, seed: u32) -> f32 {

@@ -12,6 +12,7 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["+ · −", "Add a lamp, remove the last one; Delete: the one that has focus"],
   ["R", "Learned light at half resolution, or at full"],
   ["S", "Split against the reference, or against an ordinary light map"],
+  ["F", "Lens: depth of field; click on what shall be sharp"],
   ["V", "Next saved view"],
   ["H", "Start again"],
   ["L", "Focus the light"],

@@ -21,6 +21,7 @@ export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
       l: actions.light,
       h: () => viewer.goHome(),
       s: () => viewer.setAgainst(viewer.against === "reference" ? "lightmap" : "reference"),
+      f: () => void viewer.lens.set(!viewer.lens.on),
       r: () => viewer.setHalf(!viewer.half),
       "+": () => viewer.desk.add(),
       "=": () => viewer.desk.add(),

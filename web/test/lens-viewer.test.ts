@@ -1,0 +1,65 @@
+/** The lens in the viewer: its own WebGL depth buffer drives it, and the picture comes back through the same tone curve. */
+
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, beforeEach, expect, it } from "vitest";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { furnishedRoom } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
+import { pageWith } from "./support/page.ts";
+
+const [WIDTH, HEIGHT] = [160, 120];
+const site = new Site();
+let browser: Browser | undefined;
+let page: Page;
+let errors: string[] = [];
+let adapter = false;
+
+beforeAll(async () => {
+  await site.open();
+  browser = await launch("swiftshader");
+  ({ page, errors } = await openPage(browser, WIDTH, HEIGHT));
+  await page.goto(site.put("/index.html", pageWith(writeGlb(furnishedRoom()))).concat(`?size=${WIDTH}x${HEIGHT}&ui=0&dither=0`));
+  await page.evaluate(() => window.lightwell.ready);
+  adapter = await page.evaluate(async () => Boolean(await navigator.gpu?.requestAdapter()));
+}, 90_000);
+
+afterAll(async () => {
+  await browser?.close();
+  await site.close();
+  expect(errors).toEqual([]);
+});
+
+beforeEach((context) => {
+  if (!adapter) context.skip("this browser has no WebGPU adapter");
+});
+
+/** What is on the screen: grey values, and the mean difference of neighbours along rows. */
+async function shown(): Promise<{ grey: number[]; contrast: number }> {
+  const png = (await page.screenshot()).toString("base64");
+  return page.evaluate(async (bytes) => {
+    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0))]));
+    const context = new OffscreenCanvas(image.width, image.height).getContext("2d")!;
+    context.drawImage(image, 0, 0);
+    const { data } = context.getImageData(0, 0, image.width, image.height);
+    const grey = Array.from({ length: data.length / 4 }, (_, i) => (data[4 * i]! + data[4 * i + 1]! + data[4 * i + 2]!) / 3);
+    const steps = grey.map((v, i) => ((i + 1) % image.width ? Math.abs(v - grey[i + 1]!) : 0));
+    return { grey, contrast: steps.reduce((a, v) => a + v, 0) / steps.length };
+  }, png);
+}
+
+const set = (on: boolean, setting: { focus?: number; fstop?: number }) => page.evaluate(([o, s]) => window.lightwell.setLens(o as boolean, s as object), [on, setting] as const);
+const difference = (a: number[], b: number[]) => a.reduce((n, v, i) => n + Math.abs(v - b[i]!), 0) / a.length;
+
+it("softens what is out of focus, keeps the light, and goes when it is switched off", async () => {
+  const sharp = await shown();
+  await set(true, { focus: 0.5, fstop: 0.3 });
+  const soft = await shown();
+  expect(soft.contrast).toBeLessThan(0.75 * sharp.contrast);
+  const mean = ({ grey }: { grey: number[] }) => grey.reduce((a, v) => a + v, 0) / grey.length;
+  expect(Math.abs(mean(soft) / mean(sharp) - 1)).toBeLessThan(0.05);
+  await set(true, { fstop: 22 });
+  expect(difference((await shown()).grey, sharp.grey)).toBeLessThan(1.5);
+  await set(false, {});
+  await page.evaluate(() => window.lightwell.renderOnce());
+  expect(difference((await shown()).grey, sharp.grey)).toBeLessThan(0.5);
+});

@@ -1,0 +1,108 @@
+/** What the user does with the lens, and when a frame is developed. */
+
+import { type PerspectiveCamera, Raycaster, Vector2, type WebGLRenderer } from "three";
+import { Darkroom, type LensSetting } from "./darkroom.ts";
+import type { Mode } from "./modes.ts";
+import type { Presenter } from "./presenter.ts";
+import type { Stage } from "./stage.ts";
+
+/** Distances in focus and f-numbers that may be set. */
+export const FOCUS_RANGE = [0.15, 100] as const;
+export const FSTOP_RANGE = [0.25, 22] as const;
+/** Modes that show light alone. */
+const MODES: readonly Mode[] = ["learned", "direct", "indirect", "lightmap"];
+
+/** What the viewer lends to the lens. */
+export interface LensHost {
+  readonly renderer: WebGLRenderer;
+  readonly presenter: Presenter;
+  readonly stage: Stage;
+  readonly camera: PerspectiveCamera;
+  readonly mode: Mode;
+  changed(): void;
+  say(message: string): void;
+}
+
+/** Whether the lens is on, where it is focused, and the frame that is being developed. */
+export class LensDesk {
+  on = false;
+  readonly setting: { -readonly [K in keyof LensSetting]: LensSetting[K] } = { focus: 2, fstop: 1.4 };
+  private readonly host: LensHost;
+  private darkroom: Darkroom | null = null;
+  private busy = false;
+  private again = false;
+  /** Those who wait for a developed frame. */
+  private waiting: (() => void)[] = [];
+
+  constructor(host: LensHost) {
+    this.host = host;
+  }
+
+  /** Whether the next frame is developed before it is shown. */
+  get active(): boolean {
+    return this.on && this.darkroom !== null && MODES.includes(this.host.mode);
+  }
+
+  /** Switch the lens; resolves when a developed frame is shown, or the sharp one again. */
+  async set(on: boolean, setting: Partial<LensSetting> = {}): Promise<void> {
+    this.focusAt(setting.focus ?? this.setting.focus);
+    this.setting.fstop = Math.min(FSTOP_RANGE[1], Math.max(FSTOP_RANGE[0], setting.fstop ?? this.setting.fstop));
+    if (on && !this.darkroom) {
+      try {
+        this.darkroom = await Darkroom.open();
+      } catch (error) {
+        this.host.say(error instanceof Error ? error.message : String(error));
+        this.host.changed();
+        return;
+      }
+    }
+    this.on = on;
+    const shown = this.active ? new Promise<void>((resolve) => this.waiting.push(resolve)) : null;
+    this.host.changed();
+    await shown;
+  }
+
+  /** Focus on what lies under a point of the canvas, from −1 to 1; says whether there is anything. */
+  focusUnder(x: number, y: number): boolean {
+    const { camera, stage } = this.host;
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), camera);
+    const [hit] = stage.learned ? ray.intersectObject(stage.learned.root, true) : [];
+    if (!hit) return false;
+    this.focusAt(-hit.point.applyMatrix4(camera.matrixWorldInverse).z);
+    this.host.changed();
+    return true;
+  }
+
+  /** A frame was drawn and not shown: develop it, then show it. */
+  async develop(): Promise<void> {
+    if (this.busy) {
+      this.again = true;
+      return;
+    }
+    this.busy = true;
+    this.again = false;
+    const { renderer, presenter, camera } = this.host;
+    const { pipeline } = presenter;
+    try {
+      const picture = await this.darkroom!.develop(renderer, pipeline.total, camera, this.setting);
+      if (this.active) pipeline.presentInstead(picture);
+    } catch (error) {
+      this.on = false;
+      this.host.say(error instanceof Error ? error.message : String(error));
+    }
+    this.busy = false;
+    if (this.again || !this.active) this.host.changed();
+    if (!this.again) for (const resolve of this.waiting.splice(0)) resolve();
+  }
+
+  dispose(): void {
+    this.on = false;
+    this.darkroom?.dispose();
+    this.darkroom = null;
+  }
+
+  private focusAt(distance: number): void {
+    this.setting.focus = Math.min(FOCUS_RANGE[1], Math.max(FOCUS_RANGE[0], distance));
+  }
+}
