@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
@@ -99,6 +101,11 @@ def _write(
         exposure=score.exposure,
         report=report,
     )
+    intensity = stage.intensity * np.asarray(stage.color)
+    for f in learned:
+        # A field may have files of its own, beside the asset.
+        if more := getattr(f.fit, "write_files", None):
+            more(settings.out, f.role, glb.read_bytes(), stage.views[0][1], intensity)
     return report
 
 

@@ -25,10 +25,13 @@ from lightwell.networks.training import TrainingState
 from lightwell.probes import sh
 from lightwell.probes.bake import Geometry, bake_geometry, with_bricks
 from lightwell.probes.code import Code
+from lightwell.probes.file import encode_volume
+from lightwell.probes.generator import fit_with
 from lightwell.probes.light import Effort, placed, rows, traced
 from lightwell.probes.lower import lower
+from lightwell.probes.page import write_page
 from lightwell.probes.solve import solve
-from lightwell.probes.volume import coefficients
+from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.placing import sample_lights
 from lightwell.transport.samples import Query, Samples
 
@@ -57,6 +60,8 @@ class ProbesPreset:
     """Light states that are solved for (S)."""
     rank: int = 8
     """Bases that are kept of them (K)."""
+    generator: bool = False
+    """Whether fits start from the generator: a network per probe wants it, a grid's convex problem does not."""
     bricks: float = 1.0
     """Fine probes per live probe of the lattice, at most; 0: no bricks."""
     hidden: tuple[int, ...] = (48, 48)
@@ -66,7 +71,7 @@ class ProbesPreset:
 
 PRESETS: dict[str, ProbesPreset] = {
     "default": ProbesPreset(),
-    "mlp": ProbesPreset(function="mlp"),
+    "mlp": ProbesPreset(function="mlp", generator=True),
     "draft": ProbesPreset(effort=Effort(8, 16, 64), static_effort=Effort(8, 64, 128), states=12, rank=4),
 }
 
@@ -221,6 +226,28 @@ class ProbesFit:
         code = Code(self._code.center, self._code.half, weights)
         return lower(self._geometry.volume, self.setup.unit, basis, code)
 
+    def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
+        """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
+        code = np.ones(1)
+        if not self._static:
+            network, best = self._trainer.network, self._trainer.best
+            code = network.mlp.evaluate(best, self._code.features(np.asarray(light, np.float32).reshape(1, 3)))[0]
+        found = (self._basis @ code) * (np.broadcast_to(intensity, 3) if not self._static else 1)
+        return self._geometry.volume.lit(found)
+
+    def write_files(self, out: Path, role: str, glb: bytes, light: np.ndarray, intensity: np.ndarray | float) -> None:
+        """Write ``probes-ROLE.lwp``, for lights of three.js, and ``probes.html`` with it and the scene."""
+        if self.preset.function != "relu-field":
+            return
+        lit = self.volume(light, intensity)
+        mean = float(np.abs(lit.light[lit.alive, 0]).mean()) if lit.alive.any() else 1.0
+        data, parts = encode_volume(lit, "zh3", unit=max(mean, 1e-20))
+        self.facts["file_bytes_per_probe"] = parts
+        atomic = out / f"probes-{role}.lwp"
+        atomic.with_name(atomic.name + ".part").write_bytes(data)
+        atomic.with_name(atomic.name + ".part").replace(atomic)
+        write_page(out / "probes.html", data, glb)
+
     def save(self, path: Path) -> None:
         """Write a checkpoint atomically; the volume itself is found again from the seed."""
         self._trainer.save(path)
@@ -234,10 +261,14 @@ def _geometry(setup: FieldSetup, preset: ProbesPreset) -> Geometry:
     """The volume's weights, baked once for a scene and kept with it."""
     spacing = setup.spacing or 2 * setup.half_extent / ALONG
     kept = setup.scene.__dict__.setdefault("_probe_geometry", {})
-    key = (float(spacing), preset.function)
+    key = (float(spacing), preset.function, preset.generator)
     if key not in kept:
-        kept[key] = bake_geometry(setup.scene, spacing, preset.function)
+        kept[key] = bake_geometry(setup.scene, spacing, preset.function, fit=_fit(preset))
     return kept[key]
+
+
+def _fit(preset: ProbesPreset) -> Callable | None:
+    return fit_with(preset.function) if preset.generator else None
 
 
 def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry, np.ndarray]:
@@ -250,7 +281,7 @@ def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry
         states, samples, solution = _states(setup, preset, seed, geometry)
         chosen = placed(geometry, samples, solution, preset.bricks)
         if len(chosen):
-            geometry = with_bricks(setup.scene, geometry, chosen)
+            geometry = with_bricks(setup.scene, geometry, chosen, _fit(preset))
             states, _, _ = _states(setup, preset, seed, geometry)
         live = np.flatnonzero(geometry.volume.alive)
         static = setup.light == "static"

@@ -27,7 +27,7 @@ FILE = Path(__file__).with_name("generator.npz")
 # Largest file that is read, and largest number in it.
 MOST_BYTES, LARGEST = 4 << 20, 1e4
 # Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
-NEWTON, ADAM, RATE = 6, 50, 0.003
+NEWTON, ADAM, RATE = 10, 50, 0.003
 
 
 @dataclass(frozen=True)

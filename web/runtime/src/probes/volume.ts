@@ -12,6 +12,8 @@ export interface ProbeUse {
   readonly intensity: IUniform<number>;
   /** What is drawn: 0 the lit material, 1 the irradiance, 2 trust, 3 learned less trilinear light, 4 the share of a probe. */
   readonly view: IUniform<number>;
+  /** Metres along the normal at which a surface that stands still asks; 0 for what moves. */
+  readonly offset: IUniform<number>;
   /** The probe of view 4. */
   readonly probe: IUniform<number>;
 }
@@ -51,10 +53,16 @@ export class ProbeVolume {
 
   /**
    * Light a standard (or any other lit) material of `WebGLRenderer` by this volume, on top of what lights it already.
-   * Returns what can be changed at any time.
+   * `still`: the surface does not move, and asks a little off itself. Returns what can be changed at any time.
    */
-  light(material: Material): ProbeUse {
-    const use: ProbeUse = { mode: { value: 0 }, intensity: { value: 1 }, view: { value: 0 }, probe: { value: -1 } };
+  light(material: Material, still = false): ProbeUse {
+    const use: ProbeUse = {
+      mode: { value: 0 },
+      intensity: { value: 1 },
+      view: { value: 0 },
+      offset: { value: still ? this.file.offset * this.file.spacing : 0 },
+      probe: { value: -1 },
+    };
     const { name, texture } = this;
     const before = material.onBeforeCompile;
     material.onBeforeCompile = (shader, renderer) => {
@@ -65,6 +73,7 @@ export class ProbeVolume {
         [`${name}_u_gain`]: use.intensity,
         [`${name}_u_view`]: use.view,
         [`${name}_u_probe`]: use.probe,
+        [`${name}_u_offset`]: use.offset,
       });
       shader.vertexShader = shader.vertexShader
         .replace("#include <common>", `#include <common>\nvarying vec3 ${name}_place;`)
@@ -98,7 +107,7 @@ const declared = (name: string) => `
 varying vec3 ${name}_place;
 uniform highp usampler2D ${name}_words;
 uniform int ${name}_u_mode, ${name}_u_view, ${name}_u_probe;
-uniform float ${name}_u_gain;
+uniform float ${name}_u_gain, ${name}_u_offset;
 vec4 ${name}_answer = vec4(0.0);
 vec3 ${name}_other = vec3(0.0);
 `;
@@ -107,13 +116,14 @@ const asking = (name: string) => `
 #if defined(RE_IndirectDiffuse)
 {
   vec3 lwNormal = inverseTransformDirection(normal, viewMatrix);
+  vec3 lwAt = ${name}_place + ${name}_u_offset * lwNormal;
   ${name}_probe = ${name}_u_probe;
   if (${name}_u_view == 3) {
     ${name}_mode = 1;
-    ${name}_other = ${name}(${name}_place, lwNormal).rgb;
+    ${name}_other = ${name}(lwAt, lwNormal).rgb;
   }
   ${name}_mode = ${name}_u_mode;
-  ${name}_answer = ${name}(${name}_place, lwNormal);
+  ${name}_answer = ${name}(lwAt, lwNormal);
   irradiance += ${name}_u_gain * ${name}_answer.rgb;
 }
 #endif`;

@@ -1,0 +1,27 @@
+"""The page of a probe volume: the scene, an object to drag through it, probes and weights drawn, the leak of trilinear
+weights; one file that opens anywhere."""
+
+from __future__ import annotations
+
+import os
+from base64 import b64encode
+from importlib.resources import files
+from pathlib import Path
+
+PLACE = "<!--lightwell-probes-->"
+
+
+def write_page(path: str | os.PathLike, volume: bytes, glb: bytes, shell: str | None = None) -> None:
+    """Write the page of a volume (``file.encode_volume``) and its scene; ``shell`` replaces the built page."""
+    shell = files("lightwell").joinpath("viewer/probes.html").read_text("utf-8") if shell is None else shell
+    if shell.count(PLACE) != 1:
+        raise RuntimeError(f"probes: the page must contain {PLACE} once, found {shell.count(PLACE)}")
+    kind = "application/octet-stream;base64"
+    parts = {"lightwell-volume": volume, "lightwell-scene": glb}
+    data = "".join(
+        f'<script type="{kind}" id="{name}">{b64encode(part).decode()}</script>' for name, part in parts.items()
+    )
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text(shell.replace(PLACE, data))
+    temporary.replace(path)
