@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache import frames, restir, views
+from lightwell.cache import frames, restir, restir_gi, views
 from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
 from lightwell.cache.denoising import check_film, denoised_image
+from lightwell.cache.paths import Walk, render_path
 from lightwell.cache.radiance_cache import RadianceCache, Told
 from lightwell.cache.settings import CacheSettings, settings_of
 
@@ -19,8 +20,8 @@ from lightwell.cache.settings import CacheSettings, settings_of
 STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
-# A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few steps
-# can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 600 steps on).
+# A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
+# steps can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 600 steps on).
 WORTH = 500.0
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
@@ -68,6 +69,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.reservoirs: Any = None
         """Reservoirs of the last pass, and the camera that they belong to."""
         self._pose = self._pose_mark = ""
+        self._film: Any = None
+        """Takes the world to the film of the last pass with reservoirs."""
         self._began = 0.0
         self.caching = self.settings.caching
         """Whether the paths of this picture may end in the cache; not in a still too short to learn anything."""
@@ -139,7 +142,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """Red: logarithm of the weight W; green: candidates M over what one frame can bring."""
         if self.settings.first_hit == "nee":
             raise ValueError("nrc: view 'reservoir' needs first_hit = 'restir-di'")
-        self._direct(scene, self._rays(sensor, seed, 0, 1, 1), sensor.film(), 1, 1)
+        self._direct(scene, self._rays(sensor, seed, 0, 1, 1), sensor, 1, 1)
         width, height = (int(x) for x in sensor.film().crop_size())
         weight, count = np.array(self.reservoir_W), np.array(self.reservoir_M)
         most = self.settings.restir_candidates * (1 + restir.HISTORY) * (1 + restir.NEIGHBOURS["biased"])
@@ -264,32 +267,59 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             )  # fmt: skip
             return frames.splat(film, L, valid, place, [], block >= 4)
         rays = self._rays(sensor, seed, done, block, spp)
-        direct = self._direct(scene, rays, film, block, spp) if reservoirs else mi.Spectrum(0)
+        if self.settings.first_hit == "restir-gi" and reservoirs:
+            L, valid = self._bounced(scene, cache, rays, sensor, block)
+            return frames.splat(film, L * rays[1], valid, rays[2], rays[0].wavelengths, block >= 4)
+        direct = self._direct(scene, rays, sensor, block, spp) if reservoirs else mi.Spectrum(0)
         L, valid, _, _, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs, self.caching)
         L += direct * rays[1]
         return frames.splat(film, L, valid, place, rays[0].wavelengths, block >= 4)
 
-    def _direct(self, scene, rays, film, block: int, spp: int):
-        """Direct light at the first hits from reservoirs; they remember the last pass where it had the same camera."""
+    def _direct(self, scene, rays, sensor, block: int, spp: int):
+        """Direct light at the first hits from reservoirs; they remember the last pass, and follow the surfaces."""
         s = self.settings
         unbiased = s.restir_reuse == "unbiased"
         ray, sampler = mi.Ray3f(rays[0]), rays[3]
-        width, height = (int(x) for x in film.crop_size())
+        width, height = (int(x) for x in sensor.film().crop_size())
         before = self.reservoirs
         temporal = (
             not unbiased and block == 1 and before is not None and dr.width(before.W) == width * height
-            and self._pose_mark == self._pose
+            and (self._film is not None or self._pose_mark == self._pose)
         )  # fmt: skip
         numbers = [dr.opaque(mi.UInt32, x) for x in (s.restir_candidates, width, height, block)]
         candidates, *size = numbers
-        held = restir.choose(scene, ray, sampler, candidates, before if temporal else restir.Reservoirs(), temporal)
+        past = before if temporal else restir.Reservoirs()
+        held = restir.choose(scene, ray, sampler, candidates, past, temporal, self._film, *size[:2])
         dr.eval(held)
         self.reservoirs, self._pose_mark = (held if block == 1 else None), self._pose
+        self._film = restir.world_to_film(sensor)
         L, self.reservoir_W, self.reservoir_M = restir.shade(
             scene, ray, sampler, held, *size, restir.NEIGHBOURS[s.restir_reuse], unbiased
         )
         dr.eval(L)
         return L
+
+    def _bounced(self, scene, cache, rays, sensor, block: int):
+        """All light along the camera rays, that of one bounce and more at the first hit from reservoirs, and whether
+        anything was met. Rays that meet a mirror first follow plain paths."""
+        s = self.settings
+        ray, sampler = mi.Ray3f(rays[0]), rays[3]
+        sizes = [dr.opaque(mi.UInt32, int(x)) for x in (*sensor.film().crop_size(), block)]
+        evaluate = frames.evaluator(cache)
+        held, rest, usable = restir_gi.choose(scene, ray, sampler, cache.around, evaluate, self.caching)
+        dr.eval(held, rest, usable, sampler)
+        unbiased, count = s.restir_reuse == "unbiased", restir.NEIGHBOURS[s.restir_reuse]
+        shared, self.reservoir_W, self.reservoir_M = restir_gi.shade(
+            scene, ray, sampler, held, *sizes, count, unbiased
+        )  # fmt: skip
+        walk = Walk(ray)
+        walk.active = ~usable
+        plain, valid, *_ = render_path(
+            scene, sampler, walk, cache.around, evaluate, mi.Float(1), self.caching, "biased", True
+        )  # fmt: skip
+        L = dr.select(usable, rest + shared, dr.select(dr.all(dr.isfinite(plain)), plain, 0))
+        dr.eval(L)
+        return L, valid | usable
 
     def _rays(self, sensor, seed: int, done: int, block: int, spp: int):
         if self.settings.sampling == "sensor":

@@ -187,6 +187,7 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
     """Radiance along one camera ray per lane.
 
     Parameters
+      ray           Camera ray, or a ``Walk`` that is under way.
       cache         Vertex, mask -> radiance; called at the query vertex.
       q             Probability that a path goes on behind a query, where the estimator lets it.
       caching       Whether paths may end in the cache at all; without it this is Mitsuba's ``path``.
@@ -197,7 +198,7 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
 
     Papers: Müller et al. 2021 (termination, query), Bekaert et al. 2003 (footprints).
     """
-    walk = Walk(ray)
+    walk = ray if isinstance(ray, Walk) else Walk(ray)
     end = Ending()
     L = mi.Spectrum(0)  # Radiance gathered
     valid = mi.Bool(False)  # Something was met

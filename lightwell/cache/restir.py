@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from lightwell.backend import dr, mi
 
 # Neighbours and radius of spatial reuse (passes x neighbours: biased 2 x 5 as one pass of 5, unbiased 1 x 3), pixels.
@@ -61,8 +63,12 @@ def first_hit(scene, ray, active=True):
 
 
 @dr.syntax
-def choose(scene, ray, sampler, candidates, before, temporal: bool) -> Reservoirs:
-    """Candidates, one shadow ray, and the pixel's own past (``before``) at an unmoved camera."""
+def choose(scene, ray, sampler, candidates, before, temporal: bool, film=None, width=0, height=0) -> Reservoirs:
+    """Candidates, one shadow ray, and the surface's own past.
+
+    before  reservoirs of the last pass, one per pixel. film: takes a point of the world to where that pass saw it,
+            [0, 1]^2 (``world_to_film``), so that the past follows its surface when the camera moves.
+    """
     out = Reservoirs()
     si, bsdf, usable = first_hit(scene, ray)
     u, best, total = mi.Point2f(0), mi.Float(0), mi.Float(0)
@@ -81,7 +87,9 @@ def choose(scene, ray, sampler, candidates, before, temporal: bool) -> Reservoir
     hidden = scene.ray_test(si.spawn_ray_to(ds.p), usable & (W > 0))
     W = dr.select(hidden | ~usable, 0, W)
     if dr.hint(temporal, mode="scalar"):
-        alike = usable & (before.t > 0) & (dr.abs(before.t / si.t - 1) < DEPTH) & (dr.dot(before.n, si.n) > NORMAL)
+        before, seen = _past(before, film, width, height, si, usable)
+        alike = seen & (before.t > 0) & (dr.dot(before.n, si.n) > NORMAL)
+        alike &= dr.abs(before.t / dr.norm(si.p - before.o) - 1) < DEPTH
         M_before = dr.select(alike, dr.minimum(before.M, HISTORY * M), 0)
         p_before = target(scene, si, bsdf, before.u, alike)
         w, w_before = best * W * M, p_before * before.W * M_before
@@ -94,6 +102,34 @@ def choose(scene, ray, sampler, candidates, before, temporal: bool) -> Reservoir
     out.t, out.n = dr.select(usable, si.t, 0), mi.Vector3f(si.n)
     out.o, out.d = ray.o, ray.d
     return out
+
+
+def world_to_film(sensor: Any) -> Any:
+    """The transform from world to [0, 1]^2 of the film as the sensor stands now; None for sensors without a field of
+    view."""
+    parameters = mi.traverse(sensor)
+    if "x_fov" not in parameters:
+        return None
+    film = sensor.film()
+    angle = float(np.array(parameters["x_fov"]).ravel()[0])
+    flat = mi.perspective_projection(
+        film.size(), film.crop_size(), film.crop_offset(), angle, sensor.near_clip(), sensor.far_clip()
+    )  # fmt: skip
+    matrix = np.array(mi.Transform4f(flat).matrix).reshape(4, 4)
+    pose = np.array(sensor.world_transform().inverse().matrix).reshape(4, 4)
+    whole = mi.Matrix4f((matrix @ pose).tolist())
+    dr.make_opaque(whole)
+    return mi.ProjectiveTransform4f(whole)
+
+
+def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoirs, mi.Bool]:
+    """The last pass's reservoir of each surface, and whether that pass saw its place."""
+    if film is None:
+        return before, usable
+    at = film @ si.p
+    x, y = mi.Int32(dr.floor(at.x * mi.Float(width))), mi.Int32(dr.floor(at.y * mi.Float(height)))
+    seen = usable & (x >= 0) & (y >= 0) & (x < mi.Int32(width)) & (y < mi.Int32(height)) & (at.z > 0) & (at.z < 1)
+    return dr.gather(Reservoirs, before, mi.UInt32(y) * width + mi.UInt32(x), seen), seen
 
 
 @dr.syntax
@@ -110,7 +146,7 @@ def shade(scene, ray, sampler, held, width, height, spp, count: int, unbiased: b
     si, bsdf, usable = first_hit(scene, ray)
     angle, offset_r = sampler.next_1d() * dr.two_pi, sampler.next_1d()
 
-    u, M = held.u, held.M
+    u, M = mi.Point2f(held.u), mi.Float(held.M)  # Copies: what is held is the past of the next pass.
     p = target(scene, si, bsdf, u, usable)
     total = p * held.W * held.M
     best = p

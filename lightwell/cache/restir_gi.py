@@ -1,0 +1,151 @@
+"""Reservoirs for light of one bounce and more at the first hit, after Ouyang et al. 2021.
+
+A sample is a point x_s on a diffuse surface and the radiance L that leaves it. Moved from first hit a to first hit b,
+its weight is multiplied by (cos_b / cos_a) (|x_a - x_s|^2 / |x_b - x_s|^2), angles measured at x_s. What is no diffuse
+surface is not shared: it counts for its own pixel alone. The cache can say L, or a path is traced on.
+
+Notation: N lanes; reservoirs (x_s, n_s, L, W, M) with W in solid angle at the first hit p.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightwell.backend import dr, mi
+from lightwell.cache.paths import Walk, render_path
+from lightwell.cache.restir import _alike, _neighbour, first_hit
+from lightwell.transport.radiance import interaction_at, power_heuristic
+
+
+class Bounced:
+    """One secondary point per lane, and the first hit it was found from."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "x": mi.Point3f, "ns": mi.Vector3f, "L": mi.Color3f, "W": mi.Float, "M": mi.Float, "p": mi.Point3f,
+        "t": mi.Float, "n": mi.Vector3f, "o": mi.Point3f, "d": mi.Vector3f,
+    }  # fmt: skip
+
+    def __init__(self):
+        self.x, self.ns, self.L = mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Color3f(0)
+        """Secondary point, its normal on the side of the first hit, radiance that leaves it."""
+        self.W, self.M = mi.Float(0), mi.Float(0)
+        self.p, self.t, self.n = mi.Point3f(0), mi.Float(0), mi.Vector3f(0)
+        """First hit: place, distance from the camera (0: none), normal."""
+        self.o, self.d = mi.Point3f(0), mi.Vector3f(0, 0, 1)
+        """The camera ray."""
+
+
+def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
+    """Light sampling at the first hit with its MIS weight against BSDF sampling."""
+    ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)
+    active = active & (ds.pdf != 0)
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
+    return dr.select(active, value * weight * dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf)), 0)
+
+
+def choose(scene, ray, sampler, around, evaluate, caching: bool) -> tuple[Bounced, mi.Color3f, mi.Bool]:
+    """One bounce per lane: (reservoirs of what can be shared, all the rest of the light at the first hit, whether the
+    first hit takes reservoirs)."""
+    si, bsdf, usable = first_hit(scene, ray)
+    rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
+    sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
+    walk = Walk(si.spawn_ray(si.to_world(sample.wo)))
+    walk.active = usable & (dr.max(weight) > 0)
+    walk.depth = mi.UInt32(1)
+    walk.prev, walk.prev_pdf = interaction_at(si), mi.Float(sample.pdf)
+    walk.prev_delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    # The footprint of a secondary point counts as wide, so that the cache answers there.
+    walk.foot.scattered, walk.foot.run_pdf = mi.Bool(True), dr.select(walk.prev_delta, 0, walk.prev_pdf)
+    delta, active = mi.Bool(walk.prev_delta), mi.Bool(walk.active)
+    behind = scene.ray_intersect(walk.ray, mi.RayFlags.All, False, active)
+    emitted = dr.select(active, walk.emission(scene, behind), 0)
+    L, *_ = render_path(scene, sampler, walk, around, evaluate, mi.Float(1), caching, "biased", True)
+    L = dr.select(active & behind.is_valid(), L - emitted, 0)
+    flags = behind.bsdf().flags()
+    rough = mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ~mi.has_flag(flags, mi.BSDFFlags.Glossy)
+    shared = active & behind.is_valid() & rough & ~mi.has_flag(flags, mi.BSDFFlags.Delta) & ~delta & (sample.pdf > 0)
+    rest += dr.select(active, weight * (emitted + dr.select(shared, 0, L)), 0)
+
+    out = Bounced()
+    out.x, out.L = mi.Point3f(behind.p), mi.Color3f(dr.select(shared, L, 0))
+    n = mi.Vector3f(behind.n)
+    out.ns = dr.select(dr.dot(n, walk_direction(si, behind)) > 0, -n, n)
+    out.W, out.M = dr.select(shared, dr.rcp(sample.pdf), 0), dr.select(usable, mi.Float(1), 0)
+    out.p, out.t, out.n = mi.Point3f(si.p), dr.select(usable, si.t, 0), mi.Vector3f(si.n)
+    out.o, out.d = mi.Point3f(ray.o), mi.Vector3f(ray.d)
+    return out, dr.select(dr.all(dr.isfinite(rest)), rest, 0), usable
+
+
+def walk_direction(si: Any, behind: Any) -> mi.Vector3f:
+    """From the first hit to the point behind it, unit."""
+    return dr.normalize(behind.p - si.p)
+
+
+def reached(si: Any, bsdf: Any, x: mi.Point3f, ns: mi.Vector3f, L: mi.Color3f, active: mi.Bool):
+    """(BSDF * L towards a secondary point seen from ``si``, cosine at that point, squared distance)."""
+    offset = x - si.p
+    distance2 = dr.squared_norm(offset)
+    direction = offset * dr.rsqrt(dr.maximum(distance2, 1e-20))
+    cosine = -dr.dot(ns, direction)
+    active = active & (cosine > 0) & (distance2 > 0)
+    value = bsdf.eval(mi.BSDFContext(), si, si.to_local(direction), active) * L
+    return dr.select(active & dr.all(dr.isfinite(value)), value, 0), cosine, distance2
+
+
+def visible(scene: Any, si: Any, x: mi.Point3f, active: mi.Bool) -> mi.Bool:
+    """Whether nothing stands between."""
+    return active & ~scene.ray_test(si.spawn_ray_to(x), active)
+
+
+@dr.syntax
+def shade(scene, ray, sampler, held: Bounced, width, height, spp, count: int, unbiased: bool):
+    """Shared light [N] at the first hits after merging ``count`` neighbours' reservoirs, and the weights W and M."""
+    lane = dr.arange(mi.UInt32, dr.width(held.W))
+    pixel, s = lane // spp, lane % spp
+    at = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
+    si, bsdf, usable = first_hit(scene, ray)
+    angle, offset_r = sampler.next_1d() * dr.two_pi, sampler.next_1d()
+
+    x, ns, L, M = mi.Point3f(held.x), mi.Vector3f(held.ns), mi.Color3f(held.L), mi.Float(held.M)
+    value, cosine, distance2 = reached(si, bsdf, x, ns, L, usable & (held.W > 0))
+    best = mi.luminance(value)
+    total = best * held.W * held.M
+    k = mi.UInt32(0)
+    while dr.hint(k < count, label="lightwell nrc bounced neighbours"):
+        i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
+        other = dr.gather(Bounced, held, i, usable)
+        alike = usable & _alike(other, si, i != lane)
+        value, cosine, distance2 = reached(si, bsdf, other.x, other.ns, other.L, alike & (other.W > 0))
+        p = mi.luminance(value)
+        back = other.p - other.x
+        cosine_j = dr.dot(other.ns, back) * dr.rsqrt(dr.maximum(dr.squared_norm(back), 1e-20))
+        jacobian = cosine / cosine_j * dr.squared_norm(back) / distance2
+        w = dr.select((p > 0) & (cosine_j > 0), p * other.W * jacobian * other.M, 0)
+        w = dr.select(dr.isfinite(w), w, 0)
+        total += w
+        M += dr.select(alike, other.M, 0)
+        taken = sampler.next_1d() * total < w
+        x, ns, L = dr.select(taken, other.x, x), dr.select(taken, other.ns, ns), dr.select(taken, other.L, L)
+        best = dr.select(taken, p, best)
+        k += 1
+    if dr.hint(unbiased, mode="scalar"):
+        M = dr.select(_possible(scene, held.o, held.d, x, ns, L, usable), held.M, 0)
+        k = mi.UInt32(0)
+        while dr.hint(k < count, label="lightwell nrc bounced possible"):
+            i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
+            other = dr.gather(Bounced, held, i, usable)
+            alike = usable & _alike(other, si, i != lane)
+            M += dr.select(_possible(scene, other.o, other.d, x, ns, L, alike), other.M, 0)
+            k += 1
+    W = dr.select((best > 0) & (M > 0), total / (M * best), 0)
+    value, _, _ = reached(si, bsdf, x, ns, L, usable & (W > 0))
+    out = dr.select(visible(scene, si, x, usable & (W > 0)), value * W, 0)
+    return dr.select(dr.all(dr.isfinite(out)), out, 0), W, M
+
+
+def _possible(scene, o, d, x, ns, L, active) -> mi.Bool:
+    """Whether the surface behind a camera ray could have found the secondary point."""
+    si, bsdf, usable = first_hit(scene, mi.Ray3f(o, d), active)
+    active = active & usable
+    value, _, _ = reached(si, bsdf, x, ns, L, active)
+    return visible(scene, si, x, active & (mi.luminance(value) > 0))
