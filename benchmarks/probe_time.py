@@ -26,7 +26,9 @@ def measure(count: int, rounds: int) -> dict[str, float]:
     normal = rng.standard_normal((count, 3)).astype(np.float32)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     x, n = (kind(np.ascontiguousarray(v.T)) for kind, v in ((mi.Point3f, place), (mi.Vector3f, normal)))
-    asked = {name: device.learned(_volume(name, lattice, light, rng)) for name in ("relu-field", "mlp")}
+    asked = {
+        name: device.learned(_volume(name, lattice, light, rng)) for name in ("relu-field", "product-field", "mlp")
+    }
     asked["trilinear"] = device.trilinear(_volume("relu-field", lattice, light, rng, OPEN))
     maps = rng.random((nodes, ddgi.SIDE, ddgi.SIDE, 2)).astype(np.float32)
     asked["ddgi"] = device.chebyshev(ddgi.Moments(lattice, lattice.nodes(), np.ones(nodes, bool), maps, light))

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def load(path: Path = FILE) -> Generator | None:
         good = all(_fits(networks[name], components.shape[1], FUNCTIONS[name].parameters) for name in names)
         good &= all(np.isfinite(a).all() and np.abs(a).max(initial=0) < LARGEST for a in arrays.values())
         good &= arrays["mean"].shape == components.shape[:1]
-    except (KeyError, ValueError, OSError, EOFError, IndexError) as error:
+    except (KeyError, ValueError, TypeError, OSError, EOFError, IndexError, BadZipFile) as error:
         raise ValueError(wrong) from error
     if not good:
         raise ValueError(wrong)

@@ -180,6 +180,9 @@ class Page {
       this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
       this.renderer.setSize(innerWidth, innerHeight, false);
       this.camera.aspect = innerWidth / innerHeight;
+      // The scene stands beside the form.
+      if (innerWidth > 700) this.camera.setViewOffset(innerWidth, innerHeight, -130, 0, innerWidth, innerHeight);
+      else this.camera.clearViewOffset();
       this.camera.updateProjectionMatrix();
       this.renderer.render(this.scene, this.camera);
     });

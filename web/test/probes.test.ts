@@ -1,6 +1,6 @@
 /** Probe volumes in the browser: GLSL and WGSL mean what the definition means, and light three.js' standard material. */
 
-import { readFileSync } from "node:fs";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
@@ -98,6 +98,22 @@ it("reads what a bake writes, and refuses what is damaged", () => {
     }
   }
   expect(refused).toBeGreaterThan(5);
+});
+
+it("takes a time, which the benchmark reads", async () => {
+  // Places in the order of the lattice, as pixels have it.
+  const place = Array.from({ length: 1024 }, (_, i) => [-2.9 + (5.8 * i) / 1024, 1.2, 0.4]);
+  const asked = { file: ROOMS.toString("base64"), place, normal: place.map(() => [0, 1, 0]), repeat: 256 };
+  const nanoseconds: Record<string, number> = {};
+  for (const [name, mode] of [["learned", 0], ["trilinear", 1]] as const) {
+    const times: number[] = [];
+    for (let k = 0; k < 3; k++) times.push((await page.evaluate((q) => window.probes.webgl(q), { ...asked, mode })).milliseconds);
+    nanoseconds[name] = (1e6 * times.sort((a, b) => a - b)[1]!) / (1024 * 256);
+  }
+  expect(nanoseconds.learned).toBeGreaterThan(0);
+  const folder = fileURLToPath(new URL("../test-results/", import.meta.url));
+  mkdirSync(folder, { recursive: true });
+  writeFileSync(`${folder}probes.json`, `${JSON.stringify({ renderer: "WebGL 2 on SwiftShader", nanoseconds }, null, 1)}\n`);
 });
 
 it("is small", async () => {
