@@ -62,11 +62,11 @@ def frame(size: int) -> tuple[np.ndarray, np.ndarray, Camera]:
     return rgb.astype(np.float32), depth.astype(np.float32), camera
 
 
-def printed(size: int, camera: Camera) -> dict:
+def printed(size: int, camera: Camera, software: bool) -> dict:
     """The plan, as Node prints it."""
     options = {
         "width": size, "height": size, "layers": 2, "largest": min(LARGEST, size / 2), "longest": 1, "extend": True,
-        "format": "rgba32float",
+        "format": "rgba32float", "software": software,
     }  # fmt: skip
     facts = {
         "depthMeaning": {"kind": "linear"}, "motion": False, "edges": "extend", "tolerance": 1e-3,
@@ -228,9 +228,9 @@ def rows(quick: bool) -> list[Row]:
     if why:
         return [at_most(what, BAR, None, "ms", why)]
     rgb, depth, camera = frame(size)
-    program = Program(found, printed(size, camera), rgb, depth)
     info = dict(found.info)
     software = is_software(info)
+    program = Program(found, printed(size, camera, software), rgb, depth)
     picture = program.picture()
     expected, report = Lens(Settings(layers=2)).apply(rgb, depth, None, camera)
     error = np.mean((np.clip(picture[..., :3], 0, 1) - np.clip(expected[..., :3], 0, 1)) ** 2)

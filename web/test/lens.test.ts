@@ -164,6 +164,12 @@ describe("against the Python reference", () => {
     expect(psnr).toBeGreaterThan(50);
   });
 
+  it("a real GPU's larger workgroups give the same", async () => {
+    const software = await draw(oneLayer("still"));
+    const hardware = await draw(oneLayer("still", { hardware: true }));
+    expect(compare(hardware.picture, software.picture).psnr).toBeGreaterThan(100);
+  });
+
   it("one layer, divided by coverage: above 60 dB", async () => {
     const { picture } = await draw(twoLayers({ options: { largest: 16, layers: 1, edges: "renormalise" } }));
     expect(compare(picture, unpack(CASES.frame.one)).psnr).toBeGreaterThan(60);

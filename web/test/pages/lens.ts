@@ -20,6 +20,8 @@ export interface LensRequest {
   readonly read?: readonly string[];
   /** Text that is replaced in the shaders: a planted bug. */
   readonly plant?: { readonly shader: string; readonly from: string; readonly to: string };
+  /** Take the device for a real GPU, whose workgroups are larger. */
+  readonly hardware?: boolean;
   /** Shaders that do nothing. */
   readonly idle?: readonly string[];
   /** Frames drawn and waited for, to time them. */
@@ -111,6 +113,8 @@ async function draw(request: LensRequest): Promise<LensAnswer> {
   const listen = (event: Event) => void errors.push((event as GPUUncapturedErrorEvent).error.message);
   gpu.addEventListener("uncapturederror", listen);
   const original = gpu.createShaderModule.bind(gpu);
+  if (request.hardware) Object.defineProperty(gpu, "adapterInfo", { value: {}, configurable: true });
+  else delete (gpu as { adapterInfo?: unknown }).adapterInfo;
   gpu.createShaderModule = (descriptor) => {
     const name = descriptor.label?.replace("lens: ", "") ?? "";
     if (request.idle?.includes(name)) return original({ ...descriptor, code: "@compute @workgroup_size(1) fn main() {}" });

@@ -157,6 +157,7 @@ export class Lens {
       longest: Math.min(this.longest, Math.max(width, height)),
       extend: edges === "extend",
       format: this.format,
+      software: this.device.adapterInfo?.isFallbackAdapter === true || this.device.adapterInfo?.architecture === "swiftshader",
     });
     checkLimits(planned, this.device.limits);
     return planned;

@@ -46,6 +46,8 @@ export interface PlanOptions {
   /** Light from outside the picture: its border repeated. */
   readonly extend: boolean;
   readonly format: PictureFormat;
+  /** Whether the device is a rasteriser on the processor. */
+  readonly software?: boolean;
 }
 
 export interface Plan {
@@ -66,7 +68,7 @@ const groups = (n: number, size: number): number => Math.ceil(n / size);
 
 /** Plan a lens for frames of one size. */
 export function plan(options: PlanOptions): Plan {
-  const { width, height, still, moving, layers, format } = options;
+  const { width, height, still, moving, layers, format, software = false } = options;
   const libraries = [still, moving].filter((one) => one !== null);
   const extend = options.extend ? Math.ceil(options.largest + (moving ? options.longest / 2 : 0)) : 0;
   const guard = extend + Math.max(...libraries.map((one) => reachOf(one, options.largest))) + 1;
@@ -88,9 +90,9 @@ export function plan(options: PlanOptions): Plan {
   const shaders: Record<string, PlannedShader> = {
     gather: { code: GATHER, bindings: ["uniform", "texture", "texture", "texture", "write", "write", "write"] },
     choose: { code: CHOOSE, bindings: ["uniform", "write", "write"] },
-    forward: { code: rowsForward(domain[0]), bindings: ["uniform", "read", "write"] },
-    solve: { code: columnsSolve(domain[1]), bindings: ["uniform", "read", "write", "write", "read"] },
-    back: { code: rowsBack(domain[0]), bindings: ["uniform", "read", "write", "write"] },
+    forward: { code: rowsForward(domain[0], software), bindings: ["uniform", "read", "write"] },
+    solve: { code: columnsSolve(domain[1], software), bindings: ["uniform", "read", "write", "write", "read"] },
+    back: { code: rowsBack(domain[0], software), bindings: ["uniform", "read", "write", "write"] },
     composite: { code: composite(layers, format), bindings: ["uniform", "picture", "read", ...(layers === 2 ? (["read", "read", "read", "write"] as const) : [])] },
   };
   const tiles = [groups(width, 64), groups(height, 64), 1] as const;

@@ -7,8 +7,8 @@
 import { radices } from "./sizes.ts";
 import { FRAME } from "./wgsl-frame.ts";
 
-/** Threads of a workgroup for lines of n. */
-export const threadsFor = (n: number): number => (n <= 512 ? 64 : n <= 2048 ? 128 : 256);
+/** Threads of a workgroup for lines of n. A rasteriser on the processor switches between them at every barrier: few are better. */
+export const threadsFor = (n: number, software: boolean): number => (software ? 16 : n <= 512 ? 64 : n <= 2048 ? 128 : 256);
 
 /** cos, −sin of 2πk/n, and 4 sin²(πk/n). */
 export function table(n: number): Float32Array {
@@ -64,8 +64,8 @@ function stage(n: number, radix: number, done: number, threads: number): string 
   return `${code}\nworkgroupBarrier();\n}\n`;
 }
 
-function transform(n: number): string {
-  const threads = threadsFor(n);
+function transform(n: number, software: boolean): string {
+  const threads = threadsFor(n, software);
   let done = 1;
   let code = "";
   for (const radix of radices(n)!) {
@@ -85,20 +85,20 @@ ${code}}
 `;
 }
 
-const HEAD = (n: number): string => /* wgsl */ `
+const HEAD = (n: number, software: boolean): string => /* wgsl */ `
 ${FRAME}
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> circle: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> image: array<vec2i>;
-${transform(n)}`;
+${transform(n, software)}`;
 
 const STILL = /* wgsl */ `
 @group(0) @binding(3) var<storage, read_write> still: array<vec2f>;   // of each pair: zero frequency of the first and last row
 `;
 
 /** Rows of integer charges to frequencies along x. Workgroups: rows × pairs. */
-export const rowsForward = (n: number): string => /* wgsl */ `
-${HEAD(n)}
+export const rowsForward = (n: number, software: boolean): string => /* wgsl */ `
+${HEAD(n, software)}
 @compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
   let start = (group.y * frame.domain.y + group.x) * ${n}u;
@@ -109,8 +109,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 `;
 
 /** Columns: to frequencies, divided by the eigenvalues, and back. Workgroups: columns × pairs. */
-export const columnsSolve = (n: number): string => /* wgsl */ `
-${HEAD(n)}${STILL}
+export const columnsSolve = (n: number, software: boolean): string => /* wgsl */ `
+${HEAD(n, software)}${STILL}
 @group(0) @binding(4) var<storage, read> across: array<vec4f>;
 @compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
@@ -133,8 +133,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 `;
 
 /** Rows of the picture back from frequencies, less the value at its edge, which is zero. Workgroups: rows × pairs. */
-export const rowsBack = (n: number): string => /* wgsl */ `
-${HEAD(n)}${STILL}
+export const rowsBack = (n: number, software: boolean): string => /* wgsl */ `
+${HEAD(n, software)}${STILL}
 @compute @workgroup_size(THREADS)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
   let row = group.x + u32(frame.guard);
