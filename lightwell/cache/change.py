@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 # Frames of the fast and of the slow mean; frames without an alarm after a change or a cold start.
-FAST, SLOW, QUIET = 2, 60, 20
+FAST, SLOW, QUIET = 3, 60, 20
 # An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
-SIGMAS, RESIDUAL, LOG_LOSS = 4.0, 0.2, 0.7
+SIGMAS, RESIDUAL, LOG_LOSS = 4.5, 0.2, 0.7
 
 
 class ChangeDetector:

@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image
 
 from lightwell.backend import dr, mi
-from lightwell.cache.frames import evaluator, sobol_rays
-from lightwell.cache.paths import render_path
+from lightwell.cache.frames import sobol_pass
 from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
@@ -238,14 +237,9 @@ class LiveSession:
     def _render(self, caching: bool, seed: int) -> np.ndarray:
         """One sample per pixel, [H, W, 3]."""
         numbers = [dr.opaque(mi.UInt32, x) for x in (self.still, 1, seed if self.still == 0 else 7)]
-        ray, weight, _, sampler = sobol_rays(self.live.sensor, *numbers, self.size**2)
-        L, *_ = render_path(
-            self.live.scene, sampler, ray, self.cache.around, evaluator(self.cache), dr.opaque(mi.Float, 1), caching,
-            "biased", True,
+        L, *_ = sobol_pass(
+            self.live.scene, self.live.sensor, self.cache, numbers, self.size**2, "biased", 1.0, caching
         )  # fmt: skip
-        L = L * weight
-        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
-        dr.eval(L)
         return np.array(L).T.reshape(self.size, self.size, 3)
 
     def _publish(self, means: dict[str, np.ndarray]) -> None:

@@ -22,7 +22,7 @@ from lightwell.cache.settings import CacheSettings
 from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 
 # The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
-CACHE_NAME, PLAN_NAME = "radiance-cache.npz", "animation.json"
+CACHE_NAME, PLAN_NAME, EXPOSURE_NAME = "radiance-cache.npz", "animation.json", "exposure.txt"
 MIDDLE_GREY = 0.18
 
 
@@ -120,11 +120,15 @@ def render_animation(
     kept = folder / CACHE_NAME
     if done and kept.exists():
         integrator.cache = RadianceCache.load(kept, shot.live.scene)
-    exposure, start = None, time.perf_counter()
+    held = folder / EXPOSURE_NAME
+    exposure = float(held.read_text()) if done and held.exists() else None
+    start = time.perf_counter()
     for k in range(frames):
         if k >= done:
             picture = shot.render(integrator, seed + k)
-            exposure = automatic_exposure(picture) if exposure is None else exposure
+            if exposure is None:
+                exposure = automatic_exposure(picture)
+                held.write_text(repr(exposure))
             write_picture(folder / f"frame-{k:04d}.{kind}", picture, exposure)
             integrator.cache.save(kept)
             if not quiet:
