@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lightwell.backend import dr, mi
+from lightwell.bake.lightmap_media import media_meshes, volumetric
 from lightwell.fields.atlas_images import denoised, dilated
 from lightwell.fields.base import is_matte
 from lightwell.fields.lightmap_graph import DIELECTRIC
@@ -22,7 +23,7 @@ from lightwell.transport.gather import KnownLight, gathered
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.mapped import MappedQuery, mapped_query
-from lightwell.transport.queries import frames
+from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import draw_surface
@@ -44,6 +45,10 @@ GLANCES = 1 << 20
 BLACK = 0.02
 # Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
 LEAST_SHARE, FEW_EYES, MOST_DRAWN = 1 / 16, 1 << 12, 1 << 21
+# Paths through media are noisier: so many times more of them.
+MEDIA_PATHS = 4
+# Surfaces darker than this keep the light that the surface tracer sees.
+LEAST_ALBEDO = 0.02
 # Shares of view directions: towards places where an eye may stand, the rest as ``draw_surface`` distributes them.
 TOWARDS_EYES = 0.5
 
@@ -165,6 +170,27 @@ def seen_sides(scene: Scene, seed: int) -> Sides:
     return Sides(seen & ~glass, seen & glass)
 
 
+def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
+    """E' at texels; where something is full of a medium, the light that left it counts too: what a surface shows along
+    its normal, over its albedo."""
+    light, media = irradiance(scene, points, paths, seed), media_meshes(scene)
+    if not media.any():
+        return light
+    rows = np.flatnonzero(~media[points.shape])
+    albedo = _albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
+    shown = (albedo > LEAST_ALBEDO).all(axis=1)
+    rows, albedo = rows[shown], albedo[shown]
+    a, b = light.half_a.copy(), light.half_b.copy()
+    a[rows], b[rows] = (half / albedo for half in volumetric(scene, points[rows], paths, seed))
+    return replace(light, half_a=a, half_b=b)
+
+
+def _albedo(query) -> np.ndarray:
+    """[N, 3] diffuse albedo a, as the graph knows it."""
+    color = query.reflectance - DIELECTRIC * (1 - query.metallic)
+    return np.clip(color * (1 - query.metallic), 0, 1)
+
+
 def matte(scene: Scene) -> np.ndarray:
     """[M] bool: meshes that look the same from everywhere."""
     return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
@@ -183,7 +209,7 @@ def chart(
     sides = lit_sides(scene, seed) if sides is None else sides
     atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
     covered = texels(scene, atlas)
-    light = (keep or (lambda make: make()))(lambda: irradiance(scene, covered.points, paths, seed + 1))
+    light = (keep or (lambda make: make()))(lambda: _arriving(scene, covered.points, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
     return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
@@ -283,7 +309,9 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     rows = np.arange(len(draw.points))
     rows = rows[wanted[draw.points.shape]][:count] if wanted.any() else rows
     points = _towards_eyes(scene, draw.points[rows], seed)
-    if known is None:
+    if media_meshes(scene).any():
+        a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
+    elif known is None:
         a, b = static(scene, points, paths, seed)
     else:
         a, b = corrected(scene, made.atlas, points, known, paths, seed)
@@ -298,8 +326,7 @@ def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarr
     """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)
-    color = query.reflectance - DIELECTRIC * (1 - query.metallic)
-    albedo = np.clip(color * (1 - query.metallic), 0, 1)
+    albedo = _albedo(query)
     stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True)
     return light + np.where(stored, albedo * (bilinear(known, query.uv1) - seen), 0)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.atlas import Atlas
-from lightwell.scenes.scene import Material, Scene
+from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.radiance import (
     LATTICE_STREAM,
@@ -54,6 +54,8 @@ class KnownLight:
     """[2 * T * 6] corners of every triangle, by side."""
     stored: mi.Bool
     """[2 * T] sides whose light is known."""
+    gloss: mi.Float
+    """[M] what a surface reflects beside its diffuse reflectance."""
     first: mi.UInt32
     """[M] first triangle of each mesh."""
     triangles: int
@@ -73,6 +75,7 @@ class KnownLight:
             mi.Float(padded.ravel()),
             mi.Float(atlas.uv.astype(np.float32).ravel()),
             mi.Bool(stored.ravel()),
+            mi.Float(np.where(matte, 0.0, DIELECTRIC_F0).astype(np.float32)),
             mi.UInt32(t.first[:-1].astype(np.uint32)),
             len(t.area),
             shape_lookup(scene),
@@ -84,7 +87,8 @@ class KnownLight:
         back = dr.dot(si.n, ray.d) > 0
         row = dr.gather(mi.UInt32, self.first, mesh, active) + si.prim_index + dr.select(back, self.triangles, 0)
         found = active & dr.gather(mi.Bool, self.stored, row, active)
-        return found, si.bsdf().eval_diffuse_reflectance(si, found) * self._read(place, row, found)
+        reflectance = si.bsdf().eval_diffuse_reflectance(si, found) + dr.gather(mi.Float, self.gloss, mesh, found)
+        return found, reflectance * self._read(place, row, found)
 
     def _read(self, place, row, active) -> mi.Spectrum:
         """E' of a hit, bilinear."""

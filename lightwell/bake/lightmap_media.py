@@ -1,0 +1,64 @@
+"""Subsurface light: radiance of solids that light goes through, by Mitsuba's ``volpath``.
+
+The scene's own records know surfaces only; Mitsuba loads the same file once more, with the media inside its shapes.
+Media that fill the air between surfaces are not meant: rays start just above the surface that they look at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
+from lightwell.transport.interactions import upload
+from lightwell.transport.queries import frames
+from lightwell.transport.samples import SurfacePoints
+
+# What the loader says of a shape whose medium it leaves out.
+WARNING = "': the medium inside it is ignored"
+# Bounces in the medium; beyond the second, paths may end early.
+MAX_DEPTH, RR_DEPTH = 128, 32
+# Rays start this share of the scene's extent above the surface, and rays of one launch.
+LIFT, LAUNCH = 1e-3, 1 << 19
+
+
+def media_meshes(scene: Scene) -> np.ndarray:
+    """[M] bool: meshes with a medium inside."""
+    names = {w[len("shape '") : -len(WARNING)] for w in scene.warnings if w.endswith(WARNING)}
+    return np.array([mesh.name in names for mesh in scene.meshes], bool)
+
+
+def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """As ``static``: radiance leaving points towards their views, subsurface light too; two half means [N, 3]."""
+    if paths < 2 or paths % 2:
+        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    place, half = frames(scene, points)[0], paths // 2
+    origin = place + LIFT * scene.extent * points.view
+    batch, out = max(1, LAUNCH // half), np.zeros((2, len(points), 3), np.float32)
+    for k in (0, 1):
+        for start in range(0, len(points), batch):
+            rows = slice(start, min(start + batch, len(points)))
+            number = (seed * 2 + k) * 4099 + start // batch
+            out[k, rows] = _mean(_with_media(scene), origin[rows], -points.view[rows], half, number & 0xFFFFFFFF)
+    return out[0], out[1]
+
+
+def _with_media(scene: Scene):
+    """The Mitsuba scene of the file, media and all, loaded once."""
+    if "_with_media" not in scene.__dict__:
+        scene.__dict__["_with_media"] = mi.load_file(str(scene.source), optimize=False)
+    return scene.__dict__["_with_media"]
+
+
+def _mean(geometry, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:
+    """[N, 3] mean radiance of rays; a path that is not finite counts as nothing."""
+    count = len(origin) * paths
+    row = dr.arange(mi.UInt32, count) // paths
+    take = lambda rows, kind: dr.gather(kind, upload(kind, rows), row)  # noqa: E731
+    ray = mi.RayDifferential3f(mi.Ray3f(take(origin, mi.Point3f), take(direction, mi.Vector3f)))
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": RR_DEPTH})
+    light, _, _ = integrator.sample(geometry, sampler, ray)
+    light = dr.select(dr.all(dr.isfinite(light)), light, 0)
+    return np.array(dr.block_sum(light, paths)).T / paths
