@@ -298,6 +298,14 @@ describe("what a picture must be", () => {
     expect(compare(answer.picture, clean.picture).psnr).toBeGreaterThan(35);
   });
 
+  it("blur beyond the library is cut, and counted", async () => {
+    const size = 24;
+    const depth = flat(size, 0.5, 0).depth.map((_, i) => depthOf(i % size < 5 ? -20 : 3));
+    const answer = await draw({ ...flat(size, 0.5, 0), depth, libraries: [disc], options: { largest: 6 }, camera: unitCamera(size) });
+    expect(answer.report.clamped).toBe(5 * size);
+    expect((await draw({ ...flat(size, 0.5, 2.5), libraries: [disc], options: {}, camera: {} })).report.clamped).toBe(0);
+  });
+
   it("pixels at rest and in motion, with a library for each", async () => {
     const size = 64;
     const request = flat(size, 0.2, 0);

@@ -1,6 +1,6 @@
 /** A page that draws frames with the lens on WebGPU and reads them back. */
 
-import { Lens, type LensCamera, type LensFrame, type LensOptions, readLibrary } from "lightwell/lens";
+import { Lens, type LensCamera, type LensFrame, type LensOptions, type LensReport, readLibrary } from "lightwell/lens";
 
 export interface LensRequest {
   readonly width: number;
@@ -33,7 +33,7 @@ export interface LensAnswer {
   readonly buffers: Record<string, number[]>;
   readonly guard: number;
   readonly domain: readonly [number, number];
-  readonly report: { bad: number; cut: number | null };
+  readonly report: LensReport;
   readonly errors: string[];
   readonly adapter: string;
   readonly milliseconds: number[];

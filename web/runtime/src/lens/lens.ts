@@ -49,6 +49,16 @@ export interface LensFrame {
 /** Blur that a library without an axis can do is this at most, px. */
 const LONGEST_AXIS = 1;
 
+/** What a frame met. */
+export interface LensReport {
+  /** Pixels without usable colour, depth or motion; a neighbour took their place. */
+  readonly bad: number;
+  /** Pixels whose blur or motion was larger than the libraries reach, and cut. */
+  readonly clamped: number;
+  /** Circle of confusion where the layers part, px, if they do. */
+  readonly cut: number | null;
+}
+
 /** A lens on a device. Make it with `Lens.create`, call `encode` for each frame and `dispose` at the end. */
 export class Lens {
   readonly device: GPUDevice;
@@ -114,14 +124,15 @@ export class Lens {
     fitted.encode(encoder, { color, depth, motion: motion ?? this.nothing(), picture });
   }
 
-  /** How many pixels of the last frame had no usable colour, depth or motion, and where its layers part (px), if they do. */
-  async report(): Promise<{ bad: number; cut: number | null }> {
+  /** What the last frame met. */
+  async report(): Promise<LensReport> {
     const { fitted } = this;
-    if (!fitted || this.disposed) return { bad: 0, cut: null };
+    if (!fitted || this.disposed) return { bad: 0, clamped: 0, cut: null };
     const [stats, cut] = await Promise.all([fitted.read("stats"), fitted.read("cut")]);
     const floats = new Float32Array(cut);
     const present = this.options.layers !== 1 && floats[1]! > 0;
-    return { bad: new Uint32Array(stats).at(-1)!, cut: present ? floats[0]! : null };
+    const [bad, clamped] = new Uint32Array(stats).slice(-2) as unknown as [number, number];
+    return { bad, clamped, cut: present ? floats[0]! : null };
   }
 
   /** What a buffer of the plan holds after the work that was submitted; for tests. */

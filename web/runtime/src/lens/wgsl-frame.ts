@@ -27,9 +27,9 @@ struct Frame {
 }
 `;
 
-/** Layout of the statistics: histogram of s, differences of edges over candidates, histogram of the border, bad pixels. */
+/** Layout of the statistics: histogram of s, differences of edges over candidates, histogram of the border, bad and cut pixels. */
 export const STATS = { bins: 2048, places: 64, levels: 128 } as const;
-export const STATS_WORDS = STATS.bins + (STATS.places + 1) + STATS.levels + 1;
+export const STATS_WORDS = STATS.bins + (STATS.places + 1) + STATS.levels + 2;
 
 export const CUT = /* wgsl */ `
 const BINS = ${STATS.bins}u;
@@ -37,7 +37,7 @@ const PLACES = ${STATS.places}u;
 const EDGES_AT = ${STATS.bins}u;
 const LEVELS = ${STATS.levels}u;
 const LEVELS_AT = ${STATS.bins + STATS.places + 1}u;
-const BAD_AT = ${STATS.bins + STATS.places + 1 + STATS.levels}u;
+const BAD_AT = ${STATS.bins + STATS.places + 1 + STATS.levels}u;   // and after it those whose blur or motion was cut
 // Width of the soft border between two layers, px of circle of confusion.
 const SOFT = 1.5;
 

@@ -34,10 +34,13 @@ fn read(at: vec2i) -> Pixel {
 }
 
 var<workgroup> bins: array<atomic<u32>, BINS>;
+// Bad pixels, and those whose blur or motion was cut.
+var<workgroup> counts: array<atomic<u32>, 2>;
 
 @compute @workgroup_size(16, 16)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u, @builtin(local_invocation_index) i: u32) {
   for (var k = i; k < BINS; k += 256u) { atomicStore(&bins[k], 0u); }
+  if (i < 2u) { atomicStore(&counts[i], 0u); }
   workgroupBarrier();
   for (var k = 0u; k < 16u; k++) {
     let at = vec2i(group.xy * 64u + local.xy + 16u * vec2u(k & 3u, k >> 2u));
@@ -48,18 +51,24 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local
     let count = atomicLoad(&bins[k]);
     if (count > 0u) { atomicAdd(&stats[k], count); }
   }
+  if (i < 2u) {
+    let count = atomicLoad(&counts[i]);
+    if (count > 0u) { atomicAdd(&stats[BAD_AT + i], count); }
+  }
 }
 
 fn one(at: vec2i) {
   let last = vec2i(frame.size) - 1;
   var p = read(at);
   if (!p.good) {
-    atomicAdd(&stats[BAD_AT], 1u);
+    atomicAdd(&counts[0], 1u);
     p = neighbour(at, last);
   }
   let index = u32(at.y) * frame.size.x + u32(at.x);
-  let s = clamp(frame.strength * (frame.focus - p.inverse), -frame.largest, frame.largest);
+  let wanted = frame.strength * (frame.focus - p.inverse);
+  let s = clamp(wanted, -frame.largest, frame.largest);
   var m = p.motion * frame.motion;
+  if (abs(wanted) > frame.largest || length(m) > frame.longest) { atomicAdd(&counts[1], 1u); }
   m *= min(1.0, frame.longest / max(length(m), 1e-9));
   light[index] = p.light;
   place[index] = vec4f(s, m, 0.0);
