@@ -145,7 +145,8 @@ def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None) -> Lit:
 def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
     """Sorted cells that deserve a brick."""
     error = np.maximum(solution.residual - samples.noise, 0)
-    return worst(error, samples.cell, int(geometry.volume.alive.sum()), budget)
+    mean = samples.light if samples.light.ndim == 3 else samples.light.mean(axis=0)
+    return worst(error, mean[:, 0].mean(axis=1), samples.cell, int(geometry.volume.alive.sum()), budget)
 
 
 def relit(scene: Scene, before: Lit, box: np.ndarray, fit=None) -> tuple[Lit, np.ndarray]:
