@@ -4,7 +4,7 @@
     python benchmarks/neural_lightmap.py --quick                a smoke run of a minute; writes nothing
     python benchmarks/neural_lightmap.py --only staircase2,leak
     python benchmarks/neural_lightmap.py --only staircase2 --ablate     prints a table of variants beside it
-    python benchmarks/neural_lightmap.py --only curve --plot            draws docs/images/lightmap-curve.png from results
+    python benchmarks/neural_lightmap.py --only curve --plot            draws docs/images/lightmap-curve.png
 
 Parts: the scenes, leak, cycles (needs LIGHTWELL_BPY, a Python that has bpy), codecs (KTX2 needs alktx2), subsurface,
 web, curve. Rows are written after every part, so that a killed run goes on with ``--only``. Every scene is traced
@@ -277,8 +277,8 @@ def scene_rows(name: str, quick: bool, ablate: bool) -> list[Row]:
     traced = trace(source, effort)
     views = Views(traced)
     print(
-        f"{name}: {traced.made.atlas.charts} charts, traced in {traced.seconds:.0f} s, clear glass {views.glass_share:.1%} "
-        f"of the pixels, {traced.made.glossy.mean():.0%} of the texels need the eye",
+        f"{name}: {traced.made.atlas.charts} charts, traced in {traced.seconds:.0f} s, clear glass "
+        f"{views.glass_share:.1%} of the pixels, {traced.made.glossy.mean():.0%} of the texels need the eye",
         flush=True,
     )
     default = PRESETS["default"] if traced.made.glossy.any() else PRESETS["plain"]
@@ -407,8 +407,8 @@ def cycles(quick: bool) -> list[Row]:
         found = side_by_side(python, Path(folder), size, count, reference)
     note = (
         f"{size} x {size}, Cycles {count} samples {found.cycles_seconds:.1f} s, error {found.cycles_error:.3f}; ours "
-        f"{found.paths} paths {found.seconds:.2f} s, error {found.error:.3f}; each against {reference} samples of its own; "
-        f"their E' agree within {found.apart:.1%} (median)"
+        f"{found.paths} paths {found.seconds:.2f} s, error {found.error:.3f}; each against {reference} samples of "
+        f"its own; their E' agree within {found.apart:.1%} (median)"
     )
     return [at_least(what, 2, found.cycles_seconds / found.seconds, "ratio", note)]
 

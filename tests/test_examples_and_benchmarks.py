@@ -33,3 +33,11 @@ def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
     text = _run("benchmarks/light_probes.py", "--quick", "--only", "memory,s1-5")
     assert "bright leak over trilinear's" in text and "payload over DDGI's bytes" in text
     assert (results.read_bytes() if results.exists() else None) == before
+
+
+def test_the_quick_light_map_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/neural_lightmap.json"
+    before = results.read_bytes() if results.exists() else None
+    text = _run("benchmarks/neural_lightmap.py", "--quick")
+    assert "leak: texels that read another chart at mip 3" in text and "subsurface surfaces: PSNR" in text
+    assert (results.read_bytes() if results.exists() else None) == before

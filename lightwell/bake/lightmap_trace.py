@@ -34,7 +34,7 @@ from lightwell.transport.visible import side_points, visible_sides
 # More rays than this leave a scene that daylight can enter.
 OPEN = 0.005
 # A side counts as lit when its brightest point has this share of the mean light; paths that look for it.
-DARK, DARK_PATHS = 1e-4, 8
+DARK, DARK_PATHS = 1e-4, (8, 64, 512)
 # Points that look for light, over the whole scene; each side gets two at least.
 LOOKS = 1 << 16
 # The same for sides that nothing has seen yet.
@@ -99,12 +99,17 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
     glass = clear_glass(scene)[tables(scene).mesh_of]
     side, triangle = np.nonzero(seen & ~glass)
     area = tables(scene).area[triangle]
-    # Large triangles may be lit where nobody looked: they are looked at in proportion.
-    points, row = spread(scene, side, triangle, LOOKS, seed)
-    found = irradiance(scene, points, DARK_PATHS, seed).mean.mean(axis=1)
-    brightest = np.zeros(len(side))
-    np.maximum.at(brightest, row, np.nan_to_num(found))
-    bright = brightest > DARK * np.average(brightest, weights=area)
+    brightest, least = np.zeros(len(side)), 0.0
+    for k, paths in enumerate(DARK_PATHS):
+        # Few paths find the light of most sides; those for which they found none are looked at again, more closely.
+        rows = np.flatnonzero(brightest <= least)
+        if not len(rows):
+            break
+        points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
+        found = irradiance(scene, points, paths, seed + k).mean.mean(axis=1)
+        np.maximum.at(brightest, rows[row], np.nan_to_num(found))
+        least = DARK * np.average(brightest, weights=area)
+    bright = brightest > least
     lit = np.zeros_like(seen)
     lit[side[bright], triangle[bright]] = True
     return Sides(lit, seen & ~lit)
