@@ -93,7 +93,7 @@ def settings(case, depth, quick: bool) -> list[dict]:
     away = np.abs(np.minimum(depth, 20) - focus)
     slope = float((s * away).sum() / max((away**2).sum(), 1e-9))
     factors = (1.0,) if quick else (0.5, 0.7, 1.0, 1.4, 2.0)
-    ranges = (1.8,) if quick else (0.5, 1.0, 1.8, 3.0, 6.0)
+    ranges = (1.8,) if quick else (0.5, 1.0, 1.8, 3.0, 6.0, 12.0)
     draws = [{"name": "ours", "setting": {}}]
     draws += [
         {"name": "bokeh", "setting": {"aperture": 0.0, "maxblur": 0.0}},
@@ -102,7 +102,7 @@ def settings(case, depth, quick: bool) -> list[dict]:
         {"name": "pmndrs", "setting": {"scale": 0.0, "range": 1e6}},
     ]
     # Its taps reach 0.4 of the blur, which is in widths of the picture.
-    for a, b in product(factors, (0.7, 1.0, 1.4, 100.0) if not quick else (1.0,)):
+    for a, b in product(factors, (0.35, 0.5, 0.7, 1.0, 1.4, 100.0) if not quick else (1.0,)):
         unit = 0.4 * width
         draws.append({"name": "bokeh", "setting": {"aperture": a * slope / unit, "maxblur": b * largest / unit}})
     # A real lens up to a largest blur: five rings of maxblur pixels each.
@@ -114,7 +114,7 @@ def settings(case, depth, quick: bool) -> list[dict]:
             {"name": "bokeh2", "setting": {"focalLength": focal, "fstop": unit / full, "maxblur": a * largest / 5}}
         )
     # These two know no lens: their blur grows from 0 to its largest within a range of depths about focus.
-    for r, a in product(ranges, factors if quick else (0.15, 0.3, *factors)):
+    for r, a in product(ranges, factors if quick else (0.15, 0.3, *factors, 4.0, 8.0)):
         draws.append({"name": "dof", "setting": {"range": r, "scale": a * largest}})
         draws.append({"name": "pmndrs", "setting": {"range": r, "scale": 0.5 * a * largest}})
     return draws
@@ -168,7 +168,8 @@ def flip_rows(quick: bool, pictures: bool = False) -> list[Row]:
             rows.append(at_most(what, 0.999, mine / scores[best], "ratio", note))
             panels.append(tried[best]["picture"])
         if pictures:
-            _save(np.concatenate([*panels, truth], 1), f"lens-web-{name.split()[0]}.png")
+            middle = slice(size[0] // 4, 3 * size[0] // 4)
+            _save(np.concatenate([p[:, middle] for p in (*panels, truth)], 1), f"lens-web-{name.split()[0]}.png")
     return rows
 
 

@@ -72,7 +72,9 @@ export function plan(options: PlanOptions): Plan {
   const libraries = [still, moving].filter((one) => one !== null);
   const extend = options.extend ? Math.ceil(options.largest + (moving ? options.longest / 2 : 0)) : 0;
   const guard = extend + Math.max(...libraries.map((one) => reachOf(one, options.largest))) + 1;
-  const domain = [fastSize(width + 2 * guard), fastSize(height + 2 * guard)] as const;
+  // On a torus what leaves to the right comes back in the left guard, where nobody looks: one guard is enough for both sides.
+  // Above and below there are two, whose outermost rows are dark and tell the level.
+  const domain = [fastSize(width + guard), fastSize(height + 2 * guard)] as const;
   const shelves = new Shelves();
   const stillShelf = still && shelves.put(still);
   const movingShelf = moving && shelves.put(moving);

@@ -15,9 +15,9 @@ export function radices(n: number): number[] | null {
   return rest === 1 ? found : null;
 }
 
-/** The next size >= n with few radices: multiples of four of the form 2^a 3^b 5^c. */
+/** The next even size >= n of the form 2^a 3^b 5^c. */
 export function fastSize(n: number): number {
-  let size = Math.max(8, Math.ceil(n / 4) * 4);
-  while (!radices(size)) size += 4;
+  let size = Math.max(8, Math.ceil(n / 2) * 2);
+  while (!radices(size)) size += 2;
   return size;
 }

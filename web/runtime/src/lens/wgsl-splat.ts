@@ -71,13 +71,14 @@ fn scatter_${name}(at: vec2i, shine: vec4f, spot: vec3f) {
 const wholeLoop = (point: string): string => /* wgsl */ `
   let sign = i32(aim.turn.x);
   let width = i32(frame.domain.x);
-  let base = (at.y + frame.guard) * width + at.x + frame.guard;
+  let start = at + frame.guard;
   for (var k = one.x; k < end; k++) {
     let p = ${point}(k);
     let t = mantissa.m * p.z + e;
     let n = t >> b;
     e = t - (n << b);
-    add(plane, u32(base + sign * (p.y * width + p.x)), n);
+    let x = start.x + sign * p.x;
+    add(plane, u32((start.y + sign * p.y) * width + select(x, x - width, x >= width)), n);
   }
 `;
 
@@ -92,17 +93,19 @@ const turnedLoop = (point: string): string => /* wgsl */ `
     e = t - (n << b);
     let x = start.x + turn.x * p.x - turn.y * p.y;
     let y = start.y + turn.y * p.x + turn.x * p.y;
-    let base = u32(y >> 14u) * width + u32(x >> 14u);
+    let row = u32(y >> 14u) * width;
+    let left = wrapped(u32(x >> 14u));
+    let beside = wrapped(left + 1u);
     let fx = (x >> 6u) & 255;
     let fy = (y >> 6u) & 255;
     let lower = share(n, fy);
     let upper = n - lower;
     var right = share(upper, fx);
-    add(plane, base, upper - right);
-    add(plane, base + 1u, right);
+    add(plane, row + left, upper - right);
+    add(plane, row + beside, right);
     right = share(lower, fx);
-    add(plane, base + width, lower - right);
-    add(plane, base + width + 1u, right);
+    add(plane, row + width + left, lower - right);
+    add(plane, row + width + beside, right);
   }
 `;
 
@@ -122,6 +125,9 @@ ${FRAME}${CUT}
 @group(0) @binding(7) var<storage, read_write> image: array<atomic<i32>>;
 
 fn plane_size() -> u32 { return frame.domain.x * frame.domain.y * 4u; }
+
+/** Columns past the right end come back at the left. */
+fn wrapped(x: u32) -> u32 { return select(x, x - frame.domain.x, x >= frame.domain.x); }
 
 fn add(plane: u32, pixel: u32, n: vec4i) {
   let at = plane + 2u * pixel;
