@@ -198,7 +198,7 @@ def _generated(scene, spacing: float, made) -> list[Row]:
     from lightwell.probes.weights import FUNCTIONS, error, point_weight, trusted
 
     generator = load()
-    what = "weights of 1,000 probes with the generator (mlp, 50 steps)"
+    what = "weights of 1,000 probes with the generator (mlp)"
     if generator is None:
         return [at_most(what, 10, None, "s", "the package holds no generator")]
     wall = perf_counter()
@@ -223,7 +223,7 @@ def _generated(scene, spacing: float, made) -> list[Row]:
         note = ", ".join(f"{n} {found[n]:.4f} in {clock[n]:.1f} ms" for n in fits) + f", {len(chosen)} probes of S2"
         rows.append(
             at_most(
-                "mlp: RMSE after 50 steps over 2,500 from scratch",
+                "mlp: RMSE from the generator over 2,500 steps from scratch",
                 1.1,
                 found["generator"] / found["scratch"],
                 "ratio",

@@ -22,13 +22,16 @@ import numpy as np
 
 from lightwell.graph.ops.activate import LEAK
 from lightwell.probes.pattern import Pattern, pattern
-from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, refine
+from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, error, refine, trusted
+from lightwell.probes.weights.common import INSIDE_WEIGHT
 
 FILE = Path(__file__).with_name("generator.npz")
 # Largest file that is read, and largest number in it.
 MOST_BYTES, LARGEST = 4 << 20, 1e4
 # Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
 NEWTON, ADAM, RATE = 10, 50, 0.003
+# A network whose hat-weighted RMSE is still above this goes on for so many steps.
+GATE, MORE, MORE_RATE = 0.02, 400, 0.01
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,21 @@ def fit_with(function: str, generator: Generator | None = None) -> Callable | No
             return f.fit(target, weight, layout, close)
         start = made(function, target, layout)
         if isinstance(f, TinyMlp):
-            return refine(f, start, target, weight, layout, steps=ADAM, rate=RATE, close=close)
+            found = refine(f, start, target, weight, layout, steps=ADAM, rate=RATE, close=close)
+            return _gated(f, found, target, weight, layout, close)
         return f.convex(target, weight, layout, close, start=start, steps=NEWTON)
 
     return fit
+
+
+def _gated(f: TinyMlp, found: np.ndarray, target, weight, layout: Pattern, close: Close | None) -> np.ndarray:
+    """Networks that are good enough, and the others after more steps."""
+    rho = trusted(f.values(f.quantised(found), layout.u)[0])
+    # Points inside geometry weigh next to nothing, and are not asked.
+    asked = weight > 2 * INSIDE_WEIGHT * layout.hat.astype(np.float32) ** 2
+    rows = np.flatnonzero(error(target, rho, layout.hat, asked) > GATE)
+    if len(rows):
+        near = close and Close(close.u[rows], close.target[rows], close.weight[rows])
+        steps = dict(steps=MORE, rate=MORE_RATE, close=near)
+        found[rows] = refine(f, found[rows], target[rows], weight[rows], layout, **steps)
+    return found
