@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 # Frames of the fast and of the slow mean; frames without an alarm after a change or a cold start.
-FAST, SLOW, QUIET = 3, 60, 20
+FAST, SLOW, QUIET = 3, 60, 36
 # An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
 SIGMAS, RESIDUAL, LOG_LOSS = 4.5, 0.2, 0.7
 
@@ -31,6 +31,8 @@ class ChangeDetector:
         if not (math.isfinite(loss) and math.isfinite(residual)):
             return False
         self._frames += 1
+        if self._frames <= QUIET // 2:
+            return False  # What a cold cache says of its first frames is no measure of the noise.
         self._residuals.append(residual)
         self._losses.append(math.log(max(loss, 1e-12)))
         if self._frames < QUIET:

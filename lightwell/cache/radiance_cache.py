@@ -98,6 +98,8 @@ class RadianceCache:
         self.tiles: dict[tuple[int, int, bool], Tiles] = {}
         self.still = False
         """Training before a still: no picture waits, so that frames are larger."""
+        self.still_records = STILL_RECORDS
+        """Records of such a frame."""
         self.frame = 0
         """Frames trained."""
         self.scene_mark = ""
@@ -223,7 +225,7 @@ class RadianceCache:
         if key not in self.tiles:
             fraction = self.settings.train_fraction_max
             fraction = max(fraction, STILL_FRACTION) if self.still else fraction
-            target = STILL_RECORDS if self.still else self.settings.batch * self.steps
+            target = self.still_records if self.still else self.settings.batch * self.steps
             side, slack = (STILL_SIDE, STILL_SLACK) if self.still else (FIRST, SLACK)
             self.tiles[key] = Tiles(target, fraction, side, slack)
         if not self.still:
@@ -234,7 +236,7 @@ class RadianceCache:
     def steps(self) -> int:
         """Gradient steps of a frame, at most."""
         if self.still:
-            return max(self.settings.steps, 2 * STILL_RECORDS // self.settings.batch)
+            return max(self.settings.steps, 2 * self.still_records // self.settings.batch)
         return min(self.most_steps or self.settings.steps, self.settings.steps)
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:

@@ -96,10 +96,13 @@ def test_the_detector_hears_a_switch_and_no_noise():
     assert any(detector.update(1.5, 0.9) for _ in range(4))
 
 
-def test_a_lamp_that_goes_out_is_noticed(trained):
-    scene = room(32)
-    nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames"}))
-    mi.render(scene, integrator=nrc, spp=40)
+def test_a_lamp_that_goes_out_is_noticed_and_nothing_before():
+    scene = room(64)
+    nrc = NrcIntegrator(
+        settings=settings_of({"mode": "frames", "levels": 3, "entries_log2": 10, "train_fraction_max": 0.3})
+    )
+    mi.render(scene, integrator=nrc, spp=60)
+    assert nrc.cache.changes == 0
     parameters = mi.traverse(scene)
     parameters["lamp.emitter.radiance.value"] = 0.4
     parameters.update()
