@@ -41,3 +41,11 @@ def test_the_quick_light_map_benchmark_prints_rows_and_writes_nothing():
     text = _run("benchmarks/neural_lightmap.py", "--quick")
     assert "leak: texels that read another chart at mip 3" in text and "subsurface surfaces: PSNR" in text
     assert (results.read_bytes() if results.exists() else None) == before
+
+
+def test_the_quick_radiance_cache_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/radiance_cache.json"
+    before = results.read_bytes() if results.exists() else None
+    text = _run("benchmarks/radiance_cache.py", "--quick", "--only", "equal,frame,lag,gpu")
+    assert "equal time: geometric mean of the five scenes" in text and "light switch" in text and "GPU" in text
+    assert (results.read_bytes() if results.exists() else None) == before
