@@ -402,7 +402,7 @@ def cycles(quick: bool) -> list[Row]:
     python = os.environ.get("LIGHTWELL_BPY")
     if not python:
         return [at_least(what, 2, None, "ratio", "needs LIGHTWELL_BPY, a Python that has bpy")]
-    size, count, reference = (64, 4, 32) if quick else (128, 16, 256)
+    size, count, reference = (64, 4, 32) if quick else (256, 32, 128)
     with tempfile.TemporaryDirectory() as folder:
         found = side_by_side(python, Path(folder), size, count, reference)
     note = (
@@ -463,7 +463,8 @@ def side_by_side(python: str, folder: Path, size: int, count: int, reference: in
 def codecs(quick: bool) -> list[Row]:
     """Bytes and error of the light of a scene in each codec: E' in the curve of a screen, 1024 x 1024."""
     effort = replace(QUICK if quick else Effort(), eyes=1 << 10)
-    scene, _ = lit_scene(load("courtyard"))
+    name = "two-rooms" if quick else "courtyard"
+    scene, _ = lit_scene(load(name))
     made = chart(scene, effort.size, MIPS, effort.paths, 0)
     unit = 4 * float(made.light.mean[made.stored].mean())
     texels = stored(made.image / unit)
@@ -473,7 +474,7 @@ def codecs(quick: bool) -> list[Row]:
     def add(label: str, size: int, back: np.ndarray) -> None:
         error = np.mean((back[covered].astype(float) - texels[covered]) ** 2) / 255**2
         note = f"{10 * np.log10(1 / max(error, 1e-12)):.1f} dB of the stored curve"
-        rows.append(without_bar(f"courtyard, E' of {made.atlas.size} x {made.atlas.size}: {label}", size, "B", note))
+        rows.append(without_bar(f"{name}, E' of {made.atlas.size} x {made.atlas.size}: {label}", size, "B", note))
 
     for codec in ("png", "webp", "webp90", "webp75", "webp50"):
         picture = encode(texels, codec)
@@ -546,9 +547,9 @@ def curve(plot: bool) -> list[Row]:
     for k, (name, points) in enumerate(json.loads(CURVE.read_text()).items()):
         plain = sorted((p["bytes"], p["dB"]) for label, p in points.items() if label.startswith("plain"))
         axes.plot(*zip(*plain), "o-", color=f"C{k}", alpha=0.5, markersize=4, label=f"{name}, ordinary light map")
-        for label, marker in (("default", "*"), ("directional", "s")):
-            axes.plot(points[label]["bytes"], points[label]["dB"], marker, color=f"C{k}", markersize=11 if marker == "*" else 5,
-                      label=f"{name}, {label}")  # fmt: skip
+        for label, marker, edge in (("default", "*", 11), ("directional", "s", 5)):
+            place = points[label]["bytes"], points[label]["dB"]
+            axes.plot(*place, marker, color=f"C{k}", markersize=edge, label=f"{name}, {label}")
     axes.set_xscale("log")
     axes.axhline(40, color="0.7", linewidth=0.8)
     axes.set_xlabel("bytes")

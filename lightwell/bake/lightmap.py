@@ -12,6 +12,7 @@ import numpy as np
 from lightwell.asset.page import write_page
 from lightwell.asset.records import Fallback, FieldEntry
 from lightwell.asset.write import write_glb
+from lightwell.bake.evaluate import Baked
 from lightwell.bake.lightmap_bytes import choose
 from lightwell.bake.lightmap_moving import moving_fit, moving_samples
 from lightwell.bake.lightmap_resume import kept_counts, kept_eyes, kept_light, kept_sides
@@ -38,6 +39,7 @@ from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import stored
 from lightwell.graph.pictures import Picture, encode
 from lightwell.report.html import write_report
+from lightwell.report.metrics import display
 from lightwell.scenes import load
 from lightwell.scenes.atlas import charted_meshes
 from lightwell.scenes.scene import Scene
@@ -50,6 +52,8 @@ TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 # Paths per eye sample, and bounds of their number.
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
+# Eye samples that judge whether the network is better than none.
+HELD = 1 << 13
 # Eye samples of one of ``--shards``.
 SHARD = 1 << 16
 # What a training step of 2^14 rows takes on two cores, and the fewest steps.
@@ -97,6 +101,8 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
         if scene.has_static_light:
             folder = work.part("lightmap")
             fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps, folder=folder)
+            if preset.hidden and not fits["static"].preset.hidden:
+                progress.say("the network was no better than none on held-out samples: the light map is plain")
         stage.advance()
         if moving is not None:
             unit, count = sample_unit(moving), settings.steps or max(steps, LEAST_STEPS)
@@ -232,8 +238,21 @@ def fitted(
     fit = LightmapFit(
         preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask
     )
-    fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
-    return fit
+    if not (preset.base and preset.hidden):
+        fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
+        return fit
+    held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(HELD / len(samples.weight), 0.1)
+    seen = samples[np.flatnonzero(~held)]
+    fit.train(seen.query, seen.radiance, seen.weight, steps, progress, folder)
+    plain = replace(fit, preset=replace(PRESETS["plain"], base=preset.base), direction=None)
+    judged = samples[np.flatnonzero(held & (samples.weight > 0))]
+    return fit if not len(judged.weight) or shown_error(fit, judged) < shown_error(plain, judged) else plain
+
+
+def shown_error(fit: LightmapFit, samples: EyeSamples) -> float:
+    """Mean squared error of what a screen shows, without the noise of the samples."""
+    f, a, b = (display(v / fit.unit) for v in (Baked(fit.lower())(samples.query), samples.half_a, samples.half_b))
+    return float(np.average(((f - a) * (f - b)).mean(axis=1), weights=samples.weight))
 
 
 def base_picture(made: Chart, unit: float, preset: LightmapPreset) -> Picture:

@@ -10,7 +10,6 @@ import numpy as np
 from lightwell.bake.lightmap_trace import Chart, EyeSamples
 from lightwell.fields.lightmap import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import restored
-from lightwell.transport.mapped import MappedQuery
 
 # Steps of a trial, samples it learns from and is judged on.
 TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 120, 1 << 16, 1 << 13
@@ -78,13 +77,13 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
     count = len(samples.weight)
     held = np.arange(max(count - JUDGED_ROWS, count // 2), count)
     seen = np.arange(min(held[0], TRIAL_ROWS)) if len(held) else np.arange(0)
-    found = fit(preset, _part(samples, seen), TRIAL_STEPS if preset.hidden else 0)
+    found = fit(preset, samples[seen], TRIAL_STEPS if preset.hidden else 0)
     graph = found.lower()
     weights = sum(b.nbytes for name, b in graph.buffers.items() if name not in found.pictures)
     bytes_ = weights + sum(len(p.data) for p in found.pictures.values())
     error = _stored_error(found, made)
     if preset.hidden and len(held):
-        judged = _part(samples, held)
+        judged = samples[held]
         error += found.error(judged.query, judged.radiance)
     return Trial(preset, bytes_, error)
 
@@ -104,11 +103,6 @@ def _stored_error(fit: LightmapFit, made: Chart) -> float:
     mean = lambda v: np.bincount(inverse, weights=v.mean(axis=1)) / count  # noqa: E731
     a, b = mean(truth), mean(found)
     return float(np.mean(np.abs(a - b) / (a + DARK * a.mean())))
-
-
-def _part(samples: EyeSamples, rows: np.ndarray) -> EyeSamples:
-    query = MappedQuery(**{n: getattr(samples.query, n)[rows] for n in MappedQuery.__dataclass_fields__})
-    return EyeSamples(query, samples.half_a[rows], samples.half_b[rows], samples.weight[rows])
 
 
 def parse_bytes(text: str) -> int:

@@ -292,6 +292,11 @@ class EyeSamples:
         """[N, 3] both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
+    def __getitem__(self, rows: np.ndarray) -> EyeSamples:
+        """Some of them."""
+        query = MappedQuery(**{n: getattr(self.query, n)[rows] for n in MappedQuery.__dataclass_fields__})
+        return EyeSamples(query, self.half_a[rows], self.half_b[rows], self.weight[rows])
+
     def __add__(self, other: EyeSamples) -> EyeSamples:
         """Both, the weights of the second relative to the mean of the first."""
         names = MappedQuery.__dataclass_fields__

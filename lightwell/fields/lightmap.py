@@ -60,6 +60,8 @@ class LightmapPreset:
     """Edges of the textures of the environment, which the mirrored ray reads; coarse to fine."""
     mirror_channels: int = 6
     """Channels of each, a multiple of three."""
+    storage: str = "float16"
+    """Of the weights; 'int8': with a step for every output row, biases as half floats."""
     rate: float = 5e-3
     size: int = 1024
     """Edge of the atlas unless another is asked for."""

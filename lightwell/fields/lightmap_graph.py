@@ -152,12 +152,12 @@ class MapNodes:
         return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
 
     def lowered(self, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> Graph:
-        """The graph that ships: pictures as they are, weights as half floats."""
+        """The graph that ships: pictures as they are, weights in the preset's storage."""
         b = Builder(**INPUTS)
         light = self._with_network(b, features, weights) if self.preset.hidden else self._without(b)
         graph = _pruned(b.build(radiance=b.scale(light, self.unit)))
-        half = quantise(graph)
-        buffers = {k: v if v.type == "uint8" else half.buffers[k] for k, v in graph.buffers.items()}
+        small = quantise(graph, self.preset.storage)
+        buffers = {k: v if v.type == "uint8" else small.buffers[k] for k, v in graph.buffers.items()}
         return replace(graph, buffers=buffers)
 
     def _without(self, b: Builder) -> str:

@@ -217,6 +217,18 @@ def test_what_ships_is_what_was_trained(glossy):
     assert set(fit.pictures) == {"e", "f0"} and fit.pictures["f0"].mime == "image/webp"
 
 
+def test_int8_weights_take_half_and_lose_little(glossy):
+    fit, truth, _ = glossy
+    query = queries(1024)
+    small = replace(fit.nodes, preset=replace(fit.preset, storage="int8")).lowered(fit._features, fit._parameters)
+    inputs = {name: value for name, value in query_inputs(query).items() if name in small.inputs}
+    light = evaluate(small, inputs)["radiance"] * query.reflectance
+    error = lambda f: np.sqrt(np.mean((f - truth(query)) ** 2))  # noqa: E731
+    weights = lambda g: sum(b.nbytes for k, b in g.buffers.items() if k not in fit.pictures)  # noqa: E731
+    assert error(light) < 1.3 * error(radiance(fit, query))
+    assert weights(small) < 0.7 * weights(fit.lower())
+
+
 def test_a_view_turned_round_is_caught(glossy):
     fit, truth, _ = glossy
     query = queries(2048)
