@@ -34,7 +34,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 
 FIGURES = ROOT / "out" / "figures"
-PLAN = {"spp": 64, "repeats": 5, "size": 256, "reference": 1024, "quick": 0}
+PLAN = {"spp": 128, "repeats": 5, "size": 256, "reference": 1024, "quick": 0}
 QUICK = {"spp": 4, "repeats": 1, "size": 24, "reference": 64, "quick": 1}
 STILL: dict[str, Any] = {"mode": "still"}
 # Ladder of ingredients, each with what it changes.
