@@ -241,11 +241,12 @@ def rows(quick: bool) -> list[Row]:
     note = f"{info['device']} ({info['backend_type']}), {clock}: {ms:.4g} ms"
     note += f"; compiled in {program.compile_seconds:.1f} s"
     kind = "software rasteriser" if software else info["device"]
+    here, decibels = title.format(size), float(-10 * np.log10(error))
     asked = f"no GPU on this machine; {note}" if software else f"{note}; the paper: 190 ms on a GTX 980 Ti"
     return [
         at_most(what, BAR, None if software else ms, "ms", asked),
-        without_bar(f"{title.format(size)}, on the adapter at hand", ms, "ms", note),
-        at_least(f"{title.format(size)}, PSNR against Python, {kind}", PARITY_BAR, float(-10 * np.log10(error)), "dB", report.line()),
+        without_bar(f"{here}, on the adapter at hand", ms, "ms", note),
+        at_least(f"{here}, PSNR against Python, {kind}", PARITY_BAR, decibels, "dB", report.line()),
     ]
 
 
