@@ -352,6 +352,12 @@ def seam_rows(name: str, traced: Traced, fit: LightmapFit) -> list[Row]:
     ]
 
 
+STYLE = """
+body { margin: 0; background: #fff; font: 12px system-ui, sans-serif; } svg { width: 840px; }
+text { fill: #444; font-size: 10px; }
+.title { font-size: 11px; fill: #000; } .grid { stroke: #e4e4e4; } .axis { stroke: #999; }
+.front { fill: none; stroke: #999; } .tone-0 { fill: #c8501e; } .tone-1 { fill: #3a6ea5; }
+"""
 CURVE = Path(__file__).parent / "results" / "neural_lightmap_curve.json"
 
 
@@ -538,25 +544,26 @@ def curve(plot: bool) -> list[Row]:
     """PSNR over bytes of what the scenes' parts have remembered."""
     if not plot or not CURVE.exists():
         return []
-    import matplotlib
+    from lightwell.report.charts import Axis
+    from lightwell.report.scatter import Point, scatter_chart
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    for k, (name, points) in enumerate(json.loads(CURVE.read_text()).items()):
-        plain = sorted((p["bytes"], p["dB"]) for label, p in points.items() if label.startswith("plain"))
-        axes.plot(*zip(*plain), "o-", color=f"C{k}", alpha=0.5, markersize=4, label=f"{name}, ordinary light map")
-        for label, marker, edge in (("default", "*", 11), ("directional", "s", 5)):
-            place = points[label]["bytes"], points[label]["dB"]
-            axes.plot(*place, marker, color=f"C{k}", markersize=edge, label=f"{name}, {label}")
-    axes.set_xscale("log")
-    axes.axhline(40, color="0.7", linewidth=0.8)
-    axes.set_xlabel("bytes")
-    axes.set_ylabel("PSNR of held-out views, dB")
-    axes.legend(fontsize=6, ncols=2)
+    error = Axis("error of the screen, RMS (1 % is 40 dB)", lambda v: f"{v:.1%}", log=True)
+    size = Axis("bytes", lambda v: f"{v / 1e3:g} k", log=True)
+    marked = [
+        Point(f"{name} {label}", p["bytes"], 10 ** (-p["dB"] / 20), "tone-0" if label == "default" else "tone-1")
+        for name, labels in json.loads(CURVE.read_text()).items()
+        for label, p in labels.items()
+    ]
+    chart_ = scatter_chart(marked, size, error, "Error of held-out views over bytes")
+    folder = Path(tempfile.mkdtemp())
+    (folder / "curve.html").write_text(
+        f"<!doctype html><meta charset=utf-8><style>{STYLE}</style><main>{chart_}</main>"
+    )
     path = Path(__file__).resolve().parents[1] / "docs" / "images" / "lightmap-curve.png"
-    figure.savefig(path, dpi=130)
+    tool = Path(__file__).resolve().parents[1] / "tools" / "find-chromium.sh"
+    browser = subprocess.run(["sh", tool], capture_output=True, text=True).stdout.strip() or "chromium"
+    options = ["--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=860,520", f"--screenshot={path}"]
+    subprocess.run([browser, *options, str(folder / "curve.html")], check=True, capture_output=True, timeout=120)
     print(f"wrote {path}")
     return []
 
