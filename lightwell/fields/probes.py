@@ -24,6 +24,7 @@ from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.probes import sh
 from lightwell.probes.bake import Geometry, bake_geometry, with_bricks
+from lightwell.probes.baselines import compare
 from lightwell.probes.code import Code
 from lightwell.probes.file import encode_volume
 from lightwell.probes.generator import fit_with
@@ -129,7 +130,7 @@ class ProbesFit:
             )
         self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
         self._static = self.setup.light == "static"
-        self._geometry, self._basis = _basis(self.setup, self.preset, self.seed)
+        self._geometry, self._basis, baselines = _basis(self.setup, self.preset, self.seed)
         sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
         self._data: TrainingSet | None = None
@@ -143,6 +144,7 @@ class ProbesFit:
             "weights": volume.function,
             "bytes_per_probe": volume.bytes_per_probe("zh3"),
             "weight_seconds": self._geometry.seconds,
+            "baselines": baselines,
         }
 
     @property
@@ -271,26 +273,28 @@ def _fit(preset: ProbesPreset) -> Callable | None:
     return fit_with(preset.function) if preset.generator else None
 
 
-def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry, np.ndarray]:
-    """The volume with its bricks, and the light of the bases [P + F, 9, 3, K], path traced once and kept with the
-    scene."""
+def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry, np.ndarray, dict]:
+    """The volume with its bricks, the light of the bases [P + F, 9, 3, K], path traced once and kept with the scene,
+    and how the volume and the baselines answer in the air."""
     geometry = _geometry(setup, preset)
     kept = setup.scene.__dict__.setdefault("_probe_light", {})
     key = (geometry.volume.lattice.spacing, preset, setup.light, seed)
     if key not in kept:
-        states, samples, solution = _states(setup, preset, seed, geometry)
+        states, samples, solution, start = _states(setup, preset, seed, geometry)
         chosen = placed(geometry, samples, solution, preset.bricks)
         if len(chosen):
             geometry = with_bricks(setup.scene, geometry, chosen, _fit(preset))
-            states, _, _ = _states(setup, preset, seed, geometry)
+            states, _, _, start = _states(setup, preset, seed, geometry)
         live = np.flatnonzero(geometry.volume.alive)
         static = setup.light == "static"
-        kept[key] = geometry, states[0][..., None] if static else _singular(states, live, preset.rank)
+        light = () if static else (setup.variable, _lights(setup, preset, seed)[0])
+        told = compare(setup.scene, geometry, states[0], start[0], seed, *light)
+        kept[key] = geometry, states[0][..., None] if static else _singular(states, live, preset.rank), told
     return kept[key]
 
 
 def _states(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> tuple:
-    """Light of the probes in each state [S, P + F, 9, 3], the samples, and the solution."""
+    """Light of the probes in each state [S, P + F, 9, 3], the samples, the solution, and the light as traced."""
     scene, volume = setup.scene, geometry.volume
     live = np.flatnonzero(volume.alive)
     if setup.light == "static":
@@ -298,15 +302,20 @@ def _states(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geomet
         start = traced(scene, geometry, live, effort, seed)
         samples, _ = rows(scene, geometry, effort, seed + 1)
         solution = solve(volume, samples, start)
-        return solution.light[None], samples, solution
+        return solution.light[None], samples, solution, start[None]
     effort, variable = preset.effort, setup.variable
-    lights = sample_lights(scene, variable, preset.states, seed + STATE_SEED)
+    lights = _lights(setup, preset, seed)
     start = np.stack(
         [traced(scene, geometry, live, effort, seed + k, variable, light) for k, light in enumerate(lights)]
     )
     samples, _ = rows(scene, geometry, effort, seed + len(lights), variable, lights)
     solution = solve(volume, samples, start)
-    return solution.light, samples, solution
+    return solution.light, samples, solution, start
+
+
+def _lights(setup: FieldSetup, preset: ProbesPreset, seed: int) -> np.ndarray:
+    """[S, 3] places of the light that are solved for."""
+    return sample_lights(setup.scene, setup.variable, preset.states, seed + STATE_SEED)
 
 
 def _singular(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:

@@ -66,6 +66,13 @@ def test_a_bake_writes_the_volume_and_its_page(moving, tmp_path):
     assert np.allclose(found.light[:, 0], volume.light[:, 0], rtol=2e-3, atol=1e-3 * np.abs(volume.light).max())
 
 
+def test_the_report_tells_of_the_baselines(moving):
+    told = moving.facts["baselines"]
+    assert set(told) == {"learned", "trilinear", "trilinear + validity", "DDGI", "line of sight"}
+    assert told["learned"]["smape"] < told["trilinear"]["smape"]
+    assert all(0 <= value <= 1 for row in told.values() for value in row.values())
+
+
 def test_a_network_per_probe_has_no_file(moving, tmp_path):
     other = object.__new__(ProbesFit)
     other.preset = PRESETS["mlp"]
