@@ -29,11 +29,13 @@ from lens_twins import twin
 from rows import Row, at_least, at_most, publish, without_bar
 
 from lightwell.lens import families, psf, solve
+from lightwell.lens.aperture import DISC
 from lightwell.lens.bake import bake_node
-from lightwell.lens.cache import Shelf
+from lightwell.lens.cache import STANDARD, Shelf
 from lightwell.lens.camera import Camera
 from lightwell.lens.engine import Engine
 from lightwell.lens.layers import Layer
+from lightwell.lens.library import load
 from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.recipes import Recipe, primal
 from lightwell.lens.report import Report
@@ -180,9 +182,11 @@ def energy(quick: bool) -> list[Row]:
     options = Settings(edges="dark", layers=1)
     joint = Lens(options).blur(Layer(rgba, np.full_like(s, 7.0), motion), Report())
     moved = float(np.abs(joint.sum((0, 1), dtype=np.float64) / rgba.sum((0, 1), dtype=np.float64) - 1).max())
-    library = Shelf(keep=False).library(families.depth(64), Settings().recipe())
-    sparse = [s for (_, tier), s in library.nodes.items() if tier == 0 and s.recipe == "sparse"]
-    note = f"all {len(sparse)} sparse nodes of the standard library, radius 5 to 64 px"
+    libraries = [load(path, DISC) for path in sorted(STANDARD.glob("*.lwsp"))]
+    sparse = [
+        s for library in libraries for (_, tier), s in library.nodes.items() if tier == 0 and s.recipe == "sparse"
+    ]
+    note = f"all {len(sparse)} sparse nodes of the {len(libraries)} standard libraries, to 64 px, motion to 32 px"
     return [
         at_most("energy: |sum out / sum in - 1|, radius 0 to 40 px", 1e-3, wrong, ""),
         at_most("energy: the same with motion of 22 px", 1e-3, moved, ""),

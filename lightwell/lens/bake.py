@@ -62,6 +62,8 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
         if made.score.leak <= LEAK and made.score.error <= ERROR:
             break
         count = int(np.ceil(count * GROWTH))
+    else:
+        return [(MAIN, best)]
     return [(MAIN, made), *fine]
 
 
