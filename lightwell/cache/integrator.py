@@ -198,7 +198,9 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         width, height = (int(x) for x in film.crop_size())
         timed = self.settings.seconds > 0
         launch = frames.SMALL_LAUNCH if timed else frames.LAUNCH
-        per_pass = max(1, launch // (width * height)) if still or not self.caching else 1
+        # A cache that learns no more needs no frames, unless reservoirs hand on their past from one to the next.
+        whole = still or not self.caching or (cache.frozen and self.settings.first_hit == "nee")
+        per_pass = max(1, launch // (width * height)) if whole else 1
         if self.settings.sampling == "sensor":
             per_pass = spp if still or not self.caching else 1
         two_level = self.settings.estimator == "two-level" and self.caching
