@@ -74,10 +74,14 @@ def uninterrupted(tmp_path_factory):
 
 def test_interrupted_by_the_keyboard(tmp_path, uninterrupted):
     """Ctrl-C is an interrupt like any other: the checkpoint stays, and the bake goes on from it."""
-    out = tmp_path / "out"
-    child = _start(out)
-    _wait_for(out / FOLDER / "indirect" / "fit.npz", child)
-    _interrupt(child)
+    for attempt in range(4):
+        out = tmp_path / f"out-{attempt}"
+        child = _start(out)
+        _wait_for(out / FOLDER / "indirect" / "fit.npz", child)
+        _interrupt(child)
+        # On a busy machine a short bake may be over before the signal is seen; that says nothing.
+        if not (out / "scene.glb").exists():
+            break
     assert (out / FOLDER / "indirect" / "fit.npz").exists() and not (out / "scene.glb").exists()
     bake(small(out, steps=STEPS, views=1, resume=True))
     assert (out / "scene.glb").read_bytes() == uninterrupted
