@@ -28,7 +28,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, pixels, scene_of, truth_of
-from rows import RESULTS, Row, at_least, at_most, publish, without_bar
+from rows import RESULTS, Row, at_least, at_most, chosen, publish, without_bar
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
@@ -417,11 +417,10 @@ def main() -> None:
     plan = {**PLAN, "spp": arguments.spp, "repeats": arguments.repeats, "reference": arguments.reference}
     if arguments.quick:
         plan = QUICK
-    for part in arguments.only.split(","):
+    asked = chosen("--scenes", arguments.scenes, NAMES)
+    for part in chosen("--only", arguments.only, PARTS):
         _, rows, scenes = PARTS[part]
-        scenes = ONE[: len(scenes)] if arguments.quick else scenes
-        if arguments.scenes:
-            scenes = tuple(n for n in scenes if n in arguments.scenes.split(","))
+        scenes = ONE[: len(scenes)] if arguments.quick else tuple(n for n in scenes if n in asked)
         found = {name: f for name in scenes if (f := measured(part, name, plan, arguments.resume)) is not None}
         publish("radiance_cache", rows(found, plan), arguments.quick)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -62,6 +64,17 @@ def without_bar(what: str, measured: float | None, unit: str, note: str = "") ->
     return Row(what, "–", _rounded(measured), unit, None, _machine(), note)
 
 
+def chosen(option: str, given: str | None, known: Iterable[str]) -> list[str]:
+    """The comma-separated words of an option, all of them where none was given; ends with code 2 at an unknown one."""
+    names = list(known)
+    words = [word.strip() for word in given.split(",") if word.strip()] if given else names
+    for word in words:
+        if word not in names:
+            print(f"error: {option} {word}: expected some of {', '.join(names)}", file=sys.stderr)
+            raise SystemExit(2)
+    return words
+
+
 def publish(topic: str, rows: list[Row], quick: bool) -> None:
     """Print the rows; write ``results/TOPIC.json`` unless it is only a smoke run. Rows not measured now are kept."""
     for row in rows:
@@ -93,6 +106,4 @@ def markdown(topic: str) -> str:
 
 
 if __name__ == "__main__":
-    import sys
-
     print(markdown(sys.argv[1] if len(sys.argv) > 1 else "main_job"))

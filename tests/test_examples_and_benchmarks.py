@@ -49,3 +49,11 @@ def test_the_quick_radiance_cache_benchmark_prints_rows_and_writes_nothing():
     text = _run("benchmarks/radiance_cache.py", "--quick", "--only", "equal,frame,lag,gpu")
     assert "equal time: geometric mean of the five scenes" in text and "light switch" in text and "GPU" in text
     assert (results.read_bytes() if results.exists() else None) == before
+
+
+def test_an_unknown_part_of_a_benchmark_ends_with_one_line():
+    argv = [sys.executable, "benchmarks/radiance_cache.py", "--only", "nonsense"]
+    done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 2 and not done.stdout
+    assert done.stderr.strip().startswith("error: --only nonsense: expected some of equal, ")
+    assert len(done.stderr.strip().splitlines()) == 1
