@@ -26,7 +26,7 @@ from lens_measure import all_pixels, clipped_psnr, median_seconds, processor_sec
 from lens_physical import blender, physical, samples
 from lens_recipes import bokeh, recipes
 from lens_twins import twin
-from rows import Row, at_least, at_most, publish, without_bar
+from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 from lightwell.lens import families, psf, solve
 from lightwell.lens.aperture import DISC
@@ -260,10 +260,10 @@ WITH_PICTURES = ("bokeh", "physical", "recipes", "samples")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smoke run, writes nothing")
-    parser.add_argument("--only", default=",".join(PARTS), help=f"parts, of {', '.join(PARTS)}")
+    parser.add_argument("--only", help=f"parts, of {', '.join(PARTS)}")
     parser.add_argument("--pictures", action="store_true", help="write the pictures of docs/lens.md")
     arguments = parser.parse_args()
-    for part in arguments.only.split(","):
+    for part in chosen("--only", arguments.only, PARTS):
         extra = (arguments.pictures,) if part in WITH_PICTURES else ()
         publish("lens", PARTS[part](arguments.quick, *extra), arguments.quick)
 

@@ -26,13 +26,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import lens_scenes
-from rows import Row, at_least, at_most, publish, without_bar
+from lens_measure import save
+from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 from lightwell.report.metrics import flip, ssim
 
 ROOT = Path(__file__).resolve().parents[1]
 STANDARD = ROOT / "lightwell/lens/standard"
-PICTURES = ROOT / "docs/images"
 NEAR, FAR = 0.1, 100.0
 TIMEOUT = 1800
 NAMES = {
@@ -169,7 +169,7 @@ def flip_rows(quick: bool, pictures: bool = False) -> list[Row]:
             panels.append(tried[best]["picture"])
         if pictures:
             middle = slice(size[0] // 4, 3 * size[0] // 4)
-            _save(np.concatenate([p[:, middle] for p in (*panels, truth)], 1), f"lens-web-{name.split()[0]}.png")
+            save(np.concatenate([p[:, middle] for p in (*panels, truth)], 1), f"lens-web-{name.split()[0]}.png")
     return rows
 
 
@@ -215,25 +215,16 @@ def size_rows(quick: bool) -> list[Row]:
     return [without_bar(what, sizes["lens"]["gzipped"] / 1000, "kB", note)]
 
 
-def _save(picture: np.ndarray, name: str) -> None:
-    from PIL import Image
-
-    from lightwell.report.metrics import display
-
-    PICTURES.mkdir(exist_ok=True)
-    Image.fromarray(np.rint(255 * np.clip(display(picture), 0, 1)).astype(np.uint8)).save(PICTURES / name)
-
-
 PARTS = {"flip": flip_rows, "time": time_rows, "size": size_rows}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smoke run, writes nothing")
-    parser.add_argument("--only", default=",".join(PARTS), help=f"parts, of {', '.join(PARTS)}")
+    parser.add_argument("--only", help=f"parts, of {', '.join(PARTS)}")
     parser.add_argument("--pictures", action="store_true", help="write the pictures of docs/lens.md")
     arguments = parser.parse_args()
-    for part in arguments.only.split(","):
+    for part in chosen("--only", arguments.only, PARTS):
         extra = (arguments.pictures,) if part == "flip" else ()
         publish("lens", PARTS[part](arguments.quick, *extra), arguments.quick)
 

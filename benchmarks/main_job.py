@@ -21,7 +21,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_least, at_most, publish, without_bar
+from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes" / "mitsuba"
@@ -134,8 +134,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a smoke run; writes nothing")
     parser.add_argument("--only", help=f"comma-separated parts of: {', '.join(PARTS)}")
     arguments = parser.parse_args()
-    names = arguments.only.split(",") if arguments.only else list(PARTS)
-    for name in names:
+    for name in chosen("--only", arguments.only, PARTS):
         publish("main_job", PARTS[name](arguments.quick), arguments.quick)
 
 

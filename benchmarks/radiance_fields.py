@@ -26,7 +26,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_least, at_most, publish, without_bar
+from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes"
@@ -324,10 +324,7 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="go on with comparisons that are in --out")
     parser.add_argument("--budget", type=float, default=BUDGET, help="seconds of a bake (default: %(default)s)")
     arguments = parser.parse_args()
-    names = arguments.only.split(",") if arguments.only else list(PARTS)
-    unknown = [name for name in names if name not in PARTS]
-    if unknown:
-        parser.error(f"unknown part '{unknown[0]}'; choose some of {', '.join(PARTS)}")
+    names = chosen("--only", arguments.only, PARTS)
     out = arguments.out / "quick" if arguments.quick else arguments.out
     run = Run(out, arguments.quick, arguments.resume, 6.0 if arguments.quick else arguments.budget)
     for name in names:
