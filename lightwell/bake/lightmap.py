@@ -233,7 +233,7 @@ def fitted(
     unit = sample_unit(samples)
     base = base_picture(made, unit, preset) if preset.base else None
     direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
-    mask = encode(mask_image(made), "webp") if preset.base else None
+    mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
     fit = LightmapFit(
         preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask
@@ -271,7 +271,8 @@ def sample_unit(samples: EyeSamples) -> float:
 def direction_picture(made: Chart, reduction: int) -> Picture:
     """The dominant direction as bytes, at a lower resolution."""
     small = reduced(direction_image(made), min(reduction, made.atlas.size))
-    return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp")
+    mips = max(made.atlas.mips - int(np.log2(reduction)), 0)
+    return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp", mips)
 
 
 # ---------------------------------------------------------------------- write

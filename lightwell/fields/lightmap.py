@@ -28,6 +28,8 @@ from lightwell.transport.mapped import MappedQuery
 
 # Shares of the steps after which the quantiser's noise becomes rounding, and the textures those of the file.
 ROUND_FROM, FREEZE_FROM = 0.5, 0.85
+# Share of the steps that read the textures at a random level of their mip chain.
+FAR_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class LightmapPreset:
     direction: bool = False
     """A second picture with the dominant direction (directional light map)."""
     channels: int = 6
-    """Feature channels, a multiple of three; 0: no features."""
+    """Feature channels, three in a picture; 0: no features."""
     share: float = 0.25
     """Edge of the feature textures relative to that of the atlas."""
     hidden: tuple[int, ...] = (24, 24)
@@ -69,15 +71,16 @@ class LightmapPreset:
 
 PRESETS: dict[str, LightmapPreset] = {
     "default": LightmapPreset(direction=True, share=1 / 16),
+    "default-int8": LightmapPreset(direction=True, share=1 / 16, storage="int8"),
     "report": LightmapPreset(
-        "", channels=9, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
+        "", channels=8, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
     ),
     "report-relu": LightmapPreset(
-        "", channels=9, share=1.0, hidden=(32, 32, 32), inputs="report", rate=2e-3, size=4096
+        "", channels=8, share=1.0, hidden=(32, 32, 32), inputs="report", rate=2e-3, size=4096
     ),
     "siren": LightmapPreset("", channels=0, hidden=(32,) * 8, inputs="uv", siren=True, rate=1e-3),
     "siren-two-stage": LightmapPreset(
-        "", channels=9, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
+        "", channels=8, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
     ),
     "plain": LightmapPreset(channels=0, hidden=()),
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
@@ -109,7 +112,8 @@ class LightmapFit:
     """What surfaces are; see ``MapNodes``."""
 
     def __post_init__(self) -> None:
-        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask)
+        extra = {"size": self.size}
+        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
         self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
         self._features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []
@@ -137,9 +141,10 @@ class LightmapFit:
 
     # ------------------------------------------------------------------ fit
 
-    def rows(self, query: MappedQuery) -> np.ndarray:
-        """[N, 11 + I] what the network sees of a query."""
-        found = self._rows(query)
+    def rows(self, query: MappedQuery, far: int = 0) -> np.ndarray:
+        """[N, 11 + I] what the network sees of a query, at a level of the mip chain."""
+        seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
+        found = seen(query)
         return np.concatenate([found[n] for n in ("place", "base", "gain", "gloss", "mirror", "inputs")], axis=1)
 
     def train(
@@ -160,7 +165,7 @@ class LightmapFit:
         good = np.isfinite(radiance).all(axis=1) & (weight > 0)
         order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
         target = (radiance[order] / self.unit).astype(np.float32)
-        data = TrainingSet.from_numpy(self.rows(query[order]), target, weight[order])
+        data = [TrainingSet.from_numpy(self.rows(query[order], m), target, weight[order]) for m in self.levels]
         for quantiser, until in (("noise", ROUND_FROM), ("round", FREEZE_FROM), ("frozen", 1.0)):
             if quantiser == "frozen":
                 self._freeze()
@@ -190,15 +195,34 @@ class LightmapFit:
             np.savez(stream, step=step, loss=loss, **{f"p.{name}": v for name, v in self._parameters.items()})
         os.replace(temporary, path)
 
-    def _phase(self, data: TrainingSet, until: int, steps: int, progress) -> None:
-        """Steps up to ``until`` with the quantiser as it is."""
+    @property
+    def levels(self) -> range:
+        """Levels of the mip chain that viewers may read."""
+        anything = self.base is not None or self._feature_mips() > 0
+        return range(self.mips + 1 if anything and not self.preset.stage else 1)
+
+    def _from_afar(self, level: int) -> LightmapNetwork:
+        """The network as it is where the atlas is read at a level."""
+        texture = self.network.texture
+        if texture is None or not level:
+            return self.network
+        own = int(np.clip(level + round(np.log2(self.preset.share)), 0, self._feature_mips()))
+        return replace(self.network, texture=replace(texture, level=own))
+
+    def _phase(self, data: list[TrainingSet], until: int, steps: int, progress) -> None:
+        """Steps up to ``until`` with the quantiser as it is; a quarter of them read a random level of the mip chain."""
         settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
         trainer = Trainer(self.network, settings, self.seed)
         trainer.adopt(self._parameters, keep_moments=False)
         trainer.state.step = self.history[-1][0] if self.history else 0
+        networks = [self._from_afar(m) for m in self.levels]
         losses = []
         while trainer.state.step < until:
-            losses.append(trainer.step(data, steps))
+            # Which level a step reads depends on (seed, step) alone, so that a resumed training repeats it.
+            rng = np.random.default_rng((self.seed, 0xFA4, trainer.state.step))
+            level = int(rng.integers(1, len(data))) if len(data) > 1 and rng.random() < FAR_SHARE else 0
+            trainer.network = networks[level]
+            losses.append(trainer.step(data[level], steps))
             if progress and trainer.state.step % 50 == 0:
                 dr.eval(losses[-1])
                 progress(trainer.state.step)
@@ -221,8 +245,12 @@ class LightmapFit:
         """Pictures of one texture; its parameters become what they hold."""
         bytes_ = np.floor(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(texture.height, texture.width, -1)
         mips = self._feature_mips() if name == "t0" else 0
-        for k in range(channels // 3):
-            self._features[f"{prefix}{k}"] = encode(bytes_[..., 3 * k : 3 * k + 3], "webp", mips)
+        bytes_[..., channels:] = 0
+        for k in range(-(-channels // 3)):
+            three = np.zeros((*bytes_.shape[:2], 3), np.uint8)
+            held = bytes_[..., 3 * k : 3 * k + 3]
+            three[..., : held.shape[2]] = held
+            self._features[f"{prefix}{k}"] = encode(three, "webp", mips)
         self._parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
 
     def _feature_mips(self) -> int:

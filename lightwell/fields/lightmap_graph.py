@@ -58,6 +58,10 @@ class MapNodes:
     """What the light map knows of the scene; needed where the light moves and where there is an environment."""
     mask: Picture | None = None
     """What surfaces are: red, whether the eye matters; green, whether the light map lights them at all."""
+    far: int = 0
+    """Level of the mip chain of the atlas that is read; 0 for the graph that ships."""
+    size: int = 1
+    """Edge of the atlas."""
 
     # ------------------------------------------------------------------ parts
 
@@ -68,20 +72,24 @@ class MapNodes:
         albedo = b.clamp(b.multiply(color, dielectric), 0.0, 1.0)
         return albedo, b.subtract("reflectance", albedo)
 
+    def stored(self, b: Builder, picture: Picture, name: str) -> str:
+        """A picture as a buffer."""
+        return b.buffer(picture.buffer(picture.level(self.far, self.size) if self.far else 0), name)
+
     def curve(self, b: Builder) -> str:
         """q, what the base stores."""
-        return b.texture("uv1", b.buffer(self.base.buffer(), "e"), name="q")
+        return b.texture("uv1", self.stored(b, self.base, "e"), name="q")
 
     def direction_node(self, b: Builder) -> str:
         """Mean direction of the light, shorter the less it is directed."""
-        return b.affine(b.texture("uv1", b.buffer(self.direction.buffer(), "d")), [2] * 3, [-1] * 3, name="direction")
+        return b.affine(b.texture("uv1", self.stored(b, self.direction, "d")), [2] * 3, [-1] * 3, name="direction")
 
     def known(self, b: Builder) -> tuple[str, str]:
         """g and whether a surface is lit, 0 or 1."""
         if self.mask is None:
             one = b.affine("roughness", [0], [1])
             return one, one
-        m = b.texture("uv1", b.buffer(self.mask.buffer(), "m"))
+        m = b.texture("uv1", self.stored(b, self.mask, "m"))
         # Bilinear reads on a chart's border are its own: the picture is continued there.
         return b.slice(m, 0, 1), b.slice(m, 1, 1)
 
@@ -186,6 +194,9 @@ class MapNodes:
         at = {name: row["mirror"] if name.startswith("r") else "uv1" for name in features}
         read = [b.texture(at[name], b.buffer(picture.buffer(), name)) for name, picture in features.items()]
         read = [b.affine(t, [width] * 3, [low] * 3) for t in read]
+        # The last picture may hold fewer channels than three.
+        if over := len(read) * 3 - self.preset.channels if read and not self.preset.mirrors else 0:
+            read[-1] = b.slice(read[-1], 0, 3 - over)
         x = self._layers(b, b.concat(*read, row["inputs"]), weights)
         if self.base is None:
             return self._over_reflectance(b, b.multiply(gain, b.activate(x, "exp")))

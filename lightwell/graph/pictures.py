@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from PIL import Image
 
 from lightwell.graph.buffers import Buffer
+
+if TYPE_CHECKING:
+    from lightwell.graph import Graph
 
 # A byte stands for its share of 255, as in a texture of a GPU.
 BYTE = np.float32(1 / 255)
@@ -28,9 +33,18 @@ class Picture:
     mips: int = 0
     """Mip level up to which no texel mixes places that do not lie together."""
 
-    def buffer(self) -> Buffer:
-        """The graph's buffer: what every reader decodes."""
-        return Buffer(decoded(self.data), "uint8", BYTE)
+    def buffer(self, level: int = 0) -> Buffer:
+        """The graph's buffer: what every reader decodes; at a level of the mip chain, what a viewer far away reads."""
+        return Buffer(minified(self.texels, level), "uint8", BYTE)
+
+    @cached_property
+    def texels(self) -> np.ndarray:
+        """[H, W, 3] uint8."""
+        return decoded(self.data)
+
+    def level(self, far: int, size: int) -> int:
+        """The level that is read where an atlas of edge ``size`` is read at level ``far``."""
+        return int(np.clip(far - round(np.log2(size / len(self.texels))), 0, self.mips))
 
 
 def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
@@ -59,3 +73,18 @@ def decoded(data: bytes) -> np.ndarray:
     """[H, W, 3] uint8 of an encoded picture, as every browser decodes it."""
     with Image.open(io.BytesIO(data), formats=FORMATS) as image:
         return np.asarray(image.convert("RGB"))
+
+
+def minified(texels: np.ndarray, level: int) -> np.ndarray:
+    """[H / 2^m, W / 2^m, C] uint8: means of 2 x 2 texels, rounded at every level as GPUs do."""
+    for _ in range(level):
+        height, width, channels = texels.shape
+        mean = texels.reshape(height // 2, 2, width // 2, 2, channels).mean(axis=(1, 3))
+        texels = np.floor(mean + 0.5).astype(np.uint8)
+    return texels
+
+
+def seen_from_afar(graph: Graph, pictures: Mapping[str, Picture], size: int, level: int) -> Graph:
+    """The graph as it is evaluated where an atlas of edge ``size`` is read at a level of the mip chain."""
+    far = {name: p.buffer(p.level(level, size)) for name, p in pictures.items() if name in graph.buffers}
+    return replace(graph, buffers={**graph.buffers, **far})

@@ -1,7 +1,8 @@
 """A trainable texture in tensor mode, read bilinearly as the shading graph's ``texture`` op reads it.
 
 Notation: B points, H x W texels, C channels. With a quantiser in the loop (noise: Ballé et al. 2017; straight-through
-estimator: Bengio et al. 2013): ``noise`` adds what rounding would add, ``round`` rounds.
+estimator: Bengio et al. 2013): ``noise`` adds what rounding would add, ``round`` rounds. At a level m of the mip chain
+the texture is read as a viewer far away does: means of 2^m x 2^m texels, bilinear between them.
 """
 
 from __future__ import annotations
@@ -26,10 +27,14 @@ class AtlasTexture:
     """A multiple of four: texels are read and written in packets."""
     quantiser: Literal["none", "noise", "round", "frozen"] = "none"
     """'frozen': the texture is already that of the file, and gets no gradient."""
+    level: int = 0
+    """Of the mip chain; H and W are multiples of 2^level."""
 
     def __post_init__(self) -> None:
         if self.channels % PACKET:
             raise ValueError(f"texture: {self.channels} channels, expected a multiple of {PACKET}")
+        if self.height % (1 << self.level) or self.width % (1 << self.level):
+            raise ValueError(f"texture: {self.width} x {self.height} texels have no mip level {self.level}")
 
     def __call__(self, table: Any, places: Any) -> Any:
         """Interpolated texels; differentiable in the table, not in the places."""
@@ -38,7 +43,7 @@ class AtlasTexture:
     def evaluate(self, table: Any, places: Any) -> Any:
         """The same without derivatives."""
         count, packets = places.shape[0], self.channels // PACKET
-        stored = self._stored(table.array)
+        stored = self._minified(self._stored(table.array))
         total = [mi.Vector4f(0)] * packets
         for texel, weight in self._corners(places):
             rows = [dr.gather(mi.Vector4f, stored, texel * packets + k) for k in range(packets)]
@@ -53,12 +58,41 @@ class AtlasTexture:
         """[H * W, C] gradient of the table from the gradient [B, C] of the values, summed in any order alike."""
         packets = self.channels // PACKET
         lane = dr.arange(mi.UInt32, places.shape[0]) * packets
-        total = dr.zeros(mi.UInt64, self.height * self.width * self.channels)
+        total = dr.zeros(mi.UInt64, (self.height * self.width * self.channels) >> (2 * self.level))
         parts = [dr.gather(mi.Vector4f, features.array, lane + k) * FIXED_POINT for k in range(packets)]
         for texel, weight in self._corners(places):
             for packet, part in enumerate(parts):
                 dr.scatter_add(total, UInt64x4(Int64x4(weight * part)), texel * packets + packet)
-        return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.height * self.width, self.channels))
+        return mi.TensorXf(
+            self._spread(mi.Float(mi.Int64(total)) / FIXED_POINT), (self.height * self.width, self.channels)
+        )
+
+    def _minified(self, values: Any) -> Any:
+        """Means of 2^level x 2^level texels."""
+        if self.level == 0:
+            return values
+        edge, width = 1 << self.level, self.width >> self.level
+        lane = dr.arange(mi.UInt32, dr.width(values) >> (2 * self.level))
+        channel, texel = lane % self.channels, lane // self.channels
+        corner = (texel // width) * edge * self.width + (texel % width) * edge
+        total = mi.Float(0)
+        for y in range(edge):
+            for x in range(edge):
+                total += dr.gather(mi.Float, values, (corner + (y * self.width + x)) * self.channels + channel)
+        total /= edge * edge
+        dr.eval(total)
+        return total
+
+    def _spread(self, gradient: Any) -> Any:
+        """Its adjoint: every texel gets its share of the gradient of the mean that it is in."""
+        if self.level == 0:
+            return gradient
+        dr.eval(gradient)
+        lane = dr.arange(mi.UInt32, self.height * self.width * self.channels)
+        channel, texel = lane % self.channels, lane // self.channels
+        y, x = (texel // self.width) >> self.level, (texel % self.width) >> self.level
+        mean = (y * (self.width >> self.level) + x) * self.channels + channel
+        return dr.gather(mi.Float, gradient, mean) * (0.25**self.level)
 
     def _stored(self, values: Any) -> Any:
         """The texture as a reader of the file would see it."""
@@ -79,7 +113,8 @@ class AtlasTexture:
         """(texel, weight) of the four texels round each place."""
         lane = dr.arange(mi.UInt32, places.shape[0])
         low, high, fraction = [], [], []
-        for axis, size in enumerate((self.width, self.height)):
+        width, height = self.width >> self.level, self.height >> self.level
+        for axis, size in enumerate((width, height)):
             at = dr.gather(mi.Float, places.array, lane * 2 + axis)
             at = dr.clip(dr.clip(at, 0, 1) * size - 0.5, 0, size - 1)
             low.append(dr.minimum(mi.UInt32(at), size - 1))
@@ -88,7 +123,7 @@ class AtlasTexture:
         for corner in range(4):
             right, down = corner & 1, corner >> 1
             weight = (fraction[0] if right else 1 - fraction[0]) * (fraction[1] if down else 1 - fraction[1])
-            yield (high[1] if down else low[1]) * self.width + (high[0] if right else low[0]), weight
+            yield (high[1] if down else low[1]) * width + (high[0] if right else low[0]), weight
 
 
 class _Read(dr.CustomOp):

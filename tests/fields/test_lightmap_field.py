@@ -10,7 +10,7 @@ from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
 from lightwell.graph import Builder, evaluate
-from lightwell.graph.pictures import BYTE, decoded, encode
+from lightwell.graph.pictures import BYTE, decoded, encode, minified, seen_from_afar
 from lightwell.transport.mapped import MappedQuery
 
 SIZE = 32
@@ -251,6 +251,43 @@ def test_every_preset_trains_and_ships(name):
     assert shown.shape == (len(query), 3) and np.isfinite(shown).all() and (shown >= 0).all()
     if preset.hidden:
         assert np.abs(shown - fit.predict(query)).max() < 0.02 * np.abs(shown).max() + 1e-3
+
+
+# ---------------------------------------------------------------------- from afar
+
+
+def test_means_are_rounded_at_every_level():
+    texels = np.uint8([[[0], [1]], [[1], [0]]]).repeat(3, axis=2)
+    assert minified(texels, 1).tolist() == [[[1, 1, 1]]]
+    many = RNG.integers(0, 256, (32, 32, 3)).astype(np.uint8)
+    assert np.abs(minified(many, 3) - many.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))).max() < 1.6
+
+
+def test_training_at_random_levels_keeps_minified_pictures_right(monkeypatch):
+    """Light that repeats every four texels, known through features alone: level 2 shall show its mean."""
+    from lightwell.fields import lightmap
+
+    query = queries(1 << 13)
+    wave = 0.15 + 0.14 * np.sign(np.sin(2 * np.pi * query.uv1[:, :1] * SIZE / 4))
+    target = np.repeat(wave * query.reflectance[:, :1], 3, axis=1).astype(np.float32)
+    preset = LightmapPreset("", channels=3, share=1.0, hidden=(16,), rate=2e-2)
+    shown = {}
+    for share in (0.0, lightmap.FAR_SHARE):
+        monkeypatch.setattr(lightmap, "FAR_SHARE", share)
+        fit = LightmapFit(preset, SIZE, 1.0, batch=1 << 12, mips=2)
+        fit.train(query, target, np.ones(len(query), np.float32), 300)
+        assert [p.mips for p in fit.pictures.values()] == [2]
+        found = []
+        for level in (0, 2):
+            graph = seen_from_afar(fit.lower(), fit.pictures, SIZE, level)
+            light = evaluate(graph, {n: v for n, v in query_inputs(query).items() if n in graph.inputs})["radiance"]
+            found.append(float(light.mean() / wave.mean() - 1))
+        near = radiance(fit, query)
+        shown[share] = (*found, float(np.sqrt(np.mean((near - target) ** 2)) / target.mean()))
+    without, trained = shown.values()
+    # Near by, both are right; from afar, exp of mean features is not the mean of exp, unless training has seen it.
+    assert abs(trained[0]) < 0.05 and abs(trained[1]) < 0.05 < abs(without[1])
+    assert trained[2] < 0.45
 
 
 def test_the_same_seed_gives_the_same_bytes():

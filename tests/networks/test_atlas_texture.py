@@ -57,3 +57,34 @@ def test_gradient(quantiser):
         unit[texel, channel] = 1
         part = np.array(AtlasTexture(6, 5, 4)(mi.TensorXf(unit), mi.TensorXf(PLACES)))
         assert found[texel, channel] == pytest.approx(float((part * np.array(weights)).sum()), abs=1e-5)
+
+
+FAR = RNG.random((8 * 12, 4)).astype(np.float32)
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_a_level_of_the_mip_chain_is_read_as_the_graph_reads_means(level):
+    edge = 1 << level
+    means = FAR.reshape(8 // edge, edge, 12 // edge, edge, 4).mean(axis=(1, 3))
+    b = Builder(uv=2)
+    graph = b.build(texel=b.texture("uv", means))
+    found = np.array(AtlasTexture(8, 12, 4, "none", level)(mi.TensorXf(FAR), mi.TensorXf(PLACES)))
+    assert np.abs(found - evaluate(graph, {"uv": PLACES})["texel"]).max() < 1e-6
+
+
+def test_the_gradient_of_a_level_is_spread_over_its_means():
+    texture = AtlasTexture(8, 12, 4, "none", 1)
+    table, weights = mi.TensorXf(FAR), mi.TensorXf(RNG.normal(size=(64, 4)).astype(np.float32))
+    dr.enable_grad(table)
+    dr.backward(dr.sum(texture(table, mi.TensorXf(PLACES)) * weights, axis=None))
+    found = np.array(dr.grad(table))
+    for texel, channel in ((0, 0), (29, 2), (95, 3)):
+        unit = np.zeros_like(FAR)
+        unit[texel, channel] = 1
+        part = np.array(AtlasTexture(8, 12, 4, "none", 1)(mi.TensorXf(unit), mi.TensorXf(PLACES)))
+        assert found[texel, channel] == pytest.approx(float((part * np.array(weights)).sum()), abs=1e-5)
+
+
+def test_a_texture_without_such_a_level_is_refused():
+    with pytest.raises(ValueError, match="have no mip level 2"):
+        AtlasTexture(6, 8, 4, "none", 2)
