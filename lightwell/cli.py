@@ -471,7 +471,7 @@ def _one_line(error: BaseException) -> str:
     """What happened and, for a bare error of the operating system, its cure."""
     text = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, OSError) and text.startswith("[Errno"):
-        from lightwell.asset.atomic import CURES
+        from lightwell.files import CURES
 
         cure = CURES.get(error.errno or 0, "")
         return f"{error.strerror}: {error.filename or 'output'}{'; ' + cure if cure else ''}"

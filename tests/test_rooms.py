@@ -7,22 +7,23 @@ PACKAGE = Path(__file__).parents[1] / "lightwell"
 
 # Room → rooms that it may import.
 ALLOWED = {
+    "files": set(),
     "backend": set(),
     "scenes": {"backend"},
     "graph": {"backend"},
-    "networks": {"backend", "graph"},
-    "transport": {"backend", "scenes"},
-    "probes": {"backend", "scenes", "transport", "graph"},
-    "fields": {"backend", "scenes", "transport", "networks", "graph", "probes"},
+    "networks": {"files", "backend", "graph"},
+    "transport": {"files", "backend", "scenes"},
+    "probes": {"files", "backend", "scenes", "transport", "graph"},
+    "fields": {"files", "backend", "scenes", "transport", "networks", "graph", "probes"},
     "cache_arguments": set(),
-    "cache": {"backend", "scenes", "transport", "networks", "graph"},
-    "asset": {"graph", "scenes"},
-    "report": {"asset"},
+    "cache": {"files", "backend", "scenes", "transport", "networks", "graph"},
+    "asset": {"files", "graph", "scenes"},
+    "report": {"files", "asset"},
     "doctor": {"backend"},
-    "lens": {"backend"},
+    "lens": {"files", "backend"},
     "serve": set(),
-    "bake": {"backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
-    "cli": {"asset", "bake", "cache", "cache_arguments", "doctor", "lens", "serve"},
+    "bake": {"files", "backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
+    "cli": {"files", "asset", "bake", "cache", "cache_arguments", "doctor", "lens", "serve"},
 }
 
 

@@ -1,7 +1,5 @@
 """The baked asset: a glTF 2.0 file with learned light, written, read, and put into a page of its own."""
 
-from lightwell.asset.atomic import make_folder as make_folder
-from lightwell.asset.atomic import write_atomically as write_atomically
 from lightwell.asset.info import info as info
 from lightwell.asset.page import PageView as PageView
 from lightwell.asset.page import write_page as write_page

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.atomic import write_atomically
 from lightwell.asset.container import read_file
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
+from lightwell.files import write_atomically
 from lightwell.graph.pictures import encode
 
 TARGETS = ("glsl", "wgsl", "shadertoy")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lightwell.asset.atomic import write_atomically
+from lightwell.files import write_atomically
 
 if TYPE_CHECKING:
     from lightwell.scenes.scene import Camera

@@ -11,12 +11,12 @@ import numpy as np
 
 import lightwell
 from lightwell.asset import geometry
-from lightwell.asset.atomic import write_atomically
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
 from lightwell.asset.records import EXTENSION, VERSION, Fallback, FieldEntry
 from lightwell.asset.schema import validate
+from lightwell.files import write_atomically
 
 if TYPE_CHECKING:
     from lightwell.scenes.scene import Material, Mesh, Scene

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from lightwell.bake.lightmap_trace import EyeSamples, Sides
+from lightwell.files import load_arrays, save_arrays
 from lightwell.transport.irradiance import Irradiance
 from lightwell.transport.mapped import MappedQuery
 
@@ -20,13 +20,9 @@ LIGHT = ("half_a", "half_b", "direction", "wrong")
 def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """The arrays of ``path``, or those that ``make`` makes, written by a temporary name and a rename."""
     if path.exists():
-        with np.load(path, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+        return load_arrays(path)
     made = make()
-    temporary = path.with_suffix(".part")
-    with open(temporary, "wb") as stream:
-        np.savez(stream, **made)
-    os.replace(temporary, path)
+    save_arrays(path, made)
     return made
 
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from lightwell.asset.atomic import write_atomically
 from lightwell.backend import mi
 from lightwell.bake.settings import MIDDLE_GREY
+from lightwell.files import write_atomically
 from lightwell.report.tonemap import srgb
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras

@@ -7,9 +7,10 @@ that was killed and resumed ends with the same bytes.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+
+from lightwell.files import write_atomically
 
 # Share of a round's seconds that goes into tracing; the rest trains. Small networks are short of samples, not of steps:
 # four times the samples lower the error by a fifth, twice the steps change nothing (Cornell box).
@@ -57,10 +58,8 @@ def make_plan(seconds: float, seconds_per_shard: float, seconds_per_step: float)
 
 
 def save_plan(path: Path, plan: Plan) -> None:
-    """Write the plan by a temporary name and a rename."""
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(asdict(plan)))
-    os.replace(temporary, path)
+    """Write the plan, whole or not at all."""
+    write_atomically(path, json.dumps(asdict(plan)))
 
 
 def load_plan(path: Path) -> Plan:

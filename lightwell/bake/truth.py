@@ -5,7 +5,6 @@ Every record holds N surface points as queries and two independent halves of the
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from lightwell.bake.effort import EVALUATION_SEED, Effort
+from lightwell.files import load_arrays, save_arrays
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
@@ -137,15 +137,12 @@ def kept(path: Path, kind: type[Record], trace: Callable[[], Record]) -> Record:
     """The record in the file ``path`` (.npz), traced and written there when it is absent."""
     if not path.exists():
         _save(path, trace())
-    with np.load(path, allow_pickle=False) as arrays:
-        query = Query(**{f.name: arrays[f"query.{f.name}"] for f in fields(Query)})
-        return kind(query=query, **{f.name: arrays[f.name] for f in fields(kind) if f.name != "query"})
+    arrays = load_arrays(path)
+    query = Query(**{f.name: arrays[f"query.{f.name}"] for f in fields(Query)})
+    return kind(query=query, **{f.name: arrays[f.name] for f in fields(kind) if f.name != "query"})
 
 
 def _save(path: Path, record: Record) -> None:
     columns = {f.name: getattr(record, f.name) for f in fields(record) if f.name != "query"}
     columns |= {f"query.{f.name}": getattr(record.query, f.name) for f in fields(Query)}
-    temporary = path.with_suffix(".part")
-    with open(temporary, "wb") as stream:
-        np.savez(stream, **columns)
-    os.replace(temporary, path)
+    save_arrays(path, columns)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
+from lightwell.files import write_atomically
 from lightwell.scenes.scene import Scene
 
 FOLDER = ".lightwell"
@@ -115,10 +115,8 @@ def _make(folder: Path) -> None:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Write JSON by a temporary name and a rename."""
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(data))
-    os.replace(temporary, path)
+    """Write JSON, whole or not at all."""
+    write_atomically(path, json.dumps(data))
 
 
 def _plain(settings: Settings) -> dict:

@@ -11,7 +11,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.settings import settings_of
-from lightwell.networks.checkpoint import load_arrays, save_arrays
+from lightwell.files import load_arrays, save_arrays
 from lightwell.networks.device import tensors
 
 if TYPE_CHECKING:

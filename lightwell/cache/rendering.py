@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
 import sys
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live import LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
+from lightwell.files import write_atomically
 from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 
 # The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
@@ -38,9 +38,7 @@ def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None
         buffer = io.BytesIO()
         Image.fromarray(linear_to_srgb8(np.nan_to_num(x * (1 + x / 16) / (1 + x)))).save(buffer, "PNG")
         data = buffer.getvalue()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_bytes(data)
-    os.replace(part, path)
+    write_atomically(path, data)
 
 
 def automatic_exposure(picture: np.ndarray) -> float:
@@ -128,7 +126,7 @@ def render_animation(
             picture = shot.render(integrator, seed + k)
             if exposure is None:
                 exposure = automatic_exposure(picture)
-                held.write_text(repr(exposure))
+                write_atomically(held, repr(exposure))
             write_picture(folder / f"frame-{k:04d}.{kind}", picture, exposure)
             integrator.cache.save(kept)
             if not quiet:
@@ -155,5 +153,5 @@ def _begin(folder: Path, plan: dict[str, Any], kind: str, resume: bool) -> int:
         while (folder / f"frame-{done:04d}.{kind}").exists():
             done += 1
         return min(done, plan["frames"])
-    path.write_text(json.dumps(plan, indent=1) + "\n")
+    write_atomically(path, json.dumps(plan, indent=1) + "\n")
     return 0

@@ -6,7 +6,6 @@ pictures. Notation: N samples, n texels along the edge of the atlas, S the unit 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,6 +16,7 @@ from lightwell.backend import dr
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap_graph import MapNodes, row_graph
 from lightwell.fields.tabulate import Tabulated
+from lightwell.files import load_arrays, save_arrays
 from lightwell.graph import Graph
 from lightwell.graph.pictures import Picture, encode
 from lightwell.networks.atlas_texture import AtlasTexture
@@ -181,19 +181,17 @@ class LightmapFit:
         """Whether parameters were left by an earlier run, which are then taken."""
         if path is None or not path.exists():
             return False
-        with np.load(path, allow_pickle=False) as arrays:
-            self.history.append((int(arrays["step"]), float(arrays["loss"])))
-            self._parameters = {name[2:]: arrays[name] for name in arrays.files if name.startswith("p.")}
+        arrays = load_arrays(path)
+        self.history.append((int(arrays["step"]), float(arrays["loss"])))
+        self._parameters = {name[2:]: value for name, value in arrays.items() if name.startswith("p.")}
         return True
 
     def _leave(self, path: Path | None) -> None:
         if path is None:
             return
         step, loss = self.history[-1]
-        temporary = path.with_suffix(".part")
-        with open(temporary, "wb") as stream:
-            np.savez(stream, step=step, loss=loss, **{f"p.{name}": v for name, v in self._parameters.items()})
-        os.replace(temporary, path)
+        parameters = {f"p.{name}": value for name, value in self._parameters.items()}
+        save_arrays(path, {"step": np.array(step), "loss": np.array(loss)} | parameters)
 
     @property
     def levels(self) -> range:

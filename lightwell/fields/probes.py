@@ -18,6 +18,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.fields.base import FieldSetup, Progress
+from lightwell.files import write_atomically
 from lightwell.graph import Graph
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
 from lightwell.networks.losses import EPSILON
@@ -245,9 +246,7 @@ class ProbesFit:
         mean = float(np.abs(lit.light[lit.alive, 0]).mean()) if lit.alive.any() else 1.0
         data, parts = encode_volume(lit, "zh3", unit=max(mean, 1e-20))
         self.facts["file_bytes_per_probe"] = parts
-        atomic = out / f"probes-{role}.lwp"
-        atomic.with_name(atomic.name + ".part").write_bytes(data)
-        atomic.with_name(atomic.name + ".part").replace(atomic)
+        write_atomically(out / f"probes-{role}.lwp", data)
         write_page(out / "probes.html", data, glb)
 
     def save(self, path: Path) -> None:

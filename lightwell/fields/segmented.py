@@ -17,9 +17,10 @@ from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.examples import Examples
 from lightwell.fields.features import FeatureOctaves, open_builder
 from lightwell.fields.inputs import Inputs, Kind
+from lightwell.files import Arrays, load_arrays, save_arrays
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.networks import Mlp, TrainingSettings
-from lightwell.networks.checkpoint import Arrays, load_arrays, prefixed, save_arrays, under
+from lightwell.networks.checkpoint import prefixed, under
 from lightwell.networks.grouped import GroupedRows
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples

@@ -19,8 +19,8 @@ from lightwell.fields.features import open_builder
 from lightwell.fields.inputs import Inputs, Kind
 from lightwell.fields.partition import walk
 from lightwell.fields.segmented import as_radiance, state_arrays, state_of
+from lightwell.files import load_arrays, save_arrays
 from lightwell.graph import Graph, quantise
-from lightwell.networks.checkpoint import load_arrays, save_arrays
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples

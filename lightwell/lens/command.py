@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
 from lightwell.lens.cache import Shelf
 from lightwell.lens.camera import Camera, distance
@@ -245,6 +246,5 @@ def _write(path: Path, image: np.ndarray, window, display) -> None:
     shown = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
     pixels = np.rint(np.concatenate([shown, alpha], -1) * 255).astype(np.uint8)
     opaque = bool((alpha > 0.999).all())
-    temporary = path.with_name(path.name + ".part")
-    Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG")
-    temporary.replace(path)
+    with whole_file(path) as temporary:
+        Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import whole_file
 from lightwell.lens.errors import LensError
 
 # Largest window that is read, pixels, and most samples of a deep file.
@@ -114,12 +114,10 @@ def write(path: str | Path, image: np.ndarray, window=None, display=None) -> Non
     }
     kind = np.float16 if np.abs(image).max(initial=0) < 65000 else np.float32
     channels = {name: np.ascontiguousarray(image[..., i].astype(kind)) for i, name in enumerate("RGBA")}
-    temporary = path.with_name(f"{path.stem}.{os.getpid()}.part.exr")
     try:
-        OpenEXR.File(header, channels).write(str(temporary))
-        os.replace(temporary, path)
+        with whole_file(path, ".part.exr") as temporary:
+            OpenEXR.File(header, channels).write(str(temporary))
     except Exception as error:
-        temporary.unlink(missing_ok=True)
         reason = " ".join(str(error).split())
         raise LensError(f"lens: cannot write {path} ({reason}); does its folder exist?") from None
 

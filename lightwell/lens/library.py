@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import make_folder, write_atomically
 from lightwell.lens.aperture import Aperture
 from lightwell.lens.errors import LensError
 from lightwell.lens.families import NAMES, Family
@@ -84,12 +84,9 @@ class Library:
         return MAGIC + np.array([VERSION, len(text)], "<u4").tobytes() + text + body
 
     def save(self, path: Path) -> None:
-        """Write to a temporary name beside it, then rename."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
-        temporary.write_bytes(self.tobytes())
-        os.replace(temporary, path)
+        """Write the file, whole or not at all; folders above it are made."""
+        make_folder(Path(path).parent)
+        write_atomically(path, self.tobytes())
 
 
 def _pack(x, y, q, small: bool) -> bytes:
@@ -122,7 +119,11 @@ def loads(data: bytes, where: str = "library", aperture: Aperture | None = None)
         return _loads(data, aperture)
     except LensError as error:
         raise LensError(f"lens: {where}: {error}; bake the library again") from None
-    except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
+    except ValueError:
+        raise LensError(
+            f"lens: {where} is not a library of spreadlets (its header is not JSON); bake it again"
+        ) from None
+    except (KeyError, TypeError, OverflowError, AttributeError, RecursionError) as error:
         raise LensError(f"lens: {where} is not a library of spreadlets ({error!r}); bake it again") from None
 
 

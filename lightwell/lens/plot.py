@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import whole_file
 from lightwell.lens.check import response_of
 from lightwell.lens.library import Library
 
@@ -59,6 +60,5 @@ def picture(library: Library, node: int, tier: int, path: Path) -> None:
     image[half - hy : half + hy + 1, half - hx : half + hx + 1] = kernel
     points = np.zeros_like(image)
     np.add.at(points, (spreadlet.y + half, spreadlet.x + half), spreadlet.values)
-    temporary = path.with_name(path.name + ".part")
-    Image.fromarray(panels(image, response_of(spreadlet, (half, half)), points)).save(temporary, format="PNG")
-    temporary.replace(path)
+    with whole_file(path) as temporary:
+        Image.fromarray(panels(image, response_of(spreadlet, (half, half)), points)).save(temporary, format="PNG")

@@ -1,31 +1,12 @@
-"""Checkpoints of fits: named arrays in one .npz, written whole or not at all, read without pickle."""
+"""Names of the arrays in checkpoints of fits."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-Arrays = dict[str, np.ndarray]
-
-
-def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write by a temporary name and a rename, so that a file with its name is whole."""
-    temporary = path.with_suffix(".part")
-    with open(temporary, "wb") as stream:
-        np.savez(stream, **arrays)
-    os.replace(temporary, path)
-
-
-def load_arrays(path: Path) -> Arrays:
-    """Read all arrays; ValueError for a file that is no checkpoint."""
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, KeyError) as error:
-        raise ValueError(f"{path}: not a checkpoint ({error}); delete it and bake without --resume") from error
+from lightwell.files import Arrays
 
 
 def prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> Arrays:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.files import load_arrays, save_arrays
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.optimisers import OPTIMISERS
 from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
@@ -236,25 +236,22 @@ class Trainer:
         for name, value in self._values.items():
             arrays[f"value.{name}"], arrays[f"best.{name}"] = np.array(value), self.best[name]
             arrays[f"first.{name}"], arrays[f"second.{name}"] = (np.array(m[name]) for m in self._moments)
-        temporary = path.with_suffix(".part")
-        with open(temporary, "wb") as stream:
-            np.savez(stream, **arrays)
-        os.replace(temporary, path)
+        save_arrays(path, arrays)
 
     def load(self, path: Path) -> None:
         """Take up a training that ``save`` wrote; the network and the settings must be the same."""
-        with np.load(path, allow_pickle=False) as arrays:
-            step, seen, best_step = (int(v) for v in arrays["step"])
-            history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
-            self.state = TrainingState(step, seen, float(arrays["best_error"]), best_step, history)
-            for name, value in self._values.items():
-                found = arrays[f"value.{name}"].shape if f"value.{name}" in arrays else None
-                if found != value.shape:
-                    raise ValueError(f"{path}: '{name}' has shape {found}, the network needs {value.shape}; delete it")
-            names = list(self._values)
-            self._values = _upload({name: arrays[f"value.{name}"] for name in names})
-            self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
-            self.best = {name: arrays[f"best.{name}"] for name in names}
+        arrays = load_arrays(path)
+        step, seen, best_step = (int(v) for v in arrays["step"])
+        history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
+        self.state = TrainingState(step, seen, float(arrays["best_error"]), best_step, history)
+        for name, value in self._values.items():
+            found = arrays[f"value.{name}"].shape if f"value.{name}" in arrays else None
+            if found != value.shape:
+                raise ValueError(f"{path}: '{name}' has shape {found}, the network needs {value.shape}; delete it")
+        names = list(self._values)
+        self._values = _upload({name: arrays[f"value.{name}"] for name in names})
+        self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
+        self.best = {name: arrays[f"best.{name}"] for name in names}
 
 
 @functools.lru_cache(maxsize=256)

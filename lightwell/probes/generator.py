@@ -16,10 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from lightwell.files import load_arrays, save_arrays
 from lightwell.graph.ops.activate import LEAK
 from lightwell.probes.pattern import Pattern, pattern
 from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, error, refine, trusted
@@ -57,7 +57,7 @@ class Generator:
         arrays["components"] = np.rint(self.components / step).astype(np.int8)
         for name, layers in self.networks.items():
             arrays |= {f"{name}.{k}": layer.astype(np.float16) for k, layer in enumerate(layers)}
-        np.savez_compressed(path, **arrays)
+        save_arrays(path, arrays, compressed=True)
 
 
 def run(layers: list[np.ndarray], x: np.ndarray) -> tuple[np.ndarray, list]:
@@ -86,15 +86,14 @@ def load(path: Path = FILE) -> Generator | None:
     if path.stat().st_size > MOST_BYTES:
         raise ValueError(wrong)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name].astype(np.float32) for name in file.files}
+        arrays = {name: value.astype(np.float32) for name, value in load_arrays(path).items()}
         components = arrays["components"] * arrays["step"]
         names = sorted({name.rsplit(".", 1)[0] for name in arrays if "." in name})
         networks = {name: [arrays[f"{name}.{k}"] for k in range(_count(arrays, name))] for name in names}
         good = all(_fits(networks[name], components.shape[1], FUNCTIONS[name].parameters) for name in names)
         good &= all(np.isfinite(a).all() and np.abs(a).max(initial=0) < LARGEST for a in arrays.values())
         good &= arrays["mean"].shape == components.shape[:1]
-    except (KeyError, ValueError, TypeError, OSError, EOFError, IndexError, BadZipFile) as error:
+    except (KeyError, ValueError, TypeError, OSError, IndexError) as error:
         raise ValueError(wrong) from error
     if not good:
         raise ValueError(wrong)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from importlib.resources import files
-from pathlib import Path
+
+from lightwell.files import write_atomically
 
 PLACE = "<!--lightwell-probes-->"
 
@@ -21,7 +22,4 @@ def write_page(path: str | os.PathLike, volume: bytes, glb: bytes, shell: str | 
     data = "".join(
         f'<script type="{kind}" id="{name}">{b64encode(part).decode()}</script>' for name, part in parts.items()
     )
-    path = Path(path)
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(shell.replace(PLACE, data))
-    temporary.replace(path)
+    write_atomically(path, shell.replace(PLACE, data))

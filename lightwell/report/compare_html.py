@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.atomic import make_folder, write_atomically
+from lightwell.files import make_folder, write_atomically
 from lightwell.report import compare_sections as sections
 from lightwell.report import figures
 from lightwell.report.comparison import ComparedField as ComparedField
@@ -26,8 +26,8 @@ def write_comparison(
     numbers = comparison_numbers(fields, failed, settings)
     text, html = report_json(numbers), comparison_html(numbers, fields)
     folder = make_folder(folder)
-    write_atomically(folder / "compare.json", text.encode())
-    write_atomically(folder / "compare.html", html.encode())
+    write_atomically(folder / "compare.json", text)
+    write_atomically(folder / "compare.html", html)
     return numbers
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.atomic import make_folder, write_atomically
+from lightwell.files import make_folder, write_atomically
 from lightwell.report import figures, sections
 from lightwell.report.records import ReportData, ViewComparison
 from lightwell.report.summary import summary
@@ -39,8 +39,8 @@ def write_report(folder: str | Path, data: ReportData) -> WrittenReport:
     page = report_html(numbers, data)
     folder = make_folder(folder)
     written = WrittenReport(folder / "report.json", folder / "report.html", numbers)
-    write_atomically(written.json, text.encode())
-    write_atomically(written.html, page.encode())
+    write_atomically(written.json, text)
+    write_atomically(written.html, page)
     return written
 
 

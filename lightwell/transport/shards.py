@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import flush, write_atomically
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.air import Rejection
@@ -88,7 +89,7 @@ def generate(
     if (folder / "manifest.json").exists():
         check_manifest(folder, wanted)
     else:
-        _write_atomically(folder / "manifest.json", json.dumps(wanted, indent=2, sort_keys=True))
+        write_atomically(folder / "manifest.json", json.dumps(wanted, indent=2, sort_keys=True))
     total = PathReport()
     for index in range(shards):
         if not _shard(folder, index).exists():
@@ -261,10 +262,6 @@ def _write_shard(folder: Path, index: int, columns: dict[str, np.ndarray], count
         kind = np.uint32 if values.dtype.kind in "ui" else np.float32
         np.save(temporary / f"{name}.npy", np.ascontiguousarray(values, kind))
     (temporary / "counts.json").write_text(json.dumps(counts, indent=2, sort_keys=True))
+    for file in temporary.iterdir():
+        flush(file)
     os.replace(temporary, _shard(folder, index))
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(text)
-    os.replace(temporary, path)

@@ -1,6 +1,5 @@
 """The written GLB: valid glTF 2.0, faithful to the records, whole or absent."""
 
-import errno
 import json
 import os
 import shutil
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lightwell.asset import geometry, make_folder, write_atomically
+from lightwell.asset import geometry
 from lightwell.asset.container import unpack
 from lightwell.asset.materials import texture_transform
 from lightwell.asset.records import EXTENSION
@@ -145,32 +144,3 @@ def test_wrong_extension_is_refused_before_writing(tmp_path, scene, entry, varia
     with pytest.raises(ValueError, match=r"variables\[0\]\.kind: 'torch' is not one of \['point', 'sun'\]"):
         write_glb(tmp_path / "room.glb", scene, [entry], [variable])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_failure_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "room.glb"
-    write_atomically(path, b"old")
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(
-        OSError, match=r"cannot write '.*room.glb' \(3 bytes\): No space left.*free some space"
-    ) as caught:
-        write_atomically(path, b"new")
-    assert caught.value.errno == errno.ENOSPC and "\n" not in str(caught.value)
-    assert path.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["room.glb"]
-
-
-def test_missing_folder_names_the_cure(tmp_path):
-    with pytest.raises(FileNotFoundError, match="the folder does not exist; create it first"):
-        write_atomically(tmp_path / "nowhere" / "room.glb", b"")
-
-
-def test_a_file_in_place_of_a_folder_names_the_cure(tmp_path):
-    (tmp_path / "out").write_bytes(b"")
-    with pytest.raises(OSError, match=r"cannot create the folder '.*out': File exists; a file stands where a folder"):
-        make_folder(tmp_path / "out")
-    with pytest.raises(NotADirectoryError, match="a file stands where a folder is expected"):
-        write_atomically(tmp_path / "out" / "room.glb", b"")

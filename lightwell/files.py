@@ -1,0 +1,125 @@
+"""Files that are either whole or absent: written under a temporary name, flushed to the disk, then renamed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+Arrays = dict[str, np.ndarray]
+
+# What a reader can do about the failures that happen in practice.
+CURES = {
+    errno.ENOSPC: "the disk is full; free some space or choose another folder",
+    errno.EDQUOT: "your disk quota is used up; free some space or choose another folder",
+    errno.EACCES: "the folder cannot be written; choose another one or change its permissions",
+    errno.EPERM: "the folder cannot be written; choose another one or change its permissions",
+    errno.EROFS: "the file system is read-only; choose another folder",
+    errno.ENOENT: "the folder does not exist; create it first",
+    errno.ENOTDIR: "a file stands where a folder is expected; choose another path",
+    errno.EEXIST: "a file stands where a folder is expected; choose another path",
+    errno.EISDIR: "a folder of that name exists; choose another file name",
+    errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
+}
+
+# Everything that numpy.load raises at damaged bytes, besides what it means to raise.
+DAMAGED = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    EOFError,
+    SyntaxError,
+    MemoryError,
+    OverflowError,
+    NotImplementedError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+@contextmanager
+def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
+    """A temporary name beside ``path`` to write to; renamed to ``path`` at the end, removed on a failure.
+
+    Flushed to the disk before the rename, so that a power cut leaves the old file or the new one. An ``OSError`` gets a
+    one-line message: what, where, and the cure. ``suffix``: how the temporary name ends, for writers that look at it.
+    """
+    path = Path(path)
+    # The process id keeps two bakes into the same folder from writing the same temporary file.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{suffix}")
+    try:
+        yield temporary
+        flush(temporary)
+        os.replace(temporary, path)
+    except OSError as error:
+        _remove(temporary)
+        raise _explained(error, f"write '{path}'") from error
+    except BaseException:
+        _remove(temporary)
+        raise
+
+
+def write_atomically(path: str | Path, data: bytes | str) -> int:
+    """Write ``data`` (text as UTF-8) to ``path`` and return its length in bytes; see ``whole_file``."""
+    raw = data.encode() if isinstance(data, str) else data
+    with whole_file(path) as temporary:
+        temporary.write_bytes(raw)
+    return len(raw)
+
+
+def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: bool = False) -> None:
+    """Named arrays as one .npz."""
+    with whole_file(path) as temporary, open(temporary, "wb") as stream:
+        (np.savez_compressed if compressed else np.savez)(stream, **arrays)
+
+
+def load_arrays(path: str | Path, cure: str = "not a checkpoint; delete it and bake without --resume") -> Arrays:
+    """All arrays of an .npz, read without pickle; ``ValueError`` with ``cure`` for a file that is none."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except FileNotFoundError:
+        raise
+    except (*DAMAGED, AttributeError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: {cure} ({reason})") from error
+
+
+def flush(path: Path) -> None:
+    """Wait until the disk has the file."""
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())
+
+
+def make_folder(path: str | Path) -> Path:
+    """Create a folder and those above it unless it exists; a failure is an ``OSError`` that names the cure."""
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _explained(error, f"create the folder '{path}'") from error
+    return path
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        pass  # the first failure is the one to report
+
+
+def _explained(error: OSError, attempt: str) -> OSError:
+    cure = CURES.get(error.errno or 0, "choose another folder")
+    reason = error.strerror or type(error).__name__
+    return type(error)(error.errno, f"cannot {attempt}: {reason}; {cure}")
