@@ -41,14 +41,20 @@ class Batch:
     """[N, 3] 1 where there is a target."""
 
 
-def averaging(decay: float, step: int) -> tuple[float, float]:
+def averaging(decay: float, step: int, early: float = 0.0) -> tuple[float, float]:
     """Factors of the new weights and of the old average after gradient step ``step`` = 1, 2, ...; they add up to 1.
 
     With eta_t = 1 - decay^t the average is (1 - decay) / eta_t W_t + decay eta_(t-1) / eta_t W_(t-1). Without the
     division by eta_t in the second term, as it is printed in places, the factors add up to less than 1.
+
+    Until 1 / (1 - decay) steps are over, that is the plain mean of all steps, those of an untrained network too.
+    ``early`` = g > 0 gives the newest weights at least (g + 1) / (t + g): the average then forgets all but about the
+    last t / g steps (polynomial-decay averaging, Shamir & Zhang 2013).
     """
-    now, before = 1 - decay**step, 1 - decay ** (step - 1)
-    return (1 - decay) / now, decay * before / now
+    new = (1 - decay) / (1 - decay**step)
+    if early > 0:
+        new = max(new, (early + 1) / (step + early))
+    return new, 1 - new
 
 
 def loss(output: Any, target: Any, weight: Any) -> Any:
@@ -95,7 +101,7 @@ class Learner:
         """One step on ``settings.batch`` rows from ``start`` on; returns (loss, signed residual) as device numbers."""
         self.step += 1
         self.averaged += 1
-        new, old = averaging(self.settings.step_decay, self.averaged)
+        new, old = averaging(self.settings.step_decay, self.averaged, self.settings.early_average)
         correction = (1 - BETA_2**self.step) ** 0.5 / (1 - BETA_1**self.step)
         numbers = [dr.opaque(mi.Float, x) for x in (rate * correction, new, old)]
         step = _frozen_step(self.model, self.settings.batch)

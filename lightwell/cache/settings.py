@@ -79,6 +79,9 @@ class CacheSettings:
     """Learn radiance divided by reflectance."""
     ema_decay: float = 0.99
     """Decay of the averaged weights at four steps of 4,096 records a frame; 0 turns averaging off."""
+    early_average: float = 8.0
+    """Before that decay takes hold, the average reaches back over one part in so many of the steps taken; 0: over all
+    of them, as in the paper."""
     learning_rate: float = 1e-2
     radiance_scale: float = 0.0
     """Factor that brings radiance to order one; 0: calibrated automatically."""
@@ -180,6 +183,7 @@ _RANGES = (
     ("batch", 16, 1 << 20),
     ("steps", 1, 64),
     ("ema_decay", 0, 0.999999),
+    ("early_average", 0, 1000),
     ("learning_rate", 1e-7, 1),
     ("radiance_scale", 0, 1e30),
     ("tail_attenuation", 0, 1),
