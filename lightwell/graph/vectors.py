@@ -230,12 +230,15 @@ def _scene(rng: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    names = ("position", "normal", "view", "light")
+SCENE_INPUTS = ("position", "normal", "view", "light")
 
-    def start() -> Builder:
-        return Builder(**dict.fromkeys(names, 3))
 
+def _start() -> Builder:
+    return Builder(**dict.fromkeys(SCENE_INPUTS, 3))
+
+
+def _whole_networks(rng: np.random.Generator) -> dict[str, Graph]:
+    names, start = SCENE_INPUTS, _start
     b = start()
     report = b.build(radiance=b.activate(perceptron(b, b.concat(*names), (12, 20, 10, 3), "tanh", rng), "sigmoid"))
 
@@ -277,7 +280,7 @@ def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.n
     hidden = b.concat(*names)
     wide = b.build(radiance=perceptron(b, b.activate(b.matvec(matrix, hidden, 48), "tanh"), (48, 3), "tanh", rng))
 
-    plain = {
+    return {
         "wide_frame": wide,
         "report": report,
         "encoded": encoded,
@@ -285,23 +288,29 @@ def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.n
         "factored": factored,
         "hyper": hyper,
     }
-    out = {f"network_{name}": graph for name, graph in plain.items()}
-    out |= {f"network_{name}_float16": quantise(plain[name], "float16") for name in ("encoded", "experts")}
-    out |= {f"network_{name}_int8": quantise(plain[name], "int8") for name in ("report", "experts", "factored")}
-    scene = _scene(rng)
 
-    # One expert per leaf of a tree, and a second one where two meet.
-    b = start()
+
+def _segments(rng: np.random.Generator) -> Graph:
+    """One expert per leaf of a tree, and a second one where two meet."""
+    b = _start()
     x = b.affine("position", [0.5] * 3, [0.5] * 3)
     leaf = b.tree(x, random_tree(3, 4, rng), 4)
     gate = b.top2(b.activate(perceptron(b, x, (3, 16, 5), "silu", rng), "softplus"))
     first = b.slice(gate, 0, 1)
     share = b.slice(gate, 2, 1)
-    head = b.concat(*names, b.rows(leaf, rng.normal(0, 0.5, (40, 4))))
+    head = b.concat(*SCENE_INPUTS, b.rows(leaf, rng.normal(0, 0.5, (40, 4))))
     weights, bias = rng.normal(0, 0.25, (5, 3, 16)), rng.normal(0, 0.3, (5, 3))
     pair = [b.activate(b.linear(head, weights, bias, index=b.slice(gate, i, 1)), "sigmoid") for i in (0, 1)]
-    segments = b.build(radiance=b.blend(share, *pair), segment=first, overlap=share)
-    out["network_segments"] = segments
+    return b.build(radiance=b.blend(share, *pair), segment=first, overlap=share)
+
+
+def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+    plain = _whole_networks(rng)
+    out = {f"network_{name}": graph for name, graph in plain.items()}
+    out |= {f"network_{name}_float16": quantise(plain[name], "float16") for name in ("encoded", "experts")}
+    out |= {f"network_{name}_int8": quantise(plain[name], "int8") for name in ("report", "experts", "factored")}
+    scene = _scene(rng)
+    out["network_segments"] = _segments(rng)
     return {name: (graph, scene) for name, graph in out.items()}
 
 
