@@ -50,7 +50,7 @@ class Queries:
     """[N, 3] irradiance without harmonics."""
 
 
-def queries(leak_scene, count: int, paths: int, seed: int = 0) -> Queries:
+def queries(leak_scene, count: int, paths: int, seed: int = 0, direct: bool = True) -> Queries:
     """Half of them in the air, half off surfaces, spread by area over both sides of all triangles."""
     scene, rng = leak_scene.scene, np.random.default_rng(seed)
     low, high = leak_scene.bounds
@@ -65,7 +65,7 @@ def queries(leak_scene, count: int, paths: int, seed: int = 0) -> Queries:
         found.append((place[keep], normal[keep], np.full(len(keep), surface, bool)))
     place, normal, surface = (np.concatenate(part) for part in zip(*found))
     normal = normal.astype(np.float32)
-    light = air_light(scene, place, paths, 4242, normals=normal)
+    light = air_light(scene, place, paths, 4242, normals=normal, direct=direct)
     answers = [np.maximum(sh.evaluate(e, normal), 0) for e in (light.half_a, light.half_b, light.sh)]
     near, region = free_air(scene).distance(place), leak_scene.region(place)
     return Queries(place, normal, surface, near, region, answers[2], answers[0], np.maximum(light.irradiance, 0))
@@ -122,7 +122,7 @@ def trial(
         finer /= 1.02 * missing ** (1 / 3)
     light = np.zeros((len(dense.lattice), 9, 3), np.float32)
     live = np.flatnonzero(dense.alive)
-    light[live] = air_light(scene, dense.origin[live], effort.probe_paths, seed).sh
+    light[live] = air_light(scene, dense.origin[live], effort.probe_paths, seed, direct=effort.direct).sh
     answers["dense trilinear"] = ask(plain(dense, False).lit(light))
     answers["dense validity"] = ask(plain(dense, True).lit(light))
     cost = {"nodes": len(lattice), "live": int(made.volume.alive.sum()), "bricks": bricks, "bytes": bytes_}

@@ -16,7 +16,8 @@ from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes import ddgi
 from lightwell.probes.lattice import CORNERS, Lattice
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS
+from lightwell.probes.weights import FUNCTIONS, Bare, core
+from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import HIDDEN, SPLITS, TinyMlp
 from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, ProductField
@@ -131,7 +132,7 @@ def learned(volume: ProbeVolume) -> Query:
             for value, stride in zip(u, (1, 4, 16)):
                 octant += dr.minimum(mi.UInt32(2 * value + 2), 3) * stride
             mask = dr.gather(mi.UInt32, masks, 2 * row + (octant >> 5), asked)
-            phi = hat * rho(row, u, asked)
+            phi = hat * rho(row, u, hat, asked)
             phi = dr.select(asked & ((mask >> (octant & 31)) & 1 == 1), phi, 0)
             total, z = light.add(total, phi, node, phi > 0), z + phi
         return total, z
@@ -165,8 +166,18 @@ def learned(volume: ProbeVolume) -> Query:
 
 
 def _rho(volume: ProbeVolume) -> Callable:
-    """ρ of records [lanes] at probe-local places."""
+    """ρ of records [lanes] at probe-local places, given the hat there."""
     f = FUNCTIONS[volume.function]
+    value = _value(core(f), volume)
+    if not isinstance(f, Bare):
+        return lambda row, u, hat, active: value(row, u, active)
+    # The constants hold ρ itself.
+    scale = lambda row, hat: dr.select(row < CONSTANTS, 1, dr.rcp(dr.maximum(hat, EDGE)))  # noqa: E731
+    return lambda row, u, hat, active: value(row, u, active) * scale(row, hat)
+
+
+def _value(f, volume: ProbeVolume) -> Callable:
+    """The same without a hat."""
     constants = np.zeros((CONSTANTS, f.parameters), np.float32)
     if isinstance(f, ReluField) and f.side == 4:
         constants[0], constants[1] = LOW, HIGH

@@ -13,16 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import write_atomically
 from lightwell.probes import sh
+from lightwell.probes.ddgi import Moments
+from lightwell.probes.file_baselines import MOMENTS, moment_rows, read_moments
+from lightwell.probes.file_weights import decode_weights, encode_weights, words_of
 from lightwell.probes.lattice import Lattice
 from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
-from lightwell.probes.weights.relu import decode, encode
 
 MAGIC, VERSION = b"LWPROBES", 1
 MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
-# Words of a node, a record of weights, a cell and a brick; of a probe's light by coding.
-NODE, RECORD, CELL, BRICK = 4, 16, 12, 64
+# Words of a node, a cell and a brick; of a probe's light by coding. A record of weights: ``file_weights``.
+NODE, CELL, BRICK = 4, 12, 64
 LIGHT = {"l2": 8, "zh3": 5}
 # Node kinds in files: records follow from 2 on.
 FIRST_RECORD = 2
@@ -37,26 +40,28 @@ def write(volume: ProbeVolume, path: str | os.PathLike, coding: str = "zh3", uni
     unit     Irradiance of 1 in the file; choose it so that values lie near 1.
     """
     data, parts = encode_volume(volume, coding, unit)
-    path = Path(path)
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(data)
-    temporary.replace(path)
+    write_atomically(path, data)
     return parts
 
 
-def encode_volume(volume: ProbeVolume, coding: str = "zh3", unit: float = 1.0) -> tuple[bytes, dict[str, float]]:
-    """Bytes of a volume, and bytes per live probe by part."""
-    if volume.function != "relu-field":
-        raise ValueError(f"probes: files hold 'relu-field' weights, not '{volume.function}'; bake with preset default")
+def encode_volume(
+    volume: ProbeVolume, coding: str = "zh3", unit: float = 1.0, baselines: Moments | None = None
+) -> tuple[bytes, dict[str, float]]:
+    """Bytes of a volume, and bytes per live probe by part.
+
+    baselines   Light as it was traced, for trilinear weights, and distance moments: the file then answers by them too.
+    """
     if coding not in LIGHT:
         raise ValueError(f"probes: no coding '{coding}', expected l2 or zh3")
     sections = {
         "nodes": _nodes(volume),
-        "weights": encode(volume.params).reshape(-1, 64).view("<u4"),
+        "weights": encode_weights(volume.function, volume.params),
         "light": _light(volume.light / unit, coding),
         "cells": _cells(volume),
         "bricks": np.zeros((0, BRICK), "<u4") if volume.bricks is None else volume.bricks.table.astype("<u4"),
     }
+    if baselines is not None:
+        sections |= {"traced": _light(baselines.light / unit, coding), "moments": moment_rows(baselines)}
     places, words = {}, 0
     for name, rows in sections.items():
         places[name] = [words, len(rows)]
@@ -74,6 +79,8 @@ def encode_volume(volume: ProbeVolume, coding: str = "zh3", unit: float = 1.0) -
         "function": volume.function,
         "sections": places,
     }
+    if baselines is not None:
+        header["bias"] = float(baselines.bias)
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-(len(MAGIC) + 4 + len(text)) % 16)
     payload = b"".join(np.pad(rows.ravel(), (0, -rows.size % 4)).tobytes() for rows in sections.values())
@@ -129,9 +136,9 @@ def read(path: str | os.PathLike) -> ProbeVolume:
 def decode_volume(data: bytes, name: str = "probes") -> ProbeVolume:
     """The volume of some bytes."""
     header, words = _parts(data, name)
-    lattice = _lattice(header, name)
+    lattice, function = _lattice(header, name), header["function"]
     take = lambda section, width: _section(header, words, section, width, name)  # noqa: E731
-    nodes, weights = take("nodes", NODE), take("weights", RECORD)
+    nodes, weights = take("nodes", NODE), take("weights", words_of(function))
     coding = header.get("coding")
     if coding not in LIGHT:
         raise ValueError(f"{name}: no coding '{coding}', expected l2 or zh3")
@@ -155,16 +162,32 @@ def decode_volume(data: bytes, name: str = "probes") -> ProbeVolume:
     values[state == DROPPED] = 0
     return ProbeVolume(
         lattice=lattice,
-        function="relu-field",
+        function=function,
         state=state,
         row=row,
-        params=decode(np.ascontiguousarray(weights).view(np.uint8).reshape(-1, FUNCTIONS["relu-field"].parameters)),
+        params=decode_weights(function, weights, name),
         octant=octant,
         fallback=cells[:, :8].astype(np.int32) - 1,
         light=values.astype(np.float32),
         offset=_number(header, "offset", name, 0.0, 1.0),
         bricks=bricks,
     )
+
+
+def read_baselines(path: str | os.PathLike) -> Moments | None:
+    """Traced light and distance moments of a file; None where it holds none."""
+    path = Path(path)
+    header, words = _parts(path.read_bytes(), str(path))
+    sections = header.get("sections")
+    if not isinstance(sections, dict) or "moments" not in sections:
+        return None
+    lattice, coding = _lattice(header, str(path)), header.get("coding")
+    _check(coding in LIGHT, str(path), "coding l2 or zh3")
+    rows = _section(header, words, "traced", LIGHT[coding], str(path))
+    light = _decoded(rows, coding, str(path)) * _number(header, "unit", str(path))
+    moments = _section(header, words, "moments", MOMENTS, str(path))
+    bias = _number(header, "bias", str(path), 0.0, 1.0)
+    return read_moments(moments, light.astype(np.float32), lattice, bias, str(path))
 
 
 def _parts(data: bytes, name: str) -> tuple[dict, np.ndarray]:
@@ -179,7 +202,7 @@ def _parts(data: bytes, name: str) -> tuple[dict, np.ndarray]:
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{name}: the header is not JSON") from error
     _check(isinstance(header, dict) and header.get("version") == VERSION, name, f"version {VERSION}")
-    _check(header.get("function") == "relu-field", name, "weights 'relu-field'")
+    _check(header.get("function") in list(FUNCTIONS), name, f"weights of {', '.join(FUNCTIONS)}")
     rest = data[start + size :]
     _check(len(rest) % 4 == 0, name, "whole words")
     return header, np.frombuffer(rest, "<u4")

@@ -33,6 +33,8 @@ class Effort:
     """Paths per sample, even."""
     probe_paths: int = PROBE_PATHS
     """Paths per probe, even."""
+    direct: bool = True
+    """Whether light straight from the scene's own emitters counts; False leaves it to the renderer and its shadows."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,8 @@ def traced(
     out = np.zeros((len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        found = air_light(
-            scene, place[probes], effort.probe_paths, seed, variable=variable, light=light, numbers=number[probes]
-        )
+        more = dict(variable=variable, light=light, numbers=number[probes], direct=effort.direct)
+        found = air_light(scene, place[probes], effort.probe_paths, seed, **more)
         out[probes] = found.sh
     return out
 
@@ -115,7 +116,7 @@ def rows(
     at, number, cell = places(geometry, effort, box)
     zero = np.zeros_like(at)
     if variable is None:
-        found = [air_light(scene, at, effort.paths, seed, numbers=number)]
+        found = [air_light(scene, at, effort.paths, seed, numbers=number, direct=effort.direct)]
     else:
         found = [
             air_light(scene, at, effort.paths, seed + k, variable=variable, light=light, numbers=number)

@@ -17,7 +17,8 @@ from lightwell.graph.buffers import Buffer
 from lightwell.probes.code import Code
 from lightwell.probes.lattice import CORNERS
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS
+from lightwell.probes.weights import FUNCTIONS, Bare, core
+from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import TinyMlp
 from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, SMOOTH_LOW, ProductField
@@ -88,7 +89,7 @@ def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str, sha
         node = b.rows(b.affine(first, [1.0], [float(corner @ strides)]), nodes)
         u = b.affine(f, [1.0] * 3, (-corner).astype(float).tolist())
         hat = b.multiply(b.multiply(axis[0][corner[0]], axis[1][corner[1]]), axis[2][corner[2]])
-        phi = b.multiply(hat, _rho(b, volume, tables, node, u))
+        phi = b.multiply(hat, _rho(b, volume, tables, node, u, hat))
         part = b.multiply(phi, _light_row(b, b.slice(node, 0, 1), tables))
         total, z = (part, phi) if z is None else (b.add(total, part), b.add(z, phi))
         if base is not None:
@@ -102,9 +103,9 @@ def _light_row(b: Builder, record: str, tables: _Tables) -> str:
     return b.concat(b.rows(record, b.buffer(tables.mean, "mean")), b.rows(record, b.buffer(tables.shape, "shape")))
 
 
-def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str) -> str:
+def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, hat: str) -> str:
     """ρ of one corner."""
-    f = FUNCTIONS[volume.function]
+    f = core(FUNCTIONS[volume.function])
     if isinstance(f, TinyMlp):
         record = b.slice(node, 4, 1)
         w1, b1, w2, b2, w3, b3 = tables.layers
@@ -119,6 +120,12 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str) ->
             smooth = b.activate(_block(b, tables.smooth, f.smooth, at, u, "smooth"), "sigmoid")
             raw = b.multiply(b.clamp(raw), b.scale(smooth, 1 / FULL))
     rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]))
+    if isinstance(FUNCTIONS[volume.function], Bare):
+        # Φ / hat, but for probes that trust their whole cube: their record, number 1, holds ρ.
+        open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]))
+        inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), EDGE)
+        rest = b.multiply(b.affine(open_, [-1.0], [1.0]), inverse)
+        rho = b.multiply(rho, b.add(rest, open_))
     if tables.octants is None:
         return rho
     size = np.array(tables.octants.shape[2::-1])
@@ -169,7 +176,7 @@ class _Tables:
         # Weights: record 0 trusts nothing, record 1 all.
         weights = np.where(volume.state == WEIGHTED, 2 + volume.row, np.where(volume.state == OPEN, 1, 0))
         places, shape = _atlas(2 + len(volume.params))
-        f = FUNCTIONS[volume.function]
+        f = core(FUNCTIONS[volume.function])
         blocks, layers, smooth, side = None, (), None, getattr(f, "side", getattr(f, "sharp", 4))
         if isinstance(f, (ReluField, ProductField)):
             sharp = volume.params[:, : side**3]

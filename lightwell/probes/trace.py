@@ -66,6 +66,7 @@ def air_light(
     variable: Variable | None = None,
     light: np.ndarray | None = None,
     numbers: np.ndarray | None = None,
+    direct: bool = True,
 ) -> AirLight:
     """Light at points [N, 3] in the air, ``paths`` (even) for each.
 
@@ -73,6 +74,7 @@ def air_light(
     variable  None: the scene's own emitters, direct and indirect. Else the indirect light of the declared light of 1 cd
               (1 lx) at ``light`` [3] or [N, 3]; its direct light is the rasteriser's.
     numbers   [N] of the points' random streams (their row): a point that keeps its number keeps its bits.
+    direct    Whether light straight from the scene's own emitters counts; a renderer may add it, with its shadows.
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
@@ -88,12 +90,13 @@ def air_light(
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         span = (start, count, half)
-        rows[start : start + count] = _launch(scene, place, normal, streams, settings, span, variable, lights) / half
+        found = _launch(scene, place, normal, streams, settings, span, variable, lights, direct)
+        rows[start : start + count] = found / half
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
 
 
-def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights) -> np.ndarray:
+def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights, direct) -> np.ndarray:
     """[count, 2, 30] sums of radiance times harmonics, and of radiance times cosine."""
     seed, max_depth, rr_depth, size = settings
     start, count, half = span
@@ -106,7 +109,7 @@ def _launch(scene: Scene, place, normal, streams, settings, span, variable, ligh
     p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
     source = Emitters() if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
     u = stratified(shift, path, size)[1]
-    columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None)
+    columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None and direct)
     dr.eval(columns)
     return np.stack([np.array(dr.block_sum(c, half)) for c in columns], axis=1).reshape(count, 2, 30)
 

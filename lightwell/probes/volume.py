@@ -22,7 +22,7 @@ from lightwell.probes import sh
 from lightwell.probes.lattice import CORNERS, Lattice
 from lightwell.probes.lattice import hat as hat_of
 from lightwell.probes.pattern import octants
-from lightwell.probes.weights import FUNCTIONS, trusted
+from lightwell.probes.weights import FUNCTIONS, ratio, trusted
 
 # Places on surfaces are looked up this far off along the normal, units of h: a weight knows a place, not a side. What
 # moves has no wall behind it and asks without an offset, which could carry it through a wall in front of it.
@@ -111,7 +111,8 @@ def _rho(volume: ProbeVolume, node: np.ndarray, hat: np.ndarray, u: np.ndarray) 
     asked = (state == WEIGHTED) & (hat > 0)
     record, place = volume.row[node[asked]], u[asked]
     bit = volume.octant[record] >> octants(place).astype(np.uint64) & np.uint64(1)
-    value = trusted(FUNCTIONS[volume.function].raw(volume.params[record], place))
+    f = FUNCTIONS[volume.function]
+    value = ratio(f, trusted(f.raw(volume.params[record], place)), hat[asked])
     rho[asked] = np.where(bit.astype(bool), value, 0)
     return rho
 

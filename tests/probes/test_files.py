@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from test_lattice_and_query import bricked, made_up, queries
 
-from lightwell.probes import sh
-from lightwell.probes.file import MAGIC, decode_volume, encode_volume, read, write
+from lightwell.probes import ddgi, sh
+from lightwell.probes.file import MAGIC, decode_volume, encode_volume, read, read_baselines, write
 from lightwell.probes.volume import query
+from lightwell.probes.weights import FUNCTIONS
 
 
 @pytest.mark.parametrize("coding", ["l2", "zh3"])
@@ -29,6 +30,39 @@ def test_what_is_written_is_read(tmp_path, make, coding):
     # The trusted share does not depend on the light.
     x, n = queries(500)
     assert np.array_equal(query(found, x, n)[1], query(volume, x, n)[1])
+
+
+@pytest.mark.parametrize("function", list(FUNCTIONS))
+def test_every_weight_function_has_a_file(function):
+    volume = bricked(function)
+    found = decode_volume(encode_volume(volume, "l2")[0])
+    assert found.function == function and np.allclose(found.params, volume.params, rtol=1e-5, atol=1e-6)
+    x, n = queries(500)
+    assert np.abs(query(found, x, n)[1] - query(volume, x, n)[1]).max() < 1e-5
+
+
+def moments(lattice) -> ddgi.Moments:
+    rng, count = np.random.default_rng(3), len(lattice)
+    mean = rng.random((count, ddgi.SIDE, ddgi.SIDE)) * 0.7
+    maps = np.stack([mean, mean**2 + 0.05], axis=-1).astype(np.float32)
+    origin = (lattice.nodes() + rng.normal(0, 0.1, (count, 3))).astype(np.float32)
+    light = made_up(seed=5).light
+    return ddgi.Moments(lattice, origin, rng.random(count) > 0.2, maps, light, 0.0)
+
+
+def test_a_file_holds_the_baselines_too(tmp_path):
+    volume = bricked()
+    expected, path = moments(volume.lattice), tmp_path / "v.lwp"
+    path.write_bytes(encode_volume(volume, "l2", baselines=expected)[0])
+    found = read_baselines(path)
+    x, n = queries(500)
+    assert np.array_equal(found.alive, expected.alive) and np.allclose(found.origin, expected.origin)
+    a, b = (ddgi.shares(m, x, n)[1] for m in (found, expected))
+    # Half floats of the mean square.
+    assert np.quantile(np.abs(a - b), 0.99) < 0.02
+    assert np.array_equal(query(read(path), x, n)[1], query(volume, x, n)[1])
+    write(volume, path)
+    assert read_baselines(path) is None
 
 
 def test_light_of_a_file_is_not_negative():
@@ -62,6 +96,8 @@ def _changed(data: bytes, **changes) -> bytes:
         {"spacing": "1"},
         {"origin": [0, 0, 1e300]},
         {"coding": "l3"},
+        {"function": "wavelet"},
+        {"function": ["mlp"]},
         {"function": "mlp"},
         {"unit": None},
         {"sections": None},

@@ -12,6 +12,8 @@ const fixture = (name: string) => readFileSync(fileURLToPath(new URL(`fixtures/$
 const [MADE_UP, ROOMS] = [fixture("probes.lwp"), fixture("probe-rooms.lwp")];
 const bytesOf = (file: Buffer) => file.buffer.slice(file.byteOffset, file.byteOffset + file.length) as ArrayBuffer;
 const TRUTH = JSON.parse(fixture("probes.json").toString()) as Record<"place" | "normal" | "irradiance", number[][]> & { trust: number[] };
+type Told = Record<"place" | "normal" | "irradiance", number[][]> & { file: string; trust: number[] };
+const MORE = JSON.parse(fixture("probe-functions.json").toString()) as { functions: Record<string, Told>; baselines: { file: string; modes: Record<string, Told> } };
 /** Trust is the sum of hat · ρ: the shaders' tolerance of ρ. */
 const TOLERANCE = 2 / 255;
 
@@ -52,6 +54,31 @@ describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
     const wrong = await page.evaluate(([k, q]) => window.probes[k](q), [kind, turned] as const);
     expect(Math.max(...irradiance.map((e, i) => Math.abs(wrong.data[4 * i]! - e[0]!)))).toBeGreaterThan(0.05);
   });
+});
+
+describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
+  it.each(Object.keys(MORE.functions))("runs the weight function %s", async (name) => {
+    const { file, place, normal, trust, irradiance } = MORE.functions[name]!;
+    const { data } = await page.evaluate(([k, q]) => window.probes[k](q), [kind, { file, place, normal }] as const);
+    let [worst, error] = [0, 0];
+    trust.forEach((z, i) => {
+      worst = Math.max(worst, Math.abs(data[4 * i + 3]! - z));
+      if (z > 0.01) irradiance[i]!.forEach((e, c) => (error = Math.max(error, Math.abs(data[4 * i + c]! - e) / (1 + e))));
+    });
+    expect(worst).toBeLessThan(TOLERANCE);
+    expect(error).toBeLessThan(TOLERANCE);
+  });
+});
+
+it.each(Object.keys(MORE.baselines.modes))("answers by a baseline: mode %s", async (mode) => {
+  const { place, normal, irradiance } = MORE.baselines.modes[mode]!;
+  const file = MORE.baselines.file;
+  const { data } = await page.evaluate((q) => window.probes.webgl(q), { file, place, normal, mode: Number(mode) });
+  const errors = irradiance.map((e, i) => Math.abs(data[4 * i]! - e[0]!) / (1 + e[0]!));
+  // Weights below 0.2 are crushed to their cube: rounding beside the edge shows.
+  expect(errors.sort((a, b) => a - b)[Math.floor(0.99 * errors.length)]).toBeLessThan(0.01);
+  const learned = await page.evaluate((q) => window.probes.webgl(q), { file, place, normal });
+  expect(Math.max(...irradiance.map((e, i) => Math.abs(learned.data[4 * i]! - e[0]!)))).toBeGreaterThan(0.05);
 });
 
 const KINDS = ["webgl", "webgpu", "fallback"] as const;
@@ -105,11 +132,18 @@ it("takes a time, which the benchmark reads", async () => {
   const place = Array.from({ length: 1024 }, (_, i) => [-2.9 + (5.8 * i) / 1024, 1.2, 0.4]);
   const asked = { file: ROOMS.toString("base64"), place, normal: place.map(() => [0, 1, 0]), repeat: 256 };
   const nanoseconds: Record<string, number> = {};
-  for (const [name, mode] of [["learned", 0], ["trilinear", 1]] as const) {
+  const take = async (name: string, query: typeof asked & { mode?: number }) => {
     const times: number[] = [];
-    for (let k = 0; k < 3; k++) times.push((await page.evaluate((q) => window.probes.webgl(q), { ...asked, mode })).milliseconds);
-    nanoseconds[name] = (1e6 * times.sort((a, b) => a - b)[1]!) / (1024 * 256);
-  }
+    for (let k = 0; k < 5; k++) times.push((await page.evaluate((q) => window.probes.webgl(q), query)).milliseconds);
+    nanoseconds[name] = (1e6 * times.sort((a, b) => a - b)[2]!) / (1024 * 256);
+  };
+  await take("learned", { ...asked, mode: 0 });
+  await take("trilinear", { ...asked, mode: 1 });
+  // The made-up lattice, in which the other functions and distance moments are at hand: every third probe is weighted.
+  const inside = { ...asked, place: place.map((_, i) => [-0.9 + (2.7 * i) / 1024, 1.2, 3.4]) };
+  await take("made up, relu-field", { ...inside, file: MORE.baselines.file, mode: 0 });
+  await take("made up, DDGI", { ...inside, file: MORE.baselines.file, mode: 3 });
+  for (const name of ["product-field", "mlp"]) await take(`made up, ${name}`, { ...inside, file: MORE.functions[name]!.file });
   expect(nanoseconds.learned).toBeGreaterThan(0);
   const folder = fileURLToPath(new URL("../test-results/", import.meta.url));
   mkdirSync(folder, { recursive: true });

@@ -1,5 +1,7 @@
 /** Reads probe volumes (`format/PROBES.md`): checks everything, then hands the words to the graphics card as they are. */
 
+import { RECORDS } from "./weights.ts";
+
 /** A probe volume: where it is, and the words that shaders read. */
 export interface ProbeFile {
   /** Place of the first node, metres. */
@@ -10,18 +12,23 @@ export interface ProbeFile {
   readonly shape: readonly [number, number, number];
   /** Surfaces are looked up this far off along their normal, in spacings; what moves asks without. */
   readonly offset: number;
+  /** The weight function. */
+  readonly function: string;
   /** Irradiance of 1 in the words. */
   readonly unit: number;
   /** Probes, those of bricks included. */
   readonly probes: number;
   readonly bricks: number;
-  /** First texel (four words) of each section; light as eight words a probe. */
+  /** Whether it also holds light as it was traced and distance moments: baselines to compare with. */
+  readonly baselines: boolean;
+  /** First texel (four words) of each section; light as eight words a probe. 0 for sections that are not there. */
   readonly at: Readonly<Record<Section, number>>;
   readonly words: Uint32Array<ArrayBuffer>;
 }
 
-const SECTIONS = { nodes: 4, weights: 16, light: 8, cells: 12, bricks: 64 } as const;
-type Section = keyof typeof SECTIONS;
+const SECTIONS = ["nodes", "weights", "light", "cells", "bricks", "traced", "moments"] as const;
+type Section = (typeof SECTIONS)[number];
+const MOMENTS = 260;
 
 const MAGIC = "LWPROBES";
 const MOST_PROBES = 1 << 22;
@@ -63,7 +70,8 @@ export function readProbes(bytes: ArrayBuffer): ProbeFile {
 
 function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFile {
   check(typeof header === "object" && header !== null && header.version === 1, "version 1");
-  check(header.function === "relu-field", "weights 'relu-field'");
+  const kind = header.function;
+  check(typeof kind === "string" && Object.hasOwn(RECORDS, kind), `weights of ${Object.keys(RECORDS).join(", ")}`);
   const { origin, shape, spacing, offset, unit, coding } = header;
   check(Array.isArray(origin) && origin.length === 3 && origin.every((v) => isNumber(v, -1e9, 1e9)), "an origin");
   check(Array.isArray(shape) && shape.length === 3 && shape.every((v) => isInteger(v, 2, 1 << 16)), "a shape");
@@ -78,28 +86,37 @@ function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFi
     check(first % 4 === 0 && first + rows * width <= words.length, `section ${name} in the file`);
     return words.subarray(first, first + rows * width);
   };
+  const baselines = typeof header.sections === "object" && header.sections !== null && "moments" in header.sections;
+  const light = (name: Section) => (coding === "l2" ? stored(name, 8) : fromZh3(stored(name, 5)));
+  const none = new Uint32Array(0);
   const parts: Record<Section, Uint32Array> = {
-    nodes: stored("nodes", SECTIONS.nodes),
-    weights: stored("weights", SECTIONS.weights),
-    light: coding === "l2" ? stored("light", 8) : fromZh3(stored("light", 5)),
-    cells: stored("cells", SECTIONS.cells),
-    bricks: stored("bricks", SECTIONS.bricks),
+    nodes: stored("nodes", 4),
+    weights: stored("weights", RECORDS[kind]!),
+    light: light("light"),
+    cells: stored("cells", 12),
+    bricks: stored("bricks", 64),
+    traced: baselines ? light("traced") : none,
+    moments: baselines ? stored("moments", MOMENTS) : none,
   };
-  checkIndices(parts, nx * ny * nz, (nx - 1) * (ny - 1) * (nz - 1));
+  checkIndices(parts, kind, nx * ny * nz, (nx - 1) * (ny - 1) * (nz - 1));
+  if (baselines) checkBaselines(parts, nx * ny * nz);
   const at = {} as Record<Section, number>;
   let total = 0;
-  for (const name of Object.keys(SECTIONS) as Section[]) {
-    at[name] = total / 4;
+  for (const name of SECTIONS) {
+    at[name] = parts[name].length || name !== "moments" ? total / 4 : 0;
     total += parts[name].length;
   }
+  if (!baselines) at.traced = 0;
   const joined = new Uint32Array(total);
-  for (const name of Object.keys(SECTIONS) as Section[]) joined.set(parts[name], 4 * at[name]);
+  for (const name of SECTIONS) if (parts[name].length) joined.set(parts[name], 4 * at[name]);
   return {
     origin: origin as [number, number, number],
     shape: [nx, ny, nz],
     spacing,
     offset,
     unit,
+    function: kind,
+    baselines,
     probes: parts.nodes.length / 4,
     bricks: parts.bricks.length / 64,
     at,
@@ -107,9 +124,23 @@ function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFi
   };
 }
 
-function checkIndices(parts: Record<Section, Uint32Array>, nodes: number, cells: number): void {
+/** Half floats of words from `first` on, `count` of them, are finite. */
+function checkHalves(words: Uint32Array, first: number, count: number, what: string): void {
+  for (let k = 0; k < count; k++) check(((words[first + (k >> 1)]! >>> (16 * (k & 1) + 10)) & 31) < 31, what);
+}
+
+function checkBaselines({ traced, moments }: Record<Section, Uint32Array>, nodes: number): void {
+  check(traced.length === 8 * nodes && moments.length === MOMENTS * nodes, "baselines of each node");
+  for (let i = 0; i < nodes; i++) {
+    checkHalves(traced, 8 * i, 4, "finite light");
+    for (let k = 0; k < 3; k++) check(((moments[MOMENTS * i + k]! >>> 23) & 255) < 255, "finite places");
+    checkHalves(moments, MOMENTS * i + 4, 2 * (MOMENTS - 4), "finite moments");
+  }
+}
+
+function checkIndices(parts: Record<Section, Uint32Array>, kind: string, nodes: number, cells: number): void {
   const { nodes: node, weights, light, cells: cell, bricks } = parts;
-  const [probes, records, tables] = [node.length / 4, weights.length / 16, bricks.length / 64];
+  const [probes, records, tables] = [node.length / 4, weights.length / RECORDS[kind]!, bricks.length / 64];
   check(probes >= nodes && probes > nodes === tables > 0 && light.length === 8 * probes, "a light and a node for each probe");
   check(cell.length === 12 * cells, `${cells} cells`);
   for (let i = 0; i < node.length; i += 4) check(node[i]! < 2 + records, "records that exist");
@@ -118,8 +149,10 @@ function checkIndices(parts: Record<Section, Uint32Array>, nodes: number, cells:
     check(cell[i + 8]! <= tables, "bricks that exist");
   }
   for (const probe of bricks) check(probe >= nodes && probe < probes, "fine probes that exist");
-  for (let i = 0; i < light.length; i += 8) {
-    for (let k = 0; k < 4; k++) check(((light[i + (k >> 1)]! >>> (16 * (k & 1) + 10)) & 31) < 31, "finite light");
+  for (let i = 0; i < light.length; i += 8) checkHalves(light, i, 4, "finite light");
+  // The steps of a network are its record's last words.
+  if (kind.endsWith("mlp")) {
+    for (let i = 0; i < weights.length; i += 32) for (let k = 29; k < 32; k++) check(((weights[i + k]! >>> 23) & 255) < 255, "finite weights");
   }
 }
 

@@ -1,15 +1,17 @@
 /** The query of a probe volume as shader text: one function (place, normal) → (irradiance, trusted share). */
 
+import { momentsGlsl } from "./baselines.ts";
 import type { ProbeFile } from "./file.ts";
+import { overHat, RECORDS, rawGlsl, rawWgsl } from "./weights.ts";
 
 /** Texels of a row of the texture of words, as a power of two. */
 export const ROW_BITS = 11;
-/** The weights' grids hold bytes over this range; trust below the threshold is none (`probes/weights`). */
-const [LOW, HIGH, THRESHOLD] = [-2, 3, 0.02];
+/** Trust below this is none (`probes/weights`). */
+const THRESHOLD = 0.02;
 const [FALLBACK, TAKES_OVER] = [1e-5, 0.05];
 
 /** Names and numbers that both languages share. */
-function numbers({ at, origin, spacing, shape, unit }: ProbeFile) {
+function numbers({ at, origin, spacing, shape, unit, function: kind }: ProbeFile) {
   const float = (value: number) => (Number.isInteger(value) ? `${value}.0` : `${value}`);
   return {
     at,
@@ -18,8 +20,7 @@ function numbers({ at, origin, spacing, shape, unit }: ProbeFile) {
     inverse: float(1 / spacing),
     cells: shape.map((n) => n - 1),
     shape,
-    step: float((HIGH - LOW) / 255),
-    low: float(LOW),
+    texels: RECORDS[kind]! / 4,
     threshold: float(THRESHOLD),
     scale: float(1 / (1 - THRESHOLD)),
     fallback: float(FALLBACK),
@@ -29,7 +30,7 @@ function numbers({ at, origin, spacing, shape, unit }: ProbeFile) {
 
 /**
  * GLSL ES 3.0. Bind the words to `usampler2D NAME_words`; ask `vec4 NAME(vec3 place, vec3 normal)`. The int `NAME_mode` chooses
- * 0 learned weights or 1 trilinear ones; `NAME_share` is then the share of probe `NAME_probe` in the answer.
+ * 0 learned weights, 1 trilinear ones of the probes in air, 2 of all, or 3 distance moments where the file holds them; `NAME_share` is then the share of probe `NAME_probe` in the answer.
  */
 export function probesGlsl(file: ProbeFile, name: string): string {
   const n = numbers(file);
@@ -40,24 +41,20 @@ vec4 ${name}_low;
 vec4 ${name}_high;
 uvec4 ${name}_word(int i) { return texelFetch(${name}_words, ivec2(i & ${(1 << ROW_BITS) - 1}, i >> ${ROW_BITS}), 0); }
 vec4 ${name}_signed(uint w) { return vec4((ivec4(int(w)) << ivec4(24, 16, 8, 0)) >> 24); }
-float ${name}_rho(uvec4 node, vec3 u) {
+${rawGlsl(file.function, name)}
+float ${name}_rho(uvec4 node, vec3 u, float hat) {
+  if (${name}_mode == 2) return 1.0;
   if (node.x < 2u) return float(node.x);
   if (${name}_mode == 1) return 1.0;
   ivec3 o = min(ivec3(2.0 * u + 2.0), ivec3(3));
   int bit = o.x + 4 * o.y + 16 * o.z;
   if ((((bit < 32 ? node.y : node.z) >> uint(bit & 31)) & 1u) == 0u) return 0.0;
-  vec3 at = (u + 1.0) * 1.5;
-  ivec3 low = min(ivec3(at), ivec3(2));
-  vec3 f = at - vec3(low);
-  int first = ${n.at.weights} + (int(node.x) - 2) * 4 + low.z;
-  uvec4 a = ${name}_word(first), b = ${name}_word(first + 1);
-  uvec4 rows = uvec4(a[low.y], a[low.y + 1], b[low.y], b[low.y + 1]) >> uint(8 * low.x);
-  vec4 v = mix(vec4(rows & 255u), vec4((rows >> 8u) & 255u), f.x);
-  vec2 w = mix(v.xz, v.yw, f.y);
-  return clamp((mix(w.x, w.y, f.z) * ${n.step} + ${n.low} - ${n.threshold}) * ${n.scale}, 0.0, 1.0);
+  float raw = ${name}_raw(${n.at.weights} + (int(node.x) - 2) * ${n.texels}, u);
+  return clamp((raw - ${n.threshold}) * ${n.scale}, 0.0, 1.0)${overHat(file.function, "hat")};
 }
 vec3 ${name}_light(int probe) {
-  uvec4 a = ${name}_word(${n.at.light} + 2 * probe), b = ${name}_word(${n.at.light} + 2 * probe + 1);
+  int row = ${n.at.traced > 0 ? `(${name}_mode == 0 ? ${n.at.light} : ${n.at.traced})` : n.at.light} + 2 * probe;
+  uvec4 a = ${name}_word(row), b = ${name}_word(row + 1);
   vec2 rg = unpackHalf2x16(a.x), bs = unpackHalf2x16(a.y);
   vec3 rest = vec3(
     dot(${name}_signed(a.z), ${name}_low) + dot(${name}_signed(a.w), ${name}_high),
@@ -69,10 +66,11 @@ vec4 ${name}_add(int probe, float hat, vec3 u, inout float inner) {
   if (hat <= 0.0) return vec4(0.0);
   uvec4 node = ${name}_word(${n.at.nodes} + probe);
   inner += hat * float(node.w);
-  float phi = hat * ${name}_rho(node, u);
+  float phi = hat * ${name}_rho(node, u, hat);
   if (probe == ${name}_probe) ${name}_share += phi;
   return phi > 0.0 ? vec4(phi * ${name}_light(probe), phi) : vec4(0.0);
 }
+${n.at.moments > 0 ? momentsGlsl(file, name) : ""}
 vec4 ${name}(vec3 place, vec3 n) {
   vec3 at = clamp((place - vec3(${n.origin})) * ${n.inverse}, vec3(0.0), vec3(${n.cells.join(", ")}));
   ivec3 cell = min(ivec3(at), ivec3(${n.cells.map((c) => c - 1).join(", ")}));
@@ -83,7 +81,8 @@ vec4 ${name}(vec3 place, vec3 n) {
   ${name}_share = 0.0;
   vec4 total = vec4(0.0);
   float inner = 0.0;
-  for (int k = 0; k < 8; k++) {
+  ${n.at.moments > 0 ? `if (${name}_mode == 3) total = ${name}_moments(place, n, cell, f);
+  else ` : ""}for (int k = 0; k < 8; k++) {
     ivec3 c = ivec3(k & 1, (k >> 1) & 1, k >> 2);
     vec3 u = f - vec3(c), h = 1.0 - abs(u);
     ivec3 p = cell + c;
@@ -127,21 +126,14 @@ export function probesWgsl(file: ProbeFile, name: string): string {
   return `
 fn ${name}_word(i: i32) -> vec4u { return textureLoad(${name}_words, vec2i(i & ${(1 << ROW_BITS) - 1}, i >> ${ROW_BITS}), 0); }
 fn ${name}_signed(w: u32) -> vec4f { return vec4f((vec4i(i32(w)) << vec4u(24u, 16u, 8u, 0u)) >> vec4u(24u)); }
-fn ${name}_rho(node: vec4u, u: vec3f) -> f32 {
+${rawWgsl(file.function, name)}
+fn ${name}_rho(node: vec4u, u: vec3f, hat: f32) -> f32 {
   if (node.x < 2u) { return f32(node.x); }
   let o = min(vec3i(2.0 * u + 2.0), vec3i(3));
   let bit = o.x + 4 * o.y + 16 * o.z;
   if (((select(node.z, node.y, bit < 32) >> u32(bit & 31)) & 1u) == 0u) { return 0.0; }
-  let at = (u + 1.0) * 1.5;
-  let low = min(vec3i(at), vec3i(2));
-  let f = at - vec3f(low);
-  let first = ${n.at.weights} + (i32(node.x) - 2) * 4 + low.z;
-  let a = ${name}_word(first);
-  let b = ${name}_word(first + 1);
-  let rows = vec4u(a[low.y], a[low.y + 1], b[low.y], b[low.y + 1]) >> vec4u(u32(8 * low.x));
-  let v = mix(vec4f(rows & vec4u(255u)), vec4f((rows >> vec4u(8u)) & vec4u(255u)), f.x);
-  let w = mix(v.xz, v.yw, f.y);
-  return clamp((mix(w.x, w.y, f.z) * ${n.step} + ${n.low} - ${n.threshold}) * ${n.scale}, 0.0, 1.0);
+  let raw = ${name}_raw(${n.at.weights} + (i32(node.x) - 2) * ${n.texels}, u);
+  return clamp((raw - ${n.threshold}) * ${n.scale}, 0.0, 1.0)${overHat(file.function, "hat")};
 }
 fn ${name}_light(probe: i32, low: vec4f, high: vec4f) -> vec3f {
   let a = ${name}_word(${n.at.light} + 2 * probe);
@@ -158,7 +150,7 @@ fn ${name}_add(probe: i32, hat: f32, u: vec3f, inner: ptr<function, f32>, low: v
   if (hat <= 0.0) { return vec4f(0.0); }
   let node = ${name}_word(${n.at.nodes} + probe);
   *inner += hat * f32(node.w);
-  let phi = hat * ${name}_rho(node, u);
+  let phi = hat * ${name}_rho(node, u, hat);
   if (phi <= 0.0) { return vec4f(0.0); }
   return vec4f(phi * ${name}_light(probe, low, high), phi);
 }

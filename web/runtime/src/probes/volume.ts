@@ -6,11 +6,13 @@ import { probesGlsl, ROW_BITS } from "./shader.ts";
 
 /** How a material asks a volume. */
 export interface ProbeUse {
-  /** Learned weights, or trilinear ones for comparison. */
+  /** 0: learned weights. For comparison: 1 trilinear ones of the probes in air, 2 of all, 3 distance moments (`file.baselines`). */
   readonly mode: IUniform<number>;
+  /** The mode that view 3 compares with. */
+  readonly other: IUniform<number>;
   /** Factor of the irradiance. */
   readonly intensity: IUniform<number>;
-  /** What is drawn: 0 the lit material, 1 the irradiance, 2 trust, 3 learned less trilinear light, 4 the share of a probe. */
+  /** What is drawn: 0 the lit material, 1 the irradiance, 2 trust, 3 learned light less that of `other`, 4 the share of a probe. */
   readonly view: IUniform<number>;
   /** Metres along the normal at which a surface that stands still asks; 0 for what moves. */
   readonly offset: IUniform<number>;
@@ -58,6 +60,7 @@ export class ProbeVolume {
   light(material: Material, still = false): ProbeUse {
     const use: ProbeUse = {
       mode: { value: 0 },
+      other: { value: 1 },
       intensity: { value: 1 },
       view: { value: 0 },
       offset: { value: still ? this.file.offset * this.file.spacing : 0 },
@@ -70,6 +73,7 @@ export class ProbeVolume {
       Object.assign(shader.uniforms, {
         [`${name}_words`]: { value: texture },
         [`${name}_u_mode`]: use.mode,
+        [`${name}_u_other`]: use.other,
         [`${name}_u_gain`]: use.intensity,
         [`${name}_u_view`]: use.view,
         [`${name}_u_probe`]: use.probe,
@@ -106,7 +110,7 @@ const placing = (name: string) => `
 const declared = (name: string) => `
 varying vec3 ${name}_place;
 uniform highp usampler2D ${name}_words;
-uniform int ${name}_u_mode, ${name}_u_view, ${name}_u_probe;
+uniform int ${name}_u_mode, ${name}_u_other, ${name}_u_view, ${name}_u_probe;
 uniform float ${name}_u_gain, ${name}_u_offset;
 vec4 ${name}_answer = vec4(0.0);
 vec3 ${name}_other = vec3(0.0);
@@ -119,10 +123,10 @@ const asking = (name: string) => `
   vec3 lwAt = ${name}_place + ${name}_u_offset * lwNormal;
   ${name}_probe = ${name}_u_probe;
   if (${name}_u_view == 3) {
-    ${name}_mode = 1;
+    ${name}_mode = ${name}_u_other;
     ${name}_other = ${name}(lwAt, lwNormal).rgb;
   }
-  ${name}_mode = ${name}_u_mode;
+  ${name}_mode = ${name}_u_view == 3 ? 0 : ${name}_u_mode;
   ${name}_answer = ${name}(lwAt, lwNormal);
   irradiance += ${name}_u_gain * ${name}_answer.rgb;
 }
