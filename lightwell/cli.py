@@ -106,7 +106,11 @@ def _add_bake_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         help="fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
     )
-    parser.add_argument("--size", type=int, help="lightmap: texels along each edge of the atlas (default: 1024)")
+    parser.add_argument(
+        "--size",
+        type=int,
+        help="lightmap: texels along each edge of the atlas (default: 1024, or 2048 where charts are small)",
+    )
     parser.add_argument(
         "--mips", type=int, default=1, help="lightmap: mip level up to which charts do not mix (default: %(default)s)"
     )
@@ -116,6 +120,12 @@ def _add_bake_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spacing", metavar="LENGTH", help="probes: distance of neighbouring probes, 1m or 50cm (default: extent / 8)"
     )
+    parser.add_argument(
+        "--rebake",
+        metavar="OLD",
+        help="probes: an edit of the bake in OLD (made with --keep); only what --box touches is baked again",
+    )
+    parser.add_argument("--box", metavar="x0,y0,z0,x1,y1,z1", help="probes: where the scene has changed, metres")
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
     parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
     parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
@@ -172,10 +182,26 @@ def _bake(arguments) -> int:
     from lightwell.bake import bake
     from lightwell.bake.progress import Progress
 
-    report = bake(_settings(arguments, arguments.scene, arguments.out), Progress(quiet=arguments.json))
+    progress = Progress(quiet=arguments.json)
+    if arguments.rebake or arguments.box:
+        report = _rebake(arguments, progress)
+    else:
+        report = bake(_settings(arguments, arguments.scene, arguments.out), progress)
     if arguments.json:
         print(json.dumps(report, indent=1))
     return 0
+
+
+def _rebake(arguments, progress):
+    from lightwell.bake.probes_rebake import parse_box, rebake
+
+    if not (arguments.rebake and arguments.box):
+        raise ValueError("bake: --rebake OLD and --box x0,y0,z0,x1,y1,z1 belong together; give both")
+    if arguments.field not in (None, "probes"):
+        raise ValueError(f"bake: --rebake is for --field probes, not '{arguments.field}'")
+    box = parse_box(arguments.box)
+    vary = tuple(arguments.vary)
+    return rebake(arguments.scene, Path(arguments.out), Path(arguments.rebake), box, vary, progress)
 
 
 # Seconds of tracing and training of the demo: with installation, evaluation and report three minutes on two cores.

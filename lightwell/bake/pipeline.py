@@ -49,7 +49,7 @@ def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, 
     with work.timed("evaluate"):
         score = score_bake(scene, variable, settings, work, learned, rounds, progress)
     with work.timed("write"):
-        report = _write(scene, variable, settings, learned, score)
+        report = _write(scene, variable, settings, learned, score, progress)
     work.close()
     progress.say(_verdict(report, settings.out))
     return report
@@ -83,7 +83,12 @@ def _learn(
 
 
 def _write(
-    scene: Scene, variable: Variable, settings: BakeSettings, learned: list[Learned], score: Score
+    scene: Scene,
+    variable: Variable,
+    settings: BakeSettings,
+    learned: list[Learned],
+    score: Score,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Write all files; each appears whole or not at all."""
     entries = [FieldEntry(f.role, f.role, f.graph, 0 if f.role == "indirect" else None) for f in learned]
@@ -105,7 +110,8 @@ def _write(
     for f in learned:
         # A field may have files of its own, beside the asset.
         if more := getattr(f.fit, "write_files", None):
-            more(settings.out, f.role, glb.read_bytes(), stage.views[0][1], intensity)
+            told = more(settings.out, f.role, glb.read_bytes(), stage.views[0][1], intensity, settings.keep)
+            progress.say(f"{f.role}: {told}")
     return report
 
 

@@ -18,21 +18,17 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.fields.base import FieldSetup, Progress
-from lightwell.files import write_atomically
+from lightwell.fields.probes_baked import BakedProbes, Shown, mixed, singular_mix
 from lightwell.graph import Graph
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
-from lightwell.probes import sh
-from lightwell.probes.bake import Geometry, bake_geometry, with_bricks
+from lightwell.probes import ddgi, sh
+from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Code
-from lightwell.probes.file import encode_volume
 from lightwell.probes.generator import fit_with
-from lightwell.probes.light import Effort, placed, rows, traced
-from lightwell.probes.lower import lower
-from lightwell.probes.page import write_page
-from lightwell.probes.solve import solve
+from lightwell.probes.light import Effort, Lit, light_volume, refined
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.placing import sample_lights
 from lightwell.transport.samples import Query, Samples
@@ -64,6 +60,10 @@ class ProbesPreset:
     """Bases that are kept of them (K)."""
     generator: bool = False
     """Whether fits start from the generator: a network per probe wants it, a grid's convex problem does not."""
+    refine: bool = True
+    """Whether what the generator finds is refined, probe by probe."""
+    coding: str = "zh3"
+    """Of the light in files: 'l2' or 'zh3'."""
     bricks: float = 1.0
     """Fine probes per live probe of the lattice, at most; 0: no bricks."""
     hidden: tuple[int, ...] = (48, 48)
@@ -71,10 +71,17 @@ class ProbesPreset:
     training: TrainingSettings = TRAINING
 
 
+DRAFT = ProbesPreset(effort=Effort(8, 16, 64), static_effort=Effort(8, 64, 128), states=12, rank=4)
+# Ours, hat × ratio: default (a ReLU field of 4³ bytes) and the others by their names; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
     "default": ProbesPreset(),
+    "draft": DRAFT,
+    "l2": ProbesPreset(coding="l2"),
+    **{name: ProbesPreset(function=name) for name in ("relu-field", "relu-field-5", "product-field")},
     "mlp": ProbesPreset(function="mlp", generator=True),
-    "draft": ProbesPreset(effort=Effort(8, 16, 64), static_effort=Effort(8, 64, 128), states=12, rank=4),
+    "mlp-generated": ProbesPreset(function="mlp", generator=True, refine=False),
+    "mlp-direct": ProbesPreset(function="mlp"),
+    **{name: ProbesPreset(function=name) for name in ("bare-relu-field-5", "bare-product-field", "bare-mlp")},
 }
 
 
@@ -123,6 +130,8 @@ class ProbesFit:
     preset: ProbesPreset
     seed: int
     facts: dict[str, Any] = field(default_factory=dict)
+    name: str = "default"
+    """Of the preset."""
 
     def __post_init__(self) -> None:
         if self.setup.scene is None:
@@ -131,20 +140,23 @@ class ProbesFit:
             )
         self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
         self._static = self.setup.light == "static"
-        self._geometry, self._basis, baselines = _basis(self.setup, self.preset, self.seed)
+        self._lit, self._mix, baselines = _solved(self.setup, self.preset, self.seed)
+        self._basis = mixed(self._lit.solution.light, self._mix)
         sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
         self._data: TrainingSet | None = None
         self._validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        volume = self._geometry.volume
+        volume = self._lit.geometry.volume
         self.facts |= {
             "probes": int(volume.alive.sum()),
             "nodes": len(volume.lattice),
             "bricks": 0 if volume.bricks is None else len(volume.bricks.table),
             "spacing": volume.lattice.spacing,
             "weights": volume.function,
-            "bytes_per_probe": volume.bytes_per_probe("zh3"),
-            "weight_seconds": self._geometry.seconds,
+            "coding": self.preset.coding,
+            "bytes_per_probe": volume.bytes_per_probe(self.preset.coding),
+            "bytes_of_distance_moments": ddgi.BYTES,
+            "weight_seconds": self._lit.geometry.seconds,
             "baselines": baselines,
         }
 
@@ -160,7 +172,7 @@ class ProbesFit:
 
     def _factors(self, query: Query) -> np.ndarray:
         """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
-        volume, k = self._geometry.volume, self._basis.shape[-1]
+        volume, k = self._lit.geometry.volume, self._basis.shape[-1]
         out = np.empty((len(query), 3 * k), np.float32)
         flat = self._basis.reshape(len(volume.state), -1)
         for start in range(0, len(query), CHUNK):
@@ -219,35 +231,35 @@ class ProbesFit:
         mixed = self._mixed(self._trainer.best, self._rows(query))
         return np.maximum(mixed, 0) * self.setup.unit * query.reflectance
 
+    @property
+    def baked(self) -> BakedProbes:
+        """What is shipped, by the best weights of the light's network so far."""
+        code = None
+        if not self._static:
+            best, layers = self._trainer.best, self._trainer.network.mlp.layers
+            weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
+            code = Code(self._code.center, self._code.half, weights)
+        return BakedProbes(self._lit, self._mix, code, self.setup.unit, self.name, self.preset.coding)
+
     def lower(self) -> Graph:
-        """The query as a shading graph; the light's network runs once a frame."""
-        basis = self._basis / self.setup.unit
-        if self._static:
-            return lower(self._geometry.volume, self.setup.unit, basis)
-        best, layers = self._trainer.best, self._trainer.network.mlp.layers
-        weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
-        code = Code(self._code.center, self._code.half, weights)
-        return lower(self._geometry.volume, self.setup.unit, basis, code)
+        """The query as a shading graph."""
+        return self.baked.lower()
 
     def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
         """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
-        code = np.ones(1)
-        if not self._static:
-            network, best = self._trainer.network, self._trainer.best
-            code = network.mlp.evaluate(best, self._code.features(np.asarray(light, np.float32).reshape(1, 3)))[0]
-        found = (self._basis @ code) * (np.broadcast_to(intensity, 3) if not self._static else 1)
-        return self._geometry.volume.lit(found)
+        return self.baked.volume(light, intensity)
 
-    def write_files(self, out: Path, role: str, glb: bytes, light: np.ndarray, intensity: np.ndarray | float) -> None:
-        """Write ``probes-ROLE.lwp``, for lights of three.js, and ``probes.html`` with it and the scene."""
-        if self.preset.function != "relu-field":
-            return
-        lit = self.volume(light, intensity)
-        mean = float(np.abs(lit.light[lit.alive, 0]).mean()) if lit.alive.any() else 1.0
-        data, parts = encode_volume(lit, "zh3", unit=max(mean, 1e-20))
-        self.facts["file_bytes_per_probe"] = parts
-        write_atomically(out / f"probes-{role}.lwp", data)
-        write_page(out / "probes.html", data, glb)
+    def write_files(
+        self, out: Path, role: str, glb: bytes, light: np.ndarray, intensity: np.ndarray | float, keep: bool = False
+    ) -> str:
+        """Write the files of ``BakedProbes.write_files`` and, with ``keep``, what an incremental bake starts from;
+        returns the payload in words."""
+        made, shown = self.baked, Shown(np.asarray(light, float), np.broadcast_to(intensity, 3).astype(float))
+        in_file = made.write_files(out, role, glb, self.setup.scene, shown)
+        self.facts["file_bytes_per_probe"] = in_file
+        if keep:
+            made.keep(out, role, shown)
+        return payload(made.lit.geometry.volume, self.preset.coding, in_file)
 
     def save(self, path: Path) -> None:
         """Write a checkpoint atomically; the volume itself is found again from the seed."""
@@ -258,78 +270,53 @@ class ProbesFit:
         self._trainer.load(path)
 
 
+def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
+    """One line: bytes of a probe."""
+    parts = volume.bytes_per_probe(coding)
+    told = ", ".join(f"{name} {value:.0f}" for name, value in parts.items() if name != "record")
+    return (
+        f"{int(volume.alive.sum())} probes of {len(volume.state)} nodes, {volume.function}; payload "
+        f"{parts['record']:.0f} B a record, {sum(parts.values()) - parts['record']:.0f} B a probe on average ({told}), "
+        f"{sum(in_file.values()):.0f} B in the file; distance moments take {ddgi.BYTES} B"
+    )
+
+
 def _geometry(setup: FieldSetup, preset: ProbesPreset) -> Geometry:
     """The volume's weights, baked once for a scene and kept with it."""
     spacing = setup.spacing or 2 * setup.half_extent / ALONG
     kept = setup.scene.__dict__.setdefault("_probe_geometry", {})
-    key = (float(spacing), preset.function, preset.generator)
+    key = (float(spacing), preset.function, preset.generator, preset.refine)
     if key not in kept:
-        kept[key] = bake_geometry(setup.scene, spacing, preset.function, fit=_fit(preset))
+        kept[key] = bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))
     return kept[key]
 
 
-def _fit(preset: ProbesPreset) -> Callable | None:
-    return fit_with(preset.function) if preset.generator else None
+def fit_of(preset: ProbesPreset) -> Callable | None:
+    """How weights are fitted; None: from scratch, also where the generator is missing."""
+    return fit_with(preset.function, refine=preset.refine) if preset.generator else None
 
 
-def _basis(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Geometry, np.ndarray, dict]:
-    """The volume with its bricks, the light of the bases [P + F, 9, 3, K], path traced once and kept with the scene,
-    and how the volume and the baselines answer in the air."""
+def _solved(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Lit, np.ndarray, dict]:
+    """The light of all states, path traced once and kept with the scene; how they are mixed to bases [S, K]; and how
+    the volume and the baselines answer in the air."""
     geometry = _geometry(setup, preset)
     kept = setup.scene.__dict__.setdefault("_probe_light", {})
     key = (geometry.volume.lattice.spacing, preset, setup.light, seed)
     if key not in kept:
-        states, samples, solution, start = _states(setup, preset, seed, geometry)
-        chosen = placed(geometry, samples, solution, preset.bricks)
-        if len(chosen):
-            geometry = with_bricks(setup.scene, geometry, chosen, _fit(preset))
-            states, _, _, start = _states(setup, preset, seed, geometry)
-        live = np.flatnonzero(geometry.volume.alive)
         static = setup.light == "static"
-        light = () if static else (setup.variable, _lights(setup, preset, seed)[0])
-        told = compare(setup.scene, geometry, states[0], start[0], seed, *light)
-        kept[key] = geometry, states[0][..., None] if static else _singular(states, live, preset.rank), told
+        variable = None if static else setup.variable
+        lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+        effort = preset.static_effort if static else preset.effort
+        lit = light_volume(setup.scene, geometry, effort, seed, variable, lights)
+        lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
+        live = np.flatnonzero(lit.geometry.volume.alive)
+        first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
+        told = compare(setup.scene, lit.geometry, *first, seed, *(() if static else (variable, lights[0])))
+        mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
+        kept[key] = lit, mix, told
     return kept[key]
-
-
-def _states(setup: FieldSetup, preset: ProbesPreset, seed: int, geometry: Geometry) -> tuple:
-    """Light of the probes in each state [S, P + F, 9, 3], the samples, the solution, and the light as traced."""
-    scene, volume = setup.scene, geometry.volume
-    live = np.flatnonzero(volume.alive)
-    if setup.light == "static":
-        effort = preset.static_effort
-        start = traced(scene, geometry, live, effort, seed)
-        samples, _ = rows(scene, geometry, effort, seed + 1)
-        solution = solve(volume, samples, start)
-        return solution.light[None], samples, solution, start[None]
-    effort, variable = preset.effort, setup.variable
-    lights = _lights(setup, preset, seed)
-    start = np.stack(
-        [traced(scene, geometry, live, effort, seed + k, variable, light) for k, light in enumerate(lights)]
-    )
-    samples, _ = rows(scene, geometry, effort, seed + len(lights), variable, lights)
-    solution = solve(volume, samples, start)
-    return solution.light, samples, solution, start
-
-
-def _lights(setup: FieldSetup, preset: ProbesPreset, seed: int) -> np.ndarray:
-    """[S, 3] places of the light that are solved for."""
-    return sample_lights(setup.scene, setup.variable, preset.states, seed + STATE_SEED)
-
-
-def _singular(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
-    """[P, 9, 3, K] leading right singular vectors of states [S, P, 9, 3], sized so that codes are about 1."""
-    matrix = states[:, live].reshape(len(states), -1).astype(np.float64)
-    # States count alike, whether the light is near a wall or far: each is divided by its size.
-    size = np.linalg.norm(matrix, axis=1, keepdims=True)
-    _, s, v = np.linalg.svd(matrix / np.maximum(size, 1e-30), full_matrices=False)
-    k = min(rank, len(s))
-    scale = s[:k] / np.sqrt(len(states)) * float(np.median(size))
-    out = np.zeros((states.shape[1], 9, 3, k), np.float32)
-    out[live] = (v[:k] * scale[:, None]).T.reshape(len(live), 9, 3, k)
-    return out
 
 
 def start(setup: FieldSetup, preset: str, seed: int) -> ProbesFit:
     """Begin a fit with a named preset."""
-    return ProbesFit(setup, PRESETS[preset], seed)
+    return ProbesFit(setup, PRESETS[preset], seed, name=preset)

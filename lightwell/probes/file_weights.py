@@ -1,8 +1,7 @@
 """Records of weights in files: as many bytes as a function needs, in whole texels of four words.
 
-Grids are bytes, x fastest. A network is laid out for the shader that runs it: rows of the first layer as (x, y, z,
-bias),
-rows of the second, its biases, the last layer, its bias, and the three steps as floats.
+Grids are bytes, x fastest. A network is laid out for the shader that runs it: the rows of its first layer as
+(x, y, z, bias), the rows of its second, their biases, the last layer, its bias, and the three steps as floats.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ import numpy as np
 from lightwell.files import load_arrays, save_arrays
 from lightwell.graph.ops.activate import LEAK
 from lightwell.probes.pattern import Pattern, pattern
-from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, error, refine, trusted
+from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, error, trusted
+from lightwell.probes.weights import refine as descend
 from lightwell.probes.weights.common import INSIDE_WEIGHT
 
 FILE = Path(__file__).with_name("generator.npz")
@@ -119,9 +120,9 @@ def _shipped() -> Generator | None:
     return load()
 
 
-def fit_with(function: str, generator: Generator | None = None) -> Callable | None:
-    """A fit (target, weight, pattern, close) → parameters that starts from the generator; None where it knows nothing
-    of this function."""
+def fit_with(function: str, generator: Generator | None = None, refine: bool = True) -> Callable | None:
+    """A fit (target, weight, pattern, close) → parameters that starts from the generator and, with ``refine``, goes on
+    probe by probe; None where it knows nothing of this function, or there is none."""
     made = generator or _shipped()
     if made is None or function not in made.networks:
         return None
@@ -131,8 +132,10 @@ def fit_with(function: str, generator: Generator | None = None) -> Callable | No
         if len(layout.u) != len(made.mean) or layout is not pattern():
             return f.fit(target, weight, layout, close)
         start = made(function, target, layout)
+        if not refine:
+            return f.bounded(start)
         if isinstance(f, TinyMlp):
-            found = refine(f, start, target, weight, layout, steps=ADAM, rate=RATE, close=close)
+            found = descend(f, start, target, weight, layout, steps=ADAM, rate=RATE, close=close)
             return _gated(f, found, target, weight, layout, close)
         return f.convex(target, weight, layout, close, start=start, steps=NEWTON)
 
@@ -148,5 +151,5 @@ def _gated(f: TinyMlp, found: np.ndarray, target, weight, layout: Pattern, close
     if len(rows):
         near = close and Close(close.u[rows], close.target[rows], close.weight[rows])
         steps = dict(steps=MORE, rate=MORE_RATE, close=near)
-        found[rows] = refine(f, found[rows], target[rows], weight[rows], layout, **steps)
+        found[rows] = descend(f, found[rows], target[rows], weight[rows], layout, **steps)
     return found

@@ -43,13 +43,15 @@ class Lit:
 
     geometry: Geometry
     start: np.ndarray
-    """[P + F, 9, 3] light traced where the probes look from."""
+    """[P + F, 9, 3] light traced where the probes look from; [S, P + F, 9, 3] of S states of a declared light."""
     samples: Rows
     number: np.ndarray
     """[I] of the samples' random streams: which cell, which point."""
     solution: Solution
     effort: Effort
     seed: int
+    lights: np.ndarray | None = None
+    """[S, 3] places of the declared light."""
 
     @property
     def volume(self) -> ProbeVolume:
@@ -128,19 +130,40 @@ def rows(
     return Rows(at, zero, light, cell, noise), number
 
 
-def light_volume(scene: Scene, geometry: Geometry, effort: Effort, seed: int) -> Lit:
-    """The volume under the scene's own light."""
-    start = traced(scene, geometry, np.flatnonzero(geometry.volume.alive), effort, seed)
-    samples, number = rows(scene, geometry, effort, seed + 1)
-    return Lit(geometry, start, samples, number, solve(geometry.volume, samples, start), effort, seed)
+def light_volume(
+    scene: Scene,
+    geometry: Geometry,
+    effort: Effort,
+    seed: int,
+    variable: Variable | None = None,
+    lights: np.ndarray | None = None,
+) -> Lit:
+    """The volume under the scene's own light, or under each of ``lights`` [S, 3] of ``variable``."""
+    start = _traced_states(scene, geometry, np.flatnonzero(geometry.volume.alive), effort, seed, variable, lights)
+    samples, number = rows(scene, geometry, effort, _sample_seed(seed, lights), variable, lights)
+    solution = solve(geometry.volume, samples, start)
+    return Lit(geometry, start, samples, number, solution, effort, seed, lights)
 
 
-def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None) -> Lit:
+def _traced_states(scene, geometry, probes, effort, seed, variable, lights) -> np.ndarray:
+    """[P + F, 9, 3], or [S, P + F, 9, 3] of some lights."""
+    if lights is None:
+        return traced(scene, geometry, probes, effort, seed)
+    return np.stack([traced(scene, geometry, probes, effort, seed + k, variable, at) for k, at in enumerate(lights)])
+
+
+def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
+    """Samples share no random numbers with the probes."""
+    return seed + (1 if lights is None else len(lights))
+
+
+def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None, variable: Variable | None = None) -> Lit:
     """The same with bricks where the error is highest; at most ``budget`` fine probes per live probe."""
     chosen = placed(lit.geometry, lit.samples, lit.solution, budget)
     if not len(chosen):
         return lit
-    return light_volume(scene, with_bricks(scene, lit.geometry, chosen, fit), lit.effort, lit.seed)
+    geometry = with_bricks(scene, lit.geometry, chosen, fit)
+    return light_volume(scene, geometry, lit.effort, lit.seed, variable, lit.lights)
 
 
 def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
@@ -150,34 +173,42 @@ def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float 
     return worst(error, mean[:, 0].mean(axis=1), samples.cell, int(geometry.volume.alive.sum()), budget)
 
 
-def relit(scene: Scene, before: Lit, box: np.ndarray, fit=None) -> tuple[Lit, np.ndarray]:
+def relit(
+    scene: Scene, before: Lit, box: np.ndarray, fit=None, variable: Variable | None = None
+) -> tuple[Lit, np.ndarray]:
     """The volume after the scene has changed inside ``box`` [2, 3], and the probes whose light was solved again.
 
     Light is traced again in touched cells and at touched probes alone; probes of which nothing has changed are held
     fixed, so that a bake of an unchanged scene gives the same bytes.
     """
     geometry, again = rebake(scene, before.geometry, box, fit)
-    start = before.start.copy()
-    start[again] = traced(scene, geometry, again, before.effort, before.seed)[again]
-    fresh, number = rows(scene, geometry, before.effort, before.seed + 1, box=box)
+    start, lights = before.start.copy(), before.lights
+    traced_now = _traced_states(scene, geometry, again, before.effort, before.seed, variable, lights)
+    start[..., again, :, :] = traced_now[..., again, :, :]
+    fresh, number = rows(scene, geometry, before.effort, _sample_seed(before.seed, lights), variable, lights, box)
     samples, numbers = _merged(before, fresh, number, box)
     old, new = before.geometry.volume, geometry.volume
     free = np.zeros(len(new.state), bool)
-    free[again] = ~_same_weights(old, new, again) | (start[again] != before.start[again]).any(axis=(1, 2))
+    free[again] = ~_same_weights(old, new, again) | _differs(start, before.start, again, again)
     ask = _changed_rows(before, samples, numbers)
     free[coefficients(new, samples.place[ask], samples.normal[ask])[0].ravel()] = len(ask) > 0
     free &= new.alive
     if not free.any():
-        solution = Solution(
-            before.solution.light, before.solution.orphans, before.solution.errors, before.solution.residual
-        )
+        solution = before.solution
     else:
         part = _near(new, samples, free)
         found = solve(new, samples.part(part), start, free=free, held=before.solution.light)
         residual, orphans = np.zeros(len(samples.place)), np.zeros(len(samples.place), bool)
         residual[part], orphans[part] = found.residual, found.orphans
         solution = Solution(found.light, orphans, found.errors, residual)
-    return Lit(geometry, start, samples, numbers, solution, before.effort, before.seed), np.flatnonzero(free)
+    made = Lit(geometry, start, samples, numbers, solution, before.effort, before.seed, lights)
+    return made, np.flatnonzero(free)
+
+
+def _differs(a: np.ndarray, b: np.ndarray, rows_a: np.ndarray, rows_b: np.ndarray) -> np.ndarray:
+    """[N] bool: whether rows of light [(S,) P, 9, 3] differ in any state."""
+    other = (a[..., rows_a, :, :] != b[..., rows_b, :, :]).any(axis=(-1, -2))
+    return other if other.ndim == 1 else other.any(axis=0)
 
 
 def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tuple[Rows, np.ndarray]:
@@ -193,14 +224,15 @@ def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tu
     numbers = np.concatenate([before.number[~inside], number])
     order = np.argsort(numbers, kind="stable")
     join = lambda name: np.concatenate([getattr(kept, name), getattr(fresh, name)])[order]  # noqa: E731
-    return Rows(*(join(name) for name in ("place", "normal", "light", "cell", "noise"))), numbers[order]
+    light = np.concatenate([kept.light, fresh.light], axis=-3)[..., order, :, :]
+    return Rows(join("place"), join("normal"), light, join("cell"), join("noise")), numbers[order]
 
 
 def _changed_rows(before: Lit, samples: Rows, numbers: np.ndarray) -> np.ndarray:
     """Samples that are new or whose light is another."""
     at = np.minimum(np.searchsorted(before.number, numbers), len(before.number) - 1)
-    same = (before.number[at] == numbers) & (before.samples.light[at] == samples.light).all(axis=(1, 2))
-    return np.flatnonzero(~same)
+    moved = _differs(before.samples.light, samples.light, at, np.arange(len(numbers)))
+    return np.flatnonzero((before.number[at] != numbers) | moved)
 
 
 def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.ndarray:

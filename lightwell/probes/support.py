@@ -157,7 +157,7 @@ def cube_rows(support: Support, nodes: np.ndarray) -> np.ndarray:
 def cube_valid(support: Support, nodes: np.ndarray) -> np.ndarray:
     """[B, Q] bool: points of the cubes of some nodes that lie in air and in the lattice."""
     rows = cube_rows(support, nodes)
-    return (support.valid[np.maximum(rows, 0)] & (rows >= 0)[..., None]).reshape(len(nodes), -1)
+    return (support.valid[np.maximum(rows, 0)] & (rows >= 0)[..., None]).reshape(len(nodes), len(support.pattern.u))
 
 
 def cube_edges(support: Support, nodes: np.ndarray) -> np.ndarray:
@@ -175,7 +175,7 @@ def cube_near(support: Support, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarr
     u = support.near[at] + (CORNERS - 1).astype(np.float32)[:, None]
     source = support.source[at]
     source = np.where((source >= 0) & (rows >= 0)[..., None], source + k * np.arange(8)[:, None], -1)
-    return u.reshape(len(nodes), -1, 3), source.reshape(len(nodes), -1)
+    return u.reshape(len(nodes), 8 * CLOSE, 3), source.reshape(len(nodes), 8 * CLOSE)
 
 
 def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:

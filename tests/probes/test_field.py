@@ -1,14 +1,20 @@
 """The field: its graph means its prediction, its files hold its light, and light adds."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from lightwell.bake.probes_rebake import parse_box
 from lightwell.fields import FieldSetup
-from lightwell.fields.probes import PRESETS, ProbesFit
+from lightwell.fields.probes import PRESETS, ProbesFit, fit_of
+from lightwell.fields.probes_baked import BakedProbes, Shown
 from lightwell.graph import evaluate
-from lightwell.probes.file import read
+from lightwell.probes import generator
+from lightwell.probes.bake import bake_geometry
+from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines
+from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.light import Effort
 from lightwell.probes.volume import query
 from lightwell.scenes import load
@@ -73,8 +79,105 @@ def test_the_report_tells_of_the_baselines(moving):
     assert all(0 <= value <= 1 for row in told.values() for value in row.values())
 
 
-def test_a_network_per_probe_has_no_file(moving, tmp_path):
-    other = object.__new__(ProbesFit)
-    other.preset = PRESETS["mlp"]
-    other.write_files(tmp_path, "indirect", b"", np.zeros(3), 1.0)
-    assert not list(tmp_path.iterdir())
+def test_the_payload_is_told(moving, tmp_path):
+    told = moving.write_files(tmp_path, "indirect", b"glTF", np.array([-1.5, 1.5, 0.2]), np.ones(3))
+    assert "payload 94 B a record" in told and "1296 B" in told and "\n" not in told
+    assert moving.facts["bytes_per_probe"]["record"] == 94 and moving.facts["bytes_of_distance_moments"] == 1296
+
+
+def test_a_file_beside_it_holds_the_baselines(moving, tmp_path):
+    moving.write_files(tmp_path, "indirect", b"glTF", np.array([-1.5, 1.5, 0.2]), np.ones(3))
+    assert read_baselines(tmp_path / "probes-indirect.lwp") is None
+    moments = read_baselines(tmp_path / "probes-indirect-compare.lwp")
+    assert moments.light.max() > 0 and moments.alive.any() and moments.maps[moments.alive].max() > 0
+
+
+@pytest.mark.parametrize("name", ["product-field", "mlp", "mlp-generated", "bare-relu-field-5"])
+def test_every_weight_function_can_be_baked(name):
+    preset, (x, n) = PRESETS[name], places(200)
+    volume = bake_geometry(load("two-rooms"), 1.5, preset.function, fit=fit_of(preset)).volume
+    assert volume.function == preset.function and len(volume.params)
+    z = query(volume, x, n)[1]
+    assert 0.5 < np.median(z) <= 1 + 1e-5
+    found = decode_volume(encode_volume(volume, "zh3")[0])
+    assert found.function == preset.function and np.abs(query(found, x, n)[1] - z).max() < 1e-4
+
+
+def test_without_a_generator_a_bake_fits_directly(monkeypatch):
+    monkeypatch.setattr(generator, "_shipped", lambda: None)
+    assert fit_of(PRESETS["mlp"]) is None
+
+
+# ---------------------------------------------------------------------- incremental
+
+
+def answers(made: BakedProbes) -> np.ndarray:
+    x, n = places(300)
+    light = np.tile(np.float32([-1.5, 1.5, 0.2]), (len(x), 1))
+    return evaluate(made.lower(), {"position": x, "normal": n, "light": light})["radiance"]
+
+
+def test_an_edit_of_nothing_keeps_every_byte(moving, tmp_path):
+    shown = Shown(np.array([-1.5, 1.5, 0.2]), np.ones(3))
+    moving.baked.keep(tmp_path, "indirect", shown)
+    before, found = BakedProbes.kept(tmp_path / "probes-indirect.npz")
+    assert np.array_equal(found.light, shown.light)
+    box = np.array([[-0.4, 0.0, -0.4], [0.4, 1.0, 0.4]])
+    after, again = before.rebaked(moving.setup.scene, moving.setup.variable, box, None)
+    assert not len(again)
+    for made in (before, after):
+        assert np.array_equal(made.basis, moving.baked.basis)
+        assert np.array_equal(answers(made), answers(moving.baked))
+
+
+def test_an_edit_changes_what_it_touches_alone():
+    scene, shut = two_rooms(0.05, door=True).scene, two_rooms(0.05, door=True, shut=True).scene
+    variable = declare(("light.position=box(-2,0.5,0.5,-1,2,2.5)",), scene)
+    first = ProbesFit(FieldSetup.of(scene, 1.0, variable.kind, variable, 1.0), replace(TINY, states=3, rank=2), 3)
+    box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
+    after, again = first.baked.rebaked(shut, variable, box, None)
+    basis, was = after.basis, first.baked.basis
+    held = np.setdiff1d(np.arange(len(basis)), again)
+    assert 0 < len(again) < len(basis) and np.array_equal(basis[held], was[held])
+    assert (basis[again] != was[again]).any()
+    # The weights are those of a whole bake.
+    whole = bake_geometry(shut, 1.0, "relu-field", lattice=after.lit.geometry.volume.lattice)
+    count = len(whole.volume.lattice)
+    assert np.array_equal(whole.volume.state, after.lit.geometry.volume.state[:count])
+    assert np.array_equal(whole.records[0].params, after.lit.geometry.records[0].params)
+
+
+def test_states_of_strangers_are_refused(moving, tmp_path):
+    path = tmp_path / "probes-indirect.npz"
+    moving.baked.keep(tmp_path, "indirect", Shown(np.zeros(3), np.ones(3)))
+    with np.load(path) as file:
+        good = {name: file[name] for name in file.files}
+    head = json.loads(good["head"].tobytes())
+    changes = {
+        "0.slot": good["0.slot"][::-1],
+        "0.near": good["0.near"] * np.float32(np.nan),
+        "0.nodes": good["0.nodes"] + 10**6,
+        "0.source": good["0.source"] + 10**6,
+        "0.params": good["0.params"][:-1],
+        "fallback": good["fallback"] + 10**6,
+        "start": good["start"][:, :-1],
+        "rows.cell": good["rows.cell"] + 10**6,
+        "more.mix": good["more.mix"][:-1],
+        "more.w0": good["more.w0"][:, :-1],
+        "head": np.frombuffer(json.dumps(head | {"function": "wavelet"}).encode(), np.uint8),
+        "number": None,
+    }
+    for name, value in changes.items():
+        np.savez(path, **{k: v for k, v in (good | {name: value}).items() if v is not None})
+        with pytest.raises(ValueError, match="not the state of light probes") as error:
+            BakedProbes.kept(path)
+        assert "\n" not in str(error.value), name
+    path.write_bytes(b"PK no archive")
+    with pytest.raises(ValueError, match="not the state of light probes"):
+        BakedProbes.kept(path)
+
+
+@pytest.mark.parametrize("text", ["", "0,0,0", "0,0,0,1,1,nan", "1,0,0,0,1,1", "a,b,c,d,e,f"])
+def test_a_box_that_is_none_is_refused(text):
+    with pytest.raises(ValueError, match="smallest corner first"):
+        parse_box(text)

@@ -1,0 +1,181 @@
+"""What an incremental bake needs of the bake before it, as one .npz of plain arrays: rays, trust, records and samples.
+
+A reader checks every shape, type and index against the lattice before anything relies on it. Large arrays are float32,
+because what an edit does not touch keeps its bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+import numpy as np
+
+from lightwell.files import load_arrays, save_arrays
+from lightwell.probes import bricks
+from lightwell.probes.assemble import Level, Records, assemble
+from lightwell.probes.bake import Geometry
+from lightwell.probes.lattice import Lattice
+from lightwell.probes.light import Effort, Lit
+from lightwell.probes.pattern import POINTS, pattern
+from lightwell.probes.solve import Rows, Solution
+from lightwell.probes.support import CLOSE, Support
+from lightwell.probes.volume import WEIGHTED, Bricks
+from lightwell.probes.weights import FUNCTIONS
+
+VERSION = 1
+# Largest state that is read, unpacked.
+MOST_BYTES = 4 << 30
+_SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
+_ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
+
+
+def save(path: Path, lit: Lit, facts: dict[str, Any], more: dict[str, np.ndarray]) -> None:
+    """Write a bake; ``facts`` (JSON) and ``more`` arrays belong to the caller."""
+    arrays = {f"more.{name}": value for name, value in more.items()}
+    for k, (level, found) in enumerate(zip(lit.geometry.levels, lit.geometry.records)):
+        s = level.support
+        arrays |= {f"{k}.{name}": getattr(s, name) for name in _SUPPORT}
+        arrays |= {f"{k}.valid": np.packbits(s.valid, axis=1), f"{k}.free": np.packbits(s.free, axis=1)}
+        arrays |= {f"{k}.nodes": level.nodes, f"{k}.target": level.target}
+        arrays |= {f"{k}.state": found.state, f"{k}.params": found.params, f"{k}.octant": found.octant}
+    volume = lit.geometry.volume
+    arrays |= {"first": lit.geometry.first, "fallback": volume.fallback, "start": lit.start, "number": lit.number}
+    if volume.bricks is not None:
+        arrays |= {f"bricks.{name}": getattr(volume.bricks, name) for name in ("cell", "table", "inner")}
+    arrays |= {f"rows.{name}": np.asarray(getattr(lit.samples, name)) for name in _ROWS}
+    arrays |= {"light": lit.solution.light, "orphans": lit.solution.orphans, "residual": lit.solution.residual}
+    if lit.lights is not None:
+        arrays["lights"] = lit.lights
+    head = {
+        "version": VERSION,
+        "origin": volume.lattice.origin.tolist(),
+        "spacing": volume.lattice.spacing,
+        "shape": list(volume.lattice.shape),
+        "function": volume.function,
+        "offset": volume.offset,
+        "errors": list(lit.solution.errors),
+        "effort": asdict(lit.effort),
+        "seed": lit.seed,
+        "facts": facts,
+    }
+    arrays["head"] = np.frombuffer(json.dumps(head).encode(), np.uint8)
+    save_arrays(path, arrays, compressed=True)
+
+
+def load(path: Path) -> tuple[Lit, dict[str, Any], dict[str, np.ndarray]]:
+    """The bake of a file, and what its caller had added; one line of ``ValueError`` for anything that is none."""
+    cure = "not the state of light probes; bake again with --keep"
+    try:
+        with ZipFile(path) as archive:
+            if sum(part.file_size for part in archive.infolist()) > MOST_BYTES:
+                raise ValueError("too large")
+        arrays = load_arrays(path, cure)
+        head = json.loads(arrays.pop("head").tobytes())
+        return _read(head, arrays), dict(head["facts"]), _under("more.", arrays)
+    except FileNotFoundError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, BadZipFile, RecursionError) as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: {cure} ({' '.join(str(error).split())[:80]})") from error
+
+
+def _read(head: dict, arrays: dict[str, np.ndarray]) -> Lit:
+    _check(head["version"] == VERSION and head["function"] in FUNCTIONS, "version or weights")
+    shape = tuple(int(n) for n in head["shape"])
+    _check(len(shape) == 3 and min(shape) >= 2 and max(shape) <= 1 << 12, "shape")
+    spacing, origin = float(head["spacing"]), np.array(head["origin"], np.float64)
+    _check(0 < spacing < 1e6 and origin.shape == (3,) and bool(np.isfinite(origin).all()), "lattice")
+    lattice = Lattice(origin, spacing, shape)
+    kept = _bricks(arrays, lattice)
+    levels, found = [], []
+    parts = [(lattice, pattern(POINTS)), (bricks.fine_lattice(lattice), pattern(bricks.FINE_POINTS))]
+    for k, (grid, layout) in enumerate(parts[: 1 if kept is None else 2]):
+        level = _level(_under(f"{k}.", arrays), grid, layout)
+        levels.append(level)
+        found.append(_records(_under(f"{k}.", arrays), len(level.nodes), FUNCTIONS[head["function"]].parameters))
+    _check(np.array_equal(levels[0].nodes, np.arange(len(lattice))), "nodes")
+    count = sum(len(level.nodes) for level in levels)
+    _check(kept is None or (kept.table.max() < count and len(kept.inner) == count - len(lattice)), "bricks")
+    first, fallback = (_array(arrays, n, "i4", (lattice.cell_count, 8)) for n in ("first", "fallback"))
+    _check(all(a.min() >= -1 and a.max() < len(lattice) for a in (first, fallback)), "fallbacks")
+    volume = assemble(levels[0], head["function"], found[0], fallback, None if kept is None else (found[1], kept))
+    geometry = Geometry(volume, tuple(levels), tuple(found), first, {})
+    return _lit(head, arrays, geometry, count)
+
+
+def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> Lit:
+    lights = _array(arrays, "lights", "f4", (None, 3)) if "lights" in arrays else None
+    states = () if lights is None else (len(lights),)
+    total = len(arrays["number"])
+    number = _array(arrays, "number", "i8", (total,))
+    shapes = {"place": (total, 3), "normal": (total, 3), "light": (*states, total, 9, 3)}
+    values = {
+        name: _array(arrays, f"rows.{name}", kind, shapes.get(name, (total,)), name in ("place", "cell"))
+        for name, kind in _ROWS.items()
+    }
+    _check(not total or 0 <= values["cell"].min() <= values["cell"].max() < geometry.volume.lattice.cell_count, "cells")
+    start, light = (_array(arrays, name, "f4", (*states, count, 9, 3)) for name in ("start", "light"))
+    residual = np.asarray(arrays["residual"], np.float64)
+    solution = Solution(light, _array(arrays, "orphans", "?", (total,)), tuple(map(float, head["errors"])), residual)
+    _check(residual.shape == (total,), "residual")
+    wanted = {name: type(value) for name, value in asdict(Effort()).items()}
+    effort = Effort(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
+    _check(2 <= effort.paths <= 1 << 20 and 2 <= effort.probe_paths <= 1 << 20, "effort")
+    return Lit(geometry, start, Rows(**values), number, solution, effort, int(head["seed"]), lights)
+
+
+def _level(arrays: dict, lattice: Lattice, layout) -> Level:
+    slot = _array(arrays, "slot", "i4", (lattice.cell_count,))
+    rows = int((slot >= 0).sum())
+    _check(np.array_equal(slot[slot >= 0], np.arange(rows)), "cells")
+    points, edges, nodes = len(layout.points), len(layout.start), len(lattice)
+    shapes = {"near": (rows, CLOSE, 3), "source": (rows, CLOSE), "origin": (nodes, 3), "alive": (nodes,)}
+    parts = {name: _array(arrays, name, _SUPPORT[name], shape) for name, shape in shapes.items()}
+    _check(not rows or parts["source"].max(initial=-1) < points, "places")
+    bits = {name: _array(arrays, name, "u1", (rows, -(-n // 8))) for name, n in (("valid", points), ("free", edges))}
+    valid, free = (np.unpackbits(bits[name], axis=1, count=n) > 0 for name, n in (("valid", points), ("free", edges)))
+    support = Support(lattice, layout, slot, valid, free, **parts)
+    chosen = _array(arrays, "nodes", "i8", (None,))
+    _check(len(chosen) > 0 and chosen.min() >= 0 and chosen.max() < nodes, "nodes")
+    return Level(support, chosen, _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE)))
+
+
+def _records(arrays: dict, nodes: int, parameters: int) -> Records:
+    state = _array(arrays, "state", "u1", (nodes,))
+    count = int((state == WEIGHTED).sum())
+    _check(state.max(initial=0) <= WEIGHTED, "states")
+    params = _array(arrays, "params", "f4", (count, parameters))
+    return Records(state, params, _array(arrays, "octant", "u8", (count,)))
+
+
+def _bricks(arrays: dict, lattice: Lattice) -> Bricks | None:
+    if "bricks.cell" not in arrays:
+        return None
+    cell = _array(arrays, "bricks.cell", "i4", (lattice.cell_count,))
+    table = _array(arrays, "bricks.table", "i4", (None, 64))
+    _check(-1 <= cell.min() and cell.max() < len(table) and table.min() >= len(lattice), "bricks")
+    return Bricks(cell, table, _array(arrays, "bricks.inner", "?", (None,)))
+
+
+def _under(prefix: str, arrays: dict) -> dict[str, np.ndarray]:
+    return {name[len(prefix) :]: value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+def _array(arrays: dict, name: str, kind: str, shape: tuple, cast: bool = False) -> np.ndarray:
+    """An array of a type and shape (None: any length), finite. ``cast``: other numbers of the same sort will do."""
+    value = arrays[name]
+    same = value.dtype == np.dtype(kind) or (cast and value.dtype.kind == np.dtype(kind).kind)
+    fits = value.ndim == len(shape) and all(b is None or a == b for a, b in zip(value.shape, shape))
+    _check(same and fits, f"{name} of {kind} {shape}, found {value.dtype} {value.shape}")
+    _check(value.dtype.kind != "f" or bool(np.isfinite(value).all()), f"finite {name}")
+    return value
+
+
+def _check(good: bool, expected: str) -> None:
+    if not good:
+        raise ValueError(f"expected {expected}")
