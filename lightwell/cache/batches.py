@@ -48,10 +48,10 @@ def frozen_batches(model: Model, size: int, bits: int) -> Any:
     return Recorded(lambda *arrays: packed_batches(model, *arrays, size, bits))
 
 
-def packed_batches(model: Model, features, targets, rows, count, seed, scale, cap, size: int, bits: int):
+def packed_batches(model: Model, features, targets, rows, count, seed, scale, size: int, bits: int):
     """``size`` shuffled records, weight 0 beyond the ``count`` there are.
 
-    targets  [R * 4] radiance per slot. scale: radiance scale. cap: largest radiance that is believed, 0 for none.
+    targets  [R * 4] radiance per slot. scale: radiance scale.
     returns  The fields of a ``Batch``.
     """
     lane = dr.arange(mi.UInt32, size)
@@ -59,9 +59,7 @@ def packed_batches(model: Model, features, targets, rows, count, seed, scale, ca
     row = dr.gather(mi.UInt32, rows, permuted(lane, count, bits, seed), there)
     v = stored(features, row, there)
     t = dr.gather(mi.Vector4f, targets, row, there)
-    L = mi.Color3f(t.x, t.y, t.z)
-    L = dr.select(cap > 0, dr.minimum(L, cap), L)
-    y, learned = model.target(dr.maximum(L, 0), v, scale)
+    y, learned = model.target(dr.maximum(mi.Color3f(t.x, t.y, t.z), 0), v, scale)
     learned = dr.select(there, learned, 0)
     K = model.direct_inputs
     direct = dr.empty(mi.Float, size * K)

@@ -21,8 +21,8 @@ STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 # A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
-# steps can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 600 steps on).
-WORTH = 500.0
+# steps can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 200 steps on).
+WORTH = 150.0
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 

@@ -57,14 +57,27 @@ def averaging(decay: float, step: int, early: float = 0.0) -> tuple[float, float
     return new, 1 - new
 
 
-def loss(output: Any, target: Any, weight: Any) -> Any:
-    """Sum over channels and records of (f - y)^2 / (sg(lum f)^2 + 0.01), over the sum of weights."""
-    seen = dr.maximum(dr.detach(output), 0)
+def luminance(output: Any) -> Any:
+    """[B, 1] of what the network says, detached and never negative, or of targets."""
     # Literals, because a frozen function takes no memory that is not among its arguments.
     channel = dr.arange(mi.UInt32, 3)
     weights = dr.select(channel == 0, LUMINANCE[0], dr.select(channel == 1, LUMINANCE[1], LUMINANCE[2]))
-    lum = dr.matmul(seen, mi.TensorXf(mi.Float(weights), (3, 1)))
-    scale = weight / (dr.square(lum) + LOSS_EPSILON)
+    return dr.matmul(dr.maximum(dr.detach(output), 0), mi.TensorXf(mi.Float(weights), (3, 1)))
+
+
+def believed(output: Any, target: Any, cap: float) -> Any:
+    """Targets [B, 3] no brighter than ``cap`` times what the network says plus one, hue kept; the mean target is one.
+
+    Relative to the network, because places beside a lamp are rightly much brighter than the mean.
+    """
+    if cap <= 0:
+        return target
+    return target * dr.minimum(1, cap * (luminance(output) + 1) / dr.maximum(luminance(target), 1e-6))
+
+
+def loss(output: Any, target: Any, weight: Any) -> Any:
+    """Sum over channels and records of (f - y)^2 / (sg(lum f)^2 + 0.01), over the sum of weights."""
+    scale = weight / (dr.square(luminance(output)) + LOSS_EPSILON)
     count = dr.maximum(dr.sum(weight.array), 1)
     return dr.sum((dr.square(output - target) * scale).array) / count
 
@@ -104,7 +117,7 @@ class Learner:
         new, old = averaging(self.settings.step_decay, self.averaged, self.settings.early_average)
         correction = (1 - BETA_2**self.step) ** 0.5 / (1 - BETA_1**self.step)
         numbers = [dr.opaque(mi.Float, x) for x in (rate * correction, new, old)]
-        step = _frozen_step(self.model, self.settings.batch)
+        step = _frozen_step(self.model, self.settings.batch, self.settings.target_cap)
         first = dr.opaque(mi.UInt32, start)
         self.values, self.average, self.moments, told = step(
             self.values, self.average, self.moments, batch.direct, batch.points, batch.target, batch.weight, first,
@@ -127,7 +140,7 @@ class Learner:
 
 
 @functools.lru_cache(maxsize=64)
-def _frozen_step(model: Model, count: int) -> Any:
+def _frozen_step(model: Model, count: int, cap: float) -> Any:
     """One optimiser step as a frozen function, kept for the life of the process (see ``networks.training``)."""
 
     def step(values, average, moments, direct, points, target, weight, start, rate, new, old):
@@ -136,6 +149,7 @@ def _frozen_step(model: Model, count: int) -> Any:
         with dr.resume_grad():  # mi.render suspends derivatives
             dr.enable_grad(values)
             output = model.forward(values, x, p)
+            y = believed(output, y, cap)
             total = loss(output, y, w)
             dr.backward(total)
             gradients = {name: dr.grad(value) for name, value in values.items()}

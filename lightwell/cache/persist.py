@@ -44,7 +44,7 @@ def save(cache: RadianceCache, path: str | Path) -> None:
     arrays: dict[str, np.ndarray] = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
         "clocks": np.array([learner.step, learner.averaged, cache.frame, cache.since_change], np.int64),
-        "scale": np.array([cache.scale.value, cache.scale.mean], np.float64),
+        "scale": np.array([cache.scale.value, cache.scale.mean, *vars(cache.level).values()], np.float64),
         "box": np.asarray(cache.box, np.float64),
     }
     for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
@@ -89,9 +89,16 @@ def _checked(path: Path) -> dict[str, np.ndarray]:
             raise ValueError(f"{path}: not a radiance cache ('{name}' is missing or of another kind)")
     if arrays["box"].shape != (2, 3) or not (arrays["box"][1] > arrays["box"][0]).all():
         raise ValueError(f"{path}: the box is not two corners, the second larger; write the cache again")
-    if arrays["clocks"].shape != (4,) or (arrays["clocks"] < 0).any() or not (arrays["scale"] > 0).all():
+    if arrays["clocks"].shape != (4,) or (arrays["clocks"] < 0).any() or not _sound_scale(arrays["scale"]):
         raise ValueError(f"{path}: clocks or scale are out of range; write the cache again")
     return arrays
+
+
+def _sound_scale(numbers: np.ndarray) -> bool:
+    """Scale and mean radiance, both positive; sums of the level."""
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        return False
+    return bool((numbers[:2] > 0).all() and (numbers[2:] >= 0).all())
 
 
 def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
@@ -110,5 +117,6 @@ def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> No
         parts.append(tensors(held))
     learner.values, learner.average, learner.moments = parts[0], parts[1], (parts[2], parts[3])
     learner.step, learner.averaged, cache.frame, cache.since_change = (int(x) for x in arrays["clocks"])
-    cache.scale.value, cache.scale.mean = (float(x) for x in arrays["scale"])
+    cache.scale.value, cache.scale.mean, *level = (float(x) for x in arrays["scale"])
+    cache.level.count, cache.level.traced, cache.level.cached, cache.level.square = level
     cache.scale.started = True

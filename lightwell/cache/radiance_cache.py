@@ -21,7 +21,7 @@ from lightwell.cache.materials import MaterialTable, material_table
 from lightwell.cache.model import Model
 from lightwell.cache.paths import Surroundings
 from lightwell.cache.replay import Replay
-from lightwell.cache.scale import RadianceScale
+from lightwell.cache.scale import Level, RadianceScale
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import FIRST, SLACK, Tiles
 from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
@@ -94,7 +94,7 @@ class RadianceCache:
         self.settings = settings
         self.model = Model.of(settings)
         self.learner = Learner(self.model, settings)
-        self.scale = RadianceScale(settings.radiance_scale)
+        self.scale, self.level = RadianceScale(settings.radiance_scale), Level()
         self.tiles: dict[tuple[int, int, bool], Tiles] = {}
         self.still = False
         """Training before a still: no picture waits, so that frames are larger."""
@@ -154,6 +154,7 @@ class RadianceCache:
         self.boost = BOOST_FRAMES
         self.detector.reset()
         self.growth.reset()
+        self.level.reset()
         self.changes += 1
         self.touched()
 
@@ -200,13 +201,14 @@ class RadianceCache:
     # ------------------------------------------------------------------ queries
 
     def packed(self, which: str = "ema") -> Any:
-        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with one over the radiance scale."""
+        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with one over the radiance scale,
+        times the level."""
         key = "raw" if which == "raw" or self.learner.shown is self.learner.values else "ema"
         if key not in self._packs:
             values = self.learner.values if key == "raw" else self.learner.shown
             views = self.model.packed(values)
             dr.eval(views)
-            self._packs[key] = (views, dr.opaque(mi.Float, 1 / self.scale.value))
+            self._packs[key] = (views, dr.opaque(mi.Float, self.level.factor / self.scale.value))
         return self._packs[key]
 
     def touched(self) -> None:
@@ -282,7 +284,12 @@ class RadianceCache:
         self.replay.saw(traced.o, traced.d)
         self._watch_growth(float(traced.level[0]))
         told.paths, told.hits = shape.P, int(traced.hits[0])
-        count, total, square = (float(x[0]) for x in traced.meter)
+        count, total, square, cached = (float(x[0]) for x in traced.meter)
+        if self.still:
+            # Every path ends by roulette; ``factor`` is in what the paths were compared with.
+            self.level.update(count, cached + total, cached / self.level.factor, square)
+        else:
+            self.level.reset()
         told.bias_paths = int(count)
         if count > 1:
             mean = total / count
@@ -320,11 +327,11 @@ class RadianceCache:
             steps -= 1
         if steps == 0:
             return None, 0
-        device = [dr.opaque(mi.Float, x) for x in (self.scale.value, s.target_cap * self.scale.mean)]
+        scale = dr.opaque(mi.Float, self.scale.value)
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
         slots = dr.width(traced.rows)
         pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
-        batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, *device))
+        batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, scale))
         dr.eval(batch.direct, batch.points, batch.target, batch.weight)
         return batch, steps
 
@@ -343,8 +350,8 @@ class RadianceCache:
         said = [self.learner.train(batch, k * self.settings.batch, rate) for k in range(steps)]
         told.steps = steps
         if steps:
-            self.touched()
             values = np.array([np.array(t).ravel() for t in said])
+            self.touched()
             told.loss, told.residual = float(values[:, 0].mean()), float(values[:, 1].mean())
             self._guard(told)
             if self.settings.on_change == "detect" and self.detector.update(told.loss, told.residual):

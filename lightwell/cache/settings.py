@@ -63,8 +63,8 @@ class CacheSettings:
     """The same while a still trains: its frames are large, so that noise costs less than a bounce per frame."""
     tail_after: int = 1
     """Records from the query vertex on before a cache value may end a training path; the paper: 1."""
-    target_cap: float = 100.0
-    """Records brighter than so many times the running mean are cut to that, and counted; 0: never."""
+    target_cap: float = 30.0
+    """Records brighter than so many times what the cache says there plus the mean are cut to that; 0: never."""
     train_fraction_max: float = 0.05
     """Largest share of pixels that train in one frame."""
     max_vertices: int = 8

@@ -9,9 +9,9 @@ from lightwell.backend import dr, mi
 from lightwell.cache import encodings
 from lightwell.cache.batches import compacted, permuted
 from lightwell.cache.features import Vertex, paper_inputs, raw_inputs
-from lightwell.cache.learner import Learner, averaging, loss
+from lightwell.cache.learner import Learner, averaging, believed, loss
 from lightwell.cache.model import Model
-from lightwell.cache.scale import RadianceScale
+from lightwell.cache.scale import Level, RadianceScale
 from lightwell.cache.settings import CacheSettings, settings_of
 from lightwell.cache.tiles import Tiles
 
@@ -138,3 +138,38 @@ def test_settings_say_what_is_wrong():
     assert settings_of({"preset": "paper"}).layers == 5 and math.isinf(
         settings_of({"termination_c": "inf"}).termination_c
     )
+
+
+def test_the_early_average_forgets_the_first_steps_and_becomes_the_plain_one():
+    plain, early = 1.0, 1.0
+    for t in range(1, 2000):
+        value = 1.0 if t <= 10 else 0.0
+        for name, g in (("plain", 0.0), ("early", 8.0)):
+            new, old = averaging(0.99, t, g)
+            assert new + old == 1 and (t > 1 or new == 1)
+            if name == "plain":
+                plain = new * value + old * plain
+            else:
+                early = new * value + old * early
+        if t == 40:
+            assert plain > 0.2 and early < 1e-3
+    assert averaging(0.99, 5000, 8.0) == averaging(0.99, 5000)
+
+
+def test_records_are_believed_up_to_a_multiple_of_what_the_network_says():
+    output = mi.TensorXf(np.array([[1, 1, 1], [0, 0, 0], [-5, 0, 0]], np.float32))
+    target = np.array([[100, 100, 100], [20, 40, 20], [2, 1, 0]], np.float32)
+    out = np.array(believed(output, mi.TensorXf(target), 10.0))
+    lum = np.array([0.299, 0.587, 0.114])
+    assert np.allclose(out[0], 20) and np.allclose(out[1], target[1] * 10 / (target[1] @ lum), rtol=1e-5)
+    assert np.allclose(out[2], target[2]) and np.array(believed(output, mi.TensorXf(target), 0.0))[0, 0] == 100
+
+
+def test_the_level_follows_a_clear_difference_and_no_noise():
+    clear, noisy = Level(), Level()
+    for _ in range(8):
+        clear.update(1e4, 1.2e4, 1e4, 1e4)
+        noisy.update(100, 150, 100, 1e6)
+    assert abs(clear.factor - 1.2) < 0.01 and abs(noisy.factor - 1) < 0.01 and Level().factor == 1
+    clear.update(float("nan"), 1, 1, 1)
+    assert abs(clear.factor - 1.2) < 0.01
