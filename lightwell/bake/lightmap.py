@@ -22,6 +22,7 @@ from lightwell.bake.lightmap_seams import seam_samples
 from lightwell.bake.lightmap_trace import (
     Chart,
     EyeSamples,
+    Sides,
     chart,
     direction_image,
     eye_samples,
@@ -29,6 +30,7 @@ from lightwell.bake.lightmap_trace import (
     lit_sides,
     mask_image,
     reduced,
+    roomy_atlas,
     seen_sides,
 )
 from lightwell.bake.progress import Progress
@@ -41,7 +43,7 @@ from lightwell.graph.pictures import Picture, encode
 from lightwell.report.html import write_report
 from lightwell.report.metrics import display
 from lightwell.scenes import load
-from lightwell.scenes.atlas import charted_meshes
+from lightwell.scenes.atlas import Atlas, build, charted_meshes
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, declare
 from lightwell.transport.samples import Samples
@@ -58,8 +60,8 @@ HELD = 1 << 13
 SHARD = 1 << 16
 # What a training step of 2^14 rows takes on two cores, and the fewest steps.
 STEP_SECONDS, LEAST_STEPS = 0.04, 200
-# Edge of the fallback.
-FALLBACK_SIZE = 512
+# Edge of the fallback, and of the light that it is made from where there is no ordinary light map.
+FALLBACK_SIZE, COARSE = 512, 1024
 FALLBACK_CODEC = "jpeg90"
 # The brightest irradiance of the fallback, as a quantile of all texels: bytes are not spent on a few highlights.
 FALLBACK_QUANTILE = 0.999
@@ -84,9 +86,9 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
     variable = declare(settings.vary, scene) if settings.vary else None
     work = Work(settings)
     work.open(scene)
-    size = settings.size or preset.size
     with work.timed("trace"):
-        made, samples, moving = _trace(scene, variable, settings, preset, size, work.part("lightmap"), progress)
+        made, samples, moving = _trace(scene, variable, settings, preset, work.part("lightmap"), progress)
+    size = settings.size or max(preset.size, made.atlas.size)
     progress.say(
         f"atlas: {made.atlas.charts} charts, {made.atlas.coverage:.0%} of {size} x {size}, {made.atlas.origin}"
     )
@@ -100,7 +102,7 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
     with work.timed("train"), progress.stage("train light map", 2, "") as stage:
         if scene.has_static_light:
             folder = work.part("lightmap")
-            fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps, folder=folder)
+            fits["static"] = fitted(scene, made, samples, preset, settings.seed, steps, folder=folder, size=size)
             if preset.hidden and not fits["static"].preset.hidden:
                 progress.say("the network was no better than none on held-out samples: the light map is plain")
         stage.advance()
@@ -163,7 +165,6 @@ def _trace(
     variable: Variable | None,
     settings: BakeSettings,
     preset: LightmapPreset,
-    size: int,
     folder: Path,
     progress: Progress,
 ) -> tuple[Chart, EyeSamples | None, EyeSamples | None]:
@@ -173,12 +174,14 @@ def _trace(
         # A light that moves may come to every side that is seen.
         look = lit_sides if variable is None else seen_sides
         sides = kept_sides(folder / "sides.npz", lambda: look(scene, settings.seed))
-        first = None if settings.shards else chart(scene, size, settings.mips, TIMED_PATHS, settings.seed, sides=sides)
+        atlas = _atlas(scene, settings, preset, sides)
+        size, seed = atlas.size, settings.seed
+        first = None if settings.shards else chart(scene, size, settings.mips, TIMED_PATHS, seed, atlas=atlas)
         stage.advance(note="atlas")
         paths, eyes = kept_counts(folder / "counts.npz", lambda: _counts(first, scene, settings, preset))
         per_texel = paths if scene.has_static_light else TIMED_PATHS
         keep = lambda make: kept_light(folder / "light.npz", make)  # noqa: E731
-        made = chart(scene, size, settings.mips, per_texel, settings.seed, sides=sides, keep=keep)
+        made = chart(scene, size, settings.mips, per_texel, seed, keep=keep, atlas=atlas)
         stage.advance(note=f"{paths} paths per texel")
         if scene.has_static_light:
             still = kept_eyes(folder / "eyes.npz", lambda: _still_samples(scene, made, eyes, preset, settings.seed))
@@ -188,6 +191,15 @@ def _trace(
             moving = kept_eyes(folder / "moving.npz", make)
         stage.advance()
     return made, still, moving
+
+
+def _atlas(scene: Scene, settings: BakeSettings, preset: LightmapPreset, sides: Sides) -> Atlas:
+    """The atlas. Without an ordinary light map, the light that arrives is for the fallback alone: traced coarsely."""
+    size = settings.size or preset.size
+    if preset.base and not settings.size:
+        return roomy_atlas(scene, size, settings.mips, sides)
+    atlas = build(scene, size, sides.lit, settings.mips, dark=sides.dark)
+    return atlas if preset.base else replace(atlas, size=min(size, COARSE))
 
 
 def _still_samples(scene: Scene, made: Chart, count: int, preset: LightmapPreset, seed: int) -> EyeSamples:
@@ -228,16 +240,20 @@ def fitted(
     steps: int,
     progress=None,
     folder: Path | None = None,
+    size: int | None = None,
 ) -> LightmapFit:
-    """Pictures of the light that arrives, and the trained network."""
+    """Pictures of the light that arrives, and the trained network; ``size`` of the features' atlas where it differs."""
+    size = size or made.atlas.size
+    if preset.base and size > preset.size:
+        # A larger atlas is for E'; directions and features keep their resolution, for there are no more samples.
+        factor = size // preset.size
+        preset = replace(preset, share=preset.share / factor, direction_reduction=preset.direction_reduction * factor)
     unit = sample_unit(samples)
     base = base_picture(made, unit, preset) if preset.base else None
     direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
     mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
-    fit = LightmapFit(
-        preset, made.atlas.size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask
-    )
+    fit = LightmapFit(preset, size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask)
     if not (preset.base and preset.hidden):
         fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
         return fit

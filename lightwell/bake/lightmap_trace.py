@@ -39,8 +39,10 @@ DARK, DARK_PATHS = 1e-4, (8, 64, 512)
 LOOKS = 1 << 16
 # The same for sides that nothing has seen yet.
 PEEPS = 1 << 16
-# Rays from free places that look for sides.
-GLANCES = 1 << 20
+# Rays from free places that look for sides: anywhere, and at each side that was not found yet.
+GLANCES, AIMED = 1 << 20, 16
+# An atlas that is covered less than this becomes twice as large, up to a size.
+ROOMY, MOST_ROOMY = 0.65, 2048
 # Texels darker than this share of the mean are asked whether anything can see them.
 BLACK = 0.02
 # Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
@@ -120,29 +122,50 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
     seen = visible_sides(scene, seed) | met_sides(scene, seed)
     side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
     if len(side):
+        seen |= met_sides(scene, seed + 1, side, triangle)
+        side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
         points, row = spread(scene, side, triangle, PEEPS, seed)
         found = row[reject(scene, points, seed=seed)]
         seen[side[found], triangle[found]] = True
     return seen
 
 
-def met_sides(scene: Scene, seed: int) -> np.ndarray:
-    """[2, T] bool: sides that rays from free places meet. Of two faces in one place, the one that rays meet counts."""
+def met_sides(
+    scene: Scene, seed: int, side: np.ndarray | None = None, triangle: np.ndarray | None = None
+) -> np.ndarray:
+    """[2, T] bool: sides that rays from free places meet, in all directions or at places on sides [K] of triangles [K].
+    Of two faces in one place, the one that rays meet counts."""
     rng = np.random.default_rng([seed, 0x6A2E])
     places = free_places(scene, rng)
     if len(scene.cameras):
         places = np.concatenate([places, np.float32([c.position for c in scene.cameras])])
-    d = rng.normal(size=(GLANCES, 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    ray = mi.Ray3f(upload(mi.Point3f, places[rng.integers(len(places), size=GLANCES)]), upload(mi.Vector3f, d))
+    if side is None:
+        origin, d = places[rng.integers(len(places), size=GLANCES)], rng.normal(size=(GLANCES, 3))
+    else:
+        rows = rng.permutation(np.repeat(np.arange(len(side)), AIMED))[:GLANCES]
+        root, v = np.sqrt(rng.random(len(rows))), rng.random(len(rows))
+        place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+        position, _, flat = frames(scene, points := side_points(scene, triangle[rows], side[rows], place))
+        eye = places[rng.integers(len(places), size=len(points))]
+        facing = ((eye - position) * flat).sum(axis=1) * np.where(side[rows] == 0, 1, -1) > 0
+        origin, d = eye[facing], (position - eye)[facing]
+    return _met(scene, origin, d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12))
+
+
+def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """[2, T] bool: sides that rays [N, 3] meet."""
+    t = tables(scene)
+    found = np.zeros((2, len(t.area)), bool)
+    if not len(origin):
+        return found
+    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
     pi = scene.mi.ray_intersect_preliminary(ray)
     si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
     hit, back = pi.is_valid(), dr.dot(si.n, ray.d) > 0
     mesh, triangle = shape_index(shape_lookup(scene), pi.shape), pi.prim_index
     dr.eval(hit, back, mesh, triangle)
     hit, mesh = np.array(hit, bool), np.array(mesh)
-    t = tables(scene)
-    found = np.zeros((2, len(t.area)), bool)
     found[np.array(back, bool)[hit].astype(int), t.first[mesh[hit]] + np.array(triangle)[hit]] = True
     return found
 
@@ -207,12 +230,33 @@ def clear_glass(scene: Scene) -> np.ndarray:
     return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)
 
 
+def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
+    """The atlas, twice as large where charts are so small that padding would take much of it."""
+    made = build(scene, size, sides.lit, mips, dark=sides.dark)
+    if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
+        return made
+    return build(scene, 2 * size, sides.lit, mips, dark=sides.dark)
+
+
 def chart(
-    scene: Scene, size: int, mips: int, paths: int, seed: int, own: bool = True, sides: Sides | None = None, keep=None
+    scene: Scene,
+    size: int,
+    mips: int,
+    paths: int,
+    seed: int,
+    own: bool = True,
+    sides: Sides | None = None,
+    keep=None,
+    atlas: Atlas | None = None,
 ) -> Chart:
-    """Atlas, texels and their light; ``keep``: gives the light that a killed bake has kept, or keeps it."""
-    sides = lit_sides(scene, seed) if sides is None else sides
-    atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
+    """Atlas, texels and their light.
+
+    keep    Gives the light that a killed bake has kept, or keeps it.
+    atlas   That of an earlier call; None: it is made.
+    """
+    if atlas is None:
+        sides = lit_sides(scene, seed) if sides is None else sides
+        atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
     covered = texels(scene, atlas)
     light = (keep or (lambda make: make()))(lambda: _arriving(scene, covered.points, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]

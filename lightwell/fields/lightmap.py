@@ -71,7 +71,6 @@ class LightmapPreset:
 
 PRESETS: dict[str, LightmapPreset] = {
     "default": LightmapPreset(direction=True, share=1 / 16),
-    "default-int8": LightmapPreset(direction=True, share=1 / 16, storage="int8"),
     "report": LightmapPreset(
         "", channels=8, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
     ),
@@ -82,6 +81,7 @@ PRESETS: dict[str, LightmapPreset] = {
     "siren-two-stage": LightmapPreset(
         "", channels=8, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
     ),
+    "default-int8": LightmapPreset(direction=True, share=1 / 16, storage="int8"),
     "plain": LightmapPreset(channels=0, hidden=()),
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
 }

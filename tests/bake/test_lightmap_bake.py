@@ -1,6 +1,11 @@
 """The bake of a light map, end to end and small."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -73,6 +78,60 @@ def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
     assert {"sides.npz", "counts.npz", "light.npz", "eyes.npz", "noise.npz"} <= kept
     bake(BakeSettings("cornell", halved, resume=True, **SMALL))
     assert (halved / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+
+
+def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
+    """kill -9 as soon as the light at the texels is kept; what was traced is not traced again."""
+    program = (
+        "import sys, pathlib; from lightwell.bake import BakeSettings, Budget, bake, lightmap, lightmap_score\n"
+        "lightmap_score.RATE, lightmap.EYE_PATHS, lightmap.SHARD = 3e3, 2, 1 << 10\n"
+        f"small = {SMALL}\n"
+        "bake(BakeSettings('cornell', pathlib.Path(sys.argv[1]), resume='again' in sys.argv, keep=True, **small))\n"
+    )
+    command = [sys.executable, "-c", program]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*command, whole], check=True, capture_output=True, timeout=300)
+    with subprocess.Popen([*command, killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        light, deadline = killed / ".lightwell" / "lightmap" / "light.npz", time.monotonic() + 300
+        while not light.exists() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL and not (killed / "scene.glb").exists()
+    kept = light.stat().st_mtime_ns
+    subprocess.run([*command, killed, "again"], check=True, capture_output=True, timeout=300)
+    assert light.stat().st_mtime_ns == kept
+    assert (killed / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+
+
+def test_small_charts_get_a_larger_square(monkeypatch):
+    from lightwell.bake import lightmap_trace as trace
+    from lightwell.scenes import load
+
+    scene, _ = trace.lit_scene(load("cornell"))
+    sides = trace.lit_sides(scene, 0)
+    sizes = {}
+    for bar in (0.0, 1.0):
+        monkeypatch.setattr(trace, "ROOMY", bar)
+        sizes[bar] = trace.roomy_atlas(scene, 64, 0, sides).size
+    monkeypatch.setattr(trace, "MOST_ROOMY", 64)
+    assert sizes == {0.0: 64, 1.0: 128} and trace.roomy_atlas(scene, 64, 0, sides).size == 64
+
+
+@pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
+def test_every_preset_bakes(tmp_path, preset):
+    bake(BakeSettings("cornell", tmp_path, preset=preset, **SMALL | {"steps": 10}))
+    graph = read_fields(tmp_path / "scene.glb")[0][0].graph
+    pictures = {name for name, buffer in graph.buffers.items() if buffer.type == "uint8"}
+    assert (
+        pictures
+        == {
+            "report": {"f0", "f1", "f2"},
+            "siren": set(),
+            "siren-two-stage": {"f0", "f1", "f2"},
+            "directional": {"e", "d", "m"},
+            "default-int8": {"e", "d", "m", "f0", "f1"},
+        }[preset]
+    )
 
 
 def test_max_bytes_are_kept(tmp_path):
