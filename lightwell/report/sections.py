@@ -84,8 +84,9 @@ def headline(data: Mapping[str, Any]) -> str:
         ("Size", amount(data["bytes"], "B"), size),
         ("Cost of a pixel", f"{amount(data['macs_per_pixel'])} MAC", _pixel(data["fetches_per_pixel"])),
         ("Time to bake", duration(seconds["total"]), time),
-        ("Paths", amount(data["paths"]), rate),
     ]
+    # Light maps do not count them.
+    cards += [("Paths", amount(data["paths"]), rate)] if data["paths"] else []
     items = "".join(
         f'<div><dt>{name}</dt><dd><div class="value">{value}</div><div class="why">{why}</div></dd></div>'
         for name, value, why in cards
