@@ -25,8 +25,6 @@ PANELS = ("cache-image", "path", "cache", "error")
 # Frames that are averaged at most while nothing moves; points of the curves that are kept.
 MOST_FRAMES, CURVE = 512, 240
 JPEG_QUALITY = 88
-# Records of the larger frames after a start or a change.
-LEAD_IN_RECORDS = 1 << 15
 
 
 class LiveScene:
@@ -207,9 +205,7 @@ class LiveSession:
         seed = self.frames & 0xFFFFFF
         # A cache that is cold, or whose scene has just changed, learns from larger frames, and pictures made meanwhile
         # are not averaged.
-        self.cache.still_records = LEAD_IN_RECORDS
-        self.cache.still = self.cache.since_change < self.settings.lead_in
-        if self.cache.still:
+        if self.cache.eager:
             self._forget_pictures()
         with dr.suspend_grad():
             start = time.perf_counter()

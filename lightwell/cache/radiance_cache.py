@@ -223,23 +223,30 @@ class RadianceCache:
 
     def controller(self, width: int, height: int) -> Tiles:
         """The tile controller of a picture size."""
-        key = (width, height, self.still)
+        large = self.still or self.eager
+        key = (width, height, large)
         if key not in self.tiles:
             fraction = self.settings.train_fraction_max
-            fraction = max(fraction, STILL_FRACTION) if self.still else fraction
-            target = self.still_records if self.still else self.settings.batch * self.steps
-            side, slack = (STILL_SIDE, STILL_SLACK) if self.still else (FIRST, SLACK)
-            self.tiles[key] = Tiles(target, fraction, side, slack)
-        if not self.still:
-            self.tiles[key].target = self.settings.batch * self.steps
+            fraction = max(fraction, STILL_FRACTION) if large else fraction
+            side, slack = (STILL_SIDE, STILL_SLACK) if large else (FIRST, SLACK)
+            self.tiles[key] = Tiles(1, fraction, side, slack)
+        self.tiles[key].target = self.still_records if self.still else self.settings.batch * self.steps
         return self.tiles[key]
+
+    @property
+    def eager(self) -> bool:
+        """In the first frames of a cold cache, and after a change, frames are larger: nothing is known yet."""
+        s = self.settings
+        wanted = s.budget == "preset" and s.eager > 1 and s.unbiased_fraction > 0
+        return wanted and not self.still and self.since_change < s.lead_in
 
     @property
     def steps(self) -> int:
         """Gradient steps of a frame, at most."""
         if self.still:
             return max(self.settings.steps, 2 * self.still_records // self.settings.batch)
-        return min(self.most_steps or self.settings.steps, self.settings.steps)
+        steps = min(self.most_steps or self.settings.steps, self.settings.steps)
+        return steps * self.settings.eager if self.eager else steps
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
         """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""

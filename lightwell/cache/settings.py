@@ -59,6 +59,8 @@ class CacheSettings:
     lead_in: int = 8
     """Frames of a cold cache in which every training path ends by roulette: cache values that are still wrong would
     take as many frames to correct as light has bounces. Ignored where ``unbiased_fraction`` is 0."""
+    eager: int = 4
+    """Gradient steps, and records for them, of these frames, in those of a usual frame; 1: no larger."""
     still_unbiased: float = 1.0
     """The same while a still trains: its frames are large, so that noise costs less than a bounce per frame."""
     tail_after: int = 1
@@ -178,6 +180,7 @@ _RANGES = (
     ("seconds", 0, 1e6),
     ("train_share", 0.01, 0.99),
     ("lead_in", 0, 1 << 20),
+    ("eager", 1, 64),
     ("train_fraction_max", 1e-6, 1),
     ("max_vertices", 1, 64),
     ("batch", 16, 1 << 20),

@@ -140,3 +140,17 @@ def test_it_is_a_mitsuba_plugin():
     assert made.settings.layers == 5
     with pytest.raises(Exception, match="no parameter 'colour'"):
         mi.load_dict({"type": "lightwell_nrc", "colour": 3})
+
+
+def test_a_cold_cache_learns_from_larger_frames_at_first():
+    small = {"levels": 3, "entries_log2": 10, "batch": 128, "steps": 2, "mode": "frames", "lead_in": 3}
+    scene = room(64)
+    nrc = NrcIntegrator(settings=settings_of({**small, "eager": 4}))
+    mi.render(scene, integrator=nrc, spp=5)
+    steps = [t.steps for t in nrc.told]
+    assert all(2 < n <= 8 for n in steps[:3]) and all(n <= 2 for n in steps[3:])
+    plain = NrcIntegrator(settings=settings_of({**small, "eager": 1}))
+    mi.render(scene, integrator=plain, spp=2)
+    low = NrcIntegrator(settings=settings_of({**small, "budget": "low", "steps": 1}))
+    mi.render(scene, integrator=low, spp=2)
+    assert max(t.steps for t in plain.told) <= 2 and max(t.steps for t in low.told) == 1
