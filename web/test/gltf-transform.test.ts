@@ -3,11 +3,22 @@
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { NodeIO } from "@gltf-transform/core";
-import { EXTTextureWebP, KHRMaterialsEmissiveStrength, KHRMaterialsSpecular } from "@gltf-transform/extensions";
+import {
+  EXTMeshoptCompression,
+  EXTTextureWebP,
+  KHRMaterialsEmissiveStrength,
+  KHRMaterialsSpecular,
+  KHRTextureBasisu,
+} from "@gltf-transform/extensions";
 import validator from "gltf-validator";
+import { KHR_DF_MODEL_RGBSDA, VK_FORMAT_R8G8B8A8_UNORM, createDefaultContainer, write as writeKtx2 } from "ktx-parse";
 import { readExtension } from "lightwell";
-import { Lightmap, NeuralRadiance, type NeuralRadianceProperty } from "lightwell/gltf-transform";
+import { Lightmap, type LightmapProperty, NeuralRadiance, type NeuralRadianceProperty } from "lightwell/gltf-transform";
+import { MeshoptDecoder, MeshoptEncoder } from "meshoptimizer";
 import { expect, it } from "vitest";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { bundle, modulePage } from "./support/bundle.ts";
+import { pageWith } from "./support/page.ts";
 import { linearField, plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 
@@ -93,4 +104,82 @@ it.each([
   const io = new NodeIO().registerExtensions([NeuralRadiance, ...OTHERS]);
   const glb = writeGlb(plainRoom({ tamper: (json: Json) => spoil(json.extensions.LIGHTWELL_neural_radiance) }));
   await expect(io.readBinary(glb)).rejects.toThrow(message);
+});
+
+/** The light map's file with its geometry and its weights in EXT_meshopt_compression. */
+async function compressed(glb: Uint8Array): Promise<Uint8Array> {
+  await MeshoptEncoder.ready;
+  const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap, EXTMeshoptCompression, ...OTHERS]);
+  io.registerDependencies({ "meshopt.encoder": MeshoptEncoder, "meshopt.decoder": MeshoptDecoder });
+  const document = await io.readBinary(glb);
+  const { QUANTIZE: method } = EXTMeshoptCompression.EncoderMethod;
+  document.createExtension(EXTMeshoptCompression).setRequired(true).setEncoderOptions({ method });
+  return io.writeBinary(document);
+}
+
+it("is compressed by meshopt, and comes back to the byte", async () => {
+  await MeshoptDecoder.ready;
+  const small = await compressed(LIGHTMAP);
+  expect(open(small).json.extensionsRequired).toContain("EXT_meshopt_compression");
+  const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap, EXTMeshoptCompression, ...OTHERS]);
+  const document = await io.registerDependencies({ "meshopt.decoder": MeshoptDecoder }).readBinary(small);
+  for (const extension of document.getRoot().listExtensionsUsed()) {
+    if (extension.extensionName === "EXT_meshopt_compression") extension.dispose();
+  }
+  expect(await learned(await io.writeBinary(document))).toEqual(await learned(LIGHTMAP));
+});
+
+it("shows the same picture when it is compressed by meshopt", async () => {
+  const site = new Site();
+  await site.open();
+  const browser = await launch("swiftshader");
+  const seen: number[][] = [];
+  for (const [k, glb] of [LIGHTMAP, await compressed(LIGHTMAP)].entries()) {
+    const { page, errors } = await openPage(browser, 64, 48);
+    await page.goto(`${site.put(`/${k}.html`, pageWith(glb))}?size=64x48&tonemap=none&exposure=1&dither=0&samples=0&ui=0`);
+    await page.evaluate(() => window.lightwell.ready);
+    seen.push(await page.evaluate(() => Array.from(window.lightwell.readPixels().data)));
+    expect(errors).toEqual([]);
+    await page.close();
+  }
+  await browser.close();
+  await site.close();
+  expect(new Set(seen[0]).size).toBeGreaterThan(20);
+  expect(seen[1]).toEqual(seen[0]);
+});
+
+/** 4 x 4 texels without compression, as a KTX2 file. */
+function ktx2(rgba: readonly number[]): Uint8Array {
+  const container = createDefaultContainer();
+  const [width, height] = [4, 4];
+  const levelData = Uint8Array.from({ length: 4 * width * height }, (_, i) => rgba[i % 4]!);
+  Object.assign(container, { vkFormat: VK_FORMAT_R8G8B8A8_UNORM, pixelWidth: width, pixelHeight: height, typeSize: 1, levelCount: 1 });
+  container.levels = [{ levelData, uncompressedByteLength: levelData.byteLength }];
+  const [descriptor] = container.dataFormatDescriptor;
+  Object.assign(descriptor!, { colorModel: KHR_DF_MODEL_RGBSDA, transferFunction: 1, texelBlockDimension: [0, 0, 0, 0], bytesPlane: [4, 0, 0, 0, 0, 0, 0, 0] });
+  descriptor!.samples = [0, 1, 2, 15].map((channelType, i) => ({
+    channelType, bitOffset: 8 * i, bitLength: 7, samplePosition: [0, 0, 0, 0], sampleLower: 0, sampleUpper: 255,
+  })) as never;
+  return writeKtx2(container);
+}
+
+it("carries an ordinary light map as KTX2, which three's KTX2Loader reads", async () => {
+  const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap, KHRTextureBasisu, ...OTHERS]);
+  const document = await io.readBinary(LIGHTMAP);
+  document.createExtension(KHRTextureBasisu).setRequired(true);
+  const map = document.getRoot().listMaterials()[0]!.getExtension<LightmapProperty>("MOZ_lightmap")!.getLightmapTexture()!;
+  map.setMimeType("image/ktx2").setImage(ktx2([200, 100, 50, 255]));
+  const glb = await io.writeBinary(document);
+  expect(open(glb).json.images.map((image: Json) => image.mimeType)).toContain("image/ktx2");
+  const site = new Site();
+  await site.open();
+  const browser = await launch("swiftshader");
+  const { page, errors } = await openPage(browser, 32, 32);
+  await page.goto(site.put("/ktx2.html", modulePage(await bundle("pages/ktx2.ts"))));
+  const found = await page.evaluate((text) => window.lightmapsOf(text), Buffer.from(glb).toString("base64"));
+  await browser.close();
+  await site.close();
+  expect(errors).toEqual([]);
+  expect(found).toEqual(found.map(() => ({ size: [4, 4], texel: [200, 100, 50, 255], colorSpace: "", channel: 1 })));
+  expect(found.length).toBe(2);
 });

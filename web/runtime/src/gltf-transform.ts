@@ -19,7 +19,11 @@ import { list, record } from "./checks.ts";
 import { EXTENSION } from "./extension.ts";
 import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
 
-const WEBP = "EXT_texture_webp";
+/** Extensions that name a texture's picture in place of `source`, by its type. */
+const CARRIERS: Readonly<Record<string, string>> = {
+  "image/webp": "EXT_texture_webp",
+  "image/ktx2": "KHR_texture_basisu",
+};
 const MAX_ENTRIES = 1 << 12;
 /** How glTF-Transform calls numbers that are neither vertices nor indices. */
 const USAGE = "OTHER";
@@ -113,7 +117,7 @@ export class NeuralRadiance extends Extension {
       }
       const accessor = context.accessors[buffer.accessor as number];
       if (!accessor) throw new Error(`${EXTENSION}: ${name}: expected an accessor of the file`);
-      property.setAccessor(name, accessor);
+      property.setAccessor(name, unpadded(context, accessor, buffer.accessor as number));
       return { accessor: name };
     });
     this.document.getRoot().setExtension(EXTENSION, property.setJson(json));
@@ -135,6 +139,20 @@ export class NeuralRadiance extends Extension {
   }
 }
 
+/** An accessor whose elements EXT_meshopt_compression has padded to four bytes, as only its own extension says. */
+function unpadded(context: ReaderContext, accessor: Accessor, index: number): Accessor {
+  const { accessors, bufferViews } = context.jsonDoc.json;
+  const { bufferView = -1, byteOffset = 0, count } = accessors![index]!;
+  const stride = (bufferViews?.[bufferView]?.extensions?.EXT_meshopt_compression as { byteStride?: number } | undefined)?.byteStride;
+  const array = accessor.getArray();
+  const view = context.bufferViews[bufferView];
+  if (!array || !view || !stride || stride <= array.BYTES_PER_ELEMENT || bufferViews?.[bufferView]?.byteStride) return accessor;
+  const step = stride / array.BYTES_PER_ELEMENT;
+  const Kind = array.constructor as new (buffer: ArrayBufferLike) => typeof array;
+  const all = new Kind(view.slice(byteOffset, byteOffset + count * stride).buffer);
+  return accessor.setArray(all.filter((_: number, i: number) => i % step === 0) as typeof array);
+}
+
 /** Changes the references of every buffer; `name` is unique in the file. */
 function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): Json {
   for (const [i, field] of list(json.fields ?? [], `${EXTENSION}.fields`, MAX_ENTRIES).entries()) {
@@ -151,22 +169,23 @@ function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): J
 /** The picture and the sampling of a texture, whoever knows its format. */
 function readTexture(context: ReaderContext, info: TextureInfo, index: number): { texture: Texture; info: TextureInfo } {
   const definition = context.jsonDoc.json.textures?.[index];
-  const webp = (definition?.extensions?.[WEBP] as { source?: number } | undefined)?.source;
-  const texture = context.textures[webp ?? definition?.source ?? -1];
+  const carried = Object.values(CARRIERS).map((name) => (definition?.extensions?.[name] as { source?: number } | undefined)?.source);
+  const texture = context.textures[carried.find((source) => source !== undefined) ?? definition?.source ?? -1];
   if (!texture) throw new Error(`${EXTENSION}: expected textures[${index}] with a picture`);
   context.setTextureInfo(info, { index });
   return { texture, info };
 }
 
-/** Refers to a texture; a WebP picture by the extension for it, which may have been written before this one. */
+/** Refers to a texture; a WebP or KTX2 picture by the extension for it, which may have been written before this one. */
 function writeTexture(context: WriterContext, texture: Texture, info: TextureInfo): { index: number; texCoord?: number } {
   const definition = context.createTextureInfoDef(texture, info);
   const { json } = context.jsonDoc;
   const entry = json.textures![definition.index]!;
-  if (texture.getMimeType() === "image/webp" && entry.source !== undefined) {
-    entry.extensions = { ...entry.extensions, [WEBP]: { source: entry.source } };
+  const carrier = CARRIERS[texture.getMimeType()];
+  if (carrier && entry.source !== undefined) {
+    entry.extensions = { ...entry.extensions, [carrier]: { source: entry.source } };
     delete entry.source;
-    json.extensionsUsed = [...new Set([...(json.extensionsUsed ?? []), WEBP])];
+    json.extensionsUsed = [...new Set([...(json.extensionsUsed ?? []), carrier])];
   }
   return definition;
 }
