@@ -123,7 +123,7 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, ha
     if isinstance(FUNCTIONS[volume.function], Bare):
         # Φ / hat, but for probes that trust their whole cube: their record, number 1, holds ρ.
         open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]))
-        inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), EDGE)
+        inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), 1e-9)
         rest = b.multiply(b.affine(open_, [-1.0], [1.0]), inverse)
         rho = b.multiply(rho, b.add(rest, open_))
     if tables.octants is None:

@@ -94,6 +94,8 @@ class Page {
     this.camera.position.copy(middle).add(new Vector3(0.1, 1.05, 0.95).multiplyScalar(0.95 * Math.max(size.x, size.z)));
     this.controls.target.copy(middle);
     this.controls.update();
+    // Distance moments, where the volume holds them.
+    this.form.querySelector<HTMLElement>(".baseline")!.hidden = !this.volume.file.baselines;
     this.form.addEventListener("input", () => this.follow());
     this.controls.addEventListener("change", () => this.redraw());
     addEventListener("resize", () => this.redraw());
@@ -113,8 +115,12 @@ class Page {
     }
     this.marks.visible = (this.form.elements.namedItem("probes") as HTMLInputElement).checked;
     this.renderer.toneMappingExposure = this.exposure * 2 ** value("stops");
-    this.form.querySelector<HTMLElement>(".leak")!.hidden = value("view") !== 3;
-    for (const use of this.uses) use.intensity.value = 1;
+    // The leak view compares with the chosen weights, or with trilinear ones.
+    const other = value("mode") || 2;
+    for (const use of this.uses) use.other.value = other;
+    const told = this.form.querySelector<HTMLElement>(".leak")!;
+    told.hidden = value("view") !== 3;
+    told.querySelector("b")!.textContent = ["", "trilinear + validity", "trilinear", "DDGI"][other]!;
     this.redraw();
   }
 

@@ -37,7 +37,7 @@ vec4 ${name}_moments(vec3 place, vec3 n, ivec3 cell, vec3 f) {
     uvec4 head = ${name}_word(${first} + probe * ${ROW});
     if (head.w == 0u) continue;
     vec3 way = uintBitsToFloat(head.xyz) - place;
-    float far = max(length(way), 1e-9), r = far * ${1 / file.spacing};
+    float far = max(length(way), 1e-9), r = far * float(${1 / file.spacing});
     float wrap = 0.5 * dot(way, n) / far + 0.5;
     vec2 m = ${name}_moment(probe, -way / far);
     float variance = abs(m.x * m.x - m.y), gap = r - m.x;

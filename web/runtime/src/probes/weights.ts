@@ -11,7 +11,7 @@ export const RECORDS: Readonly<Record<string, number>> = {
   "bare-mlp": 32,
 };
 
-const [LOW, HIGH, SMOOTH_LOW, SMOOTH_HIGH, SLOPE] = [-2, 3, -4, 8, 0.01];
+const [LOW, HIGH, SMOOTH_LOW, SMOOTH_HIGH, SLOPE] = [-8, 9, -4, 8, 0.01];
 const STEP = (HIGH - LOW) / 255;
 const SMOOTH_STEP = (SMOOTH_HIGH - SMOOTH_LOW) / 255;
 /** The largest value that a smooth grid stores gives exactly 1. */
