@@ -88,9 +88,18 @@ def _off_surfaces(scene, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
 
 
 def trial(
-    leak_scene, asked: Queries, spacing: float, offset, functions, effort: Effort, seed: int, budget=BUDGET
+    leak_scene,
+    asked: Queries,
+    spacing: float,
+    offset,
+    functions,
+    effort: Effort,
+    seed: int,
+    budget=BUDGET,
+    net: int = 0,
 ) -> dict:
-    """Scores by method, and what it cost; with ``budget`` > 0 the first function also with bricks."""
+    """Scores by method, and what it cost; with ``budget`` > 0 the first function also with bricks; with ``net`` steps
+    also a network of as many bytes."""
     scene = leak_scene.scene
     lattice = Lattice.around(scene.bounds, spacing, offset)
     made = bake_geometry(scene, spacing, functions[0], lattice=lattice)
@@ -106,6 +115,10 @@ def trial(
             lit = refined(scene, lit, budget)
             answers["ours"], bytes_["ours"] = ask(lit.volume), total_bytes(lit.volume)
             bricks = 0 if lit.volume.bricks is None else len(lit.volume.bricks.table)
+    if net:
+        from probe_net import answers as ask_net
+
+        answers["network"] = ask_net(lit, bytes_["ours"], asked.place, asked.normal, net)
     answers["trilinear"] = ask(plain(support, False).lit(every))
     answers["validity"] = ask(plain(support, True).lit(every))
     answers |= others(support, every, asked)

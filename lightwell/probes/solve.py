@@ -20,9 +20,9 @@ from lightwell.probes.volume import ORPHAN, ProbeVolume, coefficients
 PASSES = 8
 # Pull towards the traced value, and towards neighbours, relative to the diagonal.
 TO_TRACED, TO_NEIGHBOUR = 0.3, 0.01
-# ω = 1 / (D^RELATIVE max(r, …)): 1 is the relative error itself, 0 the absolute one. The relative error of noisy rows is
-# least for a median, below the mean where light is uneven: dark leak. Held-out places have both errors least here (two
-# rooms: symmetric relative error 0.062 -> 0.053, dark leak over that of line of sight 1.6 -> 1.0).
+# ω = 1 / (D^RELATIVE max(r, …)): 1 is the relative error itself, 0 the absolute one. The relative error of noisy rows
+# is least for a median, below the mean where light is uneven: dark leak. Held-out places have both errors least here
+# (two rooms: symmetric relative error 0.062 -> 0.053, dark leak over that of line of sight 1.6 -> 1.0).
 RELATIVE = 0.3
 # ε of the relative error: this share of the mean irradiance.
 EPSILON = 1e-3

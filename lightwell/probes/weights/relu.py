@@ -17,9 +17,9 @@ from scipy.sparse import csr_matrix
 from lightwell.probes.pattern import Pattern
 from lightwell.probes.weights.common import THRESHOLD, Close, padded
 
-# Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a seventeenth of a grid cell, 2
-# per cent of the spacing for 4³. With -2 … 3 a wall of 5 cm was too thin to fall off in at a spacing of 1 m, and probes
-# that see its face were not trusted there: bright leak 0.053 instead of 0.028.
+# Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a seventeenth of a grid cell,
+# 2 per cent of the spacing for 4³. With -2 … 3 a wall of 5 cm was too thin to fall off in at a spacing of 1 m, and
+# probes that see its face were not trusted there: bright leak 0.053 instead of 0.028.
 LOW, HIGH = -8.0, 9.0
 # Newton steps, and tries of a step's length; a step that moves no value by more than ``STILL`` is the last.
 NEWTON, SECANTS, STILL = 20, 7, 3e-3
