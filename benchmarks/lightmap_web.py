@@ -73,6 +73,22 @@ def cost_rows(page: Path | None, rounds: int = 7) -> list[Row]:
     ]
 
 
+def page_rows(quick: bool = False) -> list[Row]:
+    """The same of a page that is baked for it: what a pixel costs depends on the form of the network alone."""
+    import tempfile
+
+    from lightwell.bake import BakeSettings, Budget, bake
+
+    with tempfile.TemporaryDirectory() as folder:
+        small = {"size": 256, "mips": 0, "paths": 4, "shards": 1, "steps": 50, "views": 1, "view_size": (48, 30)}
+        bake(BakeSettings("cornell", Path(folder), field="lightmap", budget=Budget(2.0), **small))
+        found = cost_rows(Path(folder) / "index.html", 1 if quick else 7)
+    measured = [row.measured for row in found if row.measured is not None]
+    note = "; ".join(f"{row.what.rsplit(', ', 1)[1]} {row.measured:.2f}" for row in found if row.measured is not None)
+    what = "page: frame time over that of the ordinary light map, headless Chromium"
+    return [*found, at_most(what, COST_RATIO, max(measured, default=None), "ratio", f"the slower of both: {note}")]
+
+
 def rows(page: Path | None = None, quick: bool = False) -> list[Row]:
     """All web rows."""
     return bundle_rows() + cost_rows(page, 1 if quick else 7)

@@ -28,7 +28,7 @@ def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path):
 
 def test_cycles_finds_the_same_light(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    from neural_lightmap import side_by_side
+    from lightmap_cycles import side_by_side
 
     found = side_by_side(PYTHON, tmp_path, 48, 16, 64)
     assert found.apart < 0.2 and found.error <= found.cycles_error

@@ -15,3 +15,26 @@ export const MODE_TEXTS: Record<Mode, { label: string; key: string; hint: string
   experts: { label: "Experts", key: "7", hint: "Which part of the learned light shades each point" },
   lightmap: { label: "Light map", key: "8", hint: "An ordinary light map in place of the learned light" },
 };
+
+/** What a file has beside its learned light. */
+export interface Material {
+  readonly hasExperts: boolean;
+  readonly hasLightmaps: boolean;
+  /** Path-traced pictures of saved views. */
+  readonly hasReferences: boolean;
+}
+
+/** Whether a mode has anything to show. */
+export function canShow(mode: Mode, { hasExperts, hasLightmaps, hasReferences }: Material): boolean {
+  if (mode === "experts") return hasExperts;
+  if (mode === "lightmap") return hasLightmaps;
+  if (mode === "split") return hasReferences || hasLightmaps;
+  return hasReferences || (mode !== "reference" && mode !== "difference");
+}
+
+/** Why it has not. */
+export function whyNot(mode: Mode): string {
+  if (mode === "experts") return "The learned light of this file has no parts to tell apart.";
+  if (mode === "lightmap") return "This file carries no ordinary light map.";
+  return "This file carries no path-traced pictures to compare with.";
+}

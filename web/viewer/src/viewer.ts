@@ -11,7 +11,7 @@ import type { ViewerEvents } from "./events.ts";
 import { Exposure } from "./exposure.ts";
 import { LampDesk } from "./lamp-desk.ts";
 import { LensDesk, type LensHost } from "./lens-desk.ts";
-import type { Mode } from "./modes.ts";
+import { canShow, type Mode, whyNot } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
 import { type Against, needsReference, Presenter } from "./presenter.ts";
@@ -24,11 +24,6 @@ import { nearestReference } from "./truth.ts";
 
 /** More pixels than this per CSS pixel are not worth their cost. */
 const MAX_PIXEL_RATIO = 2;
-/** Why a mode cannot be shown. */
-const MISSING: Partial<Record<Mode, string>> = {
-  experts: "The learned light of this file has no parts to tell apart.",
-  lightmap: "This file carries no ordinary light map.",
-};
 const CONTEXT_LOST =
   "The graphics context was lost. It usually comes back by itself; reload the page if not.";
 
@@ -142,10 +137,7 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   /** Whether a mode has anything to show. */
   offers(mode: Mode): boolean {
-    if (mode === "experts") return this.hasExperts;
-    if (mode === "lightmap") return this.hasLightmaps;
-    if (mode === "split") return this.hasReferences || this.hasLightmaps;
-    return this.hasReferences || (mode !== "reference" && mode !== "difference");
+    return canShow(mode, this);
   }
 
   /** Median milliseconds per frame; null before one is known. */
@@ -207,7 +199,7 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   setMode(mode: Mode): void {
     if (!this.offers(mode)) {
-      this.say(MISSING[mode] ?? "This file carries no path-traced pictures to compare with.");
+      this.say(whyNot(mode));
       return;
     }
     if (mode === "split" && !this.hasReferences) this.against = "lightmap";
