@@ -5,7 +5,8 @@
     python benchmarks/radiance_cache.py --only equal,frame  some parts
     python benchmarks/radiance_cache.py --resume            take scenes that are measured already from out/figures
 
-References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes).
+References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes). The ladder of
+ingredients is radiance_cache_ladder.py.
 
 Equal time: Mitsuba's ``path`` renders ``--spp`` samples; ours gets the wall time that this took, its training included
 (``seconds=``). Kernels are compiled before the clock starts, on both sides. relMSE is mean((I - R)^2 / (R^2 + 0.01)).
@@ -28,7 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, pixels, scene_of, truth_of
-from rows import RESULTS, Row, at_least, at_most, chosen, publish, without_bar
+from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
@@ -37,18 +38,6 @@ FIGURES = ROOT / "out" / "figures"
 PLAN = {"spp": 128, "repeats": 5, "size": 256, "reference": 1024, "quick": 0}
 QUICK = {"spp": 4, "repeats": 1, "size": 24, "reference": 64, "quick": 1}
 STILL: dict[str, Any] = {"mode": "still"}
-# Ladder of ingredients, each with what it changes.
-LADDER: dict[str, dict[str, Any]] = {
-    "PT, our sampling": {"termination_c": "inf"},
-    "PT + ReSTIR": {"termination_c": "inf", "first_hit": "restir-di"},
-    "+ NRC": {},
-    "+ NRC + ReSTIR": {"first_hit": "restir-di"},
-    "self-training on": {"still_unbiased": 1 / 16},
-    "averaging off": {"ema_decay": 0.0},
-    "frequency encoding": {"encoding": "frequency", "hidden": 64},
-    "factorisation off": {"factorise": False},
-    "c = 1.58": {"termination_c": 1.58},
-}
 Figures = dict[str, Any]
 
 
@@ -138,15 +127,6 @@ def denoise(name: str, scene: Any, plan: Figures) -> Figures:
         return denoised(picture, *guides(scene, sensor, nrc.cache, seed))
 
     return race(scene, sensor, {}, plan, truth, after)
-
-
-def ladder(name: str, scene: Any, plan: Figures) -> Figures:
-    """Error of each rung in the time of half the samples."""
-    sensor = scene.sensors()[0]
-    plan = {**plan, "repeats": min(plan["repeats"], 2), "spp": max(4, plan["spp"] // 2)}
-    truth = truth_of(name, scene, sensor, plan["size"], plan["reference"])
-    rungs = dict(list(LADDER.items())[:3]) if plan["quick"] else LADDER
-    return {rung: race(scene, sensor, options, plan, truth) for rung, options in rungs.items()}
 
 
 def frame(name: str, scene: Any, plan: Figures) -> Figures:
@@ -331,53 +311,6 @@ def drift_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
             for name, f in found.items()]  # fmt: skip
 
 
-def ladder_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    """The table goes to results/radiance_cache_ladder.json, the plot to docs/images/cache-ladder.png."""
-    if not plan["quick"] and found:
-        path = RESULTS / "radiance_cache_ladder.json"
-        old = json.loads(path.read_text()) if path.exists() else {}
-        short = {n: {r: {k: float(f"{v:.4g}") for k, v in f.items()} for r, f in t.items()} for n, t in found.items()}
-        table = {**old, **short}
-        path.write_text(json.dumps(table, indent=1) + "\n")
-        plot(table, ROOT / "docs" / "images" / "cache-ladder.png")
-    rows = []
-    for rung in LADDER:
-        gains = [t[rung]["gain"] for t in found.values() if rung in t]
-        value = float(np.exp(np.mean(np.log(np.maximum(gains, 1e-9))))) if len(gains) == len(NAMES) else None
-        rows.append(without_bar(f"ladder: relMSE of path over ours, geometric mean, {rung}", value, "ratio"))
-    return rows
-
-
-COLOURS = ("#4878a8", "#e08a3c", "#5a9e6f", "#c0504d", "#8d6cab")
-
-
-def plot(table: Figures, path: Path) -> None:
-    """Gains of the rungs by scene, as bars on a logarithmic axis; the line is Mitsuba's path."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    width, height, left, top, low, high = 1120, 520, 64, 40, -1.0, 2.0
-    image = Image.new("RGB", (width, height), "white")
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(15)
-    span = (width - left - 16) / len(LADDER)
-    y = lambda gain: top + (high - min(max(np.log10(max(gain, 1e-6)), low), high)) / (high - low) * 380  # noqa: E731
-    for gain in (0.1, 0.3, 1, 3, 10, 30, 100):
-        draw.line((left, y(gain), width - 16, y(gain)), "black" if gain == 1 else "#dddddd", 2 if gain == 1 else 1)
-        draw.text((left - 8, y(gain)), f"{gain:g}", "black", font, anchor="rm")
-    for k, rung in enumerate(LADDER):
-        for j, rows in enumerate(table.values()):
-            at = left + k * span + 8 + j * (span - 20) / len(table)
-            ends = sorted((y(rows.get(rung, {}).get("gain", 1.0)), y(1.0)))
-            draw.rectangle((at, ends[0], at + (span - 20) / len(table) - 2, ends[1]), COLOURS[j % len(COLOURS)])
-        for line, text in enumerate(rung.replace(", our", ",+our").replace(" encoding", "+encoding").split("+")):
-            draw.text((left + (k + 0.5) * span, 436 + 18 * line), text.strip() or "with", "black", font, anchor="mm")
-    for j, name in enumerate(table):
-        draw.rectangle((left + j * 190, 492, left + j * 190 + 14, 506), COLOURS[j % len(COLOURS)])
-        draw.text((left + j * 190 + 20, 499), name, "black", font, anchor="lm")
-    draw.text((left, 18), "relMSE of path over ours in the same wall time, training included", "black", font, "lm")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    image.save(path)
-
-
 def gpu_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "GPU: cache overhead per 1080p frame (published: 2.6 ms, RTX 3090)"
     return [without_bar(what, None, "ms", "no GPU on this machine")]
@@ -389,7 +322,7 @@ PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
     "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
     "unbiased": (unbiased, unbiased_rows, NAMES),
     "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
-    "ladder": (ladder, ladder_rows, NAMES), "gpu": (None, gpu_rows, ()),
+    "gpu": (None, gpu_rows, ()),
 }  # fmt: skip
 
 
