@@ -380,7 +380,9 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
     if not steps:
         return []
     f, a, b = np.concatenate(steps, axis=1)
-    truth = float((a * b).mean())
+    truth, spread = float((a * b).mean()), float((a * b).std() / np.sqrt(a.size))
+    if truth < 3 * spread:
+        return [at_least(what, 0.9, None, "", "the step of the truth is lost in its noise")]
     found = float((f * (a + b)).mean() / 2 / np.sqrt(max((f * f).mean() * truth, 1e-20)))
     note = f"{f.shape[0]} points of roughness under {GLOSSY}; the step learned over that of the truth "
     note += f"{float(np.sqrt((f * f).mean() / max(truth, 1e-12))):.2f}, noise taken off"
