@@ -51,6 +51,7 @@ RUNGS: dict[str, dict[str, Any]] = {
 TABLE = RESULTS / "radiance_cache_ladder.json"
 PLOT, PAGE = ROOT / "docs" / "images" / "cache-ladder.png", ROOT / "docs" / "radiance-cache.md"
 BEGIN, END = "<!-- ladder: written by benchmarks/radiance_cache_ladder.py -->", "<!-- end of the ladder -->"
+PICTURE = "![Gains of the rungs by scene](images/cache-ladder.png)"
 Figures = dict[str, Any]
 
 
@@ -129,11 +130,11 @@ def markdown(table: Figures) -> str:
 
 
 def write_page(table: Figures) -> None:
-    """Put the table between its marks in the page."""
+    """Put table and plot between their marks in the page."""
     text = PAGE.read_text()
     before, rest = text.split(BEGIN)
     after = rest.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n\n{markdown(table)}\n\n{END}{after}")
+    PAGE.write_text(f"{before}{BEGIN}\n\n{markdown(table)}\n\n{PICTURE}\n\n{END}{after}")
 
 
 COLOURS = ("#2f6690", "#e08a3c", "#5a9e6f")
