@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -132,6 +133,16 @@ def test_every_preset_bakes(tmp_path, preset):
             "default-int8": {"e", "d", "m", "f0", "f1"},
         }[preset]
     )
+
+
+def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed")
+    bake(BakeSettings("cornell", tmp_path, preset="siren", **SMALL | {"steps": 2}))
+    path = tmp_path / "siren.glsl"
+    assert main(["export", str(tmp_path), "--to", "shadertoy", "-o", str(path)]) == 0
+    text = path.read_text()
+    assert "mainImage" in text and "uniform" not in text and "sin(" in text
 
 
 def test_max_bytes_are_kept(tmp_path):
