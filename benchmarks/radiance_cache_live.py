@@ -59,6 +59,7 @@ def measure(source: str, size: int, seconds: float = SECONDS, warm: int = WARM_F
             if state["failure"] or time.perf_counter() - start > PATIENCE:
                 raise RuntimeError(f"live: {state['failure'] or 'no frames'}")
             time.sleep(0.1)
+        rate(port, seconds, True)  # the first turn is recorded once
         return {"rest": rate(port, seconds, False), "orbit": rate(port, seconds, True),
                 "pictures": sorted(state["pictures"])}  # fmt: skip
     finally:
