@@ -44,6 +44,8 @@ TRIALS = ROOT / "out/light_probes"
 # Offsets on which the network without a lattice is trained, and its steps.
 NET_OFFSETS, NET_STEPS = 1, 1500
 LAMPS = "-lamps"
+# Modules that no trial asks.
+UNASKED = ("generator", "file", "keep", "page", "device", "lower", "code", "leak_scenes")
 
 
 def _leak_scene(name: str) -> tuple[LeakScene, bool] | None:
@@ -107,7 +109,8 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
 
 def _trial(name, made, asked, spacing, offset, effort, seed, budget, net, quick) -> dict:
     """One trial, or what is kept of it."""
-    parts = [path.read_bytes() for path in sorted((ROOT / "lightwell/probes").rglob("*.py"))]
+    sources = sorted((ROOT / "lightwell/probes").rglob("*.py"))
+    parts = [path.read_bytes() for path in sources if not path.name.startswith(UNASKED)]
     parts += [
         (ROOT / "benchmarks/probe_trial.py").read_bytes(),
         repr((asked.truth.sum(), effort, budget, net)).encode(),
