@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from radiance_cache_live import measure as live_rates
 from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, pixels, scene_of, truth_of
-from rows import Row, at_least, at_most, chosen, publish, without_bar
+from rows import Row, at_least, at_most, chosen, markdown, publish, without_bar
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
@@ -335,6 +335,19 @@ def gpu_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     return [without_bar(what, None, "ms", "no GPU on this machine")]
 
 
+PAGE = ROOT / "docs" / "radiance-cache.md"
+BEGIN, END = "<!-- rows: written by benchmarks/radiance_cache.py -->", "<!-- end of the rows -->"
+
+
+def write_page() -> None:
+    """Put the rows that something is asked of between their marks in the page."""
+    text = PAGE.read_text()
+    before, rest = text.split(BEGIN)
+    lines = markdown("radiance_cache").replace("|z|", "z, absolute,").splitlines()
+    kept = [line for k, line in enumerate(lines) if k < 2 or line.split(" | ")[1] != "–"]
+    PAGE.write_text(before + BEGIN + "\n\n" + "\n".join(kept) + "\n\n" + END + rest.split(END)[1])
+
+
 ONE = ("cornell-box",)
 # Part: (figures of a scene, rows, scenes).
 PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
@@ -392,6 +405,8 @@ def main() -> None:
         scenes = ONE[: len(scenes)] if arguments.quick else tuple(n for n in scenes if n in asked)
         found = {name: f for name in scenes if (f := measured(part, name, plan, arguments.resume)) is not None}
         publish("radiance_cache", rows(found, plan), arguments.quick)
+        if not arguments.quick:
+            write_page()
 
 
 if __name__ == "__main__":
