@@ -22,7 +22,7 @@ from lightwell.probes.lattice import Lattice
 from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
-MAGIC, VERSION = b"LWPROBES", 1
+MAGIC, VERSION = b"LWPROBES", 2
 MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
 # Words of a node, a cell and a brick; of a probe's light by coding. A record of weights: ``file_weights``.
 NODE, CELL, BRICK = 4, 12, 64

@@ -89,7 +89,7 @@ def _changed(data: bytes, **changes) -> bytes:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"version": 2},
+        {"version": 1},
         {"shape": [5, 4, 100000]},
         {"shape": [5, 4]},
         {"spacing": -1.0},

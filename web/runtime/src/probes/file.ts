@@ -69,7 +69,7 @@ export function readProbes(bytes: ArrayBuffer): ProbeFile {
 }
 
 function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFile {
-  check(typeof header === "object" && header !== null && header.version === 1, "version 1");
+  check(typeof header === "object" && header !== null && header.version === 2, "version 2");
   const kind = header.function;
   check(typeof kind === "string" && Object.hasOwn(RECORDS, kind), `weights of ${Object.keys(RECORDS).join(", ")}`);
   const { origin, shape, spacing, offset, unit, coding } = header;
