@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.backend import dr, mi
 from lightwell.bake.lightmap_media import media_meshes, volumetric
-from lightwell.fields.atlas_images import denoised, dilated
+from lightwell.fields.atlas_images import SMALLEST, denoised, dilated
 from lightwell.fields.base import is_matte
 from lightwell.fields.lightmap_graph import DIELECTRIC
 from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
@@ -41,6 +41,8 @@ LOOKS = 1 << 16
 PEEPS = 1 << 16
 # Rays from free places that look for sides: anywhere, and at each side that was not found yet.
 GLANCES, AIMED = 1 << 20, 16
+# Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
+NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # An atlas that is covered less than this becomes twice as large, up to a size.
 ROOMY, MOST_ROOMY = 0.65, 2048
 # Texels darker than this share of the mean are asked whether anything can see them.
@@ -198,6 +200,30 @@ def seen_sides(scene: Scene, seed: int) -> Sides:
     return Sides(seen & ~glass, seen & glass)
 
 
+def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:
+    """E' at all texels; those of narrow places, which no filter can denoise, get more paths."""
+    light = _arriving(scene, covered.points, paths, seed)
+    rows = np.flatnonzero(narrow(covered))
+    more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
+    if more < 2:
+        return light
+    better = _arriving(scene, covered.points[rows], paths * more, seed + 0x7A1)
+    columns = {name: getattr(light, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
+    for name, column in columns.items():
+        column[rows] = getattr(better, name)
+    return replace(light, **columns)
+
+
+def narrow(covered: Texels) -> np.ndarray:
+    """[K] bool: texels of charts, or of parts of them, that are too narrow for the denoiser."""
+    half = SMALLEST / 2
+    # Charts keep apart, so that the distance to what no chart covers is that to the border.
+    wide = distance_transform_edt(covered.chart >= 0) >= half
+    if not wide.any():
+        return np.ones(len(covered.index), bool)
+    return (distance_transform_edt(~wide) >= 1.5 * half).reshape(-1)[covered.index]
+
+
 def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
     """E' at texels; where something is full of a medium, the light that left it counts too: what a surface shows along
     its normal, over its albedo."""
@@ -258,7 +284,7 @@ def chart(
         sides = lit_sides(scene, seed) if sides is None else sides
         atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
     covered = texels(scene, atlas)
-    light = (keep or (lambda make: make()))(lambda: _arriving(scene, covered.points, paths, seed + 1))
+    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
     return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
