@@ -93,7 +93,7 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     spacing, large = FILES[name][1] if name in FILES else 1.0, name in FILES
     # The reference is the dearest part: its noise must stay well below what is told apart. Scenes from files are
     # larger: fewer paths and bricks.
-    asked = queries(made, 200 if quick else 3000, 64 if quick else 2048 if large else 8192, direct=direct)
+    asked = queries(made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct=direct)
     effort = (
         Effort(8, 16, 32, direct) if quick else Effort(24, 64, 512, direct) if large else Effort(32, 256, 2048, direct)
     )
