@@ -37,10 +37,18 @@ class ChangeDetector:
         self._losses.append(math.log(max(loss, 1e-12)))
         if self._frames < QUIET:
             return False
-        found = self._jumped(self._residuals, RESIDUAL) or self._jumped(self._losses, LOG_LOSS)
+        found = self._darkened() or self._jumped(self._residuals, RESIDUAL) or self._jumped(self._losses, LOG_LOSS)
         if found:
             self.reset()
         return found
+
+    def _darkened(self) -> bool:
+        """Light went: the cache is too bright two frames running. Noise cannot do that, for targets are never below
+        zero; and after two more frames it would have learned the dark by itself, slowly where it is darkest."""
+        numbers = np.array(self._residuals)
+        old = numbers[:-2]
+        noise = 1.4826 * np.median(np.abs(old - np.median(old)))
+        return bool((numbers[-2:] - np.median(old)).min() > max(0.5 * RESIDUAL, 1.5 * SIGMAS * noise))
 
     @staticmethod
     def _jumped(values: deque[float], least: float) -> bool:

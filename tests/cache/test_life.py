@@ -154,3 +154,12 @@ def test_a_cold_cache_learns_from_larger_frames_at_first():
     low = NrcIntegrator(settings=settings_of({**small, "budget": "low", "steps": 1}))
     mi.render(scene, integrator=low, spp=2)
     assert max(t.steps for t in plain.told) <= 2 and max(t.steps for t in low.told) == 1
+
+
+def test_light_that_goes_is_noticed_in_two_frames_and_bright_records_are_not():
+    rng = np.random.default_rng(3)
+    seen = ChangeDetector()
+    for k in range(200):
+        assert not seen.update(1.0, float(rng.normal() * 0.018 - (0.5 if k % 37 == 36 else 0)))
+    assert not seen.update(0.8, 0.5)
+    assert seen.update(1.5, 0.18)
