@@ -6,7 +6,7 @@ python benchmarks/light_probes.py --quick            a smoke run; writes nothing
 python benchmarks/light_probes.py --only s1-5,time   parts: scenes of lightwell.probes.leak_scenes (s1-5-lamps: the
                                                      light straight from the lamps counts, too), two-rooms, zdm2,
                                                      godot-room, veach-ajar, memory, time, browser, weights, rebake
-python benchmarks/light_probes.py --offsets 2        fewer lattice offsets (the issue asks for 8)
+python benchmarks/light_probes.py --offsets 2        fewer lattice offsets (8 by default)
 """
 
 from __future__ import annotations

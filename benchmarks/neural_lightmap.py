@@ -30,7 +30,7 @@ from rows import Row, at_least, at_most, chosen, publish
 
 
 def pending(quick: bool) -> list[Row]:
-    """What the issue asks and nobody has measured yet: rows without a figure, so that they are not forgotten."""
+    """What is asked and nobody has measured yet: rows without a figure, so that they are not forgotten."""
     note = "not measured yet"
     return [
         at_most("page: frame time over that of the ordinary light map, headless Chromium", 2.5, None, "ratio", note),

@@ -319,7 +319,7 @@ def drift_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
 
 
 def live_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    """Interactive is read as five frames a second; the issue gives no number."""
+    """Interactive is read as five frames a second."""
     rows = []
     for name, f in found.items():
         for key, words in (("orbit", "while the camera turns"), ("rest", "at rest")):

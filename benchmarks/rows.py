@@ -18,7 +18,7 @@ VERDICTS = {True: "yes", False: "**no**", None: "–"}
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of an issue's list."""
+    """One figure of a list of what is asked."""
 
     what: str
     asked: str
