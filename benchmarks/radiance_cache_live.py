@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import json
-import signal
 import subprocess
 import sys
 import time
@@ -63,5 +62,6 @@ def measure(source: str, size: int, seconds: float = SECONDS, warm: int = WARM_F
         return {"rest": rate(port, seconds, False), "orbit": rate(port, seconds, True),
                 "pictures": sorted(state["pictures"])}  # fmt: skip
     finally:
-        process.send_signal(signal.SIGINT)
+        # Not SIGINT: whoever starts this in the background has it ignored.
+        process.terminate()
         process.wait(timeout=60)
