@@ -23,6 +23,8 @@ WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 # A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
 # steps can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 200 steps on).
 WORTH = 150.0
+# Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error.
+WORTH_DENOISED = 10.0
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 
@@ -182,7 +184,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
     def _pays(self, told: Told) -> bool:
         """Whether a still by time has time for steps enough; calmer pictures need a better cache to gain from it."""
         steps = told.steps * self.settings.train_share * self.settings.seconds / sum(told.seconds.values())
-        return not steps * told.noise < WORTH
+        return not steps * told.noise < WORTH * (WORTH_DENOISED if self.settings.denoise else 1)
 
     def _train(self, scene, sensor, cache: RadianceCache, seed: int) -> None:
         told = cache.train_frame(scene, sensor, seed)
