@@ -14,9 +14,10 @@ from lightwell.bake.work import FOLDER
 
 from .conftest import small
 
-# A child process that bakes until it is killed.
+# A child process that bakes until it is killed; jobs in the background start with Ctrl-C ignored, and hand that on.
 CHILD = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from tests.bake.conftest import small
