@@ -24,8 +24,6 @@ REACH = 1.5
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
-# Scales that are tried at the end, each so much larger than the one before.
-TIGHTER_STEPS, TIGHTER = 8, 0.004
 # Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
 LEAST_COVERAGE = 0.03
 # Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
@@ -181,24 +179,15 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
             f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
             "give a larger --size or fewer --mips"
         )
-    return _collected(_tighter(flat, *best, size, pad), pieces, size, pad + 1, lit)
+    return _collected(best[1], pieces, size, pad + 1, lit)
 
 
-def _tighter(flat, scale: float, packed, size: int, pad: int):
-    """The largest of some slightly larger scales that fits when the packer is told the square; else ``packed``."""
-    for step in range(TIGHTER_STEPS, 0, -1):
-        tried = _pack(flat, scale * (1 + TIGHTER * step), pad, False, size - 2 * (pad + 1))
-        if tried.atlas_count == 1 and max(tried.width, tried.height) + 2 * (pad + 1) <= size:
-            return tried
-    return packed
-
-
-def _options(texels: float, pad: int, brute: bool, resolution: int = 0):
+def _options(texels: float, pad: int, brute: bool):
     import xatlas
 
     options = xatlas.PackOptions()
     options.padding, options.texels_per_unit, options.bruteForce = pad, texels, brute
-    options.resolution, options.bilinear, options.rotate_charts = resolution, True, True
+    options.resolution, options.bilinear, options.rotate_charts = 0, True, True
     return options
 
 
@@ -250,13 +239,13 @@ def _direction(piece: _Piece) -> np.ndarray:
     return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
 
 
-def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad: int, brute: bool, resolution: int = 0):
+def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad: int, brute: bool):
     import xatlas
 
     atlas = xatlas.Atlas()
     for points, corners, _ in flat:
         atlas.add_uv_mesh(np.ascontiguousarray(points * np.float32(scale)), corners)
-    atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute, resolution))
+    atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
     return atlas
 
 
