@@ -82,7 +82,10 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
     weights = sum(b.nbytes for name, b in graph.buffers.items() if name not in found.pictures)
     bytes_ = weights + sum(len(p.data) for p in found.pictures.values())
     error = _stored_error(found, made)
-    if preset.hidden and len(held):
+    if preset.hidden and not found.preset.hidden:
+        # The network was no better than none: the ordinary forms are candidates of their own.
+        error = float("inf")
+    elif preset.hidden and len(held):
         judged = samples[held]
         error += found.error(judged.query, judged.radiance)
     return Trial(preset, bytes_, error)
