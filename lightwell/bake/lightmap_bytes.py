@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lightwell.bake.evaluate import Baked
 from lightwell.bake.lightmap_trace import Chart, EyeSamples
 from lightwell.fields.lightmap import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import restored
+from lightwell.networks.losses import EPSILON
 
 # Steps of a trial, samples it learns from and is judged on.
 TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 120, 1 << 16, 1 << 13
@@ -82,12 +84,11 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
     weights = sum(b.nbytes for name, b in graph.buffers.items() if name not in found.pictures)
     bytes_ = weights + sum(len(p.data) for p in found.pictures.values())
     error = _stored_error(found, made)
-    if preset.hidden and not found.preset.hidden:
-        # The network was no better than none: the ordinary forms are candidates of their own.
-        error = float("inf")
-    elif preset.hidden and len(held):
-        judged = samples[held]
-        error += found.error(judged.query, judged.radiance)
+    if preset.hidden and len(held):
+        # By the graph that would ship, which has no network where it was no better than none.
+        y = samples.radiance[held] / found.unit
+        f = Baked(graph)(samples[held].query) / found.unit
+        error += float(np.mean(np.abs(f - y) / (y + EPSILON)))
     return Trial(preset, bytes_, error)
 
 

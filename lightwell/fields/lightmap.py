@@ -22,7 +22,6 @@ from lightwell.graph.pictures import Picture, encode
 from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.hashgrid import PACKET
 from lightwell.networks.lightmap import LightmapNetwork
-from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
 from lightwell.transport.mapped import MappedQuery
 
@@ -274,11 +273,6 @@ class LightmapFit:
     def predict(self, query: MappedQuery) -> np.ndarray:
         """[N, 3] radiance as trained."""
         return self.network.evaluate(self._parameters, self.rows(query)) * self.unit
-
-    def error(self, query: MappedQuery, radiance: np.ndarray) -> float:
-        """Mean |f − y| / (y + ε) in unit S."""
-        f, y = self.predict(query) / self.unit, radiance / self.unit
-        return float(np.mean(np.abs(f - y) / (y + EPSILON)))
 
     def lower(self) -> Graph:
         """The field as it ships."""
