@@ -334,7 +334,7 @@ def mip_rows(name: str, traced: Traced) -> list[Row]:
 
     sides = traced.sides
     try:
-        atlas = build(traced.scene, traced.made.atlas.size, sides.lit, 1, dark=sides.dark)
+        atlas = build(traced.scene, traced.made.atlas.size, sides.lit, 1, dark=sides.dark, faint=sides.faint)
     except ValueError:
         return []
     return [without_bar(f"{name}: atlas coverage with padding for mip 1", atlas.coverage, "of 1")]

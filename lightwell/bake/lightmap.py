@@ -198,7 +198,7 @@ def _atlas(scene: Scene, settings: BakeSettings, preset: LightmapPreset, sides: 
     size = settings.size or preset.size
     if preset.base and not settings.size:
         return roomy_atlas(scene, size, settings.mips, sides)
-    atlas = build(scene, size, sides.lit, settings.mips, dark=sides.dark)
+    atlas = build(scene, size, sides.lit, settings.mips, dark=sides.dark, faint=sides.faint)
     return atlas if preset.base else replace(atlas, size=min(size, COARSE))
 
 

@@ -31,7 +31,8 @@ def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
 
     def arrays():
         made = make()
-        return {"lit": made.lit, "dark": made.dark}
+        faint = np.zeros_like(made.lit) if made.faint is None else made.faint
+        return {"lit": made.lit, "dark": made.dark, "faint": faint}
 
     return Sides(**kept(path, arrays))
 

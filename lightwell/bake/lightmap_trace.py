@@ -41,6 +41,8 @@ LOOKS = 1 << 16
 PEEPS = 1 << 16
 # Rays from free places that look for sides: anywhere, and at each side that was not found yet.
 GLANCES, AIMED = 1 << 20, 16
+# Sides of more than this share of all area are faint if less than this share of so many points on them sees air.
+LARGE, LITTLE, GLIMPSES = 1e-3, 0.1, 64
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # An atlas that is covered less than this becomes twice as large, up to a size.
@@ -95,6 +97,8 @@ class Sides:
     """Stored: something sees them and light reaches them."""
     dark: np.ndarray
     """Seen, but black for the light map: no light reaches them, or they are clear glass."""
+    faint: np.ndarray | None = None
+    """Stored, but large and nearly all behind other things."""
 
 
 def lit_sides(scene: Scene, seed: int) -> Sides:
@@ -116,7 +120,22 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
     bright = brightest > least
     lit = np.zeros_like(seen)
     lit[side[bright], triangle[bright]] = True
-    return Sides(lit, seen & ~lit)
+    return Sides(lit, seen & ~lit, faint_sides(scene, lit, seed))
+
+
+def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
+    """[2, T] bool: sides so large that their texels count, of which little sees air."""
+    area = tables(scene).area
+    side, triangle = np.nonzero(lit & (area > LARGE * (lit * area).sum()))
+    faint = np.zeros_like(lit)
+    if len(side):
+        row = np.repeat(np.arange(len(side)), GLIMPSES)
+        u, v = np.random.default_rng([seed, 0xFA17]).random((2, len(row)))
+        place = np.stack([np.sqrt(u) * (1 - v), np.sqrt(u) * v], axis=1).astype(np.float32)
+        seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed)
+        few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * GLIMPSES
+        faint[side[few], triangle[few]] = True
+    return faint
 
 
 def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
@@ -258,10 +277,10 @@ def clear_glass(scene: Scene) -> np.ndarray:
 
 def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
     """The atlas, twice as large where charts are so small that padding would take much of it."""
-    made = build(scene, size, sides.lit, mips, dark=sides.dark)
+    made = build(scene, size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
     if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
         return made
-    return build(scene, 2 * size, sides.lit, mips, dark=sides.dark)
+    return build(scene, 2 * size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
 
 
 def chart(
@@ -282,7 +301,7 @@ def chart(
     """
     if atlas is None:
         sides = lit_sides(scene, seed) if sides is None else sides
-        atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark)
+        atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark, faint=sides.faint)
     covered = texels(scene, atlas)
     light = (keep or (lambda make: make()))(lambda: _everywhere(scene, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]

@@ -28,6 +28,8 @@ FIT_ROUNDS, SHRINK = 6, 0.985
 LEAST_COVERAGE = 0.03
 # Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
 TINY, SHARED_EDGE = 4.0, 2.0
+# Texels per metre of sides of which little is seen, relative to the others.
+FAINT = 0.25
 # Hidden triangles lie on the texel in this corner, which no chart uses.
 NOWHERE = 0.0
 
@@ -82,6 +84,7 @@ def build(
     density: np.ndarray | None = None,
     own: bool = True,
     dark: np.ndarray | None = None,
+    faint: np.ndarray | None = None,
 ) -> Atlas:
     """The atlas of a scene.
 
@@ -89,6 +92,7 @@ def build(
     dark      [2, T] bool: sides that are seen and get none, or must not get any from the light map (clear glass); they
               lie on the corner that no chart uses. All other sides that are not stored read what the other side reads.
     density   [M] texels per metre of each mesh relative to the others; None: all alike.
+    faint     [2, T] bool: large sides of which little is seen; they get fewer texels.
     own       Take the author's second texture coordinates where they are valid.
     """
     first = np.cumsum([0] + [len(mesh.indices) for mesh in scene.meshes])
@@ -99,7 +103,7 @@ def build(
         reason = own_fault(scene, size, lit, mips)
         if not reason:
             return _authored(scene, size, lit, mips, first)
-    pieces = _pieces(scene, lit, density)
+    pieces = _pieces(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
     uv, chart = _packed(pieces, size, padding(mips), lit)
     return Atlas(size, mips, _both(uv, chart, dark), chart, first, f"xatlas ({reason})")
 
@@ -129,21 +133,26 @@ class _Piece:
     """Numbers of triangles that all read the middle of the only triangle of this piece."""
 
 
-def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None) -> list[_Piece]:
-    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round."""
+def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> list[_Piece]:
+    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round;
+    those that are faint there by themselves."""
     pieces, start = [], 0
+    # Of a triangle that is lit from its back alone, the first piece is the back.
+    shown = (np.where(lit[0], faint[0], faint[1]), faint[1])
     for number, mesh in enumerate(scene.meshes):
         here = np.arange(start, start + len(mesh.indices))
         start += len(mesh.indices)
         scale = 1.0 if density is None else float(density[number])
         welded, inverse = np.unique(mesh.positions, axis=0, return_inverse=True)
         corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
-        for side, chosen in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
-            if chosen.any():
-                used, compact = np.unique(
-                    corners[chosen] if side == 0 else corners[chosen][:, ::-1], return_inverse=True
-                )
-                positions = np.ascontiguousarray(welded[used] * np.float32(scale))
+        for side, wanted in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
+            for few in (False, True):
+                chosen = wanted & (shown[side][here] == few)
+                if not chosen.any():
+                    continue
+                turned = corners[chosen] if side == 0 else corners[chosen][:, ::-1]
+                used, compact = np.unique(turned, return_inverse=True)
+                positions = np.ascontiguousarray(welded[used] * np.float32(scale * (FAINT if few else 1.0)))
                 pieces.append(_Piece(positions, compact.reshape(-1, 3).astype(np.uint32), here[chosen], side))
     return pieces
 

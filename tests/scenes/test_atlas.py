@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
-from lightwell.scenes.atlas import _hits, build, charted_meshes, own_fault, padding
+from lightwell.scenes.atlas import FAINT, _hits, build, charted_meshes, own_fault, padding
 from lightwell.scenes.scene import Material, Mesh
 
 SIZE, LIT_FRONTS = 256, np.array([[True], [False]])
@@ -154,3 +154,19 @@ def test_too_small_a_square_is_one_line():
     ) as error:
         build(scene, 64, fronts(scene), mips=3)
     assert "--size" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_faint_sides_get_fewer_texels_and_the_others_more():
+    scene = scene_of(quads())
+    lit = fronts(scene)
+    faint = lit & (np.arange(lit.shape[1]) >= 2)
+
+    def texels(atlas):
+        a, b, c = (atlas.uv[0][:, k] for k in range(3))
+        (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+        return np.abs(ux * vy - uy * vx) / 2 * atlas.size**2
+
+    even, made = (texels(build(scene, SIZE, lit, 0, faint=f)) for f in (None, faint))
+    # Floor and wall are of the same size.
+    assert made[2:].sum() / made[:2].sum() == pytest.approx(FAINT**2, rel=0.1)
+    assert made[:2].sum() > 1.3 * even[:2].sum()
