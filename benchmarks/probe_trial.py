@@ -14,9 +14,11 @@ from lightwell.probes import ddgi, line_of_sight, rays, sh
 from lightwell.probes.assemble import plain
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.lattice import CORNERS, Lattice
-from lightwell.probes.light import Effort, light_volume, refined, traced
+from lightwell.probes.light import light_volume, refined, traced
 from lightwell.probes.metrics import Scores, score
 from lightwell.probes.pattern import pattern
+from lightwell.probes.samples import Effort
+from lightwell.probes.solve import relative_error
 from lightwell.probes.support import bake_support
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import OFFSET, query
@@ -25,10 +27,12 @@ from lightwell.scenes.free_air import free_air
 # Half floats of 27 harmonics.
 TRILINEAR_BYTES = 54.0
 # Fine probes per live probe of the lattice, at most.
-BUDGET = 4.0
+BUDGET = 8.0
 # Biases that the baseline of distance moments may choose from, in its favour.
 BIASES = (0.0, 0.1, 0.2, 0.3)
 OFF_SURFACE = 0.01
+# Noise of the reference (relative error, in [0, 1]) above which it gets more paths, and how many times more at most.
+QUIET, MOST = 0.01, 8
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Queries:
     truth: np.ndarray
     """[N, 3] irradiance from nine harmonics traced at the place itself: errors of interpolation alone."""
     again: np.ndarray
-    """[N, 3] the second, independent reference."""
+    """[N, 3] by half of the paths: as far from the truth as that is from what more paths would give."""
     exact: np.ndarray
     """[N, 3] irradiance without harmonics."""
 
@@ -64,11 +68,32 @@ def queries(leak_scene, count: int, paths: int, seed: int = 0, direct: bool = Tr
         keep = np.flatnonzero(inside & rays.valid(scene, place) & (leak_scene.region(place) >= 0))[: count // 2]
         found.append((place[keep], normal[keep], np.full(len(keep), surface, bool)))
     place, normal, surface = (np.concatenate(part) for part in zip(*found))
-    normal = normal.astype(np.float32)
-    light = air_light(scene, place, paths, 4242, normals=normal, direct=direct)
-    answers = [np.maximum(sh.evaluate(e, normal), 0) for e in (light.half_a, light.half_b, light.sh)]
-    near, region = free_air(scene).distance(place), leak_scene.region(place)
-    return Queries(place, normal, surface, near, region, answers[2], answers[0], np.maximum(light.irradiance, 0))
+    normal, region = normal.astype(np.float32), leak_scene.region(place)
+    halves, irradiance = _reference(scene, place, normal, region, paths, direct)
+    answers = [np.maximum(sh.evaluate(e, normal), 0) for e in (halves[0], halves.mean(axis=0))]
+    near = free_air(scene).distance(place)
+    return Queries(place, normal, surface, near, region, answers[1], answers[0], np.maximum(irradiance, 0))
+
+
+def _reference(scene, place, normal, region, paths: int, direct: bool) -> tuple[np.ndarray, np.ndarray]:
+    """[2, N, 9, 3] harmonics by each half of the paths, and [N, 3] irradiance; more paths where it is noisy.
+
+    How many is decided by an eighth of the paths, whose light is thrown away, and by the mean over the queries of one
+    region within a metre: nothing is chosen by the light that counts.
+    """
+    pilot = air_light(scene, place, max(2, paths // 8), 4241, direct=direct)
+    noise = 0.5 * relative_error(pilot.half_a, pilot.half_b) / np.sqrt(8)
+    group = np.concatenate([region[:, None], np.floor(place)], axis=1)
+    _, index = np.unique(group, axis=0, return_inverse=True)
+    mean = (np.bincount(index, noise) / np.bincount(index))[index]
+    times = 2 ** np.clip(np.ceil(2 * np.log2(np.maximum(mean / QUIET, 1e-9))), 0, np.log2(MOST)).astype(np.int64)
+    halves, irradiance = np.empty((2, len(place), 9, 3)), np.empty((len(place), 3))
+    for k in np.unique(times):
+        asked = np.flatnonzero(times == k)
+        more = dict(normals=normal[asked], direct=direct, numbers=asked)
+        found = air_light(scene, place[asked], paths * int(k), 4242, **more)
+        halves[:, asked], irradiance[asked] = (found.half_a, found.half_b), found.irradiance
+    return halves, irradiance
 
 
 def _off_surfaces(scene, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -147,8 +172,8 @@ def trial(
 
 
 def total_bytes(volume) -> float:
-    """Bytes of a volume, tables counted."""
-    parts = volume.bytes_per_probe()
+    """Bytes of a volume, nine harmonics a probe as they are asked here, tables counted."""
+    parts = volume.bytes_per_probe("l2")
     return sum(value for name, value in parts.items() if name != "record") * float(volume.alive.sum())
 
 

@@ -25,7 +25,8 @@ from lightwell.probes import ddgi, sh  # noqa: E402
 from lightwell.probes.bake import bake_geometry  # noqa: E402
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines, write  # noqa: E402
 from lightwell.probes.leak_scenes import two_rooms  # noqa: E402
-from lightwell.probes.light import Effort, light_volume, refined  # noqa: E402
+from lightwell.probes.light import light_volume, refined  # noqa: E402
+from lightwell.probes.samples import Effort  # noqa: E402
 from lightwell.probes.volume import DROPPED, query  # noqa: E402
 from lightwell.probes.weights import FUNCTIONS  # noqa: E402
 

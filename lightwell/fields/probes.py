@@ -28,7 +28,8 @@ from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Code
 from lightwell.probes.generator import fit_with
-from lightwell.probes.light import Effort, Lit, light_volume, refined
+from lightwell.probes.light import Lit, light_volume, refined
+from lightwell.probes.samples import Effort
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.placing import sample_lights
 from lightwell.transport.samples import Query, Samples
@@ -40,7 +41,7 @@ MOST_SAMPLES = 1 << 18
 # Rows whose harmonics are evaluated together.
 CHUNK = 1 << 14
 # What is traced for each light state, and for a light that stands still; how the light's network is trained.
-MOVING, STILL = Effort(24, 64, 256), Effort(32, 256, 1024)
+MOVING, STILL = Effort(24, 64, 256, most=4), Effort(32, 256, 1024, most=8)
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
 # The seed of the light states is this far from that of the samples.
 STATE_SEED = 7919
@@ -71,7 +72,7 @@ class ProbesPreset:
     training: TrainingSettings = TRAINING
 
 
-DRAFT = ProbesPreset(effort=Effort(8, 16, 64), static_effort=Effort(8, 64, 128), states=12, rank=4)
+DRAFT = ProbesPreset(effort=Effort(8, 16, 64, most=1), static_effort=Effort(8, 64, 128, most=1), states=12, rank=4)
 # Ours, hat × ratio: default (a ReLU field of 4³ bytes) and the others by their names; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
     "default": ProbesPreset(),

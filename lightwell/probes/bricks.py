@@ -10,7 +10,7 @@ from lightwell.probes.volume import FINE, Bricks
 # Support points of a fine cell: three times finer cells need fewer points a cell.
 FINE_POINTS = 128
 # A cell may keep this error (90th percentile of the relative error of its samples, noise taken off).
-GOOD_ENOUGH = 0.1
+GOOD_ENOUGH = 0.04
 # Power of the brightness in the choice between cells.
 BRIGHTNESS = 0.25
 # Fine probes per live probe of the lattice, at most.

@@ -1,7 +1,7 @@
-"""Probe volumes as files (``format/PROBES.md``): what a graphics card reads is what lies on disk.
+"""Probe volumes as files (``format/PROBES.md``).
 
-A line of JSON, then words of 32 bits: nodes, grids of weights, harmonics, cells, bricks. Readers trust nothing: sizes,
-numbers and indices are checked before they are used.
+A line of JSON, then sections: kinds of nodes, octants, weights, harmonics, cells, fallbacks, bricks; rows only where
+there is something to say. Readers trust nothing: sizes, numbers and indices are checked before they are used.
 """
 
 from __future__ import annotations
@@ -17,18 +17,27 @@ from lightwell.files import write_atomically
 from lightwell.probes import sh
 from lightwell.probes.ddgi import Moments
 from lightwell.probes.file_baselines import MOMENTS, moment_rows, read_moments
+from lightwell.probes.file_tables import (
+    BRICK,
+    KIND,
+    decode_bricks,
+    decode_fallbacks,
+    decode_kinds,
+    encode_bricks,
+    encode_fallbacks,
+    encode_kinds,
+)
 from lightwell.probes.file_weights import decode_weights, encode_weights, words_of
 from lightwell.probes.lattice import Lattice
-from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
+from lightwell.probes.volume import DROPPED, LIGHT_BYTES, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
-MAGIC, VERSION = b"LWPROBES", 2
+MAGIC, VERSION = b"LWPROBES", 3
 MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
-# Words of a node, a cell and a brick; of a probe's light by coding. A record of weights: ``file_weights``.
-NODE, CELL, BRICK = 4, 12, 64
-LIGHT = {"l2": 8, "zh3": 5}
-# Node kinds in files: records follow from 2 on.
-FIRST_RECORD = 2
+# Words of a probe's light by coding. A record of weights: ``file_weights``; tables: ``file_tables``.
+LIGHT = {coding: size // 4 for coding, size in LIGHT_BYTES.items()}
+# Sections start at multiples of this many bytes: a texel.
+ALIGN = 16
 # Largest irradiance.
 BRIGHTEST = 6e4
 
@@ -53,20 +62,22 @@ def encode_volume(
     """
     if coding not in LIGHT:
         raise ValueError(f"probes: no coding '{coding}', expected l2 or zh3")
+    weighted, cells = volume.row[volume.state == WEIGHTED], encode_fallbacks(volume)
     sections = {
-        "nodes": _nodes(volume),
-        "weights": encode_weights(volume.function, volume.params),
-        "light": _light(volume.light / unit, coding),
-        "cells": _cells(volume),
-        "bricks": np.zeros((0, BRICK), "<u4") if volume.bricks is None else volume.bricks.table.astype("<u4"),
+        "kinds": encode_kinds(volume),
+        "octants": np.ascontiguousarray(volume.octant[weighted], "<u8").view("<u4").reshape(-1, 2),
+        "weights": encode_weights(volume.function, volume.params[weighted]),
+        "light": _light(volume.light[volume.alive] / unit, coding),
+        "cells": cells[0],
+        "fallbacks": cells[1],
+        "bricks": encode_bricks(volume),
     }
     if baselines is not None:
         sections |= {"traced": _light(baselines.light / unit, coding), "moments": moment_rows(baselines)}
     places, words = {}, 0
     for name, rows in sections.items():
         places[name] = [words, len(rows)]
-        # Each section starts at a texel of four words.
-        words += -(-rows.size // 4) * 4
+        words += -(-rows.nbytes // ALIGN) * (ALIGN // 4)
     lattice = volume.lattice
     header = {
         "version": VERSION,
@@ -83,36 +94,14 @@ def encode_volume(
         header["bias"] = float(baselines.bias)
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-(len(MAGIC) + 4 + len(text)) % 16)
-    payload = b"".join(np.pad(rows.ravel(), (0, -rows.size % 4)).tobytes() for rows in sections.values())
+    payload = b"".join(rows.tobytes() + bytes(-rows.nbytes % ALIGN) for rows in sections.values())
     live = max(int(volume.alive.sum()), 1)
-    parts = {name: 4.0 * rows.size / live for name, rows in sections.items()}
+    parts = {name: rows.nbytes / live for name, rows in sections.items()}
     return MAGIC + struct.pack("<I", len(text)) + text + payload, parts
 
 
-def _nodes(volume: ProbeVolume) -> np.ndarray:
-    """[P + F, 4]: 0 dropped, 1 open, else 2 + record; the octants (two words); 1 for inner fine nodes."""
-    rows = np.zeros((len(volume.state), NODE), "<u4")
-    rows[:, 0] = np.where(volume.state == WEIGHTED, FIRST_RECORD + volume.row, volume.state == OPEN)
-    mask = np.full(len(rows), 0xFFFFFFFFFFFFFFFF, np.uint64)
-    weighted = volume.state == WEIGHTED
-    mask[weighted] = volume.octant[volume.row[weighted]]
-    rows[:, 1:3] = mask.view("<u4").reshape(-1, 2)
-    if volume.bricks is not None:
-        rows[len(volume.lattice) :, 3] = volume.bricks.inner
-    return rows
-
-
-def _cells(volume: ProbeVolume) -> np.ndarray:
-    """[C, 12]: 1 + the node to fall back to in each octant, 1 + the brick (0: none), zeros."""
-    rows = np.zeros((volume.lattice.cell_count, CELL), "<u4")
-    rows[:, :8] = volume.fallback + 1
-    if volume.bricks is not None:
-        rows[:, 8] = volume.bricks.cell + 1
-    return rows
-
-
 def _light(light: np.ndarray, coding: str) -> np.ndarray:
-    """[P + F, 8 or 5] words: three half floats of band 0 and one of the step, then bytes, colour by colour."""
+    """[A, 8 or 5] words of A probes: three half floats of band 0, one of the step, then bytes, colour by colour."""
     e = np.clip(np.nan_to_num(np.asarray(light, np.float64)), -BRIGHTEST, BRIGHTEST)
     e = sh.windowed(e, sh.deringing(e))
     rest = e[:, 1:] if coding == "l2" else sh.zh3(e)[:, 1:]
@@ -137,38 +126,34 @@ def decode_volume(data: bytes, name: str = "probes") -> ProbeVolume:
     """The volume of some bytes."""
     header, words = _parts(data, name)
     lattice, function = _lattice(header, name), header["function"]
-    take = lambda section, width: _section(header, words, section, width, name)  # noqa: E731
-    nodes, weights = take("nodes", NODE), take("weights", words_of(function))
+    take = lambda section, width, kind="<u4": _section(header, words, section, width, name, kind)  # noqa: E731
     coding = header.get("coding")
     if coding not in LIGHT:
         raise ValueError(f"{name}: no coding '{coding}', expected l2 or zh3")
-    light, cells, table = take("light", LIGHT[coding]), take("cells", CELL), take("bricks", BRICK)
-    count, fine = len(lattice), len(nodes) - len(lattice)
-    _check(len(light) == len(nodes), name, "light of as many probes as there are nodes")
+    kinds, octant = take("kinds", 1, "u1")[:, 0], take("octants", 1, "<u8")[:, 0]
+    weights, light, table = take("weights", words_of(function)), take("light", LIGHT[coding]), take("bricks", BRICK)
+    cells, codes = take("cells", 1, "u1")[:, 0], take("fallbacks", 8, "u1")
+    count, fine = len(lattice), len(kinds) - len(lattice)
     _check(fine >= 0 and (fine > 0) == (len(table) > 0), name, "fine probes where there are bricks")
-    _check(len(cells) == lattice.cell_count, name, f"{lattice.cell_count} cells")
-    _check(nodes[:, 0].max() < FIRST_RECORD + len(weights), name, "records that exist")
-    _check(cells[:, :8].max() <= count and cells[:, 8].max() <= len(table), name, "nodes and bricks that exist")
-    _check(not len(table) or (table.min() >= count and table.max() < len(nodes)), name, "fine probes that exist")
-    state = np.minimum(nodes[:, 0], WEIGHTED).astype(np.uint8)
-    row = np.where(state == WEIGHTED, nodes[:, 0].astype(np.int64) - FIRST_RECORD, -1).astype(np.int32)
-    octant = np.full(len(weights), 0xFFFFFFFFFFFFFFFF, np.uint64)
-    mine = np.flatnonzero(state == WEIGHTED)
-    octant[row[mine]] = np.ascontiguousarray(nodes[mine, 1:3]).view("<u8")[:, 0]
-    bricks = None
-    if fine:
-        bricks = Bricks(cells[:, 8].astype(np.int32) - 1, table.astype(np.int32), nodes[count:, 3] > 0)
-    values = _decoded(light, coding, name) * _number(header, "unit", name)
-    values[state == DROPPED] = 0
+    _check(bool(((kinds & KIND) <= WEIGHTED).all()), name, "kinds of probes")
+    state, row, inner = decode_kinds(kinds)
+    _check(len(weights) == len(octant) == int((state == WEIGHTED).sum()), name, "a record of each weighted probe")
+    _check(len(light) == int((state != DROPPED).sum()), name, "light of each live probe")
+    _check(len(cells) == lattice.cell_count and len(codes) == int((cells > 0).sum()), name, "cells and their fallbacks")
+    fallback = decode_fallbacks(lattice, cells, codes)
+    bricks = decode_bricks(lattice, table, inner) if fine else None
+    _check(fallback is not None and (not fine or bricks is not None), name, "cells, nodes and fine probes that exist")
+    values = np.zeros((count + fine, 9, 3), np.float32)
+    values[state != DROPPED] = _decoded(light, coding, name) * _number(header, "unit", name)
     return ProbeVolume(
         lattice=lattice,
         function=function,
         state=state,
         row=row,
         params=decode_weights(function, weights, name),
-        octant=octant,
-        fallback=cells[:, :8].astype(np.int32) - 1,
-        light=values.astype(np.float32),
+        octant=octant.astype(np.uint64),
+        fallback=fallback,
+        light=values,
         offset=_number(header, "offset", name, 0.0, 1.0),
         bricks=bricks,
     )
@@ -229,14 +214,18 @@ def _lattice(header: dict, name: str) -> Lattice:
     return Lattice(np.array(origin), _number(header, "spacing", name, 1e-6, 1e6), tuple(shape))
 
 
-def _section(header: dict, words: np.ndarray, section: str, width: int, name: str) -> np.ndarray:
+def _section(header: dict, words: np.ndarray, section: str, width: int, name: str, kind: str = "<u4") -> np.ndarray:
+    """[rows, width] of numbers of some kind."""
     sections = header.get("sections")
     place = sections.get(section) if isinstance(sections, dict) else None
     good = isinstance(place, list) and len(place) == 2 and all(type(v) is int and v >= 0 for v in place)
+    size = np.dtype(kind).itemsize * width
     _check(
-        good and place[0] % 4 == 0 and place[0] + place[1] * width <= len(words), name, f"section {section} in the file"
+        good and place[0] % 4 == 0 and 4 * place[0] - (-place[1] * size // ALIGN) * ALIGN <= 4 * len(words),
+        name,
+        f"section {section} in the file",
     )
-    return words[place[0] : place[0] + place[1] * width].reshape(place[1], width)
+    return words.view(np.uint8)[4 * place[0] : 4 * place[0] + place[1] * size].view(kind).reshape(place[1], width)
 
 
 def _decoded(rows: np.ndarray, coding: str, name: str) -> np.ndarray:

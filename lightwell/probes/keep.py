@@ -19,14 +19,15 @@ from lightwell.probes import bricks
 from lightwell.probes.assemble import Level, Records, assemble
 from lightwell.probes.bake import Geometry
 from lightwell.probes.lattice import Lattice
-from lightwell.probes.light import Effort, Lit
+from lightwell.probes.light import Lit
 from lightwell.probes.pattern import POINTS, pattern
+from lightwell.probes.samples import Effort
 from lightwell.probes.solve import Rows, Solution
 from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
-VERSION = 1
+VERSION = 2
 # Largest state that is read, unpacked.
 MOST_BYTES = 4 << 30
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
@@ -125,7 +126,7 @@ def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> Lit:
     _check(residual.shape == (total,), "residual")
     wanted = {name: type(value) for name, value in asdict(Effort()).items()}
     effort = Effort(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
-    _check(2 <= effort.paths <= 1 << 20 and 2 <= effort.probe_paths <= 1 << 20, "effort")
+    _check(2 <= effort.paths <= 1 << 20 and 2 <= effort.probe_paths <= 1 << 20 and 1 <= effort.most <= 64, "effort")
     return Lit(geometry, start, Rows(**values), number, solution, effort, int(head["seed"]), lights)
 
 

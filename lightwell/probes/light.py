@@ -8,33 +8,16 @@ import numpy as np
 
 from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
-from lightwell.probes.solve import Rows, Solution, relative_error, solve
+from lightwell.probes.samples import SAMPLE_STREAM, Effort, joined, rows
+from lightwell.probes.solve import Rows, Solution, solve
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
-# Radiance samples of a cell.
-SAMPLES = 32
-# Paths of a sample, and of a probe.
-PATHS, PROBE_PATHS = 256, 1024
-# Random streams: fine probes from here on, samples of each level from a multiple of there on.
-FINE_STREAM, SAMPLE_STREAM = 1 << 28, 1 << 30
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is traced."""
-
-    samples: int = SAMPLES
-    """Radiance samples per cell."""
-    paths: int = PATHS
-    """Paths per sample, even."""
-    probe_paths: int = PROBE_PATHS
-    """Paths per probe, even."""
-    direct: bool = True
-    """Whether light straight from the scene's own emitters counts; False leaves it to the renderer and its shadows."""
+# Random streams: fine probes from here on.
+FINE_STREAM = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -83,53 +66,6 @@ def traced(
     return out
 
 
-def places(
-    geometry: Geometry, effort: Effort, box: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Valid support points [I, 3], numbers of their streams [I] and cells of the lattice [I]; at most
-    ``effort.samples`` for each cell, evenly spread, as any run of the low-discrepancy pattern is.
-
-    box   [2, 3]: only of cells that it overlaps.
-    """
-    found, lattice = [], geometry.volume.lattice
-    for k, level in enumerate(geometry.levels):
-        support = level.support
-        cells = support.covered if box is None else touched(support.lattice, box)[0]
-        cells = cells[support.slot[cells] >= 0]
-        valid = support.valid[support.slot[cells]]
-        count = effort.samples if k == 0 else max(2, effort.samples // 8)
-        row, point = np.nonzero(valid & (np.cumsum(valid, axis=1) <= count))
-        place = support.points(cells)[row, point]
-        number = SAMPLE_STREAM * (k + 1) + cells[row] * valid.shape[1] + point
-        found.append((place, number, lattice.cell_number(lattice.locate(place)[0])))
-    return tuple(np.concatenate(part) for part in zip(*found))
-
-
-def rows(
-    scene: Scene,
-    geometry: Geometry,
-    effort: Effort,
-    seed: int,
-    variable: Variable | None = None,
-    lights: np.ndarray | None = None,
-    box: np.ndarray | None = None,
-) -> tuple[Rows, np.ndarray]:
-    """Radiance samples, for the scene's own light or for each of ``lights`` [S, 3], and their numbers [I]."""
-    at, number, cell = places(geometry, effort, box)
-    zero = np.zeros_like(at)
-    if variable is None:
-        found = [air_light(scene, at, effort.paths, seed, numbers=number, direct=effort.direct)]
-    else:
-        found = [
-            air_light(scene, at, effort.paths, seed + k, variable=variable, light=light, numbers=number)
-            for k, light in enumerate(lights)
-        ]
-    halves = [np.mean([getattr(f, half) for f in found], axis=0) for half in ("half_a", "half_b")]
-    noise = 0.5 * relative_error(*halves)
-    light = found[0].sh if variable is None else np.stack([f.sh for f in found])
-    return Rows(at, zero, light, cell, noise), number
-
-
 def light_volume(
     scene: Scene,
     geometry: Geometry,
@@ -137,10 +73,20 @@ def light_volume(
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
+    coarse: Lit | None = None,
 ) -> Lit:
-    """The volume under the scene's own light, or under each of ``lights`` [S, 3] of ``variable``."""
-    start = _traced_states(scene, geometry, np.flatnonzero(geometry.volume.alive), effort, seed, variable, lights)
-    samples, number = rows(scene, geometry, effort, _sample_seed(seed, lights), variable, lights)
+    """The volume under the scene's own light, or under each of ``lights`` [S, 3] of ``variable``.
+
+    coarse   The same without bricks: what has been traced for it is not traced again.
+    """
+    probes, first = np.flatnonzero(geometry.volume.alive), 0
+    if coarse is not None:
+        probes, first = probes[probes >= len(geometry.volume.lattice)], 1
+    start = _traced_states(scene, geometry, probes, effort, seed, variable, lights)
+    samples, number = rows(scene, geometry, effort, _sample_seed(seed, lights), variable, lights, first=first)
+    if coarse is not None:
+        start[..., : len(geometry.volume.lattice), :, :] = coarse.start
+        samples, number = joined(coarse.samples, samples), np.concatenate([coarse.number, number])
     solution = solve(geometry.volume, samples, start)
     return Lit(geometry, start, samples, number, solution, effort, seed, lights)
 
@@ -163,7 +109,7 @@ def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None, variable: 
     if not len(chosen):
         return lit
     geometry = with_bricks(scene, lit.geometry, chosen, fit)
-    return light_volume(scene, geometry, lit.effort, lit.seed, variable, lit.lights)
+    return light_volume(scene, geometry, lit.effort, lit.seed, variable, lit.lights, coarse=lit)
 
 
 def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
@@ -223,9 +169,7 @@ def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tu
     kept = before.samples.part(~inside)
     numbers = np.concatenate([before.number[~inside], number])
     order = np.argsort(numbers, kind="stable")
-    join = lambda name: np.concatenate([getattr(kept, name), getattr(fresh, name)])[order]  # noqa: E731
-    light = np.concatenate([kept.light, fresh.light], axis=-3)[..., order, :, :]
-    return Rows(join("place"), join("normal"), light, join("cell"), join("noise")), numbers[order]
+    return joined(kept, fresh).part(order), numbers[order]
 
 
 def _changed_rows(before: Lit, samples: Rows, numbers: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from lightwell.probes.volume import ORPHAN, ProbeVolume, coefficients
 
 PASSES = 8
 # Pull towards the traced value, and towards neighbours, relative to the diagonal.
-TO_TRACED, TO_NEIGHBOUR = 0.3, 0.01
+TO_TRACED, TO_NEIGHBOUR = 0.1, 0.01
 # ω = 1 / (D^RELATIVE max(r, …)): 1 is the relative error itself, 0 the absolute one. The relative error of noisy rows
 # is least for a median, below the mean where light is uneven: dark leak. Held-out places have both errors least here
 # (two rooms: symmetric relative error 0.062 -> 0.053, dark leak over that of line of sight 1.6 -> 1.0).
@@ -152,7 +152,8 @@ class _Measure:
     def omega(self, light: np.ndarray) -> np.ndarray:
         """[I] weights of the next pass."""
         found = self._irradiance(light)
-        d = self.size + np.abs(found).mean(axis=(1, 2)) + self.epsilon
+        # By what was found, not by the noisy sample: one that is too bright by chance would count for less.
+        d = 2 * np.abs(found).mean(axis=(1, 2)) + self.epsilon
         r = np.abs(self._truth - found).mean(axis=(1, 2))
         return 1 / (d**RELATIVE * np.maximum(r, LEAST_RESIDUAL * d))
 

@@ -34,7 +34,9 @@ DROPPED, OPEN, WEIGHTED = 0, 1, 2
 # A query with less trusted weight than this is an orphan: probes or bricks are missing there.
 ORPHAN = 0.05
 ALL_OCTANTS = np.uint64(0xFFFFFFFFFFFFFFFF)
-
+# Bytes of a probe's light by coding (three half floats and one of a step, then bytes), and of a brick: its cell, its
+# probes.
+LIGHT_BYTES, BRICK_BYTES = {"l2": 32, "zh3": 20}, 260
 
 # Fine cells along an edge of a brick, and what a fine lattice must be trusted before it takes over.
 FINE, TAKES_OVER = 3, 0.05
@@ -88,19 +90,26 @@ class ProbeVolume:
         """[P + F] bool: nodes that hold light."""
         return self.state != DROPPED
 
+    @property
+    def in_doubt(self) -> np.ndarray:
+        """[C] bool: cells that may ask for a fallback: not all of their nodes are open. Files hold no others."""
+        cells = np.arange(self.lattice.cell_count)
+        node = self.lattice.node_number(self.lattice.cell_corner(cells)[:, None] + CORNERS)
+        return (self.state[node] != OPEN).any(axis=1) & (self.fallback >= 0).any(axis=1)
+
     def bytes_per_probe(self, coding: str = "zh3") -> dict[str, float]:
-        """Bytes of the parts of a live probe: weights, light (fp16 'l2' or 'zh3'), mask and tables; averages."""
+        """Bytes of the parts of a live probe, as in files: weights, light, mask and tables; averages."""
         live = max(int(self.alive.sum()), 1)
-        f = FUNCTIONS[self.function]
-        light = {"l2": 54.0, "zh3": 30.0}[coding]
-        bricks = self.bricks and self.bricks.cell.nbytes + self.bricks.table.nbytes + self.bricks.inner.nbytes
-        table = (5 * len(self.state) + 4 * self.fallback.size + (bricks or 0)) / live  # state, row; fallback; bricks
+        f, light = FUNCTIONS[self.function], LIGHT_BYTES[coding]
+        bricks = 0 if self.bricks is None else BRICK_BYTES * len(self.bricks.table)
+        # A byte a node, a byte a cell, eight where there is a fallback.
+        tables = len(self.state) + len(self.fallback) + 8 * int(self.in_doubt.sum()) + bricks
         return {
             "weights": f.stored * len(self.params) / live,
-            "light": light,
+            "light": float(light),
             "octants": 8.0 * len(self.params) / live,
-            "tables": table,
-            "record": f.stored + light,
+            "tables": tables / live,
+            "record": float(f.stored + light),
         }
 
 

@@ -7,8 +7,9 @@ from lightwell.probes import ddgi, rays, sh
 from lightwell.probes.bake import bake_geometry, rebake, with_bricks
 from lightwell.probes.diffusion import diffuse, sweeps
 from lightwell.probes.leak_scenes import two_rooms
-from lightwell.probes.light import Effort, light_volume, refined, relit
+from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
+from lightwell.probes.samples import Effort
 from lightwell.probes.solve import Rows, smape, solve
 from lightwell.probes.support import cube_edges, cube_valid, sees
 from lightwell.probes.volume import OPEN, WEIGHTED, query, trust_at

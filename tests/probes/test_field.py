@@ -15,7 +15,7 @@ from lightwell.probes import generator
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines
 from lightwell.probes.leak_scenes import two_rooms
-from lightwell.probes.light import Effort
+from lightwell.probes.samples import Effort
 from lightwell.probes.volume import query
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
@@ -81,8 +81,8 @@ def test_the_report_tells_of_the_baselines(moving):
 
 def test_the_payload_is_told(moving, tmp_path):
     told = moving.write_files(tmp_path, "indirect", b"glTF", np.array([-1.5, 1.5, 0.2]), np.ones(3))
-    assert "payload 94 B a record" in told and "1296 B" in told and "\n" not in told
-    assert moving.facts["bytes_per_probe"]["record"] == 94 and moving.facts["bytes_of_distance_moments"] == 1296
+    assert "payload 84 B a record" in told and "1296 B" in told and "\n" not in told
+    assert moving.facts["bytes_per_probe"]["record"] == 84 and moving.facts["bytes_of_distance_moments"] == 1296
 
 
 def test_a_file_beside_it_holds_the_baselines(moving, tmp_path):

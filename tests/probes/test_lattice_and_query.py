@@ -32,7 +32,11 @@ def made_up(function: str = "relu-field", lattice: Lattice = LATTICE, seed: int 
     light = rng.normal(0, 0.4, (count, 9, 3)).astype(np.float32)
     light[:, 0] = 3 + rng.random((count, 3))
     light[state == DROPPED] = 0
-    back = rng.integers(-1, count, (lattice.cell_count, 8)).astype(np.int32)
+    # The nearest nodes by free paths lie round the cell.
+    at = lattice.cell_corner(np.arange(lattice.cell_count))[:, None] + rng.integers(-1, 3, (lattice.cell_count, 8, 3))
+    back = np.where((at >= 0).all(axis=2) & (at < lattice.shape).all(axis=2), lattice.node_number(at), -1).astype(
+        np.int32
+    )
     back[(back >= 0) & (state[np.maximum(back, 0)] == DROPPED)] = -1
     masks = rng.integers(0, 2**63, len(weighted), dtype=np.uint64)
     return ProbeVolume(lattice, function, state, row, params, masks, back, light)

@@ -1,5 +1,6 @@
-/** Reads probe volumes (`format/PROBES.md`): checks everything, then hands the words to the graphics card as they are. */
+/** Reads probe volumes (`format/PROBES.md`): checks everything, and makes of it the words that shaders read. */
 
+import { expanded } from "./tables.ts";
 import { RECORDS } from "./weights.ts";
 
 /** A probe volume: where it is, and the words that shaders read. */
@@ -69,7 +70,7 @@ export function readProbes(bytes: ArrayBuffer): ProbeFile {
 }
 
 function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFile {
-  check(typeof header === "object" && header !== null && header.version === 2, "version 2");
+  check(typeof header === "object" && header !== null && header.version === 3, "version 3");
   const kind = header.function;
   check(typeof kind === "string" && Object.hasOwn(RECORDS, kind), `weights of ${Object.keys(RECORDS).join(", ")}`);
   const { origin, shape, spacing, offset, unit, coding } = header;
@@ -79,26 +80,33 @@ function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFi
   check(coding === "l2" || coding === "zh3", "coding l2 or zh3");
   const [nx, ny, nz] = shape as [number, number, number];
   check(nx * ny * nz <= MOST_PROBES, "fewer nodes");
-  const stored = (name: Section, width: number): Uint32Array => {
+  const bytes = new Uint8Array(words.buffer as ArrayBuffer);
+  const packed = (name: string, size: number): Uint8Array<ArrayBuffer> => {
     const place = (header.sections as Record<string, unknown> | undefined)?.[name];
-    check(Array.isArray(place) && place.length === 2 && place.every((v) => isInteger(v, 0, words.length)), `section ${name}`);
+    check(Array.isArray(place) && place.length === 2 && place.every((v) => isInteger(v, 0, bytes.length)), `section ${name}`);
     const [first, rows] = place as [number, number];
-    check(first % 4 === 0 && first + rows * width <= words.length, `section ${name} in the file`);
-    return words.subarray(first, first + rows * width);
+    check(first % 4 === 0 && 4 * first + 16 * Math.ceil((rows * size) / 16) <= bytes.length, `section ${name} in the file`);
+    return bytes.subarray(4 * first, 4 * first + rows * size);
+  };
+  const stored = (name: string, width: number): Uint32Array<ArrayBuffer> => {
+    const found = packed(name, 4 * width);
+    return new Uint32Array(found.buffer, found.byteOffset, found.length / 4);
   };
   const baselines = typeof header.sections === "object" && header.sections !== null && "moments" in header.sections;
-  const light = (name: Section) => (coding === "l2" ? stored(name, 8) : fromZh3(stored(name, 5)));
+  const light = (name: string) => (coding === "l2" ? stored(name, 8) : fromZh3(stored(name, 5)));
   const none = new Uint32Array(0);
+  const weights = stored("weights", RECORDS[kind]!);
+  const octants = stored("octants", 2);
+  check(octants.length / 2 === weights.length / RECORDS[kind]!, "octants of each record");
+  const compact = { kinds: packed("kinds", 1), octants, light: light("light"), cells: packed("cells", 1) };
+  const tables = expanded({ ...compact, fallbacks: packed("fallbacks", 8), bricks: stored("bricks", 65) }, [nx, ny, nz], check);
   const parts: Record<Section, Uint32Array> = {
-    nodes: stored("nodes", 4),
-    weights: stored("weights", RECORDS[kind]!),
-    light: light("light"),
-    cells: stored("cells", 12),
-    bricks: stored("bricks", 64),
+    ...tables,
+    weights,
     traced: baselines ? light("traced") : none,
     moments: baselines ? stored("moments", MOMENTS) : none,
   };
-  checkIndices(parts, kind, nx * ny * nz, (nx - 1) * (ny - 1) * (nz - 1));
+  checkNumbers(compact.light, weights, kind);
   if (baselines) checkBaselines(parts, nx * ny * nz);
   const at = {} as Record<Section, number>;
   let total = 0;
@@ -138,17 +146,7 @@ function checkBaselines({ traced, moments }: Record<Section, Uint32Array>, nodes
   }
 }
 
-function checkIndices(parts: Record<Section, Uint32Array>, kind: string, nodes: number, cells: number): void {
-  const { nodes: node, weights, light, cells: cell, bricks } = parts;
-  const [probes, records, tables] = [node.length / 4, weights.length / RECORDS[kind]!, bricks.length / 64];
-  check(probes >= nodes && probes > nodes === tables > 0 && light.length === 8 * probes, "a light and a node for each probe");
-  check(cell.length === 12 * cells, `${cells} cells`);
-  for (let i = 0; i < node.length; i += 4) check(node[i]! < 2 + records, "records that exist");
-  for (let i = 0; i < cell.length; i += 12) {
-    for (let k = 0; k < 8; k++) check(cell[i + k]! <= nodes, "nodes that exist");
-    check(cell[i + 8]! <= tables, "bricks that exist");
-  }
-  for (const probe of bricks) check(probe >= nodes && probe < probes, "fine probes that exist");
+function checkNumbers(light: Uint32Array, weights: Uint32Array, kind: string): void {
   for (let i = 0; i < light.length; i += 8) checkHalves(light, i, 4, "finite light");
   // The steps of a network are its record's last words.
   if (kind.endsWith("mlp")) {
