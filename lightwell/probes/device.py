@@ -14,12 +14,13 @@ from lightwell.backend import dr, mi
 from lightwell.graph.ops.activate import LEAK
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes import ddgi
+from lightwell.probes.file_weights import encode_weights
 from lightwell.probes.lattice import CORNERS, Lattice
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS, Bare, core
 from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
-from lightwell.probes.weights.mlp import HIDDEN, SPLITS, TinyMlp
+from lightwell.probes.weights.mlp import HIDDEN, TinyMlp
 from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, ProductField
 from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
@@ -189,11 +190,8 @@ def _value(f, volume: ProbeVolume) -> Callable:
         return lambda row, u, active: _trusted(_grid(table, f.side, row, u, active))
     if isinstance(f, TinyMlp):
         constants[1, -1] = 1
-        stride = -(-f.parameters // 4) * 4
-        rows = np.zeros((CONSTANTS + len(volume.params), stride), np.float32)
-        rows[:, : f.parameters] = np.concatenate([constants, volume.params])
-        table = _table(rows)
-        return lambda row, u, active: _trusted(_network(table, stride // 4, row, u, active))
+        table = _table(encode_weights(f.name, np.concatenate([constants, volume.params])), mi.UInt32)
+        return lambda row, u, active: _trusted(_network(table, row, u, active))
     if isinstance(f, ProductField):
         constants[1, : f.sharp**3], constants[1, f.sharp**3 :] = 1, SMOOTH_HIGH
         rows = np.concatenate([constants, volume.params])
@@ -239,14 +237,21 @@ def _bytes(words, row, u, active):
     return value[0] * ((HIGH - LOW) / 255) + LOW
 
 
-def _network(table, packets: int, row, u, active):
-    """Value of a record's network."""
-    numbers = [c for k in range(packets) for c in dr.gather(mi.Vector4f, table, row * packets + k, active)]
-    w1, b1, w2, b2, w3, b3 = (numbers[a:b] for a, b in zip([0, *SPLITS[:-1]], SPLITS))
+def _network(table, row, u, active):
+    """Value of a record's network, from the bytes of a file's record: eight reads of four words, not 29.
+
+    Each layer's step counts once per neuron, and that of a layer before it in the step: the activation is homogeneous.
+    """
+    words = [w for k in range(8) for w in dr.gather(mi.Vector4u, table, row * 8 + k, active)]
+    steps = [dr.reinterpret_array(mi.Float, w) for w in words[29:]]
+    signed = lambda k: mi.Float((mi.Int32(words[k // 4]) << (24 - 8 * (k % 4))) >> 24)  # noqa: E731
     leaky = lambda v: dr.maximum(v, v * LEAK)  # noqa: E731
-    h = [leaky(_dot(w1[3 * k : 3 * k + 3], u, b1[k])) for k in range(HIDDEN)]
-    h = [leaky(_dot(w2[HIDDEN * k : HIDDEN * (k + 1)], h, b2[k])) for k in range(HIDDEN)]
-    return _dot(w3, h, b3[0])
+    take = lambda first, count: [signed(k) for k in range(first, first + count)]  # noqa: E731
+    h = [leaky(_dot(take(4 * k, 3), u, signed(4 * k + 3))) * steps[0] for k in range(HIDDEN)]
+    first = 4 * HIDDEN
+    bias = first + HIDDEN**2
+    h = [leaky(_dot(take(first + HIDDEN * k, HIDDEN), h, signed(bias + k))) * steps[1] for k in range(HIDDEN)]
+    return _dot(take(bias + HIDDEN, HIDDEN), h, signed(bias + 2 * HIDDEN)) * steps[2]
 
 
 def _dot(a, b, start):
