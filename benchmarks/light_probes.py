@@ -93,7 +93,7 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     spacing, large = FILES[name][1] if name in FILES else 1.0, name in FILES
     # The reference is the dearest part: its noise must stay well below what is told apart. Scenes from files are
     # larger: fewer paths and bricks.
-    asked = _queries(name, made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct)
+    asked = _queries(name, made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct, quick)
     effort = Effort(32, 256, 2048, direct)
     if quick or large:
         effort = Effort(8, 16, 32, direct, 1) if quick else Effort(24, 64, 512, direct, 8)
@@ -107,7 +107,7 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     return rows + _against_network(made.name, trials)
 
 
-def _queries(name: str, made: LeakScene, count: int, paths: int, direct: bool) -> Queries:
+def _queries(name: str, made: LeakScene, count: int, paths: int, direct: bool, quick: bool = False) -> Queries:
     """The queries of a scene with their reference, or what is kept of them."""
     parts = [(ROOT / path).read_bytes() for path in ("benchmarks/probe_trial.py", "lightwell/probes/trace.py")]
     parts.append(repr((made.scene.digest, count, paths, direct)).encode())
@@ -116,6 +116,8 @@ def _queries(name: str, made: LeakScene, count: int, paths: int, direct: bool) -
         with np.load(path, allow_pickle=False) as kept:
             return Queries(**kept)
     asked = queries(made, count, paths, direct=direct)
+    if quick:
+        return asked
     TRIALS.mkdir(parents=True, exist_ok=True)
     np.savez(path, **{field.name: getattr(asked, field.name) for field in fields(asked)})
     return asked
