@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import lightwell
+from lightwell import bake_arguments
 
 # Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
 USAGE_ERROR, INTERRUPTED = 2, 130
@@ -68,69 +69,6 @@ def _verb(verbs, name: str, run, summary: str, description: str = "") -> argpars
 # ---------------------------------------------------------------------- bake
 
 
-def _add_bake_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--field", help="learned representation, or lightmap (default: factored, or the one that has the preset)"
-    )
-    parser.add_argument(
-        "--preset", default="default", help="settings of the field, e.g. default, report-20, report-200"
-    )
-    parser.add_argument(
-        "--budget",
-        metavar="TIME|ERROR",
-        default=None,
-        help="60s, 5m, 1h of tracing and training, or 5%% of error on validation lights (default: 2m; demo: 60s)",
-    )
-    parser.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="WHAT=RANGE",
-        help="what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, sun.direction=arc(az0,el0,az1,el1) "
-        "in degrees, light.clearance=c; light.intensity and light.color set what may always change "
-        "(default: what the scene suggests, else a point light anywhere in its air)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="the same seed and plan give the same result (default: 0)")
-    parser.add_argument(
-        "--paths", type=int, default=16, help="light paths per training sample, even (default: %(default)s)"
-    )
-    parser.add_argument("--views", type=int, default=4, help="held-out views in the report (default: %(default)s)")
-    parser.add_argument("--no-static", action="store_true", help="leave out the light of the scene's own emitters")
-    parser.add_argument(
-        "--steps",
-        type=int,
-        help="fixed number of training steps per field, instead of a time budget (early stopping may end them)",
-    )
-    parser.add_argument(
-        "--shards",
-        type=int,
-        help="fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
-    )
-    parser.add_argument(
-        "--size",
-        type=int,
-        help="lightmap: texels along each edge of the atlas (default: 1024, or 2048 where charts are small)",
-    )
-    parser.add_argument(
-        "--mips", type=int, default=1, help="lightmap: mip level up to which charts do not mix (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--max-bytes", metavar="SIZE", help="lightmap: the best that fits, 1MB or 250kB, by short trial fits"
-    )
-    parser.add_argument(
-        "--spacing", metavar="LENGTH", help="probes: distance of neighbouring probes, 1m or 50cm (default: extent / 8)"
-    )
-    parser.add_argument(
-        "--rebake",
-        metavar="OLD",
-        help="probes: an edit of the bake in OLD (made with --keep); only what --box touches is baked again",
-    )
-    parser.add_argument("--box", metavar="x0,y0,z0,x1,y1,z1", help="probes: where the scene has changed, metres")
-    parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
-    parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
-    parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
-
-
 def _add_bake(verbs) -> None:
     parser = _verb(
         verbs,
@@ -148,34 +86,7 @@ def _add_bake(verbs) -> None:
         "scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or cornell, courtyard, two-rooms"
     )
     parser.add_argument("-o", "--out", required=True, help="folder to write")
-    _add_bake_options(parser)
-
-
-def _settings(arguments, scene: str, out: str):
-    from lightwell.bake.lightmap_bytes import parse_bytes
-    from lightwell.bake.settings import BakeSettings, Budget, metres
-
-    budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
-    return BakeSettings(
-        scene=scene,
-        out=Path(out),
-        field=arguments.field or "",
-        preset=arguments.preset,
-        budget=budget,
-        vary=tuple(arguments.vary),
-        seed=arguments.seed,
-        resume=arguments.resume,
-        paths=arguments.paths,
-        views=arguments.views,
-        steps=arguments.steps,
-        shards=arguments.shards,
-        keep=arguments.keep,
-        static=not arguments.no_static,
-        size=arguments.size,
-        mips=arguments.mips,
-        max_bytes=None if arguments.max_bytes is None else parse_bytes(arguments.max_bytes),
-        spacing=None if arguments.spacing is None else metres(arguments.spacing),
-    )
+    bake_arguments.add(parser)
 
 
 def _bake(arguments) -> int:
@@ -186,7 +97,7 @@ def _bake(arguments) -> int:
     if arguments.rebake or arguments.box:
         report = _rebake(arguments, progress)
     else:
-        report = bake(_settings(arguments, arguments.scene, arguments.out), progress)
+        report = bake(bake_arguments.settings(arguments), progress)
     if arguments.json:
         print(json.dumps(report, indent=1))
     return 0
@@ -215,12 +126,12 @@ def _add_demo(verbs) -> None:
     )
     parser.add_argument("-o", "--out", default="demo", help="folder to write (default: %(default)s)")
     parser.add_argument("--no-open", action="store_true", help="do not serve or open the page afterwards")
-    _add_bake_options(parser)
+    bake_arguments.add(parser)
     parser.set_defaults(budget=DEMO_BUDGET, views=3)
 
 
 def _demo(arguments) -> int:
-    _settings(arguments, arguments.scene, arguments.out)
+    bake_arguments.settings(arguments)
     code = _bake(argparse.Namespace(**vars(arguments)))
     page = Path(arguments.out) / "index.html"
     if arguments.no_open or not sys.stdout.isatty():

@@ -15,6 +15,7 @@ ALLOWED = {
     "transport": {"files", "backend", "scenes"},
     "probes": {"files", "backend", "scenes", "transport", "graph"},
     "fields": {"files", "backend", "scenes", "transport", "networks", "graph", "probes"},
+    "bake_arguments": {"bake"},
     "cache_arguments": set(),
     "cache": {"files", "backend", "scenes", "transport", "networks", "graph"},
     "asset": {"files", "graph", "scenes"},
@@ -23,7 +24,7 @@ ALLOWED = {
     "lens": {"files", "backend"},
     "serve": set(),
     "bake": {"files", "backend", "scenes", "transport", "networks", "graph", "fields", "asset", "report", "doctor"},
-    "cli": {"files", "asset", "bake", "cache", "cache_arguments", "doctor", "lens", "serve"},
+    "cli": {"files", "asset", "bake", "bake_arguments", "cache", "cache_arguments", "doctor", "lens", "serve"},
 }
 
 
