@@ -9,7 +9,7 @@ from lightwell.probes.diffusion import diffuse, sweeps
 from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
-from lightwell.probes.samples import Effort
+from lightwell.probes.samples import Effort, _times, rows
 from lightwell.probes.solve import Rows, smape, solve
 from lightwell.probes.support import cube_edges, cube_valid, sees
 from lightwell.probes.volume import OPEN, WEIGHTED, query, trust_at
@@ -198,3 +198,33 @@ def test_an_open_room_needs_no_records():
     assert set(made.volume.state[far & made.volume.alive]) == {OPEN}
     x = np.array([[-2.0, 1.3, 1.5]])
     assert trust_at(made.volume, x)[2].max() == 1
+
+
+def test_noisy_light_is_not_taken_for_dark_light(baked):
+    rng = np.random.default_rng(4)
+    x = rng.uniform([-2.9, 0.1, 0.1], [2.9, 2.5, 2.9], (6000, 3))
+    light = np.zeros((len(x), 9, 3))
+    # Skewed, as few paths find a door.
+    light[:, 0] = rng.gamma(3, 1 / 3, (len(x), 1))
+    start = np.zeros(baked.volume.light.shape, np.float32)
+    start[baked.volume.alive, 0] = 1
+    found = solve(baked.volume, Rows(x, np.zeros_like(x), light), start)
+    assert found.light[baked.volume.alive, 0].mean() == pytest.approx(light[:, 0].mean(), rel=0.01)
+
+
+def test_noisy_cells_get_more_paths(rooms, baked):
+    noise, cell = np.array([0.01, 0.05, 0.3, 0.3, 0.09, 0.09]), np.array([5, 5, 2, 2, 9, 9])
+    assert _times(noise, cell, 16).tolist() == [1, 1, 16, 16, 8, 8] and _times(noise, cell, 1).max() == 1
+    few, many = (rows(rooms.scene, baked, Effort(4, 16, 16, most=most), 3)[0] for most in (1, 16))
+    assert np.array_equal(few.place, many.place) and many.noise.mean() < 0.5 * few.noise.mean()
+
+
+def test_what_has_been_traced_without_bricks_is_not_traced_again(rooms, baked):
+    lit = light_volume(rooms.scene, baked, Effort(8, 16, 16, most=4), 3)
+    fine = refined(rooms.scene, lit, 2.0)
+    whole = light_volume(rooms.scene, fine.geometry, lit.effort, lit.seed)
+    assert len(fine.volume.state) > len(baked.volume.state)
+    for found, expected in ((fine.samples, whole.samples), (fine, whole), (fine.solution, whole.solution)):
+        for name in ("light", "noise", "cell", "place", "number", "start", "residual"):
+            if isinstance(getattr(expected, name, None), np.ndarray):
+                assert np.array_equal(getattr(found, name), getattr(expected, name)), name
