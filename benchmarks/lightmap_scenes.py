@@ -251,14 +251,16 @@ def measured(
 def variants() -> dict[str, LightmapPreset]:
     """What the default was chosen from."""
     d = PRESETS["default"]
+    texels = replace(d, surface=(), share=1 / 16, channels=6)
     return {
+        "texels learned one by one": texels,
+        "the same, knows E' and directions": replace(texels, inputs="reflected", hidden=(24, 24)),
         "no features": replace(d, channels=0),
         "no directions": replace(d, direction=False),
         "no directions, no features": replace(d, direction=False, channels=0),
-        "features at 1/32": replace(d, share=1 / 32),
         "features at 1/8": replace(d, share=1 / 8),
-        "features at 1/4": replace(d, share=1 / 4),
-        "nine channels": replace(d, channels=9),
+        "six channels": replace(d, channels=6),
+        "twelve channels": replace(d, channels=12),
         "environment of 16 and 64 texels": replace(d, mirrors=(16, 64)),
         "32 x 3": replace(d, hidden=(32, 32, 32)),
         "16 x 2": replace(d, hidden=(16, 16)),

@@ -35,7 +35,7 @@ class Trial:
         """What was chosen, in words."""
         p = self.preset
         features = f"{p.channels} features at 1/{round(1 / p.share)}" if p.channels else "no features"
-        directions = f"directions at 1/{p.direction_reduction}" if p.direction else "no directions"
+        directions = f"directions at 1/{p.direction_reduction}" if p.stores_direction else "no directions"
         size = "" if p.base_reduction == 1 else f" at 1/{p.base_reduction}"
         return f"{p.base}{size}, {directions}, {features}"
 
@@ -45,7 +45,8 @@ def candidates(preset: LightmapPreset, mips: int) -> list[LightmapPreset]:
     if not preset.base:
         return [replace(preset, share=preset.share / 2**k) for k in range(6)]
     found = [replace(preset, base=codec) for codec in ("webp95", "webp90", "webp75")]
-    found.append(replace(preset, base="webp75", direction_reduction=8))
+    if preset.stores_direction:
+        found.append(replace(preset, base="webp75", direction_reduction=8))
     found.append(replace(preset, base="webp50", direction_reduction=8, share=preset.share / 2))
     small = replace(
         preset, base="webp50", direction_reduction=16, share=preset.share / 2, channels=min(preset.channels, 3)

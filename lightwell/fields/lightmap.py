@@ -12,7 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from lightwell.backend import dr
+from lightwell.backend import dr, mi
+from lightwell.fields.atlas_images import push_pull
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap_graph import MapNodes, row_graph
 from lightwell.fields.tabulate import Tabulated
@@ -21,12 +22,18 @@ from lightwell.graph import Graph
 from lightwell.graph.pictures import Picture, encode
 from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.hashgrid import PACKET
-from lightwell.networks.lightmap import LightmapNetwork
+from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
 from lightwell.transport.mapped import MappedQuery
 
 # Shares of the steps after which the quantiser's noise becomes rounding, and the textures those of the file.
 ROUND_FROM, FREEZE_FROM = 0.5, 0.85
+# The first two forms of the quantiser where features are made from places: none, and rounding of what is made.
+PLACES = ("places", "rounded-places")
+# Columns of a row.
+COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about")
+# Rows of which features are made at a time.
+CHUNK = 1 << 16
 # Share of the steps that read the textures at a random level of their mip chain.
 FAR_SHARE = 0.25
 
@@ -50,11 +57,16 @@ class LightmapPreset:
     hidden: tuple[int, ...] = (24, 24)
     """Widths of the network's layers; empty: no network."""
     activation: str = "relu"
-    inputs: Literal["reflected", "view", "report", "uv", "light"] = "reflected"
+    inputs: Literal["reflected", "mirror", "view", "report", "uv", "light"] = "reflected"
     """What the network knows beside the features; see ``lightmap_graph``."""
     siren: bool = False
     stage: tuple[int, ...] = ()
     """Sine layers that make the features in training (siren-two-stage)."""
+    surface: tuple[int, ...] = ()
+    """Widths of layers that make the features from where a surface lies until they become a texture; empty: every
+    texel is learned by itself."""
+    octaves: int = 4
+    """Of sines and cosines of the position, for these layers."""
     demodulated: bool = True
     """Without a base: whether the output is multiplied by the reflectance."""
     mirrors: tuple[int, ...] = ()
@@ -67,9 +79,16 @@ class LightmapPreset:
     size: int = 1024
     """Edge of the atlas unless another is asked for."""
 
+    @property
+    def stores_direction(self) -> bool:
+        """Whether viewers read the directions; features that are made from places have seen them already."""
+        return self.direction and (not self.hidden or self.inputs == "reflected")
+
+
+DEFAULT = LightmapPreset(direction=True, channels=9, hidden=(32, 24), inputs="mirror", surface=(64, 64))
 
 PRESETS: dict[str, LightmapPreset] = {
-    "default": LightmapPreset(direction=True, share=1 / 16),
+    "default": DEFAULT,
     "report": LightmapPreset(
         "", channels=8, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
     ),
@@ -80,7 +99,7 @@ PRESETS: dict[str, LightmapPreset] = {
     "siren-two-stage": LightmapPreset(
         "", channels=8, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
     ),
-    "default-int8": LightmapPreset(direction=True, share=1 / 16, storage="int8"),
+    "default-int8": replace(DEFAULT, storage="int8"),
     "plain": LightmapPreset(channels=0, hidden=()),
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
 }
@@ -117,34 +136,39 @@ class LightmapFit:
         self._features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []
         if self.preset.hidden:
-            self.network = self._make_network("noise")
+            self.network = self._make_network(PLACES[0] if self.nodes.learns_places else "noise")
             self._parameters = self.network.initial(self.seed)
 
     def _make_network(self, quantiser: str) -> LightmapNetwork:
         p, edge = self.preset, max(round(self.size * self.preset.share), 4)
         packed = -(-p.channels // PACKET) * PACKET
-        texture = AtlasTexture(edge, edge, packed, quantiser) if p.channels else None
+        surface = p.surface if quantiser in PLACES else ()
+        texture = AtlasTexture(edge, edge, packed, quantiser) if p.channels and not surface else None
         width = self._rows.width("inputs")
         wide = -(-p.mirror_channels // PACKET) * PACKET
-        mirrors = tuple(AtlasTexture(e, e, wide, quantiser) for e in p.mirrors)
+        stored = dict(zip(PLACES, ("noise", "round"))).get(quantiser, quantiser)
+        mirrors = tuple(AtlasTexture(e, e, wide, stored) for e in p.mirrors)
         count = p.mirror_channels if mirrors else 0
         made = LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
-        return replace(made, mirrors=mirrors, mirror_channels=count)
+        about = self._rows.width("about") if surface else 0
+        return replace(
+            made, mirrors=mirrors, mirror_channels=count, surface=surface, about=about, rounded=quantiser == PLACES[1]
+        )
 
     @property
     def pictures(self) -> dict[str, Picture]:
         """Buffer name → picture of everything that is stored as one."""
         made = {} if self.base is None else {"e": self.base}
-        made |= {} if self.direction is None else {"d": self.direction}
+        made |= {"d": self.direction} if self.direction is not None and self.preset.stores_direction else {}
         return made | ({} if self.mask is None else {"m": self.mask}) | self._features
 
     # ------------------------------------------------------------------ fit
 
     def rows(self, query: MappedQuery, far: int = 0) -> np.ndarray:
-        """[N, 11 + I] what the network sees of a query, at a level of the mip chain."""
+        """[N, 11 + I + A] what the network sees of a query, at a level of the mip chain."""
         seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
         found = seen(query)
-        return np.concatenate([found[n] for n in ("place", "base", "gain", "gloss", "mirror", "inputs")], axis=1)
+        return np.concatenate([found[n] for n in COLUMNS if n in found], axis=1)
 
     def train(
         self,
@@ -165,8 +189,11 @@ class LightmapFit:
         order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
         target = (radiance[order] / self.unit).astype(np.float32)
         data = [TrainingSet.from_numpy(self.rows(query[order], m), target, weight[order]) for m in self.levels]
-        for quantiser, until in (("noise", ROUND_FROM), ("round", FREEZE_FROM), ("frozen", 1.0)):
+        first, then = PLACES if self.nodes.learns_places else ("noise", "round")
+        for quantiser, until in ((first, ROUND_FROM), (then, FREEZE_FROM), ("frozen", 1.0)):
             if quantiser == "frozen":
+                if self.nodes.learns_places:
+                    self._lay_out(data[0].features)
                 self._freeze()
             self.network = self._make_network(quantiser)
             if quantiser == "frozen" and self.preset.stage:
@@ -229,6 +256,30 @@ class LightmapFit:
             raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
         self.history.append((until, loss))
 
+    def _lay_out(self, rows) -> None:
+        """Features that were made from places become a texture: means of the rows [N, …] that lie in each texel."""
+        if "t0" in self._parameters:
+            return
+        texture, used = self._make_network("frozen").texture, self.preset.channels
+        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        found, places = [], np.array(rows[:, PLACE])
+        network = self._make_network(PLACES[0])
+        made, begin = network.made, HEAD + network.inputs
+        with dr.suspend_grad():
+            for start in range(0, len(places), CHUNK):
+                found.append(np.array(made(tensors, rows[start : start + CHUNK, begin:])))
+        values = (np.concatenate(found) - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
+        cell = np.minimum((places * [texture.width, texture.height]).astype(np.int64), texture.width - 1)
+        cell = cell[:, 1] * texture.width + cell[:, 0]
+        count = np.bincount(cell, minlength=texture.width * texture.height)
+        sums = [np.bincount(cell, weights=values[:, k], minlength=len(count)) for k in range(used)]
+        image = np.stack(sums, axis=1) / np.maximum(count, 1)[:, None]
+        shape = (texture.height, texture.width)
+        image = push_pull(image.reshape(*shape, used).astype(np.float32), (count > 0).reshape(shape))
+        table = np.full((len(count), texture.channels), 0.5, np.float32)
+        table[:, :used] = image.reshape(len(count), used)
+        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "uv"} | {"t0": table}
+
     def _freeze(self) -> None:
         """Make the feature textures those of the file."""
         p, network = self.preset, self._make_network("frozen")
@@ -255,9 +306,6 @@ class LightmapFit:
 
     def _baked_stage(self, texture: AtlasTexture) -> np.ndarray:
         """[texels, C] features of the first stage at the texels, in [0, 1]."""
-        from lightwell.backend import mi
-        from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW
-
         y, x = np.mgrid[0 : texture.height, 0 : texture.width] + 0.5
         places = np.stack([x / texture.width, y / texture.height], axis=-1).reshape(-1, 2).astype(np.float32)
         tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}

@@ -63,6 +63,11 @@ class MapNodes:
     size: int = 1
     """Edge of the atlas."""
 
+    @property
+    def learns_places(self) -> bool:
+        """Whether features are made from what is known of a place while they are learned."""
+        return bool(self.preset.surface and self.preset.channels) and self.setup is not None
+
     # ------------------------------------------------------------------ parts
 
     def albedo(self, b: Builder) -> tuple[str, str]:
@@ -130,6 +135,8 @@ class MapNodes:
             return [b.sh("view", 4), cosine, "roughness"]
         r = b.reflect("normal", "view")
         known = [r, cosine, "roughness", "metallic"]
+        if kind == "mirror":
+            return known
         if self.base is not None:
             known.append("q")
         if self.direction is not None:
@@ -139,6 +146,15 @@ class MapNodes:
             half = 0.5 * max(self.setup.size)
             known.append(b.affine("position", [1 / half] * 3, [-c / half for c in self.setup.center]))
         return known
+
+    def about(self, b: Builder) -> str:
+        """What is known of a place, whatever the eye: where it lies, how it is turned, the light that arrives."""
+        position = normalised(b, "position", self.setup)
+        known = [position, b.frequency(b.scale(position, 0.5), self.preset.octaves), "normal"]
+        known += ["q"] if self.base is not None else []
+        if self.direction is not None:
+            known.append("direction" if self.preset.inputs == "reflected" else self.direction_node(b))
+        return b.concat(*known)
 
     # ------------------------------------------------------------------ whole graphs
 
@@ -153,6 +169,8 @@ class MapNodes:
             mirror, distance = self.mirrored(b)
             inputs = [*inputs, b.reciprocal(distance, 0.5)]
         made = {"place": "uv1", "gloss": gloss, "mirror": mirror, "inputs": b.concat(*inputs)}
+        if self.learns_places:
+            made["about"] = self.about(b)
         if self.base is not None:
             light = b.multiply(b.multiply(albedo, light), lit)
             return made | {"base": light, "gain": b.multiply(rest, lit)}

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.networks.atlas_texture import AtlasTexture
+from lightwell.networks.atlas_texture import STEPS, AtlasTexture
 from lightwell.networks.mlp import ACTIVATIONS, glorot
 
 # Columns of a row before its inputs: uv, base, gain of the second term, g, and the place of the environment map.
@@ -35,7 +35,7 @@ OMEGA_FIRST, OMEGA = 20.0, 30.0
 @dataclass(frozen=True)
 class LightmapNetwork:
     """Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, all [texels, C]; ``w0, b0`` …
-    layers; ``s0, c0`` … the layers of the first stage."""
+    layers; ``s0, c0`` … the layers of the first stage; ``u0, v0`` … those that know where a surface lies."""
 
     texture: AtlasTexture | None
     channels: int
@@ -54,6 +54,12 @@ class LightmapNetwork:
     """Textures of the environment, coarse to fine; all their channels but the packet's last are used."""
     mirror_channels: int = 0
     """Channels of each that are used."""
+    surface: tuple[int, ...] = ()
+    """Widths of layers that make the features from what a row knows of its place, in place of the texture."""
+    rounded: bool = False
+    """Whether these features are rounded as their texels will be (straight-through)."""
+    about: int = 0
+    """Numbers that a row knows of its place, behind its inputs."""
 
     @property
     def outputs(self) -> int:
@@ -75,6 +81,11 @@ class LightmapNetwork:
         """Widths of the first stage."""
         return (2, *self.stage, self.channels) if self.stage else ()
 
+    @property
+    def surface_sizes(self) -> tuple[int, ...]:
+        """Widths of the layers that know where a surface lies."""
+        return (self.about, *self.surface, self.channels) if self.surface else ()
+
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
         """Seeded parameters; the output starts at the base alone, with a faint second term."""
         rng = np.random.default_rng(seed)
@@ -87,6 +98,8 @@ class LightmapNetwork:
             made[f"t{k}"] = (START + START_NOISE * rng.standard_normal(shape)).astype(np.float32)
         for k, (a, b) in enumerate(zip(self.stage_sizes, self.stage_sizes[1:])):
             made |= {f"s{k}": _sine_weights(rng, a, b, k), f"c{k}": np.zeros((1, b), np.float32)}
+        for k, (a, b) in enumerate(zip(self.surface_sizes, self.surface_sizes[1:])):
+            made |= {f"u{k}": glorot(rng, a, b), f"v{k}": np.zeros((1, b), np.float32)}
         last = len(self.sizes) - 2
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
             weights = _sine_weights(rng, a, b, k) if self.siren else glorot(rng, a, b)
@@ -95,10 +108,14 @@ class LightmapNetwork:
         return made
 
     def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
-        """[B, 8 + I] rows → [B, 3] radiance in unit S."""
-        read = [self.features(parameters, rows[:, PLACE])]
+        """[B, 11 + I + A] rows → [B, 3] radiance in unit S."""
+        inputs = slice(HEAD, HEAD + self.inputs)
+        if self.surface:
+            read = [self.made(parameters, rows[:, HEAD + self.inputs :])]
+        else:
+            read = [self.features(parameters, rows[:, PLACE])]
         read += [self._decoded(m(parameters[f"t{k}"], rows[:, MIRROR])) for k, m in enumerate(self.mirrors, 1)]
-        o = self._layers(parameters, [r for r in read if r is not None], rows[:, HEAD:])
+        o = self._layers(parameters, [r for r in read if r is not None], rows[:, inputs])
         if not self.base:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
@@ -109,6 +126,18 @@ class LightmapNetwork:
     def _decoded(self, t: Any) -> Any:
         """Used channels of a texture of the environment, in their range."""
         return FEATURE_LOW + (FEATURE_HIGH - FEATURE_LOW) * t[:, : self.mirror_channels]
+
+    def made(self, parameters: Mapping[str, Any], about: Any) -> Any:
+        """[B, channels] decoded features from what is known of places [B, A]."""
+        x, ones = about, dr.full(mi.TensorXf, 1, (about.shape[0], 1))
+        for k in range(len(self.surface_sizes) - 1):
+            x = dr.matmul(x, parameters[f"u{k}"]) + dr.matmul(ones, parameters[f"v{k}"])
+            x = ACTIVATIONS["relu"](x) if k + 2 < len(self.surface_sizes) else FEATURE_HIGH * dr.tanh(x)
+        if not self.rounded:
+            return x
+        step = (FEATURE_HIGH - FEATURE_LOW) / STEPS
+        nearest = FEATURE_LOW + step * dr.floor((dr.detach(x) - FEATURE_LOW) / step + 0.5)
+        return x + (nearest - dr.detach(x))
 
     def features(self, parameters: Mapping[str, Any], places: Any) -> Any:
         """[B, channels] decoded features at places [B, 2], or None."""

@@ -35,7 +35,7 @@ def test_default(tmp_path):
     report = bake(BakeSettings("cornell", tmp_path, **SMALL))
     fields, variables = read_fields(tmp_path / "scene.glb")
     assert [f.role for f in fields] == ["static"] and variables == []
-    assert {"e", "d", "f0", "f1"} <= set(fields[0].graph.buffers)
+    assert {"e", "f0", "f1", "f2"} <= set(fields[0].graph.buffers)
     assert report["field"] == "lightmap" and np.isfinite(report["psnr_db"])
     assert report["facts"]["atlas"]["charts"] > 5
     assert any("white sky" in w for w in report["warnings"])
@@ -76,7 +76,7 @@ def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
         bake(BakeSettings("cornell", halved, **SMALL))
     monkeypatch.setattr(field.LightmapFit, "_phase", phase)
     kept = {p.name for p in (halved / ".lightwell" / "lightmap").iterdir()}
-    assert {"sides.npz", "counts.npz", "light.npz", "eyes.npz", "noise.npz"} <= kept
+    assert {"sides.npz", "counts.npz", "light.npz", "eyes.npz", "places.npz"} <= kept
     bake(BakeSettings("cornell", halved, resume=True, **SMALL))
     assert (halved / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
 
@@ -130,7 +130,7 @@ def test_every_preset_bakes(tmp_path, preset):
             "siren": set(),
             "siren-two-stage": {"f0", "f1", "f2"},
             "directional": {"e", "d", "m"},
-            "default-int8": {"e", "d", "m", "f0", "f1"},
+            "default-int8": {"e", "m", "f0", "f1", "f2"},
         }[preset]
     )
 

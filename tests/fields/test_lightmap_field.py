@@ -312,3 +312,50 @@ def test_a_broken_target_is_left_out():
     target[::7] = np.nan
     fit.train(query, target, np.ones(512, np.float32), 10)
     assert np.isfinite(radiance(fit, query)).all()
+
+
+# ---------------------------------------------------------------------- features made from places
+
+
+def lobes(query: MappedQuery) -> np.ndarray:
+    """Diffuse light, and a lobe that grows to the right."""
+    mirrored = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
+    lobe = query.uv1[:, :1] * np.exp(6 * (mirrored[:, 1:2] - 1))
+    diffuse = 0.46 * np.interp(query.uv1[:, :1] * SIZE, np.arange(SIZE) + 0.5, ramp()[0, :, 0])
+    return 2.0 * (diffuse + 0.5 * lobe).repeat(3, axis=1)
+
+
+def of_places(surface: tuple[int, ...], query: MappedQuery, target: np.ndarray, steps: int) -> LightmapFit:
+    preset = LightmapPreset("png", channels=6, share=0.5, hidden=(16, 16), inputs="mirror", surface=surface)
+    setup = FieldSetup((0.5, 0.5, 0.5), 0.5, 2.0, "static", (1.0, 1.0, 1.0))
+    fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=1 << 10, setup=setup)
+    fit.train(query, target, np.ones(len(query), np.float32), steps)
+    return fit
+
+
+def test_features_made_from_places_learn_less_noise_than_texels():
+    """A thousand noisy samples for 256 texels of six channels."""
+    query, fresh = queries(1 << 10), queries(2048)
+    noise = RNG.gamma(1.0, 1.0, (len(query), 1)).astype(np.float32)
+    error = {}
+    for surface in ((), (32, 32)):
+        fit = of_places(surface, query, lobes(query) * noise, 400)
+        error[surface] = np.sqrt(np.mean((radiance(fit, fresh) - lobes(fresh)) ** 2)) / lobes(fresh).mean()
+    assert error[32, 32] < 0.8 * error[()]
+
+
+def test_features_lie_in_the_texture_where_they_were_made():
+    query, fresh = queries(1 << 12), queries(2048)
+    fit = of_places((32, 32), query, lobes(query), 400)
+    error = lambda q: np.sqrt(np.mean((radiance(fit, q) - lobes(fresh)) ** 2)) / lobes(fresh).mean()  # noqa: E731
+    # A texture that is turned by 90 degrees must be noticed.
+    turned = replace(fresh, uv1=np.ascontiguousarray(fresh.uv1[:, ::-1]))
+    assert error(fresh) < 0.06 and error(turned) > 3 * error(fresh)
+    assert not [name for name in fit.lower().buffers if name in ("u0", "v0")]
+    assert set(fit.pictures) == {"e", "f0", "f1"}
+
+
+def test_features_made_from_places_are_the_same_bytes_for_the_same_seed():
+    query = queries(1 << 10)
+    found = [of_places((8,), query, lobes(query), 20) for _ in range(2)]
+    assert [p.data for p in found[0].pictures.values()] == [p.data for p in found[1].pictures.values()]
