@@ -68,17 +68,19 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
 
 def trace_pass(
     scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True,
-    caching: bool = True,
+    caching: bool = True, guide: Any = None,
 ):  # fmt: skip
     """Radiance [N], validity, path length, spread and place for camera rays; what is not finite becomes 0."""
     return _traced(
-        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), caching, estimator, first_direct
+        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), caching, estimator, first_direct, guide
     )  # fmt: skip
 
 
-def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct):
+def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct, guide):
     ray, weight, place, sampler = rays
-    L, valid, depth, ratio = render_path(scene, sampler, ray, around, evaluate, q, caching, estimator, first_direct)
+    L, valid, depth, ratio = render_path(
+        scene, sampler, ray, around, evaluate, q, caching, estimator, first_direct, guide
+    )  # fmt: skip
     L = L * weight
     L = dr.select(dr.all(dr.isfinite(L)), L, 0)
     return L, valid, depth, ratio, place
@@ -94,6 +96,7 @@ class PassShape:
     first_direct: bool
     film: str
     """Kind of the sensor, its film and its shutter, all of which are baked in."""
+    guided: bool = False
 
 
 def film_mark(sensor: Any) -> str:
@@ -106,13 +109,13 @@ def film_mark(sensor: Any) -> str:
 
 @functools.lru_cache(maxsize=64)
 def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
-    """f(scene, sensor, around, weights, q, first sample, samples per pixel, seed) -> what ``trace_pass`` gives, and the
-    rays. Recorded once: to trace its Python takes longer than a small pass."""
+    """f(scene, sensor, around, weights, guide, q, first sample, samples per pixel, seed) -> what ``trace_pass`` gives,
+    and the rays. Recorded once: to trace its Python takes longer than a small pass."""
 
-    def run(scene, sensor, around, weights, q, first, spp, seed):
+    def run(scene, sensor, around, weights, guide, q, first, spp, seed):
         rays = sobol_rays(sensor, first, spp, seed, shape.N)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
-        out = _traced(scene, rays, around, evaluate, q, shape.caching, shape.estimator, shape.first_direct)
+        out = _traced(scene, rays, around, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
         dr.eval(out)
         return out
 
@@ -120,12 +123,13 @@ def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
 
 
 def sobol_pass(
-    scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool
+    scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool,
+    guide: Any = None,
 ):  # fmt: skip
     """One pass of N lanes with the cache's own numbers; ``numbers``: first sample, samples per pixel, seed."""
-    shape = PassShape(N, caching, estimator, True, film_mark(sensor))
+    shape = PassShape(N, caching, estimator, True, film_mark(sensor), guide is not None)
     around, weights = cache.around, cache.packed("ema")
-    return frozen_pass(cache.model, shape)(scene, sensor, around, weights, dr.opaque(mi.Float, q), *numbers)
+    return frozen_pass(cache.model, shape)(scene, sensor, around, weights, guide, dr.opaque(mi.Float, q), *numbers)
 
 
 def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, wavelengths: Any, coalesce: bool) -> Any:

@@ -5,10 +5,10 @@ Notation: x1 is the primary hit, x2, x3 ... those behind it; β the throughput f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
+from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import Vertex
 from lightwell.cache.materials import lookup
 from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
@@ -105,7 +105,7 @@ class Walk:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "ray": mi.Ray3f, "β": mi.Spectrum, "η": mi.Float, "depth": mi.UInt32, "prev": mi.Interaction3f,
-        "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": Spread, "active": mi.Bool,
+        "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": Spread, "first": mi.Float, "active": mi.Bool,
     }  # fmt: skip
 
     def __init__(self, ray=None):
@@ -119,6 +119,8 @@ class Walk:
         self.prev_pdf, self.prev_delta = mi.Float(1), mi.Bool(True)
         """Density of the ray's direction there; it came from a delta lobe."""
         self.foot = Spread()
+        self.first = mi.Float(0)
+        """What the path was expected to bring when the guide first knew."""
         self.active = mi.Bool(True)
 
     def emission(self, scene: Any, si: Any) -> mi.Spectrum:
@@ -141,35 +143,6 @@ class Walk:
         return dr.minimum(dr.max(self.β) * dr.square(self.η), RR_MAX)
 
 
-@dataclass
-class Bounce:
-    """What happens at a vertex: light sampled there, and the next direction. No loop carries it."""
-
-    light: Any
-    """Light sampling: BSDF * weight * MIS weight."""
-    wo: Any
-    pdf: Any
-    weight: Any
-    eta: Any
-    delta: Any
-    null: Any
-
-
-def bounce_at(scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: Any, active: Any) -> Bounce:
-    """Light sampling and BSDF sampling, drawing numbers as Mitsuba's ``path`` does."""
-    active_em = active & smooth
-    ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
-    active_em &= ds.pdf != 0
-    sample1, sample2 = sampler.next_1d(), sampler.next_2d()
-    value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, si.to_local(ds.d), sample1, sample2, active
-    )  # fmt: skip
-    mis = dr.select(ds.delta, 1, dr.detach(power_heuristic(ds.pdf, pdf)))
-    light = dr.select(active_em, value * em_weight * mis, 0)
-    has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
-    return Bounce(light, sample.wo, sample.pdf, weight, sample.eta, has(mi.BSDFFlags.Delta), has(mi.BSDFFlags.Null))
-
-
 class Ending:
     """Where the cache comes into a rendering path."""
 
@@ -183,7 +156,9 @@ class Ending:
 
 
 @dr.syntax
-def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator: str, first_direct: bool):
+def render_path(
+    scene, sampler, ray, around, cache, q, caching: bool, estimator: str, first_direct: bool, guide: Any = None
+):  # fmt: skip
     """Radiance along one camera ray per lane.
 
     Parameters
@@ -194,6 +169,7 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
       estimator     'biased': paths end in the cache. 'residual': the cache is a control variate at every vertex that
                     could end the path. 'difference': what a residual path adds to a biased one.
       first_direct  Whether direct light at the primary hit is counted (False: reservoirs supply it).
+      guide         None, or the ``Guide`` that directions are sampled from beside the BSDF.
     returns         (L, valid, depth, a / a0 at the end): radiance, whether anything was hit, vertices.
 
     Papers: Müller et al. 2021 (termination, query), Bekaert et al. 2003 (footprints).
@@ -220,19 +196,12 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
         added = mi.Float(0)
         if dr.hint(caching, mode="scalar"):
             added = walk.foot.arrive(si, walk.ray)
-            wide = walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
-            ends = goes & wide & smooth & around.inside(si.p)
-            if dr.hint(estimator == "biased", mode="scalar"):
-                end.vertex = dr.select(ends, around.vertex(si, bsdf, ends), end.vertex)
-                end.β = dr.select(ends, walk.β, end.β)
-                goes &= ~ends
-            else:
-                value = cache(around.vertex(si, bsdf, ends), ends)
-                L, goes = _residual(walk, end, sampler, L, value, goes, ends, q, estimator)
+            L, goes = _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, q, estimator)
 
         # ------------------- Light sampling and the next direction -------------------
 
-        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes)
+        visit, goes, _ = guided_visit(walk, guide, around, sampler, si, bsdf, goes)
+        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes, guide, visit)
         here = mi.Bool(False)
         if dr.hint(not first_direct, mode="scalar"):
             here = (walk.depth == 0) & smooth
@@ -244,13 +213,7 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
 
         # --------------------------- Stopping criterion ---------------------------
 
-        walk.depth[si.is_valid() & walk.active] += 1
-        β_max = dr.max(walk.β)
-        survival = walk.survival()
-        roulette = walk.depth >= around.rr_depth
-        go_on = sampler.next_1d() < survival
-        walk.β[roulette] *= dr.rcp(survival)
-        walk.active = goes & (~roulette | go_on) & (β_max != 0)
+        _go_on(walk, sampler, around, si, goes, guide is None)
 
     if dr.hint(caching and estimator == "difference", mode="scalar"):
         L = dr.select(end.differs, L, 0)
@@ -258,6 +221,42 @@ def render_path(scene, sampler, ray, around, cache, q, caching: bool, estimator:
         ended = dr.any(end.β != 0)
         L += dr.select(ended, end.β * cache(end.vertex, ended), 0)
     return L, valid, walk.depth, walk.foot.ratio()
+
+
+def guided_visit(walk, guide, around, sampler, si, bsdf, goes):
+    """The guide's view of a vertex, and its roulette: (visit, which lanes go on, with what probability). Draws no
+    number without a guide."""
+    if guide is None:
+        return None, goes, mi.Float(1)
+    visit = guide.visit(around, si, bsdf.flags(), sampler.next_1d(), goes)
+    alive, walk.first = visit.survival(walk.β, walk.first, walk.depth)
+    walk.β = dr.select(goes, walk.β * dr.rcp(alive), walk.β)
+    return visit, goes & (visit.chance < alive), alive
+
+
+def _go_on(walk, sampler, around, si, goes, plain: bool) -> None:
+    """Roulette by the throughput; a guide has its own."""
+    walk.depth[si.is_valid() & walk.active] += 1
+    β_max = dr.max(walk.β)
+    walk.active = goes & (β_max != 0)
+    if plain:
+        survival = walk.survival()
+        roulette = walk.depth >= around.rr_depth
+        go_on = sampler.next_1d() < survival
+        walk.β[roulette] *= dr.rcp(survival)
+        walk.active &= ~roulette | go_on
+
+
+def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, q, estimator: str):
+    """Where the footprint is wide, the path ends in the cache, or takes it for a control variate: (L, who goes on)."""
+    wide = walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
+    ends = goes & wide & smooth & around.inside(si.p)
+    if estimator == "biased":
+        end.vertex = dr.select(ends, around.vertex(si, bsdf, ends), end.vertex)
+        end.β = dr.select(ends, walk.β, end.β)
+        return L, goes & ~ends
+    value = cache(around.vertex(si, bsdf, ends), ends)
+    return _residual(walk, end, sampler, L, value, goes, ends, q, estimator)
 
 
 def _residual(walk, end, sampler, L, value, goes, ends, q, estimator: str):

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.guide import BINS
+from lightwell.cache.guide_table import SUMS, GuideTable
 from lightwell.cache.settings import settings_of
 from lightwell.files import load_arrays, save_arrays
 from lightwell.networks.device import tensors
@@ -17,7 +19,9 @@ from lightwell.networks.device import tensors
 if TYPE_CHECKING:
     from lightwell.cache.radiance_cache import RadianceCache
 
-VERSION = 1
+VERSION = 2
+# Versions that can be read: the first one had no guide.
+READS = (1, 2)
 # No cache is larger; a file that claims to be is not read.
 MOST_BYTES = 1 << 30
 PARTS = ("value", "average", "first", "second")
@@ -49,6 +53,10 @@ def save(cache: RadianceCache, path: str | Path) -> None:
     }
     for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
         arrays |= {f"{part}.{name}": np.array(value) for name, value in held.items()}
+    if cache.guide_table is not None:
+        table = cache.guide_table
+        arrays |= {"guide.keys": table.keys, "guide.bins": table.bins.astype(np.float32), "guide.sums": table.sums,
+                   "guide.frames": np.array([table.frames], np.int64)}  # fmt: skip
     save_arrays(Path(path), arrays)
 
 
@@ -63,12 +71,14 @@ def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
         settings = settings_of(about["settings"])
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: not a radiance cache ({error}); write it again with cache.save()") from None
-    if about.get("version") != VERSION:
-        raise ValueError(f"{path}: version {about.get('version')} of the format, this lightwell reads {VERSION}")
+    if about.get("version") not in READS:
+        raise ValueError(f"{path}: version {about.get('version')} of the format, this lightwell reads {READS}")
     if scene is not None and about.get("scene") and fingerprint(scene) != about["scene"]:
         raise ValueError(f"{path}: was learned on another scene; train a new cache, or load without naming a scene")
     cache = RadianceCache(settings, arrays["box"])
     _fill(cache, arrays, path)
+    if settings.guided and "guide.keys" in arrays:
+        _fill_guide(cache, arrays, path)
     cache.scene_mark = about.get("scene", "")
     return cache
 
@@ -87,7 +97,8 @@ def _checked(path: Path) -> dict[str, np.ndarray]:
         found = arrays.get(name)
         if found is None or found.ndim != rank or found.dtype != kind:
             raise ValueError(f"{path}: not a radiance cache ('{name}' is missing or of another kind)")
-    if arrays["box"].shape != (2, 3) or not (arrays["box"][1] > arrays["box"][0]).all():
+    box = arrays["box"]
+    if box.shape != (2, 3) or not np.isfinite(box).all() or not (box[1] > box[0]).all():
         raise ValueError(f"{path}: the box is not two corners, the second larger; write the cache again")
     if arrays["clocks"].shape != (4,) or (arrays["clocks"] < 0).any() or not _sound_scale(arrays["scale"]):
         raise ValueError(f"{path}: clocks or scale are out of range; write the cache again")
@@ -120,3 +131,22 @@ def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> No
     cache.scale.value, cache.scale.mean, *level = (float(x) for x in arrays["scale"])
     cache.level.count, cache.level.traced, cache.level.cached, cache.level.square = level
     cache.scale.started = True
+
+
+def _fill_guide(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
+    """The guide's sums; every cell once, inside the table, and sums that no division can harm."""
+    assert cache.box is not None
+    table = GuideTable(cache.box, cache.settings.guide_share)
+    keys = np.atleast_1d(arrays["guide.keys"])
+    shapes = {"keys": (np.int64, (len(keys),)), "bins": (np.float32, (len(keys), BINS)),
+              "sums": (np.float64, (len(keys), SUMS)), "frames": (np.int64, (1,))}  # fmt: skip
+    for name, (kind, shape) in shapes.items():
+        found = arrays.get(f"guide.{name}")
+        if found is None or found.dtype != kind or found.shape != shape:
+            raise ValueError(f"{path}: 'guide.{name}' is missing or of another shape; write the cache again")
+        if not np.isfinite(found).all() or (found < 0).any():
+            raise ValueError(f"{path}: 'guide.{name}' holds numbers that are out of range; train again")
+    if len(np.unique(keys)) != len(keys) or (keys >= len(table.row_of)).any():
+        raise ValueError(f"{path}: 'guide.keys' names cells that do not exist, or twice; write the cache again")
+    table.restore(keys, arrays["guide.bins"], arrays["guide.sums"], int(arrays["guide.frames"][0]))
+    cache.guide_table = table

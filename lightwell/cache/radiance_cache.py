@@ -16,6 +16,8 @@ from lightwell.cache import persist
 from lightwell.cache.batches import frozen_batches
 from lightwell.cache.change import ChangeDetector, GrowthWatch
 from lightwell.cache.features import WIDTH, Vertex
+from lightwell.cache.guide import Guide
+from lightwell.cache.guide_table import GuideTable
 from lightwell.cache.learner import Batch, Learner
 from lightwell.cache.materials import MaterialTable, material_table
 from lightwell.cache.model import Model
@@ -106,6 +108,8 @@ class RadianceCache:
         """Fingerprint of the scene."""
         self.detector, self.changes, self.boost = ChangeDetector(), 0, 0
         """Finds changes; how many there were; frames that still learn faster because of one."""
+        self.guide_table: GuideTable | None = None
+        """What is known of where light comes from; made when the box is known, where settings ask for a guide."""
         self.growth, self.replay = GrowthWatch(), Replay()
         """Looks for a cache that feeds on itself; rays of earlier cameras."""
         self.most_steps = 0
@@ -136,6 +140,8 @@ class RadianceCache:
             corners = bounds_of(scene)
             margin = np.maximum((corners[1] - corners[0]) * INFLATE, 1e-6 * max(1e-6, np.ptp(corners)))
             self.box = np.stack([corners[0] - margin, corners[1] + margin])
+        if self.settings.guided and self.guide_table is None:
+            self.guide_table = GuideTable(self.box, self.settings.guide_share)
         self.materials = material_table(scene)
         self._around = None
         self.scene_mark = persist.fingerprint(scene)
@@ -155,6 +161,8 @@ class RadianceCache:
         self.detector.reset()
         self.growth.reset()
         self.level.reset()
+        if self.guide_table is not None:
+            self.guide_table.forget()
         self.changes += 1
         self.touched()
 
@@ -219,6 +227,12 @@ class RadianceCache:
         """Scattered radiance towards ``v.w``."""
         return self.model.radiance(packed[0], v, packed[1])
 
+    @property
+    def guide(self) -> Guide | None:
+        """Where light comes from, as far as it is known; None: nothing yet, or not asked for."""
+        table = self.guide_table
+        return None if table is None or not len(table.keys) else table.guide()
+
     # ------------------------------------------------------------------ training
 
     def controller(self, width: int, height: int) -> Tiles:
@@ -251,7 +265,7 @@ class RadianceCache:
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
         """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
         told = Told(frame=self.frame, scale=self.scale.value)
-        if self.frozen or not self.settings.caching:
+        if self.frozen or not self.settings.learns:
             return told
         with dr.suspend_grad():
             start = time.perf_counter()
@@ -279,17 +293,24 @@ class RadianceCache:
         u = self.unbiased_share
         shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
-        shape = Shape(columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place)
+        table, guide = self.guide_table, self.guide
+        shape = Shape(
+            columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place, table is not None,
+            guide is not None,
+        )  # fmt: skip
+        cells = mi.Vector3f(1) if table is None else table.opaque_cells
         self.replay.look(str(sensor.world_transform().matrix))
         numbers = Numbers(
             seed, self.frame, columns, (tile_w, tile_h), u, s.tail_attenuation, s.tail_after, s.replay, self.replay.held
         )
         tails = self.packed("raw" if s.bootstrap == "raw" else "ema")
         traced = frozen_frame(self.model, shape)(
-            scene, sensor, self.around, tails, self.packed("ema"), numbers, self.replay.pool
+            scene, sensor, self.around, tails, self.packed("ema"), numbers, self.replay.pool, cells, guide
         )
         self.replay.saw(traced.o, traced.d)
         self._watch_growth(float(traced.level[0]))
+        if table is not None:
+            table.add(*(np.array(x) for x in (traced.cell, traced.bin, traced.met, traced.reach, traced.whole)))
         told.paths, told.hits = shape.P, int(traced.hits[0])
         count, total, square, cached = (float(x[0]) for x in traced.meter)
         if self.still:
@@ -316,6 +337,8 @@ class RadianceCache:
     def unbiased_share(self) -> float:
         """Training paths of the next frame that end by roulette alone."""
         u = self.settings.still_unbiased if self.still else self.settings.unbiased_fraction
+        if not self.settings.caching:
+            return 1.0
         # At first nothing is known yet that could end a path.
         return 1.0 if 0 < u and self.since_change < self.settings.lead_in else u
 
@@ -327,6 +350,8 @@ class RadianceCache:
         luminances = np.array(traced.luminance)
         if self.still:
             told.noise = noise_of(luminances[:: s.max_vertices], *self.grid)
+        if not s.caching:
+            return None, 0
         self._calibrate(luminances, told)
         steps = min(self.steps, -(-told.records // s.batch))
         # A step of less than half a batch learns little: it waits for more records unless it is the only one.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lightwell.backend import dr
+from lightwell.backend import dr, mi
 
 # After so many refusals a function is traced for good.
 MOST_REFUSALS = 3
@@ -14,15 +14,24 @@ MOST_REFUSALS = 3
 class Recorded:
     """A function of scene and arrays, recorded at its first call.
 
+    A recording is of one scene and is thrown away when another one comes: materials of a scene that is gone give their
+    numbers to those of the next, and a recording would call the wrong ones. The last scene is held for that.
+
     Recording is refused while materials of another scene are alive in the process and have nested ones (masks, blends):
     virtual calls could reach them, and they are not among the arguments.
     """
 
+    scene: Any = None
+    """The scene that was last played, by any recording."""
+    turn = 0
+    """How many times that changed."""
+
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function, self.frozen = function, dr.freeze(function)
-        self.refusals = 0
+        self.refusals, self.recorded = 0, -1
 
     def __call__(self, *arguments: Any) -> Any:
+        self._follow(arguments[0])
         if self.refusals < MOST_REFUSALS:
             try:
                 return self.frozen(*arguments)
@@ -31,3 +40,12 @@ class Recorded:
                     raise
                 self.refusals += 1
         return self.function(*arguments)
+
+    def _follow(self, scene: Any) -> None:
+        """Begin anew where the scene is not the one that the recording is of."""
+        if not isinstance(scene, mi.Scene):
+            return
+        if Recorded.scene is not scene:
+            Recorded.scene, Recorded.turn = scene, Recorded.turn + 1
+        if self.recorded != Recorded.turn:
+            self.frozen, self.recorded, self.refusals = dr.freeze(self.function), Recorded.turn, 0

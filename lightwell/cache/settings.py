@@ -20,7 +20,7 @@ CHOICES = {
     "bootstrap": ("raw", "ema"),
     "first_hit": ("nee", "restir-di", "restir-gi"),
     "restir_reuse": ("biased", "unbiased"),
-    "estimator": ("biased", "residual", "two-level"),
+    "estimator": ("biased", "residual", "two-level", "guided"),
     "on_change": ("detect", "hint-only", "off"),
     "budget": ("preset", "low", "auto"),
     "mode": ("auto", "frames", "still"),
@@ -99,7 +99,13 @@ class CacheSettings:
     restir_candidates: int = 8
     """Light samples that a reservoir chooses from afresh (the paper: 32)."""
     estimator: str = "biased"
-    """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate."""
+    """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. 'guided':
+    unbiased, no cache value in the picture; the guide steers whole paths."""
+    guide: bool = False
+    """Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). Always on with
+    'guided'."""
+    guide_share: float = 0.5
+    """Probability that a vertex samples the guide and not the BSDF."""
     residual_probability: float = 0.25
     """Share of paths that go on behind the query, to measure what the cache gets wrong."""
     level_samples: int = 4
@@ -144,7 +150,17 @@ class CacheSettings:
     @property
     def caching(self) -> bool:
         """Whether any path can end in the cache."""
-        return math.isfinite(self.termination_c)
+        return math.isfinite(self.termination_c) and self.estimator != "guided"
+
+    @property
+    def guided(self) -> bool:
+        """Whether a guide is learned."""
+        return self.estimator == "guided" or (self.guide and self.caching)
+
+    @property
+    def learns(self) -> bool:
+        """Whether there is anything to train."""
+        return self.caching or self.guided
 
     @property
     def step_decay(self) -> float:
@@ -194,6 +210,7 @@ _RANGES = (
     ("restir_candidates", 1, 1024),
     ("residual_probability", 1e-3, 1),
     ("level_samples", 1, 64),
+    ("guide_share", 0, 0.95),
     ("rr_depth", 1, 1 << 30),
     ("warmup", 0, 1 << 20),
 )

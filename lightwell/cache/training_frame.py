@@ -16,6 +16,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache.batches import compacted, usable
 from lightwell.cache.draws import GOLDEN, draws, mixed
 from lightwell.cache.features import stored
+from lightwell.cache.guide import key_of
 from lightwell.cache.model import Model
 from lightwell.cache.recorded import Recorded
 from lightwell.cache.training_paths import query_vertex, resolve, trace_records
@@ -37,6 +38,10 @@ class Shape:
     """Which paths roulette alone ends: 'all', 'none', 'sixteenth' (one of every 4 x 4 tiles), 'hashed'."""
     film: str
     """Kind and place of the sensor's film."""
+    teaches: bool = False
+    """Whether the records are for a guide, too."""
+    guided: bool = False
+    """Whether there is one already."""
 
 
 class Numbers:
@@ -67,7 +72,8 @@ class Traced:
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
         "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector4f, "level": mi.Float, "o": mi.Point3f,
-        "d": mi.Vector3f,
+        "d": mi.Vector3f, "cell": mi.UInt32, "bin": mi.Float, "met": mi.Float, "reach": mi.Float,
+        "whole": mi.Float,
     }  # fmt: skip
 
     def __init__(self):
@@ -86,6 +92,11 @@ class Traced:
         """Sum of the cache's values at the tails that ended paths, over their number."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0)
         """[P] rays that the paths began with."""
+        self.cell, self.bin = mi.UInt32(0), mi.Float(-1)
+        """[R] for the guide: cell, and bin of the direction (-1: nothing to learn)."""
+        self.met, self.reach, self.whole = mi.Float(0), mi.Float(0), mi.Float(0)
+        """[R] for the guide: luminance that came from there up to the next record; factor of what that one scatters;
+        all that was scattered, light sampling included."""
 
 
 def choice_of(u: float) -> str:
@@ -100,17 +111,18 @@ def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
 
 @functools.lru_cache(maxsize=64)
 def frozen_frame(model: Model, shape: Shape) -> Any:
-    """f(scene, sensor, around, tail weights, pixel weights, numbers, pool) -> Traced; weights with one over scale.
+    """f(scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) -> Traced; weights with one
+    over scale.
 
-    pool  origins and directions of rays of earlier cameras.
+    pool  origins and directions of rays of earlier cameras. cells: of the guide, along the axes.
     """
 
-    def run(scene, sensor, around, tails, pixels, numbers, pool):
+    def run(scene, sensor, around, tails, pixels, numbers, pool, cells, guide):
         P, V = shape.P, shape.V
         sampler = draws(dr.arange(mi.UInt32, P), numbers.frame, mixed(numbers.seed + TRAINING_STREAM))
         ray, replayed = _replayed(_rays(sensor, shape, numbers, sampler), numbers, pool, P)
         unbiased = _unbiased(shape, numbers)
-        records = trace_records(scene, sampler, ray, around, unbiased, numbers.shortest, V, P)
+        records = trace_records(scene, sampler, ray, around, unbiased, numbers.shortest, V, P, guide)
         dr.eval(records)
         tail = model.radiance(tails[0], records.tail, tails[1])
         targets, at_query = resolve(records, tail * numbers.attenuation, V, P)
@@ -126,6 +138,8 @@ def frozen_frame(model: Model, shape: Shape) -> Any:
         ended = dr.select(records.ended, mi.Float(1), 0)
         out.level = dr.sum(ended * mi.luminance(tail)) / dr.maximum(dr.sum(ended), 1)
         out.o, out.d = ray.o, ray.d
+        if shape.teaches:
+            _teach(out, records, ok, cells, V)
         dr.eval(out)
         return out
 
@@ -172,6 +186,21 @@ def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool
     t = dr.gather(mi.Vector4f, targets, row, ok)
     y, _ = model.target(mi.Color3f(t.x, t.y, t.z), v, mi.Float(1))
     return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
+
+
+def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -> None:
+    """What the guide learns from a frame: radiance that was scattered by each vertex, by where it came from."""
+    row = dr.arange(mi.UInt32, dr.width(ok))
+    v = stored(records.features, row, ok)
+    out.cell = key_of(mi.Vector3f(v.p) * cells, v.n, cells)
+    colour = lambda table, at, active: dr.gather(mi.Vector4f, table, at, active)  # noqa: E731
+    luminance = lambda four: mi.luminance(mi.Color3f(four.x, four.y, four.z))  # noqa: E731
+    C, T = colour(records.gathered, row, ok), colour(records.through, row, ok)
+    out.whole, out.bin = luminance(colour(out.targets, row, ok)), dr.select(ok, T.w, -1)
+    # The record behind it lies in the next slot, if that is the same path's.
+    follows = ok & (row % V + 1 < V) & (dr.gather(mi.Vector4f, out.targets, row + 1, ok & (row % V + 1 < V)).w > 0)
+    out.reach = dr.select(follows, luminance(T), 0)
+    out.met = dr.maximum(dr.select(follows, luminance(C), out.whole) - C.w, 0)
 
 
 def _meter(

@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 from lightwell.backend import dr, mi
+from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import WIDTH, Vertex, stored
-from lightwell.cache.paths import Surroundings, Walk, bounce_at
+from lightwell.cache.guide import bin_of
+from lightwell.cache.paths import Surroundings, Walk, guided_visit
 
 
 class Records:
@@ -27,7 +29,8 @@ class Records:
         self.features = mi.Float(0)
         """[P * V * WIDTH] vertices."""
         self.gathered, self.through = mi.Float(0), mi.Float(0)
-        """[P * V * 4] C and T of each slot; the fourth number is unused."""
+        """[P * V * 4] C and T of each slot; the fourth numbers are for the guide: luminance of the light sampled at the
+        vertex, and the bin of the direction that it bounced to (-1: a mirror's)."""
         self.count = mi.UInt32(0)
         """[P] slots in use."""
         self.query = mi.Int32(-1)
@@ -45,12 +48,14 @@ class Suffix:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "C": mi.Color3f, "T": mi.Color3f, "count": mi.UInt32, "query": mi.Int32, "prefix": mi.Color3f, "tail": Vertex,
-        "ended": mi.Bool, "bounces": mi.UInt32, "late": mi.UInt32,
+        "ended": mi.Bool, "bounces": mi.UInt32, "late": mi.UInt32, "sampled": mi.Float, "bin": mi.Float,
     }  # fmt: skip
 
     def __init__(self):
         self.C, self.T = mi.Color3f(0), mi.Color3f(1)
         """The open segment."""
+        self.sampled, self.bin = mi.Float(0), mi.Float(-1)
+        """Likewise, what the guide learns from: light sampled where it begins, and where the path went from there."""
         self.count = mi.UInt32(0)
         """Slots in use."""
         self.query, self.prefix = mi.Int32(-1), mi.Color3f(0)
@@ -62,10 +67,11 @@ class Suffix:
 
 
 @dr.syntax
-def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest, V: int, P: int) -> Records:
+def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest, V: int, P: int, guide: Any = None):
     """Trace P training paths, one per lane, and leave their records.
 
     unbiased  mask of the paths that no cache value ends; they may be longer than V vertices.
+    guide     None, or the ``Guide`` that directions are sampled from beside the BSDF.
     shortest  records from the query vertex on before a cache value may end a path; the paper: 1.
     """
     out = Records()
@@ -101,27 +107,29 @@ def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest,
 
         # -------------------------------- A record --------------------------------
 
+        visit, goes = _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes)
         opens = goes & recordable & ~full
         closes = opens & (kept.count > 0)
         before = path * V + kept.count - 1
-        dr.scatter(gathered, mi.Vector4f(*kept.C, 0), before, closes)
-        dr.scatter(through, mi.Vector4f(*kept.T, 0), before, closes)
+        dr.scatter(gathered, mi.Vector4f(*kept.C, kept.sampled), before, closes)
+        dr.scatter(through, mi.Vector4f(*kept.T, kept.bin), before, closes)
         v.store(features, path * V + kept.count, opens)
         _open(kept, opens)
 
         # ------------------- Light sampling and the next direction -------------------
 
-        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes)
+        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes, guide, visit)
+        _note(kept, si, bounce, opens)
         kept.C += dr.select(kept.count > 0, kept.T * bounce.light, 0)
         kept.T = dr.select(goes, kept.T * bounce.weight, kept.T)
         walk.leave(si, bounce)
         walk.foot.leave(added, bounce, goes)
-        _roulette(walk, kept, si, sampler, around, goes)
+        _roulette(walk, kept, si, sampler, around, goes, guide is None)
 
     # A path that ended closes its last segment; nothing but a tail lies behind it.
     closes = kept.count > 0
-    dr.scatter(gathered, mi.Vector4f(*kept.C, 0), path * V + kept.count - 1, closes)
-    dr.scatter(through, mi.Vector4f(*dr.select(kept.ended, kept.T, 0), 0), path * V + kept.count - 1, closes)
+    dr.scatter(gathered, mi.Vector4f(*kept.C, kept.sampled), path * V + kept.count - 1, closes)
+    dr.scatter(through, mi.Vector4f(*dr.select(kept.ended, kept.T, 0), kept.bin), path * V + kept.count - 1, closes)
     out.count, out.query, out.prefix, out.tail, out.ended = kept.count, kept.query, kept.prefix, kept.tail, kept.ended
     out.unbiased = mi.Bool(unbiased)
     return out
@@ -134,6 +142,7 @@ def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Flo
     walk.β = dr.select(begins, mi.Spectrum(1), walk.β)
     walk.η = dr.select(begins, 1, walk.η)
     walk.depth = dr.select(begins, 0, walk.depth)
+    walk.first = dr.select(begins, 0, walk.first)
     walk.foot.s = dr.select(begins, 0, walk.foot.s)
     return dr.select(begins, 0, added)
 
@@ -146,18 +155,39 @@ def _open(kept: Suffix, opens: mi.Bool) -> None:
     kept.late = dr.select(opens & (kept.query >= 0), kept.late + 1, kept.late)
 
 
-def _roulette(walk: Walk, kept: Suffix, si: Any, sampler: Any, around: Surroundings, goes: mi.Bool) -> None:
-    """Stopping criterion: roulette, compensated in T."""
+def _roulette(
+    walk: Walk, kept: Suffix, si: Any, sampler: Any, around: Surroundings, goes: mi.Bool, plain: bool
+) -> None:
+    """Stopping criterion: roulette, compensated in T; a guide has its own."""
     left = si.is_valid() & walk.active
     walk.depth = dr.select(left, walk.depth + 1, walk.depth)
     kept.bounces = dr.select(left, kept.bounces + 1, kept.bounces)
-    survival = walk.survival()
-    chance = goes & (walk.depth >= around.rr_depth)
-    go_on = sampler.next_1d() < survival
-    dead = goes & ((chance & ~go_on) | ~(dr.max(walk.β) > 0))
-    walk.β = dr.select(chance, walk.β * dr.rcp(survival), walk.β)
-    kept.T = dr.select(dead, 0, dr.select(chance, kept.T * dr.rcp(survival), kept.T))
+    dead = goes & ~(dr.max(walk.β) > 0)
+    if plain:
+        survival = walk.survival()
+        chance = goes & (walk.depth >= around.rr_depth)
+        go_on = sampler.next_1d() < survival
+        dead |= chance & ~go_on
+        walk.β = dr.select(chance, walk.β * dr.rcp(survival), walk.β)
+        kept.T = dr.select(chance, kept.T * dr.rcp(survival), kept.T)
+    kept.T = dr.select(dead, 0, kept.T)
     walk.active = goes & ~dead
+
+
+def _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes):
+    """The guide's roulette, compensated in T: (visit, which lanes go on)."""
+    if guide is None:
+        return None, goes
+    visit, goes_on, alive = guided_visit(walk, guide, around, sampler, si, bsdf, goes)
+    kept.T = dr.select(goes, dr.select(goes_on, kept.T * dr.rcp(alive), 0), kept.T)
+    return visit, goes_on
+
+
+def _note(kept: Suffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
+    """What the guide learns from."""
+    kept.sampled = dr.select(opens, mi.luminance(mi.Color3f(bounce.light)), kept.sampled)
+    to = mi.Float(bin_of(si.to_world(bounce.wo)))
+    kept.bin = dr.select(opens, dr.select(bounce.delta | bounce.null, -1, to), kept.bin)
 
 
 @dr.syntax

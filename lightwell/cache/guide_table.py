@@ -1,0 +1,220 @@
+"""Host side of the guide: sums of what records found, and the table that is made of them.
+
+Notation: R cells that were met (rows of the sums), K rows of the finished table.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache.guide import BINS, FACES, LOG2, NODES, OFFSETS, SIDE, Guide
+
+# Cells along the longest edge of the scene's box.
+LONGEST = 24
+# A cell's own directions weigh as much as those of the cell around it from so many effective records on.
+PRIOR, PRIOR_LEVEL = 16.0, 8.0
+# Records brighter than so many times the mean of their cell are cut; share of the uniform distribution in every row.
+CAP, FLOOR = 50.0, 0.02
+# Sums keep this share of their weight from one frame to the next; this one when the scene changes.
+KEPT, KEPT_AFTER_CHANGE = 0.97, 0.05
+# Columns of the sums.
+SUMS = 5
+# Frames between two tables, beside those whose number is a power of two.
+EVERY = 8
+
+
+class GuideTable:
+    """Sums by cell and direction; makes ``Guide``."""
+
+    def __init__(self, box: np.ndarray, share: float, longest: int = LONGEST) -> None:
+        edge = np.asarray(box[1] - box[0], np.float64)
+        self.cells = np.maximum(1, np.ceil(edge / edge.max() * longest - 1e-6)).astype(np.int64)
+        """Cells along x, y, z."""
+        self.share = share
+        self.row_of = np.full(int(np.prod(self.cells)) * FACES, -1, np.int64)
+        """[cells * FACES] row of the sums, -1: never met."""
+        self.keys = np.zeros(0, np.int64)
+        """[R] cell of each row."""
+        self.bins = np.zeros((0, BINS))
+        """[R, BINS] sums of scattered radiance by the direction that it came from, without light sampling."""
+        self.sums = np.zeros((0, SUMS))
+        """[R, 5] number of records; sums of that radiance and of its square; those of all scattered radiance."""
+        self.frames = 0
+        """Frames taken in."""
+        self._guide: Guide | None = None
+        self._levels = np.zeros(0)
+
+    @property
+    def opaque_cells(self) -> mi.Vector3f:
+        """``cells`` for kernels."""
+        return mi.Vector3f(*[dr.opaque(mi.Float, float(n)) for n in self.cells])
+
+    def forget(self) -> None:
+        """The scene changed: what is known counts little from now on."""
+        self.bins *= KEPT_AFTER_CHANGE
+        self.sums *= KEPT_AFTER_CHANGE
+
+    def add(
+        self, keys: np.ndarray, bins: np.ndarray, met: np.ndarray, reach: np.ndarray, whole: np.ndarray
+    ) -> None:  # fmt: skip
+        """Take in a frame's records [N]: cell, bin of the direction (-1: no record), luminance met there, factor of
+        what the record in the next place scatters, and all scattered luminance.
+
+        What the next record scatters is read from the table: the mean of its cell is far less noisy than one path
+        (expected SARSA; Dahm and Keller 2017, *Learning Light Transport the Reinforced Way*).
+        """
+        self.frames += 1
+        finite = np.isfinite(met) & np.isfinite(reach) & np.isfinite(whole)
+        ok = (bins >= 0) & (bins < BINS) & finite & (keys < len(self.row_of))
+        if not ok.any():
+            return
+        place = np.flatnonzero(ok)
+        keys = keys.astype(np.int64)
+        self._meet(np.unique(keys[place]))
+        row, R = self.row_of[keys[place]], len(self.keys)
+        count = np.bincount(row, minlength=R)
+        total = lambda value: np.bincount(row, value, R)  # noqa: E731
+        capped = lambda y, mean: np.minimum(y, CAP * mean[row])  # noqa: E731
+        whole = np.maximum(whole[place], 0).astype(np.float64)
+        whole = capped(whole, (total(whole) + self.sums[:, 3] + 4 * whole.mean()) / (count + self.sums[:, 0] + 4))
+        self.sums *= KEPT
+        self.sums[:, 0] += count
+        self.sums[:, 3] += total(whole)
+        self.sums[:, 4] += total(whole * whole)
+        self._levels = self._level_of_rows()
+        after = self.row_of[keys[np.minimum(place + 1, len(keys) - 1)]]
+        y = np.maximum(met[place] + reach[place] * np.where(after >= 0, self._levels[after], 0), 0).astype(np.float64)
+        y = capped(y, (total(y) + self.sums[:, 1] + 4 * y.mean()) / (self.sums[:, 0] + 4))
+        bins = row * BINS + bins[place].astype(np.int64)
+        self.bins = KEPT * self.bins + np.bincount(bins, y, R * BINS).reshape(R, BINS)
+        self.sums[:, 1] += total(y)
+        self.sums[:, 2] += total(y * y)
+        if self._due():
+            self._guide = None
+
+    def _due(self) -> bool:
+        """Whether the table is to be made anew after this frame."""
+        return self.frames & (self.frames - 1) == 0 or self.frames % EVERY == 0
+
+    def _meet(self, keys: np.ndarray) -> None:
+        """Give rows to cells that have none."""
+        new = keys[self.row_of[keys] < 0]
+        self.row_of[new] = len(self.keys) + np.arange(len(new))
+        self.keys = np.concatenate([self.keys, new])
+        self.bins = np.concatenate([self.bins, np.zeros((len(new), BINS))])
+        self.sums = np.concatenate([self.sums, np.zeros((len(new), SUMS))])
+
+    def restore(self, keys: np.ndarray, bins: np.ndarray, sums: np.ndarray, frames: int) -> None:
+        """Take over sums that were saved."""
+        self.keys, self.bins, self.sums, self.frames = keys, bins.astype(np.float64), sums, frames
+        self.row_of[keys] = np.arange(len(keys))
+        self._guide = None
+
+    def guide(self) -> Guide:
+        """What kernels read; made anew now and then."""
+        if self._guide is None:
+            self._guide = on_device(*self.table(), self.opaque_cells, self.share)
+        return self._guide
+
+    def _boxes(self):
+        """From the whole box down to the cells, all boxes that hold records: (logarithm of the edge in cells, keys of
+        the boxes, a row of the sums in each, box of each row)."""
+        x, y, _ = self.cells
+        cell, face = self.keys // FACES, self.keys % FACES
+        at = np.stack([cell % x, cell // x % y, cell // (x * y)])
+        for k in range(int(np.ceil(np.log2(self.cells.max()))) if len(self.keys) else -1, -1, -1):
+            nx, ny, _ = ((self.cells - 1) >> k) + 1
+            key = (((at[2] >> k) * ny + (at[1] >> k)) * nx + (at[0] >> k)) * FACES + face
+            yield k, *np.unique(key, return_index=True, return_inverse=True)
+
+    def _level_of_rows(self) -> np.ndarray:
+        """[R] mean scattered luminance of the cells, drawn towards those of the boxes around them."""
+        level: Any = None
+        for _, _, first, box in self._boxes():
+            sums = np.stack([np.bincount(box, column) for column in self.sums.T], 1)
+            level = _level(sums, None if level is None else level[first])[box]
+        return level
+
+    def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rows [cells * FACES], probabilities [K, BINS], levels [K]). Row 0: nothing known.
+
+        From the whole box down to the cells: a box's distribution is its own mean, drawn towards that of the box around
+        it where few records, or a few bright ones, speak. Cells without records have the row of the smallest box with
+        some.
+        """
+        x, y, z = self.cells
+        dense = np.zeros((z, y, x, FACES), np.int64)
+        index = np.meshgrid(np.arange(z), np.arange(y), np.arange(x), indexing="ij")
+        shares, levels, rows = [np.full((1, BINS), 1 / BINS)], [np.zeros(1)], 1
+        around: np.ndarray | None = None
+        for k, found, first, box in self._boxes():
+            nx, ny, nz = ((self.cells - 1) >> k) + 1
+            bins, sums = _grouped(self.bins, box), _grouped(self.sums, box)
+            shares.append(_shrunk(bins, sums, shares[0] if around is None else shares[-1][around[first]]))
+            levels.append(_level(sums, None if around is None else levels[-1][around[first]]))
+            coarse = np.zeros(nx * ny * nz * FACES, np.int64)
+            coarse[found] = rows + np.arange(len(found))
+            spread = coarse.reshape(nz, ny, nx, FACES)[index[0] >> k, index[1] >> k, index[2] >> k]
+            dense = np.where(spread > 0, spread, dense)
+            rows += len(found)
+            around = box
+        p = np.concatenate(shares)
+        return dense.ravel(), (1 - FLOOR) * p + FLOOR / BINS, np.concatenate(levels)
+
+
+def _grouped(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Sums of rows [R, n] by group [R]; every group has a row."""
+    order = np.argsort(group, kind="stable")
+    return np.add.reduceat(values[order], np.searchsorted(group[order], np.arange(group.max() + 1)), axis=0)
+
+
+def _effective(total: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Number of equal records that would say as much."""
+    return np.where(square > 0, total * total / np.maximum(square, 1e-300), 0)
+
+
+def _shrunk(bins: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Distribution [R, BINS] of boxes, drawn towards those of the boxes around them."""
+    effective = _effective(sums[:, 1], sums[:, 2])[:, None]
+    mean = bins / np.maximum(bins.sum(1, keepdims=True), 1e-300)
+    p = effective * mean + PRIOR * prior
+    return p / p.sum(1, keepdims=True)
+
+
+def _level(sums: np.ndarray, prior: np.ndarray | None) -> np.ndarray:
+    """Mean scattered luminance [R] of boxes, likewise."""
+    mean = sums[:, 3] / np.maximum(sums[:, 0], 1e-9)
+    if prior is None:
+        return mean
+    effective = _effective(sums[:, 3], sums[:, 4])
+    return (effective * mean + PRIOR_LEVEL * prior) / (effective + PRIOR_LEVEL)
+
+
+def tree_of(p: np.ndarray) -> np.ndarray:
+    """[K, NODES, 4] probabilities of children from those of bins [K, BINS], all above zero."""
+    K = len(p)
+    tree = np.zeros((K, NODES, 4), np.float32)
+    q = p.reshape(K, SIDE, SIDE)
+    for k in range(LOG2 - 1, -1, -1):
+        half = 1 << k
+        children = q.reshape(K, half, 2, half, 2)
+        q = children.sum(axis=(2, 4))
+        nodes = children.transpose(0, 1, 3, 2, 4).reshape(K, half * half, 4)
+        tree[:, OFFSETS[k] : OFFSETS[k + 1]] = nodes / q.reshape(K, half * half, 1)
+    return tree
+
+
+def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: float) -> Any:
+    """``Guide`` of a table."""
+    guide = Guide()
+    guide.cells = cells
+    guide.rows = mi.UInt32(rows.astype(np.uint32))
+    guide.tree = mi.Float(tree_of(p).ravel())
+    guide.density = mi.Float((p * (BINS / (4 * np.pi))).astype(np.float32).ravel())
+    guide.level = mi.Float(level.astype(np.float32))
+    guide.share = dr.opaque(mi.Float, share)
+    dr.eval(guide)
+    return guide
