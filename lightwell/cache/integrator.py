@@ -21,13 +21,15 @@ STILL_SPP = 8
 # Frames of training of a still: this many, and so many more per sample per pixel, at most.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 # A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
-# steps can teach would cost more than it brings (measured: Cornell box, variance 0.8, gains from 200 steps on).
-WORTH = 150.0
+# steps can teach would cost more than it brings (measured: the Cornell box, variance 0.8, gains from 90 steps on).
+WORTH = 50.0
 # Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error.
-WORTH_DENOISED = 10.0
+WORTH_DENOISED = 8.0
 # Stills with estimator=guided train for this share of their time at most; pictures whose paths have less relative
 # variance than this are path traced without a guide (measured: Cornell box 0.9, veach-ajar 6).
 GUIDED_SHARE, CALM = 0.25, 3.0
+# Samples per pixel at least that the cap of caustics counts with.
+SPIKE_SAMPLES = 32
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
 
@@ -188,6 +190,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             else:
                 done += 1 / most
         cache.rate_factor, cache.still = 1.0, False
+        if self.caching:
+            cache.settle()
         dr.sync_thread()
         self.seconds["train"] += time.perf_counter() - start
 
@@ -227,6 +231,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
                 self._train(scene, sensor, cache, seed)
                 self.seconds["train"] += time.perf_counter() - start
             trained = time.perf_counter() - start
+            self._cap_spikes(cache, still, done + block)
             film.put_block(self._pass(scene, sensor, cache, seed, done, block, spp, kind))
             done += block
             if trains and self.settings.budget == "auto":
@@ -242,6 +247,12 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if two_level:
             image = image + self._second_level(scene, sensor, cache, seed, done)
         return image
+
+    def _cap_spikes(self, cache: RadianceCache, still: bool, samples: int) -> None:
+        """Say how bright a caustic may be in one of so many samples per pixel."""
+        cap = self.settings.spike_cap
+        most = cap * cache.scale.mean * max(samples, SPIKE_SAMPLES) if still and cap > 0 else 3e38
+        cache.around.spike = dr.opaque(mi.Float, most)
 
     def _balance(self, cache: RadianceCache, training: float, frame: float) -> None:
         """budget=auto: hold training to a quarter of the frame's time, by its steps and with them its paths."""

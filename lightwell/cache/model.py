@@ -16,6 +16,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.encodings import hash_lookup
 from lightwell.cache.features import DARK, Vertex, paper_inputs, raw_inputs
+from lightwell.cache.level import Gain
 from lightwell.cache.settings import CacheSettings
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.mlp import glorot
@@ -118,9 +119,9 @@ class Model:
             x = nn.matvec(view, x)
         return mi.Color3f(*x)
 
-    def radiance(self, packed: tuple[Any, ...], v: Vertex, unscale: mi.Float) -> mi.Color3f:
-        """Scattered radiance of a vertex, never negative; ``unscale`` is one over the radiance scale."""
-        return self.physical(self.evaluate(packed, v), v, unscale)
+    def radiance(self, packed: tuple[Any, ...], v: Vertex, gain: Gain) -> mi.Color3f:
+        """Scattered radiance of a vertex, never negative."""
+        return self.physical(self.evaluate(packed, v), v, gain.at(v))
 
     def physical(self, output: mi.Color3f, v: Vertex, unscale: mi.Float) -> mi.Color3f:
         """Network output to radiance. A value that is not finite counts as 0."""

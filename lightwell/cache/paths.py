@@ -22,7 +22,7 @@ class Surroundings:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "low": mi.Point3f, "inverse": mi.Vector3f, "roughness": mi.Float, "albedo": mi.Float, "c": mi.Float,
-        "max_depth": mi.UInt32, "rr_depth": mi.UInt32,
+        "max_depth": mi.UInt32, "rr_depth": mi.UInt32, "spike": mi.Float,
     }  # fmt: skip
 
     def __init__(self):
@@ -33,6 +33,8 @@ class Surroundings:
         self.c = mi.Float(0.01)
         """Termination threshold in the paper's units."""
         self.max_depth, self.rr_depth = mi.UInt32(0xFFFFFFFF), mi.UInt32(5)
+        self.spike = mi.Float(dr.inf)
+        """Largest luminance that one sample may gather by a caustic, where paths end in the cache."""
 
     def vertex(self, si: mi.SurfaceInteraction3f, bsdf: Any, active: mi.Bool) -> Vertex:
         """The network's inputs at a surface, seen along ``si.wi``."""
@@ -187,7 +189,10 @@ def render_path(
 
         # ---------------------- Emission, met by BSDF sampling ----------------------
 
-        L += dr.select(supplied, 0, walk.β * walk.emission(scene, si))
+        met = walk.β * walk.emission(scene, si)
+        if dr.hint(caching and estimator == "biased", mode="scalar"):
+            met *= _uncut(walk, around, met)
+        L += dr.select(supplied, 0, met)
         valid |= si.is_valid() & walk.active
         goes = walk.active & si.is_valid() & (walk.depth + 1 < around.max_depth)
 
@@ -257,6 +262,13 @@ def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, 
         return L, goes & ~ends
     value = cache(around.vertex(si, bsdf, ends), ends)
     return _residual(walk, end, sampler, L, value, goes, ends, q, estimator)
+
+
+def _uncut(walk: Walk, around: Surroundings, met: mi.Spectrum) -> mi.Float:
+    """The share that is kept of an emitter met through mirrors or glass from a surface that has spread too far to be
+    looked at: no light sampling helps there, and one such sample would outweigh all others of its pixel."""
+    caustic = walk.prev_delta & walk.foot.scattered & (dr.square(walk.foot.s) > around.c * walk.foot.a0)
+    return dr.select(caustic, dr.minimum(1, around.spike / dr.maximum(mi.luminance(met), 1e-20)), 1)
 
 
 def _residual(walk, end, sampler, L, value, goes, ends, q, estimator: str):

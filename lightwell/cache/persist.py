@@ -12,6 +12,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import BINS
 from lightwell.cache.guide_table import SUMS, GuideTable
+from lightwell.cache.level import CELLS, MOST
 from lightwell.cache.settings import settings_of
 from lightwell.files import load_arrays, save_arrays
 from lightwell.networks.device import tensors
@@ -19,9 +20,9 @@ from lightwell.networks.device import tensors
 if TYPE_CHECKING:
     from lightwell.cache.radiance_cache import RadianceCache
 
-VERSION = 2
-# Versions that can be read: the first one had no guide.
-READS = (1, 2)
+VERSION = 3
+# Versions that can be read: 1 had no guide, 2 one level for all places, which is left out.
+READS = (1, 2, 3)
 # No cache is larger; a file that claims to be is not read.
 MOST_BYTES = 1 << 30
 PARTS = ("value", "average", "first", "second")
@@ -48,9 +49,11 @@ def save(cache: RadianceCache, path: str | Path) -> None:
     arrays: dict[str, np.ndarray] = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
         "clocks": np.array([learner.step, learner.averaged, cache.frame, cache.since_change], np.int64),
-        "scale": np.array([cache.scale.value, cache.scale.mean, *vars(cache.level).values()], np.float64),
+        "scale": np.array([cache.scale.value, cache.scale.mean], np.float64),
         "box": np.asarray(cache.box, np.float64),
     }
+    if cache.level is not None:
+        arrays["level"] = np.array(cache.level)
     for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
         arrays |= {f"{part}.{name}": np.array(value) for name, value in held.items()}
     if cache.guide_table is not None:
@@ -72,7 +75,8 @@ def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: not a radiance cache ({error}); write it again with cache.save()") from None
     if about.get("version") not in READS:
-        raise ValueError(f"{path}: version {about.get('version')} of the format, this lightwell reads {READS}")
+        found = about.get("version")
+        raise ValueError(f"{path}: version {found} of the format, this lightwell reads {READS}; train again")
     if scene is not None and about.get("scene") and fingerprint(scene) != about["scene"]:
         raise ValueError(f"{path}: was learned on another scene; train a new cache, or load without naming a scene")
     cache = RadianceCache(settings, arrays["box"])
@@ -106,10 +110,8 @@ def _checked(path: Path) -> dict[str, np.ndarray]:
 
 
 def _sound_scale(numbers: np.ndarray) -> bool:
-    """Scale and mean radiance, both positive; sums of the level."""
-    if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        return False
-    return bool((numbers[:2] > 0).all() and (numbers[2:] >= 0).all())
+    """Scale and mean radiance, both positive."""
+    return len(numbers) >= 2 and bool(np.isfinite(numbers).all() and (numbers[:2] > 0).all())
 
 
 def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
@@ -128,8 +130,8 @@ def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> No
         parts.append(tensors(held))
     learner.values, learner.average, learner.moments = parts[0], parts[1], (parts[2], parts[3])
     learner.step, learner.averaged, cache.frame, cache.since_change = (int(x) for x in arrays["clocks"])
-    cache.scale.value, cache.scale.mean, *level = (float(x) for x in arrays["scale"])
-    cache.level.count, cache.level.traced, cache.level.cached, cache.level.square = level
+    cache.scale.value, cache.scale.mean = (float(x) for x in arrays["scale"][:2])
+    cache.level = _level(arrays.get("level"), path)
     cache.scale.started = True
 
 
@@ -150,3 +152,12 @@ def _fill_guide(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path)
         raise ValueError(f"{path}: 'guide.keys' names cells that do not exist, or twice; write the cache again")
     table.restore(keys, arrays["guide.bins"], arrays["guide.sums"], int(arrays["guide.frames"][0]))
     cache.guide_table = table
+
+
+def _level(found: np.ndarray | None, path: Path) -> Any:
+    """Factors of the level, or None where there are none."""
+    if found is None:
+        return None
+    if found.shape != (CELLS,) or found.dtype != np.float32 or not ((found > 0) & (found <= MOST**2)).all():
+        raise ValueError(f"{path}: 'level' is not {CELLS} factors up to {MOST**2:g}; write the cache again")
+    return mi.Float(found)

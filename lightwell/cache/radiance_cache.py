@@ -15,15 +15,16 @@ from lightwell.backend import dr, mi
 from lightwell.cache import persist
 from lightwell.cache.batches import frozen_batches
 from lightwell.cache.change import ChangeDetector, GrowthWatch
-from lightwell.cache.features import WIDTH, Vertex
+from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.guide import Guide
 from lightwell.cache.guide_table import GuideTable
 from lightwell.cache.learner import Batch, Learner
+from lightwell.cache.level import FRAMES, Gain, LocalGain, Sums
 from lightwell.cache.materials import MaterialTable, material_table
 from lightwell.cache.model import Model
 from lightwell.cache.paths import Surroundings
 from lightwell.cache.replay import Replay
-from lightwell.cache.scale import Level, RadianceScale
+from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import FIRST, SLACK, Tiles
 from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
@@ -96,7 +97,10 @@ class RadianceCache:
         self.settings = settings
         self.model = Model.of(settings)
         self.learner = Learner(self.model, settings)
-        self.scale, self.level = RadianceScale(settings.radiance_scale), Level()
+        self.scale = RadianceScale(settings.radiance_scale)
+        self.level: Any = None
+        """``level.Sums.levels`` of a still; None: one everywhere."""
+        self._recent: deque[tuple[Any, ...]] = deque(maxlen=FRAMES)
         self.tiles: dict[tuple[int, int, bool], Tiles] = {}
         self.still = False
         """Training before a still: no picture waits, so that frames are larger."""
@@ -160,7 +164,8 @@ class RadianceCache:
         self.boost = BOOST_FRAMES
         self.detector.reset()
         self.growth.reset()
-        self.level.reset()
+        self.level = None
+        self._recent.clear()
         if self.guide_table is not None:
             self.guide_table.forget()
         self.changes += 1
@@ -204,19 +209,21 @@ class RadianceCache:
         depth = self.settings.max_depth
         a.max_depth = dr.opaque(mi.UInt32, 0xFFFFFFFF if depth < 0 else depth)
         a.rr_depth = dr.opaque(mi.UInt32, self.settings.rr_depth)
+        a.spike = dr.opaque(mi.Float, 3e38)
         return a
 
     # ------------------------------------------------------------------ queries
 
     def packed(self, which: str = "ema") -> Any:
-        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with one over the radiance scale,
-        times the level."""
+        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with what turns its numbers into
+        radiance."""
         key = "raw" if which == "raw" or self.learner.shown is self.learner.values else "ema"
         if key not in self._packs:
             values = self.learner.values if key == "raw" else self.learner.shown
             views = self.model.packed(values)
             dr.eval(views)
-            self._packs[key] = (views, dr.opaque(mi.Float, self.level.factor / self.scale.value))
+            unscale = dr.opaque(mi.Float, 1 / self.scale.value)
+            self._packs[key] = (views, Gain(unscale) if self.level is None else LocalGain(unscale, self.level))
         return self._packs[key]
 
     def touched(self) -> None:
@@ -267,6 +274,9 @@ class RadianceCache:
         told = Told(frame=self.frame, scale=self.scale.value)
         if self.frozen or not self.settings.learns:
             return told
+        if self.level is not None:
+            self.level = None
+            self.touched()
         with dr.suspend_grad():
             start = time.perf_counter()
             traced = self._trace(scene, sensor, seed, told)
@@ -312,17 +322,29 @@ class RadianceCache:
         if table is not None:
             table.add(*(np.array(x) for x in (traced.cell, traced.bin, traced.met, traced.reach, traced.whole)))
         told.paths, told.hits = shape.P, int(traced.hits[0])
-        count, total, square, cached = (float(x[0]) for x in traced.meter)
-        if self.still:
-            # Every path ends by roulette; ``factor`` is in what the paths were compared with.
-            self.level.update(count, cached + total, cached / self.level.factor, square)
-        else:
-            self.level.reset()
+        count, total, square = (float(x[0]) for x in traced.meter)
         told.bias_paths = int(count)
         if count > 1:
             mean = total / count
             told.bias = (mean, math.sqrt(max(square / count - mean**2, 0) / (count - 1)))
         return traced
+
+    def settle(self) -> None:
+        """After the training of a still: measure the level with the records of its last frames."""
+        if not self._recent:
+            return
+        with dr.suspend_grad():
+            sums, views = Sums(), self.packed("ema")[0]
+            scale = dr.opaque(mi.Float, self.scale.value)
+            for features, targets, rows, count in self._recent:
+                row = dr.gather(mi.UInt32, rows, dr.arange(mi.UInt32, count))
+                v, t = stored(features, row), dr.gather(mi.Vector4f, targets, row)
+                traced, learned = self.model.target(dr.maximum(mi.Color3f(t.x, t.y, t.z), 0), v, scale)
+                said = dr.select(learned > 0, dr.maximum(self.model.evaluate(views, v), 0), 0)
+                sums.add(v, mi.luminance(traced), mi.luminance(said))
+            self.level = sums.levels()
+        self._recent.clear()
+        self.touched()
 
     def _watch_growth(self, level: float) -> None:
         """Advise where the cache feeds on itself."""
@@ -362,6 +384,8 @@ class RadianceCache:
         scale = dr.opaque(mi.Float, self.scale.value)
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
         slots = dr.width(traced.rows)
+        if self.still:
+            self._recent.append((traced.features, traced.targets, traced.rows, told.records))
         pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
         batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, scale))
         dr.eval(batch.direct, batch.points, batch.target, batch.weight)

@@ -1,4 +1,4 @@
-"""The radiance scale, a power of two that brings what the network learns to order one; and the level of a still."""
+"""The radiance scale, a power of two that brings what the network learns to order one."""
 
 from __future__ import annotations
 
@@ -45,43 +45,3 @@ class RadianceScale:
             self._off.clear()
             return factor
         return 1.0
-
-
-# Frames over which light is compared, and relative noise from which on less of a difference is believed.
-LEVEL_FRAMES = 3
-# A factor beyond this is no correction.
-LEVEL_MOST = 2.0
-
-
-class Level:
-    """How much brighter the traced light of a picture is than what the cache says of it, as one factor.
-
-    Rare bright records, capped so that they do not ruin the fit, carry a share of the light; and Adam, which divides by
-    the root of the mean square, follows the many dark ones first. The cache comes out too dark, by about the same share
-    everywhere. Training paths that end by roulette tell how much.
-    """
-
-    def __init__(self) -> None:
-        self.count, self.traced, self.cached, self.square = 0.0, 0.0, 0.0, 0.0
-        """Paths, and sums of prefix * traced, prefix * network, and the square of their difference."""
-
-    def reset(self) -> None:
-        """Begin anew: the light is another."""
-        self.__init__()
-
-    def update(self, count: float, traced: float, cached: float, square: float) -> None:
-        """Take in one frame; the network's values are those without this factor."""
-        if not all(math.isfinite(x) for x in (count, traced, cached, square)):
-            return
-        memory = 1 - 1 / LEVEL_FRAMES
-        self.count, self.traced = memory * self.count + count, memory * self.traced + traced
-        self.cached, self.square = memory * self.cached + cached, memory * self.square + square
-
-    @property
-    def factor(self) -> float:
-        """Shrunk towards 1 by what of it may be noise."""
-        if self.count < 2 or not (self.cached > 0 and self.traced > 0):
-            return 1.0
-        off = self.traced / self.cached - 1
-        noise = self.square / self.cached**2
-        return min(max(1 + off * off**2 / (off**2 + noise), 1 / LEVEL_MOST), LEVEL_MOST)

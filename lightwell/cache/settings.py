@@ -120,12 +120,15 @@ class CacheSettings:
     """Longest path, -1: unlimited."""
     rr_depth: int = 5
     """Depth from which roulette may end a path."""
+    spike_cap: float = 0.25
+    """still: the light of a caustic is cut, per sample, to so many times the mean radiance times the samples per pixel
+    so far, so that no single one shows; less is cut the more there are. 0: never."""
     mode: str = "auto"
     """'frames': train a little at every sample per pixel. 'still': train first, freeze, then render.
     'auto': 'still' from ``STILL_SPP`` samples per pixel on."""
     seconds: float = 0.0
     """Wall time of a still, training included (not reproducible); 0: as long as its samples take."""
-    train_share: float = 0.4
+    train_share: float = 0.3
     """seconds: the part of it that trains."""
     warmup: int = 0
     """still: frames of training before the picture; 0: by the number of samples."""
@@ -191,6 +194,7 @@ _RANGES = (
     ("termination_c", 0, math.inf),
     ("unbiased_fraction", 0, 1),
     ("still_unbiased", 0, 1),
+    ("spike_cap", 0, math.inf),
     ("tail_after", 1, 64),
     ("target_cap", 0, 1e30),
     ("seconds", 0, 1e6),

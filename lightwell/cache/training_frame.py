@@ -71,7 +71,7 @@ class Traced:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
-        "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector4f, "level": mi.Float, "o": mi.Point3f,
+        "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector3f, "level": mi.Float, "o": mi.Point3f,
         "d": mi.Vector3f, "cell": mi.UInt32, "bin": mi.Float, "met": mi.Float, "reach": mi.Float,
         "whole": mi.Float,
     }  # fmt: skip
@@ -85,9 +85,8 @@ class Traced:
         """[R] of radiance over reflectance, -1 where there is no record."""
         self.hits = mi.UInt32(0)
         """Paths that met something that can be learned."""
-        self.meter = mi.Vector4f(0)
-        """Bias meter: number of unbiased paths, sum and sum of squares of prefix * (traced - cached), sum of
-        prefix * cached."""
+        self.meter = mi.Vector3f(0)
+        """Bias meter: number of unbiased paths, sum and sum of squares of prefix * (traced - cached)."""
         self.level = mi.Float(0)
         """Sum of the cache's values at the tails that ended paths, over their number."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0)
@@ -205,13 +204,12 @@ def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -
 
 def _meter(
     model: Model, records: Any, at_query: mi.Color3f, pixels: Any, counts: mi.Bool, V: int, P: int
-) -> mi.Vector4f:
+) -> mi.Vector3f:
     """Unbiased paths that no query would have ended count with a difference of 0."""
     v, found = query_vertex(records, V, P)
     counts = counts & records.unbiased
     found &= counts & dr.all(dr.isfinite(at_query))
     cached = dr.select(found, model.radiance(pixels[0], v, pixels[1]), 0)
     difference = dr.mean(dr.select(found, records.prefix * (at_query - cached), 0))
-    said = dr.mean(dr.select(found, records.prefix * cached, 0))
     one = dr.select(counts, mi.Float(1), 0)
-    return mi.Vector4f(dr.sum(one), dr.sum(difference), dr.sum(dr.square(difference)), dr.sum(said))
+    return mi.Vector3f(dr.sum(one), dr.sum(difference), dr.sum(dr.square(difference)))

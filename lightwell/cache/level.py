@@ -1,0 +1,142 @@
+"""The level of a still: by how much traced light exceeds what the network says, place by place.
+
+A network that had a second to learn blurs: light of bright places spills into dark ones, and rare bright records,
+capped so that they do not ruin the fit, are missing. Both are errors of brightness over some distance, and the training
+paths of a still, all of which end by roulette, measure them. Sums over cells tell the factor of each cell; where a cell
+has few or noisy records, that of the larger cell around it holds. The factor is interpolated, so that no cells show.
+
+Notation: cells N^3 in the scene's box for each of six sides, the axis that a normal is nearest to. Cells are summed in
+Morton order (the eight children of a cell are neighbours in memory) and read in that of rows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightwell.backend import dr, mi
+from lightwell.cache.features import Vertex
+
+BITS = 5
+N, SIDES = 1 << BITS, 6
+CELLS = SIDES * N**3
+# A cell's factor differs from that of the cell around it by no more than this, and from one by no more than its square.
+MOST = 4.0
+# Frames of a still whose records are compared, and times the cache's value plus the mean that a record counts at most.
+FRAMES, CAP = 3, 25.0
+# Records of a cell that its own variance must outweigh to be believed against that of the cell around it.
+PRIOR = 8.0
+# A difference is believed from as many variances of its noise on.
+CLEAR = 3.0
+
+
+class Gain:
+    """What turns the network's numbers into radiance: one over the radiance scale."""
+
+    DRJIT_STRUCT = {"unscale": mi.Float}  # noqa: RUF012
+
+    def __init__(self, unscale: Any = None) -> None:
+        self.unscale = mi.Float(1) if unscale is None else unscale
+
+    def at(self, v: Vertex) -> mi.Float:
+        """The factor at a vertex."""
+        return self.unscale
+
+
+class LocalGain(Gain):
+    """The same with a level."""
+
+    DRJIT_STRUCT = {"unscale": mi.Float, "level": mi.Float}  # noqa: RUF012
+
+    def __init__(self, unscale: Any = None, level: Any = None) -> None:
+        super().__init__(unscale)
+        self.level = mi.Float(1) if level is None else level
+        """[CELLS] factors."""
+
+    def at(self, v: Vertex) -> mi.Float:
+        """The factor at a vertex, interpolated between the centres of cells."""
+        places = [dr.clip(x * N - 0.5, 0, N - 1) for x in v.p]
+        low = [dr.minimum(mi.UInt32(x), N - 2) for x in places]
+        high = [x - mi.Float(cell) for x, cell in zip(places, low)]
+        first = ((side(v.n) * N + low[2]) * N + low[1]) * N + low[0]
+        out = mi.Float(0)
+        for corner in range(8):
+            bits = [corner >> k & 1 for k in range(3)]
+            share = mi.Float(1)
+            for bit, x in zip(bits, high):
+                share *= x if bit else 1 - x
+            out = dr.fma(share, dr.gather(mi.Float, self.level, first + bits[0] + N * (bits[1] + N * bits[2])), out)
+        return out * self.unscale
+
+
+def side(n: mi.Vector3f) -> mi.UInt32:
+    """0 ... 5: the axis that a normal is nearest to, and its sign."""
+    a = dr.abs(n)
+    axis = dr.select((a.x >= a.y) & (a.x >= a.z), mi.UInt32(0), dr.select(a.y >= a.z, mi.UInt32(1), mi.UInt32(2)))
+    along = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
+    return 2 * axis + dr.select(along < 0, mi.UInt32(1), 0)
+
+
+def _spread(x: mi.UInt32) -> mi.UInt32:
+    """Bit k to bit 3 k."""
+    out = mi.UInt32(0)
+    for k in range(BITS):
+        out |= (x >> k & 1) << (3 * k)
+    return out
+
+
+def _morton(x: mi.UInt32, y: mi.UInt32, z: mi.UInt32, of: mi.UInt32) -> mi.UInt32:
+    return of << (3 * BITS) | _spread(x) | _spread(y) << 1 | _spread(z) << 2
+
+
+class Sums:
+    """[CELLS] each, in Morton order: records, traced light, what the network says, squares of their difference."""
+
+    def __init__(self) -> None:
+        self.count, self.traced, self.said, self.square = (dr.zeros(mi.Float, CELLS) for _ in range(4))
+
+    def add(self, v: Vertex, traced: mi.Float, said: mi.Float) -> None:
+        """Take in records: luminances in units of the network, >= 0."""
+        traced = dr.minimum(traced, CAP * (said + 1))
+        sound = dr.isfinite(traced) & dr.isfinite(said)
+        cell = [dr.minimum(mi.UInt32(dr.clip(x, 0, 1) * N), N - 1) for x in v.p]
+        at = _morton(*cell, side(v.n))
+        one = mi.Float(1)
+        for table, value in (
+            (self.count, one), (self.traced, traced), (self.said, said), (self.square, dr.square(traced - said)),
+        ):  # fmt: skip
+            dr.scatter_add(table, value, at, sound)
+
+    def levels(self) -> mi.Float:
+        """[CELLS] factors in the order of rows, from the whole scene down to the cells."""
+        pyramid = [(self.count, self.traced, self.said, self.square)]
+        for _ in range(BITS):
+            pyramid.append(tuple(dr.block_sum(s, 8) for s in pyramid[-1]))
+        pyramid.append(tuple(dr.sum(s) for s in pyramid[-1]))
+        factor, around = mi.Float(1), mi.Float(0)
+        for count, traced, said, square in reversed(pyramid):
+            repeats = dr.width(traced) // dr.width(factor)
+            if repeats > 1:
+                factor, around = dr.repeat(factor, repeats), dr.repeat(around, repeats)
+            said *= factor
+            # A few dark records say little where the cell around theirs knows that bright ones are rare.
+            own = dr.square(count) * square / dr.maximum(dr.square(said), 1e-24)
+            variance = (own + PRIOR * around) / dr.maximum(count + dr.select(around > 0, PRIOR, 0), 1)
+            around = variance
+            factor = dr.clip(factor * corrected(traced, said, variance / dr.maximum(count, 1)), MOST**-2, MOST**2)
+        cell = dr.arange(mi.UInt32, CELLS)
+        at = _morton(cell & (N - 1), cell >> BITS & (N - 1), cell >> (2 * BITS) & (N - 1), cell >> (3 * BITS))
+        out = dr.gather(mi.Float, factor, at)
+        dr.make_opaque(out)
+        return out
+
+
+def corrected(traced: mi.Float, said: mi.Float, noise: mi.Float) -> mi.Float:
+    """Traced over said, shrunk towards 1 by what of the difference may be noise, given as a relative variance.
+
+    Positive-part shrinkage (James & Stein 1961): a cell in which one bright record makes the difference is its own
+    noise, and stays as it is.
+    """
+    off = traced / dr.maximum(said, 1e-12) - 1
+    share = dr.maximum(1 - CLEAR * noise / dr.maximum(dr.square(off), 1e-12), 0)
+    k = 1 + off * share
+    return dr.clip(dr.select((said > 0) & dr.isfinite(k), k, 1), 1 / MOST, MOST)
