@@ -21,12 +21,13 @@ N, SIDES = 1 << BITS, 6
 CELLS = SIDES * N**3
 # A cell's factor differs from that of the cell around it by no more than this, and from one by no more than its square.
 MOST = 4.0
-# Frames of a still whose records are compared, and times the cache's value plus the mean that a record counts at most.
-FRAMES, CAP = 3, 25.0
+# Frames of a still whose records are compared. A record counts up to this, times the root of their number, times the
+# cache's value plus the mean: with more records a bright one does less harm.
+FRAMES, CAP = 16, 15.0
 # Records of a cell that its own variance must outweigh to be believed against that of the cell around it.
 PRIOR = 8.0
 # A difference is believed from as many variances of its noise on.
-CLEAR = 3.0
+CLEAR = 2.0
 
 
 class Gain:
@@ -91,12 +92,13 @@ def _morton(x: mi.UInt32, y: mi.UInt32, z: mi.UInt32, of: mi.UInt32) -> mi.UInt3
 class Sums:
     """[CELLS] each, in Morton order: records, traced light, what the network says, squares of their difference."""
 
-    def __init__(self) -> None:
+    def __init__(self, frames: int = 1) -> None:
+        self.cap = dr.opaque(mi.Float, CAP * frames**0.5)
         self.count, self.traced, self.said, self.square = (dr.zeros(mi.Float, CELLS) for _ in range(4))
 
     def add(self, v: Vertex, traced: mi.Float, said: mi.Float) -> None:
         """Take in records: luminances in units of the network, >= 0."""
-        traced = dr.minimum(traced, CAP * (said + 1))
+        traced = dr.minimum(traced, self.cap * (said + 1))
         sound = dr.isfinite(traced) & dr.isfinite(said)
         cell = [dr.minimum(mi.UInt32(dr.clip(x, 0, 1) * N), N - 1) for x in v.p]
         at = _morton(*cell, side(v.n))

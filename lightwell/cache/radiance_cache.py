@@ -334,10 +334,10 @@ class RadianceCache:
         if not self._recent:
             return
         with dr.suspend_grad():
-            sums, views = Sums(), self.packed("ema")[0]
+            sums, views = Sums(len(self._recent)), self.packed("ema")[0]
             scale = dr.opaque(mi.Float, self.scale.value)
-            for features, targets, rows, count in self._recent:
-                row = dr.gather(mi.UInt32, rows, dr.arange(mi.UInt32, count))
+            for features, targets in self._recent:
+                row = dr.arange(mi.UInt32, dr.width(targets) // 4)
                 v, t = stored(features, row), dr.gather(mi.Vector4f, targets, row)
                 traced, learned = self.model.target(dr.maximum(mi.Color3f(t.x, t.y, t.z), 0), v, scale)
                 said = dr.select(learned > 0, dr.maximum(self.model.evaluate(views, v), 0), 0)
@@ -385,7 +385,7 @@ class RadianceCache:
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
         slots = dr.width(traced.rows)
         if self.still:
-            self._recent.append((traced.features, traced.targets, traced.rows, told.records))
+            self._recent.append(_compact(traced, told.records))
         pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
         batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, scale))
         dr.eval(batch.direct, batch.points, batch.target, batch.weight)
@@ -425,6 +425,17 @@ class RadianceCache:
                 dict(self.snapshot[0]), dict(self.snapshot[1]), tuple(dict(m) for m in self.snapshot[2]))  # fmt: skip
             self.rollbacks += 1
             self.touched()
+
+
+def _compact(traced: Traced, count: int) -> tuple[mi.Float, mi.Float]:
+    """[M * WIDTH] vertices and [M * 4] targets of a frame's records alone."""
+    row = dr.arange(mi.UInt32, count)
+    of = dr.gather(mi.UInt32, traced.rows, row)
+    features, targets = dr.empty(mi.Float, count * WIDTH), dr.empty(mi.Float, count * 4)
+    stored(traced.features, of).store(features, row, mi.Bool(True))
+    dr.scatter(targets, dr.gather(mi.Vector4f, traced.targets, of), row)
+    dr.eval(features, targets)
+    return features, targets
 
 
 __all__ = ["WIDTH", "RadianceCache", "Told", "bounds_of"]
