@@ -85,7 +85,7 @@ class LightmapPreset:
         return self.direction and (not self.hidden or self.inputs == "reflected")
 
 
-DEFAULT = LightmapPreset(direction=True, channels=9, hidden=(32, 24), inputs="mirror", surface=(64, 64))
+DEFAULT = LightmapPreset(direction=True, channels=9, hidden=(24, 24), inputs="mirror", surface=(64, 64))
 
 PRESETS: dict[str, LightmapPreset] = {
     "default": DEFAULT,
