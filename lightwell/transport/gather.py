@@ -19,11 +19,11 @@ from lightwell.transport.radiance import (
     LAUNCH,
     MAX_DEPTH,
     RR_DEPTH,
-    RR_MAX,
     _coverage,
     interaction_at,
     power_heuristic,
     random_streams,
+    roulette,
     stratified,
 )
 from lightwell.transport.samples import SurfacePoints
@@ -222,11 +222,8 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         prev = interaction_at(si)
         pdf_prev = sample.pdf
         delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        β_max = dr.max(β)
-        survival = dr.minimum(β_max * dr.square(η), RR_MAX)
-        roulette = depth >= rr_depth
-        β[roulette] *= dr.rcp(survival)
-        active = active_next & (β_max != 0) & (~roulette | (rng.next_float32() < survival))
+        β, alive = roulette(β, η, depth, rr_depth, rng)
+        active = active_next & alive
         depth += 1
 
     delta = mi.has_flag(sample_first, mi.BSDFFlags.Delta)

@@ -160,14 +160,19 @@ def trace(
 
         # ------------------------ Stopping criterion ------------------------
 
-        β_max = dr.max(β)
-        survival = dr.minimum(β_max * dr.square(η), RR_MAX)
-        roulette = depth >= rr_depth
-        β[roulette] *= dr.rcp(survival)
-        active = active_next & (β_max != 0) & (~roulette | (rng.next_float32() < survival))
+        β, alive = roulette(β, η, depth, rr_depth, rng)
+        active = active_next & alive
         depth += 1
 
     return L
+
+
+def roulette(β, η, depth, rr_depth, rng) -> tuple[mi.Spectrum, mi.Bool]:
+    """Russian roulette by the throughput, from a depth on: (throughput of those who go on, who goes on)."""
+    survival = dr.minimum(dr.max(β) * dr.square(η), RR_MAX)
+    plays = depth >= rr_depth
+    alive = (dr.max(β) != 0) & (~plays | (rng.next_float32() < survival))
+    return dr.select(plays, β * dr.rcp(survival), β), alive
 
 
 def _light_density(source, si) -> mi.Float:
