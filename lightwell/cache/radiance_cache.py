@@ -384,7 +384,7 @@ class RadianceCache:
         scale = dr.opaque(mi.Float, self.scale.value)
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
         slots = dr.width(traced.rows)
-        if self.still:
+        if self.still and s.local_level:
             self._recent.append(_compact(traced, told.records))
         pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
         batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, scale))

@@ -120,6 +120,8 @@ class CacheSettings:
     """Longest path, -1: unlimited."""
     rr_depth: int = 5
     """Depth from which roulette may end a path."""
+    local_level: bool = True
+    """still: correct what the network says, place by place, by what its training paths found."""
     spike_cap: float = 0.25
     """still: the light of a caustic is cut, per sample, to so many times the mean radiance times the samples per pixel
     so far, so that no single one shows; less is cut the more there are. 0: never."""
