@@ -190,6 +190,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             else:
                 done += 1 / most
         cache.rate_factor, cache.still = 1.0, False
+        if s.seconds > 0 and cache.frame == 1:
+            self.caching = False  # One frame of a cold cache: no time to learn, nor to find out whether that pays.
         if self.caching:
             cache.settle()
         dr.sync_thread()

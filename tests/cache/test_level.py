@@ -148,6 +148,15 @@ def test_the_level_brings_a_blurred_cache_nearer_to_the_truth():
     assert errors[1] < 0.5 * errors[0]
 
 
+def test_a_still_too_short_for_two_frames_of_training_is_path_traced():
+    scene = room(24)
+    nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "still", "seconds": 1e-3}))
+    picture = np.array(mi.render(scene, integrator=nrc, spp=1, seed=1))
+    assert len(nrc.told) == 1 and not nrc.caching and nrc.cache.level is None and np.isfinite(picture).all()
+    plain = NrcIntegrator(settings=settings_of({"termination_c": "inf", "mode": "frames"}))
+    assert np.allclose(picture, np.array(mi.render(scene, integrator=plain, spp=nrc.samples, seed=1)), atol=1e-5)
+
+
 def test_caustics_are_cut_in_stills_only_and_less_the_more_samples_there_are():
     scene = room(8)
     nrc = still(spike_cap=0.5)
