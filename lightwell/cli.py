@@ -29,8 +29,17 @@ examples
 """
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says a mistake in one line, as every other mistake here; the list of arguments stays where people look for it, in --help."""
+
+    def error(self, message: str):
+        if "expected one argument" in message:
+            message += " (a value that begins with '-' is written --name=-value)"
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help lists the arguments\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="lightwell",
         description="Learns the indirect light of a scene and plays it back in real time.",
         epilog=EXAMPLES,

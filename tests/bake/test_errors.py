@@ -38,6 +38,24 @@ def test_missing_file(capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "argv, said",
+    [
+        (("bake", "cornell"), "-o/--out"),
+        (("bake", "cornell", "-o", "out", "--spacing", "-1m"), "--name=-value"),
+        (("bakke", "cornell"), "'bakke'"),
+        (("bake", "cornell", "-o", "out", "--sede", "1"), "--sede"),
+    ],
+)
+def test_arguments_that_do_not_parse(capsys, argv, said):
+    with pytest.raises(SystemExit) as stop:
+        main(argv)
+    captured = capsys.readouterr()
+    assert stop.value.code == 2 and captured.out == ""
+    line = captured.err.strip()
+    assert "\n" not in line and said in line and "--help" in line
+
+
 def test_unknown_field_and_preset(capsys, tmp_path):
     line = _refused(capsys, "bake", "cornell", "-o", tmp_path / "out", "--field", "magic")
     assert "unknown field 'magic'" in line and "mlp" in line
