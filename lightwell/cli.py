@@ -30,7 +30,7 @@ examples
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says a mistake in one line, as every other mistake here; the list of arguments stays where people look for it, in --help."""
+    """Says a mistake in one line, as every other mistake here; --help lists the arguments."""
 
     def error(self, message: str):
         if "expected one argument" in message:
