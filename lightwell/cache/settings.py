@@ -6,6 +6,7 @@ docs/radiance-cache.md does not say otherwise.
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -13,6 +14,7 @@ from typing import Any
 
 # Squared, in the paper's units: the vendor SDK compares radii with a primary radius of d sqrt(4 pi / cos).
 SDK_FACTOR = (4 * math.pi) ** 2
+SDK_T = "termination_sdk_t"
 PRESETS = ("compact", "paper")
 CHOICES = {
     "preset": PRESETS,
@@ -231,12 +233,14 @@ PAPER = {
 def settings_of(given: dict[str, Any]) -> CacheSettings:
     """Settings from named values: the preset's first, then the given ones; ``termination_sdk_t`` is converted."""
     given = dict(given)
-    if (t := given.pop("termination_sdk_t", None)) is not None:
+    if (t := given.pop(SDK_T, None)) is not None:
         given["termination_c"] = float(t) ** 2 * SDK_FACTOR
     known = {f.name: type(f.default).__name__ for f in fields(CacheSettings)}
     for name in given:
         if name not in known:
-            raise ValueError(f"nrc: there is no parameter '{name}'; there are {', '.join(known)} and termination_sdk_t")
+            near = difflib.get_close_matches(name, [*known, SDK_T], n=2)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            raise ValueError(f"nrc: there is no parameter '{name}'; {hint}docs/radiance-cache.md lists them")
     values: dict[str, Any] = dict(PAPER) if given.get("preset") == "paper" else {}
     if given.get("budget") == "low":
         values["steps"] = 1

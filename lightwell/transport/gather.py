@@ -156,32 +156,12 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
     """
     ctx = mi.BSDFContext()
 
-    # ------------------- First vertex: the query point -------------------
-
-    bsdf = si.bsdf()
-    lobe, direction, _ = first
-    coverage = _coverage(si, bsdf)
-    facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
-    wo_em, em_weight, em_pdf, em_delta, shadow = source.sample(
-        scene, si, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
+    L, E, first_weight, diffuse_weight, ray, prev, pdf_prev, delta_prev, η = _first_vertex(
+        ctx, scene, si, source, rng, *first[:2]
     )
-    seen = (dr.max(em_weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    seen &= ~scene.ray_test(shadow, seen)
-    value, pdf = bsdf.eval_pdf(ctx, si, si.to_local(wo_em), seen)
-    weight_em = dr.select(seen, dr.select(em_delta, 1, power_heuristic(em_pdf, pdf / coverage)) * em_weight, 0)
-    L = weight_em * value / coverage
-    E = weight_em * dr.maximum(facing * mi.Frame3f.cos_theta(si.to_local(wo_em)), 0) * dr.inv_pi
-    sample, first_weight = bsdf.sample(ctx, si, lobe * coverage, direction)
-    cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
-    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * coverage / sample.pdf, 0)
+    delta_first = mi.Bool(delta_prev)
     arriving = mi.Spectrum(0)  # Radiance from the sampled direction
     β = mi.Spectrum(1)
-    ray = si.spawn_ray(si.to_world(sample.wo))
-    prev = interaction_at(si)
-    pdf_prev = mi.Float(sample.pdf / coverage)
-    delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    sample_first = mi.UInt32(sample.sampled_type)
-    η = mi.Float(sample.eta)
     depth = mi.UInt32(1)
     active = dr.max(first_weight) != 0
 
@@ -226,5 +206,29 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         active = active_next & alive
         depth += 1
 
-    delta = mi.has_flag(sample_first, mi.BSDFFlags.Delta)
-    return L + first_weight * arriving, E + dr.select(delta, 0, diffuse_weight) * arriving
+    return L + first_weight * arriving, E + dr.select(delta_first, 0, diffuse_weight) * arriving
+
+
+def _first_vertex(ctx, scene, si, source, rng, lobe, direction):
+    """Emitter sampling at the query point, and the direction in which the path leaves.
+
+    Returns direct light (radiance, and E' of it), what multiplies the light from the sampled direction (for radiance,
+    and cos / (π p) for E'), the ray, its origin, its density, whether it is a delta lobe's, and its index.
+    """
+    bsdf = si.bsdf()
+    coverage = _coverage(si, bsdf)
+    facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
+    wo_em, em_weight, em_pdf, em_delta, shadow = source.sample(
+        scene, si, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
+    )
+    seen = (dr.max(em_weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    seen &= ~scene.ray_test(shadow, seen)
+    value, pdf = bsdf.eval_pdf(ctx, si, si.to_local(wo_em), seen)
+    weight_em = dr.select(seen, dr.select(em_delta, 1, power_heuristic(em_pdf, pdf / coverage)) * em_weight, 0)
+    E = weight_em * dr.maximum(facing * mi.Frame3f.cos_theta(si.to_local(wo_em)), 0) * dr.inv_pi
+    sample, weight = bsdf.sample(ctx, si, lobe * coverage, direction)
+    cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
+    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * coverage / sample.pdf, 0)
+    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    ray, prev, η = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si), mi.Float(sample.eta)
+    return weight_em * value / coverage, E, weight, diffuse_weight, ray, prev, sample.pdf / coverage, delta, η

@@ -129,6 +129,9 @@ def test_the_tiles_reach_their_target(size):
 def test_settings_say_what_is_wrong():
     with pytest.raises(ValueError, match="there is no parameter 'foo'"):
         settings_of({"foo": 1})
+    with pytest.raises(ValueError, match=r"'terminaton_c'; did you mean .*termination_c") as told:
+        settings_of({"terminaton_c": 1})
+    assert len(str(told.value)) < 160 and "docs/radiance-cache.md lists them" in str(told.value)
     with pytest.raises(ValueError, match="expected one of compact, paper"):
         settings_of({"preset": "big"})
     with pytest.raises(ValueError, match="max_depth = 0"):
