@@ -24,6 +24,9 @@ REACH = 1.5
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
+# Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
+# many there are.
+GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 24
 # Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
 LEAST_COVERAGE = 0.03
 # Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
@@ -167,14 +170,29 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
     cut.generate(xatlas.ChartOptions(), _options(0.0, 0, False))
     flat = [_flat(cut, k) for k in range(len(pieces))]
     total = sum(_area(points, corners) for points, corners in flat)
-    scale, best = np.sqrt(0.6 * size * size / max(total, 1e-30)), None
+    scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
     pieces, flat = _merged(pieces, flat, scale)
+    best = _fitted(flat, size, pad, scale)
+    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
+        raise ValueError(
+            f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
+            "give a larger --size or fewer --mips"
+        )
+    return _collected(best[1], pieces, size, pad + 1, lit)
+
+
+def _fitted(flat, size: int, pad: int, scale: float):
+    """(scale, packing) of the largest scale found that fits the square; None where none does.
+
+    What the packer leaves free at the borders changes by a tenth from one scale to the next.
+    """
+    brute, best = sum(f[2] for f in flat) <= BRUTE_CHARTS, None
+    area = sum(_area(points, corners) for points, corners, _ in flat)
     for attempt in range(2 * FIT_ROUNDS):
         if best is not None and attempt >= FIT_ROUNDS:
             break
-        packed = _pack(flat, scale, pad, sum(f[2] for f in flat) <= BRUTE_CHARTS)
-        extent = max(packed.width, packed.height) + pad + 1
-        if packed.atlas_count == 1 and extent <= size:
+        packed, extent = _pack(flat, scale, pad, brute)
+        if extent <= size:
             if best is None or scale > best[0]:
                 best = (scale, packed)
             if extent > SHRINK * size:
@@ -183,12 +201,15 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
         if best is not None and scale * step * SHRINK <= best[0]:
             break
         scale *= step * (SHRINK if extent > size else 1.0)
-    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
-        raise ValueError(
-            f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
-            "give a larger --size or fewer --mips"
-        )
-    return _collected(best[1], pieces, size, pad + 1, lit)
+    coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
+    for wanted in GOAL - GOAL_STEP * np.arange(GOAL_ROUNDS):
+        if wanted <= coverage:
+            break
+        scale = np.sqrt(wanted * size * size / area)
+        packed, extent = _pack(flat, scale, pad, brute)
+        if extent <= size:
+            return scale, packed
+    return best
 
 
 def _options(texels: float, pad: int, brute: bool):
@@ -255,7 +276,8 @@ def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad:
     for points, corners, _ in flat:
         atlas.add_uv_mesh(np.ascontiguousarray(points * np.float32(scale)), corners)
     atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
-    return atlas
+    extent = max(atlas.width, atlas.height) + pad + 1 if atlas.atlas_count == 1 else np.inf
+    return atlas, extent
 
 
 def _collected(

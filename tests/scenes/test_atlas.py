@@ -1,11 +1,13 @@
 """The atlas: charts that do not touch, padding that holds at every mip level, the author's coordinates, sheets."""
 
+import types
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
+from lightwell.scenes import atlas as atlas_module
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.atlas import FAINT, _hits, build, charted_meshes, own_fault, padding
@@ -170,3 +172,19 @@ def test_faint_sides_get_fewer_texels_and_the_others_more():
     # Floor and wall are of the same size.
     assert made[2:].sum() / made[:2].sum() == pytest.approx(FAINT**2, rel=0.1)
     assert made[:2].sum() > 1.3 * even[:2].sum()
+
+
+def test_scales_that_happen_to_fill_the_square_are_tried(monkeypatch):
+    """A packer that leaves a tenth of the edge free at most scales, but not at one that covers 0.704."""
+    points, corners = np.float32([[0, 0], [1, 0], [0, 1]]), np.uint32([[0, 1, 2]])
+    edge = lambda coverage: np.sqrt(2 * coverage) * 100  # noqa: E731
+
+    def packed(flat, scale, pad, brute):
+        lucky = abs(scale - edge(0.704)) < 1e-3
+        return types.SimpleNamespace(atlas_count=1), scale / edge(0.7041 if lucky else 0.6) * 100
+
+    monkeypatch.setattr(atlas_module, "_pack", packed)
+    scale, _ = atlas_module._fitted([(points, corners, 1)], 100, 0, edge(0.5))
+    assert scale == pytest.approx(edge(0.704), rel=1e-6)
+    monkeypatch.setattr(atlas_module, "GOAL_ROUNDS", 0)
+    assert atlas_module._fitted([(points, corners, 1)], 100, 0, edge(0.5))[0] < edge(0.61)
