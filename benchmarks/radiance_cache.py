@@ -135,7 +135,7 @@ def denoise(name: str, scene: Any, plan: Figures) -> Figures:
 # What a still does beside the network, changed one at a time.
 CHANGES: dict[str, Figures] = {
     "as shipped": {}, "no local level": {"local_level": False}, "caustics whole": {"spike_cap": 0.0},
-    "with a guide": {"guide": True},
+    "never a guide": {"guide": "never"}, "always a guide": {"guide": "always"},
 }  # fmt: skip
 
 

@@ -22,6 +22,11 @@ CAP, FLOOR = 50.0, 0.02
 KEPT, KEPT_AFTER_CHANGE = 0.97, 0.05
 # Columns of the sums.
 SUMS = 5
+# Frames of a still with a cache that teach the guide: more would take time from the cache.
+LESSONS = 8
+# Pictures whose paths have less relative variance than this gain nothing from a guide (measured: Cornell box 0.9,
+# veach-ajar 6).
+CALM = 3.0
 # Frames between two tables, beside those whose number is a power of two.
 EVERY = 8
 
@@ -43,7 +48,7 @@ class GuideTable:
         self.sums = np.zeros((0, SUMS))
         """[R, 5] number of records; sums of that radiance and of its square; those of all scattered radiance."""
         self.frames = 0
-        """Frames taken in."""
+        """Frames taken in since the scene changed."""
         self._guide: Guide | None = None
         self._levels = np.zeros(0)
 
@@ -56,6 +61,7 @@ class GuideTable:
         """The scene changed: what is known counts little from now on."""
         self.bins *= KEPT_AFTER_CHANGE
         self.sums *= KEPT_AFTER_CHANGE
+        self.frames = 0
 
     def add(
         self, keys: np.ndarray, bins: np.ndarray, met: np.ndarray, reach: np.ndarray, whole: np.ndarray

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache import frames, restir, restir_gi, views
+from lightwell.cache import frames, pilot, restir, restir_gi, views
 from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
 from lightwell.cache.denoising import check_film, denoised_image
+from lightwell.cache.guide_table import CALM
 from lightwell.cache.paths import Walk, render_path
 from lightwell.cache.radiance_cache import RadianceCache, Told
 from lightwell.cache.settings import CacheSettings, settings_of
@@ -25,9 +26,8 @@ WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 WORTH = 50.0
 # Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error.
 WORTH_DENOISED = 8.0
-# Stills with estimator=guided train for this share of their time at most; pictures whose paths have less relative
-# variance than this are path traced without a guide (measured: Cornell box 0.9, veach-ajar 6).
-GUIDED_SHARE, CALM = 0.25, 3.0
+# Stills with estimator=guided train for this share of their time at most.
+GUIDED_SHARE = 0.25
 # Samples per pixel at least that the cap of caustics counts with.
 SPIKE_SAMPLES = 32
 # The learning rate of a still falls to this share of the first.
@@ -128,6 +128,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             film = sensor.film()
             film.prepare([])
             still = self._is_still(spp)
+            if self.settings.caching and self.settings.guide == "auto":
+                self.guiding &= still  # Frames have no pilot.
             if still:
                 self.warm_up(scene, sensor, seed, spp)
             if self.settings.view != "image":
@@ -173,7 +175,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache, s = self.cache_of(scene), self.settings
         most = s.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
         start = time.perf_counter()
-        cache.still = True
+        cache.still, cache.may_guide = True, s.seconds > 0 or spp >= pilot.ENOUGH
         share = s.train_share if s.caching else min(s.train_share, GUIDED_SHARE)
         done = 0.0
         while done < 1 and not cache.frozen:
@@ -192,6 +194,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache.rate_factor, cache.still = 1.0, False
         if s.seconds > 0 and cache.frame == 1:
             self.caching = False  # One frame of a cold cache: no time to learn, nor to find out whether that pays.
+        self.guiding &= self.caching or not s.caching
         if self.caching:
             cache.settle()
         dr.sync_thread()
@@ -225,6 +228,9 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         two_level = self.settings.estimator == "two-level" and self.caching
         kind = "biased" if two_level else self.settings.estimator
         done, longest = 0, 0.0
+        if still and self.caching and self.guiding and self.settings.guide == "auto":
+            small = per_pass if timed else max(1, spp // pilot.PARTS)
+            done = self._pilot(scene, sensor, cache, seed, small, spp)
         while done < spp or timed:
             start = time.perf_counter()
             block = per_pass if timed else min(per_pass, spp - done)
@@ -249,6 +255,27 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if two_level:
             image = image + self._second_level(scene, sensor, cache, seed, done)
         return image
+
+    def _pilot(self, scene, sensor, cache, seed: int, block: int, spp: int) -> int:
+        """Find out whether the guide pays, where there is one; how many samples that took, all in the picture."""
+        trial, done = pilot.Pilot(), 0
+        if cache.guide is None or (self.settings.seconds <= 0 and spp < pilot.ENOUGH):
+            self.guiding = False
+            return 0
+        for guided in (False, True) * pilot.PASSES:
+            start = time.perf_counter()
+            self.guiding = guided
+            self._cap_spikes(cache, True, done + block)
+            put = self._pass(scene, sensor, cache, seed, done, block, spp, "biased")
+            sensor.film().put_block(put)
+            dr.eval(put.tensor())
+            dr.sync_thread()
+            trial.add(guided, put, time.perf_counter() - start)
+            done += block
+            if 0 < self.settings.seconds < time.perf_counter() - self._began:
+                break
+        self.guiding = trial.guide_pays(self.settings.seconds > 0)
+        return done
 
     def _cap_spikes(self, cache: RadianceCache, still: bool, samples: int) -> None:
         """Say how bright a caustic may be in one of so many samples per pixel."""

@@ -34,7 +34,7 @@ class Surroundings:
         """Termination threshold in the paper's units."""
         self.max_depth, self.rr_depth = mi.UInt32(0xFFFFFFFF), mi.UInt32(5)
         self.spike = mi.Float(dr.inf)
-        """Largest luminance that one sample may gather by a caustic, where paths end in the cache."""
+        """Largest luminance that one sample may gather by a caustic, where paths may end in the cache."""
 
     def vertex(self, si: mi.SurfaceInteraction3f, bsdf: Any, active: mi.Bool) -> Vertex:
         """The network's inputs at a surface, seen along ``si.wi``."""
@@ -265,9 +265,10 @@ def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, 
 
 
 def _uncut(walk: Walk, around: Surroundings, met: mi.Spectrum) -> mi.Float:
-    """The share that is kept of an emitter met through mirrors or glass from a surface that has spread too far to be
-    looked at: no light sampling helps there, and one such sample would outweigh all others of its pixel."""
-    caustic = walk.prev_delta & walk.foot.scattered & (dr.square(walk.foot.s) > around.c * walk.foot.a0)
+    """The share that is kept of an emitter met through mirrors or glass from a surface that scatters (only behind one
+    has a path any spread): no light sampling helps there, and one such sample would outweigh all others of its
+    pixel."""
+    caustic = walk.prev_delta & (walk.foot.s > 0)
     return dr.select(caustic, dr.minimum(1, around.spike / dr.maximum(mi.luminance(met), 1e-20)), 1)
 
 

@@ -56,7 +56,7 @@ def save(cache: RadianceCache, path: str | Path) -> None:
         arrays["level"] = np.array(cache.level)
     for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
         arrays |= {f"{part}.{name}": np.array(value) for name, value in held.items()}
-    if cache.guide_table is not None:
+    if cache.guide_table is not None and len(cache.guide_table.keys):
         table = cache.guide_table
         arrays |= {"guide.keys": table.keys, "guide.bins": table.bins.astype(np.float32), "guide.sums": table.sums,
                    "guide.frames": np.array([table.frames], np.int64)}  # fmt: skip

@@ -17,7 +17,7 @@ from lightwell.cache.batches import frozen_batches
 from lightwell.cache.change import ChangeDetector, GrowthWatch
 from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.guide import Guide
-from lightwell.cache.guide_table import GuideTable
+from lightwell.cache.guide_table import CALM, LESSONS, GuideTable
 from lightwell.cache.learner import Batch, Learner
 from lightwell.cache.level import FRAMES, Gain, LocalGain, Sums
 from lightwell.cache.materials import MaterialTable, material_table
@@ -114,6 +114,8 @@ class RadianceCache:
         """Finds changes; how many there were; frames that still learn faster because of one."""
         self.guide_table: GuideTable | None = None
         """What is known of where light comes from; made when the box is known, where settings ask for a guide."""
+        self.may_guide = False
+        """guide=auto: whether the still that trains can afford to try a guide."""
         self.growth, self.replay = GrowthWatch(), Replay()
         """Looks for a cache that feeds on itself; rays of earlier cameras."""
         self.most_steps = 0
@@ -240,6 +242,18 @@ class RadianceCache:
         table = self.guide_table
         return None if table is None or not len(table.keys) else table.guide()
 
+    @property
+    def teaches(self) -> bool:
+        """Whether the records of the next frame teach the guide: always without a cache; beside one in the first frames
+        of a still, with guide=auto where the frame before was noisy and the picture has samples for a pilot."""
+        s, table = self.settings, self.guide_table
+        if table is None or not s.caching:
+            return table is not None
+        if s.guide == "always":
+            return not self.still or table.frames < LESSONS
+        noisy = bool(self.history) and self.history[-1].noise >= CALM
+        return self.still and self.may_guide and table.frames < LESSONS and (noisy or table.frames > 0)
+
     # ------------------------------------------------------------------ training
 
     def controller(self, width: int, height: int) -> Tiles:
@@ -303,7 +317,8 @@ class RadianceCache:
         u = self.unbiased_share
         shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
-        table, guide = self.guide_table, self.guide
+        # Beside a cache plain paths teach the guide: guided ones take longer, and bring the cache no more.
+        table, guide = (self.guide_table if self.teaches else None), (None if s.caching else self.guide)
         shape = Shape(
             columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place, table is not None,
             guide is not None,

@@ -23,6 +23,7 @@ CHOICES = {
     "first_hit": ("nee", "restir-di", "restir-gi"),
     "restir_reuse": ("biased", "unbiased"),
     "estimator": ("biased", "residual", "two-level", "guided"),
+    "guide": ("auto", "always", "never"),
     "on_change": ("detect", "hint-only", "off"),
     "budget": ("preset", "low", "auto"),
     "mode": ("auto", "frames", "still"),
@@ -103,9 +104,10 @@ class CacheSettings:
     estimator: str = "biased"
     """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. 'guided':
     unbiased, no cache value in the picture; the guide steers whole paths."""
-    guide: bool = False
-    """Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). Always on with
-    'guided'."""
+    guide: str = "auto"
+    """Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). 'auto': a noisy
+    still tries it for some samples, and goes on with what needs less variance times time; true is 'always', false
+    'never'. Always on with the estimator 'guided'."""
     guide_share: float = 0.5
     """Probability that a vertex samples the guide and not the BSDF."""
     residual_probability: float = 0.25
@@ -161,8 +163,10 @@ class CacheSettings:
 
     @property
     def guided(self) -> bool:
-        """Whether a guide is learned."""
-        return self.estimator == "guided" or (self.guide and self.caching)
+        """Whether a guide may be learned."""
+        if self.guide == "auto" and not (self.estimator == "biased" and self.first_hit != "restir-gi"):
+            return self.estimator == "guided"
+        return self.estimator == "guided" or (self.guide != "never" and self.caching)
 
     @property
     def learns(self) -> bool:
@@ -245,6 +249,8 @@ def settings_of(given: dict[str, Any]) -> CacheSettings:
     if given.get("budget") == "low":
         values["steps"] = 1
     for name, value in given.items():
+        if name == "guide" and isinstance(value, bool):
+            value = "always" if value else "never"
         values[name] = _typed(name, known[name], value)
     return CacheSettings(**values)
 
