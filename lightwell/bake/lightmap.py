@@ -19,6 +19,7 @@ from lightwell.bake.lightmap_resume import kept_counts, kept_eyes, kept_light, k
 from lightwell.bake.lightmap_score import LightmapStage, score_lightmap, stage_of
 from lightwell.bake.lightmap_seams import SHARE as SEAM_SHARE
 from lightwell.bake.lightmap_seams import seam_samples
+from lightwell.bake.lightmap_size import roomy_atlas
 from lightwell.bake.lightmap_trace import (
     Chart,
     EyeSamples,
@@ -30,7 +31,6 @@ from lightwell.bake.lightmap_trace import (
     lit_sides,
     mask_image,
     reduced,
-    roomy_atlas,
     seen_sides,
 )
 from lightwell.bake.progress import Progress

@@ -26,7 +26,7 @@ from lightwell.transport.mapped import MappedQuery, mapped_query
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints
-from lightwell.transport.surface import draw_surface
+from lightwell.transport.surface import SurfaceDraw, draw_surface
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 from lightwell.transport.texels import Texels, texels
 from lightwell.transport.visible import side_points, visible_sides
@@ -45,12 +45,10 @@ GLANCES, AIMED = 1 << 20, 16
 LARGE, LITTLE, GLIMPSES = 1e-3, 0.1, 64
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
-# An atlas that is covered less than this becomes twice as large, up to a size.
-ROOMY, MOST_ROOMY = 0.65, 2048
 # Texels darker than this share of the mean are asked whether anything can see them.
 BLACK = 0.02
-# Where glossy surfaces are rare, at most this many times the points that are kept are drawn; points of a matte scene.
-LEAST_SHARE, FEW_EYES, MOST_DRAWN = 1 / 16, 1 << 12, 1 << 21
+# Points of a scene where the eye matters nowhere.
+FEW_EYES = 1 << 12
 # Paths through media are noisier: so many times more of them.
 MEDIA_PATHS = 4
 # Surfaces darker than this keep the light that the surface tracer sees.
@@ -250,15 +248,15 @@ def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irr
     if not media.any():
         return light
     rows = np.flatnonzero(~media[points.shape])
-    albedo = _albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
-    shown = (albedo > LEAST_ALBEDO).all(axis=1)
-    rows, albedo = rows[shown], albedo[shown]
+    color = albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
+    shown = (color > LEAST_ALBEDO).all(axis=1)
+    rows, color = rows[shown], color[shown]
     a, b = light.half_a.copy(), light.half_b.copy()
-    a[rows], b[rows] = (half / albedo for half in volumetric(scene, points[rows], paths, seed))
+    a[rows], b[rows] = (half / color for half in volumetric(scene, points[rows], paths, seed))
     return replace(light, half_a=a, half_b=b)
 
 
-def _albedo(query) -> np.ndarray:
+def albedo(query) -> np.ndarray:
     """[N, 3] diffuse albedo a, as the graph knows it."""
     color = query.reflectance - DIELECTRIC * (1 - query.metallic)
     return np.clip(color * (1 - query.metallic), 0, 1)
@@ -273,14 +271,6 @@ def clear_glass(scene: Scene) -> np.ndarray:
     """[M] bool: transmissive meshes with a lobe too narrow for any light map; the rasteriser draws them."""
     materials = [scene.materials[mesh.material] for mesh in scene.meshes]
     return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)
-
-
-def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
-    """The atlas, twice as large where charts are so small that padding would take much of it."""
-    made = build(scene, size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
-    if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
-        return made
-    return build(scene, 2 * size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
 
 
 def chart(
@@ -402,12 +392,8 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     known   [n, n, 3] E' of the atlas, at which paths end; None: they are traced to their ends.
     """
     wanted = ~matte(scene) & ~clear_glass(scene)
-    share = float(tables(scene).mesh_area[wanted].sum() / max(tables(scene).mesh_area.sum(), 1e-30))
-    asked = min(int(count / max(share, LEAST_SHARE)), MOST_DRAWN) if wanted.any() else FEW_EYES
-    draw = draw_surface(scene, asked, seed, floor=64)
-    rows = np.arange(len(draw.points))
-    rows = rows[wanted[draw.points.shape]][:count] if wanted.any() else rows
-    points = _towards_eyes(scene, draw.points[rows], seed)
+    draw = _drawn(scene, wanted, count, seed)
+    points = _towards_eyes(scene, draw.points, seed)
     if media_meshes(scene).any():
         a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
     elif known is None:
@@ -417,17 +403,27 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = mapped_query(scene, made.atlas, points)
     good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
-    weight = np.where(good, draw.weight[rows], 0).astype(np.float32)
+    weight = np.where(good, draw.weight, 0).astype(np.float32)
     return EyeSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
+    """``count`` points on the meshes [M] that are wanted; a few of all where none of them sees air."""
+    if wanted.any():
+        try:
+            return draw_surface(scene, count, seed, floor=64, only=wanted)
+        except ValueError:
+            pass
+    return draw_surface(scene, FEW_EYES, seed, floor=64)
 
 
 def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
     """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)
-    albedo = _albedo(query)
+    color = albedo(query)
     stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True)
-    return light + np.where(stored, albedo * (bilinear(known, query.uv1) - seen), 0)
+    return light + np.where(stored, color * (bilinear(known, query.uv1) - seen), 0)
 
 
 def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:

@@ -20,13 +20,16 @@ from lightwell.scenes.scene import Mesh, Scene
 # A bilinear read at mip level m reaches this many texels of that level beyond its point: half a texel to the farther
 # centre, one between the centres.
 REACH = 1.5
-# More charts than this are packed by xatlas' fast method: brute force takes seconds per thousand.
+# More charts than this on 1024 x 1024 are packed by xatlas' fast method: brute force takes seconds per thousand there,
+# and minutes on larger squares.
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
 # Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
 # many there are.
-GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 24
+GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
+# Share of the covered texels that may be covered twice.
+TWICE = 5e-4
 # Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
 LEAST_COVERAGE = 0.03
 # Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
@@ -184,19 +187,19 @@ def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> t
 def _fitted(flat, size: int, pad: int, scale: float):
     """(scale, packing) of the largest scale found that fits the square; None where none does.
 
-    What the packer leaves free at the borders changes by a tenth from one scale to the next.
+    What the packer leaves free at the borders changes by a tenth from one scale to the next, and at some scales it lays
+    a chart over another.
     """
-    brute, best = sum(f[2] for f in flat) <= BRUTE_CHARTS, None
+    brute, best = sum(f[2] for f in flat) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
     area = sum(_area(points, corners) for points, corners, _ in flat)
     for attempt in range(2 * FIT_ROUNDS):
         if best is not None and attempt >= FIT_ROUNDS:
             break
         packed, extent = _pack(flat, scale, pad, brute)
-        if extent <= size:
-            if best is None or scale > best[0]:
-                best = (scale, packed)
-            if extent > SHRINK * size:
-                break
+        if extent <= size and (best is None or scale > best[0]) and _apart(packed, len(flat)):
+            best = (scale, packed)
+        if SHRINK * size < extent <= size:
+            break
         step = (size - 3 * pad) / max(extent - 3 * pad, 1) if packed.atlas_count == 1 else 0.7
         if best is not None and scale * step * SHRINK <= best[0]:
             break
@@ -207,9 +210,40 @@ def _fitted(flat, size: int, pad: int, scale: float):
             break
         scale = np.sqrt(wanted * size * size / area)
         packed, extent = _pack(flat, scale, pad, brute)
-        if extent <= size:
+        if extent <= size and _apart(packed, len(flat)):
             return scale, packed
     return best
+
+
+def _apart(packed, count: int) -> bool:
+    """Whether no chart of a packing lies over another; ``count`` meshes."""
+    corners = [points[rows] for points, rows in (_flat(packed, k) for k in range(count))]
+    hits = coverings(np.concatenate(corners), packed.width + 1, packed.height + 1)
+    return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
+
+
+def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
+    """[height, width] how many triangles [K, 3, 2] cover each texel's centre; of a shared edge, one of its two does."""
+    corners = corners.astype(np.float64) - 0.5
+    low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
+    high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
+    count = high - low
+    row = np.repeat(np.arange(len(corners)), count)
+    y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for k in range(3):
+        # Always from the lower end, so that both triangles of an edge find the same place.
+        ends = corners[:, [k, (k + 1) % 3]]
+        order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
+        p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
+        meets = (p[:, 1] <= y) & (q[:, 1] > y)
+        x = p[:, 0] + (q[:, 0] - p[:, 0]) * ((y - p[:, 1]) / np.where(meets, q[:, 1] - p[:, 1], 1.0))
+        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
+    some = np.isfinite(left)
+    hits = np.zeros((height, width + 1), np.int32)
+    for x, sign in ((left, 1), (right, -1)):
+        np.add.at(hits, (y[some], np.clip(np.ceil(x[some]), 0, width).astype(np.int64)), sign)
+    return hits.cumsum(axis=1)[:, :width]
 
 
 def _options(texels: float, pad: int, brute: bool):

@@ -65,15 +65,17 @@ def draw_surface(
     floor: int = FLOOR,
     is_open: bool | None = None,
     report: Rejection | None = None,
+    only: np.ndarray | None = None,
 ) -> SurfaceDraw:
     """``count`` points, area-uniform over all sides that see air; the same seed gives the same points.
 
+    only      [M] bool: meshes that are drawn from; None: all.
     floor     Points per visible object at least (as far as they fit in a quarter of the count); weights undo it.
     is_open   Outdoor scene; None: measured (``lightwell.transport.air.room``).
     """
     report = Rejection() if report is None else report
     area = tables(scene).mesh_area
-    source = _Candidates(scene, seed, is_open, report)
+    source = _Candidates(scene, seed, is_open, report, only)
     points = source.take(count)
     _, found = np.unique(points.shape, return_counts=True)
     floor = min(floor, int(FLOOR_SHARE * count / max(len(found), 1)))
@@ -113,8 +115,9 @@ def _join(parts: list[SurfacePoints]) -> SurfacePoints:
 class _Candidates:
     """An endless, seeded supply of accepted points on chosen meshes."""
 
-    def __init__(self, scene: Scene, seed: int, is_open: bool | None, report: Rejection):
-        meshes = len(scene.meshes)
+    def __init__(self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None):
+        meshes, area = len(scene.meshes), tables(scene).mesh_area
+        self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report
         self.accepted, self.tried = np.zeros((2, meshes), np.int64)
         self._calls = 0  # gives every request numbers of its own
@@ -125,7 +128,7 @@ class _Candidates:
         parts, have, tried = [], 0, 0
         for _ in range(ROUNDS):
             rate = max(have, 1) / max(tried, 2)
-            parts.append(self._round(numbers, (count - have) / rate, tables(self.scene).mesh_area))
+            parts.append(self._round(numbers, (count - have) / rate, self.area))
             have, tried = have + len(parts[-1]), int(self.tried.sum())
             if have >= count:
                 return _join(parts)[np.arange(count)]
@@ -138,7 +141,7 @@ class _Candidates:
 
     def take_each(self, need: np.ndarray) -> SurfacePoints:
         """``need`` [M] accepted points of each object, fewer of objects that hardly see air."""
-        need = np.where(tables(self.scene).mesh_area > 0, need, 0)
+        need = np.where(self.area > 0, need, 0)
         numbers, parts = self._numbers(), [_nothing()]
         for _ in range(FLOOR_ROUNDS):
             if not need.any():

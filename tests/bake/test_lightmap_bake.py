@@ -106,17 +106,34 @@ def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
 
 
 def test_small_charts_get_a_larger_square(monkeypatch):
+    from lightwell.bake import lightmap_size as square
     from lightwell.bake import lightmap_trace as trace
     from lightwell.scenes import load
 
     scene, _ = trace.lit_scene(load("cornell"))
     sides = trace.lit_sides(scene, 0)
     sizes = {}
-    for bar in (0.0, 1.0):
-        monkeypatch.setattr(trace, "ROOMY", bar)
-        sizes[bar] = trace.roomy_atlas(scene, 64, 0, sides).size
-    monkeypatch.setattr(trace, "MOST_ROOMY", 64)
-    assert sizes == {0.0: 64, 1.0: 128} and trace.roomy_atlas(scene, 64, 0, sides).size == 64
+    for roomy, coarse in ((0.0, 1.0), (1.0, 1.0), (0.0, 0.0)):
+        monkeypatch.setattr(square, "ROOMY", roomy)
+        monkeypatch.setattr(square, "COARSE", coarse)
+        monkeypatch.setattr(square, "PILOT_POINTS", 256)
+        sizes[roomy, coarse] = square.roomy_atlas(scene, 64, 0, sides).size
+    assert sizes == {(0.0, 1.0): 64, (1.0, 1.0): 128, (0.0, 0.0): 128}
+    monkeypatch.setattr(square, "MOST_ROOMY", 64)
+    assert square.roomy_atlas(scene, 64, 0, sides).size == 64
+
+
+def test_the_pilot_sees_that_texels_are_coarse():
+    """Contact shadows of the boxes: four times finer texels leave a fraction of the error."""
+    from lightwell.bake.lightmap_size import blur
+    from lightwell.bake.lightmap_trace import lit_scene, lit_sides
+    from lightwell.scenes import load
+    from lightwell.scenes.atlas import build
+
+    scene, _ = lit_scene(load("cornell"))
+    sides = lit_sides(scene, 0)
+    coarse, fine = (blur(scene, build(scene, n, sides.lit, 0, dark=sides.dark), 0, 1 << 13, 32) for n in (64, 256))
+    assert coarse > 3 * max(fine, 0)
 
 
 @pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from lightwell.scenes import atlas as atlas_module
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
-from lightwell.scenes.atlas import FAINT, _hits, build, charted_meshes, own_fault, padding
+from lightwell.scenes.atlas import FAINT, _hits, build, charted_meshes, coverings, own_fault, padding
 from lightwell.scenes.scene import Material, Mesh
 
 SIZE, LIT_FRONTS = 256, np.array([[True], [False]])
@@ -184,7 +184,33 @@ def test_scales_that_happen_to_fill_the_square_are_tried(monkeypatch):
         return types.SimpleNamespace(atlas_count=1), scale / edge(0.7041 if lucky else 0.6) * 100
 
     monkeypatch.setattr(atlas_module, "_pack", packed)
+    monkeypatch.setattr(atlas_module, "_apart", lambda packed, count: True)
     scale, _ = atlas_module._fitted([(points, corners, 1)], 100, 0, edge(0.5))
     assert scale == pytest.approx(edge(0.704), rel=1e-6)
     monkeypatch.setattr(atlas_module, "GOAL_ROUNDS", 0)
     assert atlas_module._fitted([(points, corners, 1)], 100, 0, edge(0.5))[0] < edge(0.61)
+
+
+def test_a_scale_at_which_charts_lie_over_one_another_is_not_taken(monkeypatch):
+    points, corners = np.float32([[0, 0], [1, 0], [0, 1]]), np.uint32([[0, 1, 2]])
+    packed = lambda flat, scale, pad, brute: (types.SimpleNamespace(atlas_count=1, scale=scale), scale)  # noqa: E731
+    monkeypatch.setattr(atlas_module, "_pack", packed)
+    monkeypatch.setattr(atlas_module, "_apart", lambda packed, count: packed.scale < 90)
+    scale, _ = atlas_module._fitted([(points, corners, 1)], 100, 0, 80.0)
+    assert scale < 90
+
+
+def test_texels_that_two_triangles_cover_are_counted():
+    """Against the loop over triangles; a fan has no texel twice, a copy of it has all."""
+    rng = np.random.default_rng(3)
+    rim = 0.5 + 0.4 * np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 12)), np.sin(a)], axis=1)
+    fan = np.stack([np.full((11, 2), 0.5) + 0.01 * rng.random(2), rim[:-1], rim[1:]], axis=1)
+    hits = coverings(64 * fan, 64, 64)
+    other, _ = _hits(fan.astype(np.float32), np.zeros(11, int), 64)
+    assert hits.max() == 1 and np.abs(hits - other).sum() <= 2
+    assert (coverings(64 * np.concatenate([fan, fan]), 64, 64) == 2 * hits).all()
+
+
+def test_charts_of_given_scenes_lie_apart(rooms):
+    _, atlas = rooms
+    assert (coverings(atlas.uv[atlas.chart >= 0] * atlas.size, atlas.size, atlas.size) > 1).sum() <= 4

@@ -162,3 +162,12 @@ def test_interactions_are_exact(cornell):
     np.testing.assert_allclose(np.array(si.p).T, position, atol=1e-6)  # a rounding or two of single precision
     np.testing.assert_allclose(np.array(si.n).T, flat, atol=1e-5)
     np.testing.assert_allclose(np.array(si.to_world(si.wi)).T, points.view, atol=1e-5)
+
+
+def test_points_on_some_meshes_only(cornell):
+    only = np.isin(np.arange(len(cornell.meshes)), [1, 3])
+    draw = draw_surface(cornell, 4000, 1, floor=0, only=only)
+    assert set(np.unique(draw.points.shape)) == {1, 3} and len(draw.points) == 4000
+    # Both are walls of 4 m^2 that are seen from inside alone.
+    assert np.mean(draw.points.shape == 1) == pytest.approx(0.5, abs=0.03)
+    assert draw.visible_area[~only].sum() == 0
