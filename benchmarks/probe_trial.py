@@ -26,7 +26,7 @@ from lightwell.scenes.free_air import free_air
 
 # Half floats of 27 harmonics.
 TRILINEAR_BYTES = 54.0
-# Fine probes per live probe of the lattice, at most.
+# Fine probes per probe that stands at its node, at most.
 BUDGET = 8.0
 # Biases that the baseline of distance moments may choose from, in its favour.
 BIASES = (0.0, 0.1, 0.2, 0.3)
@@ -129,7 +129,7 @@ def trial(
     lattice = Lattice.around(scene.bounds, spacing, offset)
     made = bake_geometry(scene, spacing, functions[0], lattice=lattice)
     support = made.support
-    every = traced(scene, made, np.arange(len(lattice)), effort, seed)
+    every = traced(scene, made, np.arange(len(lattice)), effort, seed) * support.stands[:, None, None]
     answers, bytes_ = {}, {}
     ask = lambda volume: _asked(lambda v, x, n: query(v, x, n)[0], volume, asked)  # noqa: E731
     for function in functions:
@@ -150,16 +150,16 @@ def trial(
     answers["line of sight"] = _line_of_sight(scene, support, every, asked)
     answers["ddgi"] = _best_bias(ddgi.bake_moments(scene, support, every), asked)
     # Denser trilinear lattices of as many bytes (B8).
-    finer = spacing * min(1.0, (TRILINEAR_BYTES * support.alive.sum() / bytes_["ours"]) ** (1 / 3))
+    finer = spacing * min(1.0, (TRILINEAR_BYTES * support.stands.sum() / bytes_["ours"]) ** (1 / 3))
     for _ in range(3):
         dense = bake_support(scene, Lattice.around(scene.bounds, finer, offset), pattern(64))
-        missing = bytes_["ours"] / (TRILINEAR_BYTES * dense.alive.sum())
+        missing = bytes_["ours"] / (TRILINEAR_BYTES * dense.stands.sum())
         if missing <= 1:
             break
         # Borders spoil the estimate: a little finer, until it has no fewer bytes.
         finer /= 1.02 * missing ** (1 / 3)
     light = np.zeros((len(dense.lattice), 9, 3), np.float32)
-    live = np.flatnonzero(dense.alive)
+    live = np.flatnonzero(dense.stands)
     light[live] = air_light(scene, dense.origin[live], effort.probe_paths, seed, direct=effort.direct).sh
     answers["dense trilinear"] = ask(plain(dense, False).lit(light))
     answers["dense validity"] = ask(plain(dense, True).lit(light))
@@ -183,7 +183,7 @@ def others(support, light: np.ndarray, asked: Queries) -> dict[str, np.ndarray]:
     offset = np.where(asked.on_surface, OFFSET, 0.0)[:, None] * support.lattice.spacing
     y = asked.place + offset * asked.normal
     node, hat, _ = support.lattice.corners(y)
-    weight = hat * support.alive[node]
+    weight = hat * support.stands[node]
     way = support.origin[node] - asked.place[:, None]
     cosine = (way * asked.normal[:, None]).sum(axis=2) / np.maximum(np.linalg.norm(way, axis=2), 1e-9)
     facing = weight * (((cosine + 1) / 2) ** 2 + 0.2)

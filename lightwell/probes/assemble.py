@@ -223,7 +223,7 @@ def assemble(coarse: Level, function: str, found: Records, fallback: np.ndarray,
 def plain(support: Support, valid_only: bool) -> ProbeVolume:
     """Trilinear interpolation as a volume: every node open, or only those that lie in air."""
     count = len(support.lattice)
-    state = np.where(support.alive, OPEN, DROPPED) if valid_only else np.full(count, OPEN)
+    state = np.where(support.stands, OPEN, DROPPED) if valid_only else np.full(count, OPEN)
     return ProbeVolume(
         lattice=support.lattice,
         function="relu-field",

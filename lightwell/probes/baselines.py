@@ -34,6 +34,7 @@ def compare(
             the scene's own light, or under a light of ``variable`` at ``place`` [3].
     """
     support, count = geometry.support, len(geometry.volume.lattice)
+    start = start[:count] * support.stands[:, None, None]
     rng = np.random.default_rng((seed, 99))
     cells, points = np.nonzero(support.valid)
     # The solve takes the first valid points of a cell.
@@ -48,10 +49,10 @@ def compare(
     ask = lambda volume: query(volume.in_air(), x, n)[0]  # noqa: E731
     found = {
         "learned": ask(geometry.volume.lit(light)),
-        "trilinear": ask(plain(support, False).lit(start[:count])),
-        "trilinear + validity": ask(plain(support, True).lit(start[:count])),
-        "DDGI": ddgi.query(ddgi.bake_moments(scene, support, start[:count], 0.0), x, n),
-        "line of sight": line_of_sight.query(scene, support, start[:count], x, n, 0.0),
+        "trilinear": ask(plain(support, False).lit(start)),
+        "trilinear + validity": ask(plain(support, True).lit(start)),
+        "DDGI": ddgi.query(ddgi.bake_moments(scene, support, start, 0.0), x, n),
+        "line of sight": line_of_sight.query(scene, support, start, x, n, 0.0),
     }
     region = np.zeros(len(x), int)
     scores = {name: score(truth, values, region) for name, values in found.items()}

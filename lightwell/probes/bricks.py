@@ -13,7 +13,7 @@ FINE_POINTS = 128
 GOOD_ENOUGH = 0.04
 # Power of the brightness in the choice between cells.
 BRIGHTNESS = 0.25
-# Fine probes per live probe of the lattice, at most.
+# Fine probes per probe that stands at its node, at most.
 BUDGET = 1.0
 
 

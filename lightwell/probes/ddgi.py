@@ -44,8 +44,9 @@ class Moments:
 
 
 def bake_moments(scene: Scene, support: Support, light: np.ndarray, bias: float = 0.2) -> Moments:
-    """Trace the distances of all live probes."""
-    nodes = np.flatnonzero(support.alive)
+    """Trace the distances of the probes that stand at their nodes; others keep no light."""
+    stands = support.stands
+    nodes = np.flatnonzero(stands)
     compass = sh.directions(RAYS)
     far = FARTHEST * support.lattice.spacing
     found = rays.distances(scene, support.origin[nodes], compass)
@@ -59,7 +60,7 @@ def bake_moments(scene: Scene, support: Support, light: np.ndarray, bias: float 
     maps[..., 1] = far**2
     mean, square = found @ lobe.T, found**2 @ lobe.T
     maps[nodes] = np.stack([mean, square], axis=-1).reshape(-1, SIDE, SIDE, 2)
-    return Moments(support.lattice, support.origin, support.alive, maps, light, bias)
+    return Moments(support.lattice, support.origin, stands, maps, light * stands[:, None, None], bias)
 
 
 def octahedral(p: np.ndarray) -> np.ndarray:

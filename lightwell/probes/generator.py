@@ -31,9 +31,11 @@ FILE = Path(__file__).with_name("generator.npz")
 MOST_BYTES, LARGEST = 4 << 20, 1e4
 # Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
 NEWTON, ADAM, RATE = 10, 50, 0.003
-# A network whose hat-weighted RMSE is still above this goes on for so many steps (two rooms, 64 probes, RMSE
-# over that of 2,500 steps from scratch: generator 7.7, 50 steps 6.0, 400 more 4.9, 800 2.9, 1,200 2.3, 1,600 1.8).
-GATE, MORE, MORE_RATE = 0.004, 800, 0.01
+# A network whose hat-weighted RMSE is still above this goes on for so many steps, of fewer points each: steps count, not
+# points (RMSE over that of 2,500 steps of 1,024 points from scratch; 16 probes of S2 and 24 of two rooms: generator 8.2,
+# 800 steps of 1,024 points 2.2, 1,600 of 512 1.1, 2,400 of 512 0.9, 3,200 of 512 0.8, 4,000 of 256 1.2; half a dozen
+# probes make a tenth of it).
+GATE, MORE, MORE_POINTS, MORE_RATE = 0.004, 2400, 512, 0.01
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,6 @@ def _gated(f: TinyMlp, found: np.ndarray, target, weight, layout: Pattern, close
     rows = np.flatnonzero(error(target, rho, layout.hat, asked) > GATE)
     if len(rows):
         near = close and Close(close.u[rows], close.target[rows], close.weight[rows])
-        steps = dict(steps=MORE, rate=MORE_RATE, close=near)
+        steps = dict(steps=MORE, rate=MORE_RATE, points=MORE_POINTS, close=near)
         found[rows] = descend(f, found[rows], target[rows], weight[rows], layout, **steps)
     return found

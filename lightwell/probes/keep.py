@@ -27,7 +27,7 @@ from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
-VERSION = 2
+VERSION = 3
 # Largest state that is read, unpacked.
 MOST_BYTES = 4 << 30
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}

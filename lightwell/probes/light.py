@@ -104,7 +104,8 @@ def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
 
 
 def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None, variable: Variable | None = None) -> Lit:
-    """The same with bricks where the error is highest; at most ``budget`` fine probes per live probe."""
+    """The same with bricks where the error is highest; at most ``budget`` fine probes per probe at its
+    node."""
     chosen = placed(lit.geometry, lit.samples, lit.solution, budget)
     if not len(chosen):
         return lit
@@ -116,7 +117,7 @@ def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float 
     """Sorted cells that deserve a brick."""
     error = np.maximum(solution.residual - samples.noise, 0)
     mean = samples.light if samples.light.ndim == 3 else samples.light.mean(axis=0)
-    return worst(error, mean[:, 0].mean(axis=1), samples.cell, int(geometry.volume.alive.sum()), budget)
+    return worst(error, mean[:, 0].mean(axis=1), samples.cell, int(geometry.support.stands.sum()), budget)
 
 
 def relit(

@@ -16,7 +16,7 @@ def query(
     """[N, 3] irradiance; 0 where no probe is seen."""
     y = x + offset * support.lattice.spacing * n
     node, hat, _ = support.lattice.corners(y)
-    seen = support.alive[node] & (hat > 0)
+    seen = support.stands[node] & (hat > 0)
     row, corner = np.nonzero(seen)
     seen[row, corner] = rays.free(scene, support.origin[node[row, corner]], y[row])
     w = hat * seen

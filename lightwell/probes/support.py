@@ -21,6 +21,10 @@ from lightwell.transport.interactions import upload
 
 # A probe inside geometry looks from the nearest valid support point, at most this far from its node, units of h.
 MOVE = 0.45
+# Nodes further behind a surface are probes too where their hat reaches this at a valid point: their light is what the
+# solve finds, so that light goes on to the surface as it came. Without them it stays what the last inner probe has.
+# (S5, one offset, no bricks: bright leak 0.0043 -> 0.0031, dark leak 0.0043 -> 0.0028, + 1.1 dB.)
+LEAST_HAT = 0.1
 # Cubes whose weights are computed together: a few hundred megabytes of edges at most.
 CUBES = 256
 # Places at surfaces that a cell keeps (X); they stand off this far, and rays look for them this far, units of h.
@@ -47,6 +51,13 @@ class Support:
     """[P, 3] float32: where probes look from; the node itself unless it lies inside geometry."""
     alive: np.ndarray
     """[P] bool: probes that have such a place."""
+
+    @property
+    def stands(self) -> np.ndarray:
+        """[P] bool: probes that look from within MOVE of their node; baselines, which solve for no light, have only
+        these."""
+        way = np.linalg.norm(self.origin - self.lattice.nodes(), axis=1)
+        return self.alive & (way <= 1.001 * MOVE * self.lattice.spacing)
 
     @property
     def covered(self) -> np.ndarray:
@@ -134,12 +145,12 @@ def _join(scene: Scene, support: Support, cells: np.ndarray) -> None:
 
 
 def _place(scene: Scene, support: Support, nodes: np.ndarray) -> None:
-    """Where probes look from: their node, else the nearest valid support point of their cube."""
+    """Where probes look from: their node, else the nearest valid support point of their cube that counts for them."""
     lattice, layout = support.lattice, support.pattern
     place = lattice.nodes()[nodes].astype(np.float32)
     good = rays.valid(scene, place)
     near = np.argsort(np.linalg.norm(layout.u, axis=1), kind="stable")
-    near = near[np.linalg.norm(layout.u[near], axis=1) <= MOVE]
+    near = near[(np.linalg.norm(layout.u[near], axis=1) <= MOVE) | (layout.hat[near] >= LEAST_HAT)]
     inside = cube_valid(support, nodes)[:, near]
     first = inside.argmax(axis=1)
     moved = ~good & inside.any(axis=1)

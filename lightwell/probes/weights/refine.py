@@ -5,13 +5,16 @@ Kingma and Ba 2015, with a cosine decay. Every step looks at the same few suppor
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+
 import numpy as np
 
 from lightwell.probes.pattern import Pattern
 from lightwell.probes.weights.common import LEAK, THRESHOLD, Close, padded
 
-# Points of a step, and probes that fit into the cache together.
-POINTS, BATCH = 1024, 64
+# Points of a step, and probes that fit into the cache together; each batch is a thread's.
+POINTS, BATCH = 1024, 16
 # ... and places at surfaces.
 CLOSE = 96
 DECAY_1, DECAY_2, EPSILON = 0.9, 0.99, 1e-8
@@ -32,11 +35,16 @@ def refine(
 ) -> np.ndarray:
     """[B, C] parameters after ``steps`` steps from ``params``; ``target`` and ``weight`` [B, Q]."""
     out = np.array(params, np.float32)
-    for start in range(0, len(out), BATCH):
+
+    def some(start: int) -> None:
         rows = slice(start, start + BATCH)
         part = padded(BATCH, out[rows], target[rows], weight[rows])
         near = close and close.part(rows, BATCH)
         out[rows] = _batch(function, *part, layout, steps, rate, points, seed, near)[: len(out[rows])]
+
+    # NumPy lets go of the interpreter's lock; batches share nothing, so that threads change no bit.
+    with ThreadPoolExecutor(cpu_count() or 1) as pool:
+        list(pool.map(some, range(0, len(out), BATCH)))
     return out
 
 
