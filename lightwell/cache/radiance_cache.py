@@ -31,7 +31,9 @@ from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, fr
 
 # The box is larger than the scene by this share, so that nothing lies on its surface.
 INFLATE = 0.01
-# Kinds of change; frames whose training paths run to their end after one; faster learning, and for how many frames.
+# Larger frames of a cold cache. Kinds of change; larger frames after one; faster learning, and for how many frames.
+# Frames that stand for one larger one in the lead-in, where none is larger.
+EAGER_FRAMES, SMALL_FRAMES = 8, 4
 KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 # Frames between two copies of the weights.
@@ -124,7 +126,8 @@ class RadianceCache:
         """Sound weights to go back to."""
         self.rollbacks = 0
         self.since_change = 0
-        """Frames trained since the cache was cold or the scene changed."""
+        """Frames trained since the cache was cold; set back to ``begun`` when the scene changes."""
+        self.begun = 0
         self.frozen = False
         self.rate_factor = 1.0
         """Multiplies the learning rate: decays in stills, rises after changes."""
@@ -162,7 +165,7 @@ class RadianceCache:
         if scene is not None and kind in ("material", "geometry"):
             self.prepare(scene)
         self.learner.forget()
-        self.since_change = max(0, self.settings.lead_in - REACTION)
+        self.since_change = self.begun = min(self.since_change, EAGER_FRAMES - REACTION)
         self.boost = BOOST_FRAMES
         self.detector.reset()
         self.growth.reset()
@@ -271,9 +274,13 @@ class RadianceCache:
     @property
     def eager(self) -> bool:
         """In the first frames of a cold cache, and after a change, frames are larger: nothing is known yet."""
+        return self._larger and not self.still and self.since_change < EAGER_FRAMES
+
+    @property
+    def _larger(self) -> bool:
+        """Whether first frames may be larger."""
         s = self.settings
-        wanted = s.budget == "preset" and s.eager > 1 and s.unbiased_fraction > 0
-        return wanted and not self.still and self.since_change < s.lead_in
+        return s.budget == "preset" and s.eager > 1 and s.unbiased_fraction > 0
 
     @property
     def steps(self) -> int:
@@ -377,7 +384,8 @@ class RadianceCache:
         if not self.settings.caching:
             return 1.0
         # At first nothing is known yet that could end a path.
-        return 1.0 if 0 < u and self.since_change < self.settings.lead_in else u
+        frames = self.settings.lead_in * (1 if self._larger else SMALL_FRAMES)
+        return 1.0 if 0 < u and self.since_change - self.begun < frames else u
 
     def _records(self, traced: Traced, seed: int, told: Told):
         """Shuffled batches on the device and the number of steps that they are enough for."""

@@ -59,11 +59,13 @@ class CacheSettings:
     """A path ends in the cache once its footprint exceeds c times that of the primary hit; inf: plain path tracing."""
     unbiased_fraction: float = 1 / 16
     """Training paths that end by roulette alone."""
-    lead_in: int = 8
-    """Frames of a cold cache in which every training path ends by roulette: cache values that are still wrong would
-    take as many frames to correct as light has bounces. Ignored where ``unbiased_fraction`` is 0."""
-    eager: int = 4
-    """Gradient steps, and records for them, of these frames, in those of a usual frame; 1: no larger."""
+    lead_in: int = 2
+    """Frames of a cold cache, or after a change, in which every training path ends by roulette: cache values that are
+    still wrong would take as many frames to correct as light has bounces. Four times as many where ``eager`` is 1 or
+    ``budget`` is not 'preset', none where ``unbiased_fraction`` is 0."""
+    eager: int = 8
+    """Gradient steps, and records for them, of the first frames of a cold cache (8, and 4 after a change), in those of
+    a usual frame; 1: no larger."""
     still_unbiased: float = 1.0
     """The same while a still trains: its frames are large, so that noise costs less than a bounce per frame."""
     tail_after: int = 1

@@ -143,17 +143,24 @@ def test_it_is_a_mitsuba_plugin():
 
 
 def test_a_cold_cache_learns_from_larger_frames_at_first():
-    small = {"levels": 3, "entries_log2": 10, "batch": 128, "steps": 2, "mode": "frames", "lead_in": 3}
+    small = {"levels": 3, "entries_log2": 10, "batch": 128, "steps": 2, "mode": "frames", "on_change": "hint-only"}
     scene = room(64)
     nrc = NrcIntegrator(settings=settings_of({**small, "eager": 4}))
-    mi.render(scene, integrator=nrc, spp=5)
-    steps = [t.steps for t in nrc.told]
-    assert all(2 < n <= 8 for n in steps[:3]) and all(n <= 2 for n in steps[3:])
+    shares = []
+    for frames, expected in ((10, 8), (5, 4)):
+        for _ in range(frames):
+            shares.append(nrc.cache.unbiased_share if nrc.cache else 1.0)
+            mi.render(scene, integrator=nrc, spp=1)
+        steps = [t.steps for t in list(nrc.cache.history)[-frames:]]
+        assert 2 < np.median(steps[:expected]) <= max(steps) <= 8 and all(n <= 2 for n in steps[expected:])
+        nrc.scene_changed("light")
+    assert [k for k, share in enumerate(shares) if share == 1] == [0, 1, 10, 11]
     plain = NrcIntegrator(settings=settings_of({**small, "eager": 1}))
     mi.render(scene, integrator=plain, spp=2)
     low = NrcIntegrator(settings=settings_of({**small, "budget": "low", "steps": 1}))
     mi.render(scene, integrator=low, spp=2)
     assert max(t.steps for t in plain.told) <= 2 and max(t.steps for t in low.told) == 1
+    assert low.cache.unbiased_share == 1  # small frames: full paths for longer
 
 
 def test_light_that_goes_is_noticed_in_two_frames_and_bright_records_are_not():
