@@ -138,6 +138,8 @@ def test_settings_say_what_is_wrong():
         settings_of({"max_depth": 0})
     with pytest.raises(ValueError, match="tail_attenuation = 2"):
         settings_of({"tail_attenuation": 2.0})
+    shipped = settings_of({})  # what the ladder's last rungs take away one at a time
+    assert shipped.local_level and shipped.spike_cap > 0 and shipped.guide == "auto" and shipped.first_hit == "nee"
     assert settings_of({"termination_sdk_t": 0.1}).termination_c == pytest.approx(1.579, abs=1e-3)
     assert settings_of({"preset": "paper"}).layers == 5 and math.isinf(
         settings_of({"termination_c": "inf"}).termination_c
