@@ -92,12 +92,12 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     made, direct = found
     spacing, large = FILES[name][1] if name in FILES else 1.0, name in FILES
     # The reference is the dearest part: its noise must stay well below what is told apart. Scenes from files are
-    # larger: fewer paths, and half of the bricks.
+    # larger: fewer paths and bricks.
     asked = _queries(name, made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct, quick)
     effort = Effort(32, 256, 2048, direct)
     if quick or large:
         effort = Effort(8, 16, 32, direct, 1) if quick else Effort(24, 64, 512, direct, 8)
-    rng, budget = np.random.default_rng(SEED), 4.0 if large else BUDGET
+    rng, budget = np.random.default_rng(SEED), 2.0 if large else BUDGET
     trials = []
     for k in range(offsets):
         net = (2 if quick else NET_STEPS) if k < NET_OFFSETS and not large else 0

@@ -21,7 +21,7 @@ from lightwell.probes.weights import FUNCTIONS, Bare, core
 from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import HIDDEN, TinyMlp
-from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, ProductField
+from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, SMOOTH_LOW, ProductField
 from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
 # Harmonics of a node: 27 numbers in seven packets of four.
@@ -194,12 +194,13 @@ def _value(f, volume: ProbeVolume) -> Callable:
         return lambda row, u, active: _trusted(_network(table, row, u, active))
     if isinstance(f, ProductField):
         constants[1, : f.sharp**3], constants[1, f.sharp**3 :] = 1, SMOOTH_HIGH
-        rows = np.concatenate([constants, volume.params])
-        sharp, smooth = _table(rows[:, : f.sharp**3]), _table(rows[:, f.sharp**3 :])
+        record = encode_weights(volume.function, np.concatenate([constants, volume.params])).view(np.uint8)
+        sharp = _table(_wide_pairs(record[:, : f.sharp**3]), mi.UInt32)
+        smooth = _table(np.ascontiguousarray(record[:, f.sharp**3 : f.parameters]).view(np.uint32), mi.UInt32)
 
         def product(row, u, active):
-            cut = dr.clip(_grid(sharp, f.sharp, row, u, active), 0, 1)
-            return _trusted(cut * dr.rcp(1 + dr.exp(-_grid(smooth, f.smooth, row, u, active))) * (1 / FULL))
+            cut = dr.clip(_wide_bytes(sharp, row, u, active), 0, 1)
+            return _trusted(cut * dr.rcp(1 + dr.exp(-_corners(smooth, row, u, active))) * (1 / FULL))
 
         return product
     raise ValueError(f"probes: no weight function '{volume.function}', expected one of {', '.join(FUNCTIONS)}")
@@ -235,6 +236,38 @@ def _bytes(words, row, u, active):
     for fraction in f[1:]:
         value = [dr.lerp(a, b, fraction) for a, b in zip(value[::2], value[1::2])]
     return value[0] * ((HIGH - LOW) / 255) + LOW
+
+
+def _wide_pairs(codes: np.ndarray) -> np.ndarray:
+    """[R, 5, 4, 4] words of grids [R, 125] of bytes: rows of five along x in two words, those at y, y + 1 together."""
+    rows = np.pad(codes.reshape(-1, 5, 5, 5), ((0, 0), (0, 0), (0, 0), (0, 3)))
+    return np.concatenate([rows[:, :, :4], rows[:, :, 1:]], axis=-1).view(np.uint32)
+
+
+def _wide_bytes(words, row, u, active):
+    """The same for a grid of 5³ bytes: two packets."""
+    at = [(value + 1) * 2 for value in u]
+    low = [dr.minimum(mi.UInt32(a), 3) for a in at]
+    f = [a - mi.Float(v) for a, v in zip(at, low)]
+    first, shift, last, value = row * 20 + low[2] * 4 + low[1], low[0] * 8, low[0] == 3, []
+    for step in (0, 4):
+        packet = dr.gather(mi.Vector4u, words, first + step, active)
+        for word, more in (packet.x, packet.y), (packet.z, packet.w):
+            left = word >> shift
+            pair = [mi.Float(mi.Int32(w & 255)) for w in (left, dr.select(last, more, left >> 8))]
+            value.append(dr.lerp(*pair, f[0]))
+    for fraction in f[1:]:
+        value = [dr.lerp(a, b, fraction) for a, b in zip(value[::2], value[1::2])]
+    return value[0] * ((HIGH - LOW) / 255) + LOW
+
+
+def _corners(words, row, u, active):
+    """The same for a grid of 2³ bytes: one packet."""
+    packet = dr.gather(mi.Vector2u, words, row, active)
+    value = [mi.Float(mi.Int32((word >> s) & 255)) for word in packet for s in (0, 8, 16, 24)]
+    for place in u:
+        value = [dr.lerp(a, b, 0.5 * place + 0.5) for a, b in zip(value[::2], value[1::2])]
+    return value[0] * ((SMOOTH_HIGH - SMOOTH_LOW) / 255) + SMOOTH_LOW
 
 
 def _network(table, row, u, active):
