@@ -12,6 +12,8 @@ import numpy as np
 FAST, SLOW, QUIET = 3, 60, 36
 # An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
 SIGMAS, RESIDUAL, LOG_LOSS = 4.5, 0.2, 0.7
+# Share of what two frames must show in the mean that each of them must show.
+CLEAR = 0.3
 
 
 class ChangeDetector:
@@ -43,12 +45,15 @@ class ChangeDetector:
         return found
 
     def _darkened(self) -> bool:
-        """Light went: the cache is too bright two frames running. Noise cannot do that, for targets are never below
-        zero; and after two more frames it would have learned the dark by itself, slowly where it is darkest."""
+        """Light went: the cache is too bright two frames running, by so much in the mean, and in both clearly (a cache
+        that follows fast has learned most in the first). Noise cannot do that, for targets are never below zero; and
+        after two more frames it would have learned the dark by itself, slowly where it is darkest."""
         numbers = np.array(self._residuals)
         old = numbers[:-2]
         noise = 1.4826 * np.median(np.abs(old - np.median(old)))
-        return bool((numbers[-2:] - np.median(old)).min() > max(0.5 * RESIDUAL, 1.5 * SIGMAS * noise))
+        least = max(0.5 * RESIDUAL, 1.5 * SIGMAS * noise)
+        new = numbers[-2:] - np.median(old)
+        return bool(new.mean() > 1.5 * least and new.min() > CLEAR * least) or bool(new.min() > least)
 
     @staticmethod
     def _jumped(values: deque[float], least: float) -> bool:

@@ -167,6 +167,8 @@ class RadianceCache:
         self.learner.forget()
         self.since_change = self.begun = min(self.since_change, EAGER_FRAMES - REACTION)
         self.boost = BOOST_FRAMES
+        # Tiles of larger frames begin anew: they have shrunk to paths that end early, and the next ones do not.
+        self.tiles = {key: tiles for key, tiles in self.tiles.items() if not key[2]}
         self.detector.reset()
         self.growth.reset()
         self.level = None

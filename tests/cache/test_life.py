@@ -170,3 +170,8 @@ def test_light_that_goes_is_noticed_in_two_frames_and_bright_records_are_not():
         assert not seen.update(1.0, float(rng.normal() * 0.018 - (0.5 if k % 37 == 36 else 0)))
     assert not seen.update(0.8, 0.5)
     assert seen.update(1.5, 0.18)
+    for second, noticed in ((0.074, True), (0.01, False)):  # a cache that follows fast; one frame alone
+        seen = ChangeDetector()
+        for _ in range(200):
+            assert not seen.update(1.0, float(rng.normal() * 0.012))
+        assert not seen.update(0.8, 0.48) and seen.update(1.7, second) == noticed
