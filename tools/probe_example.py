@@ -18,8 +18,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests/probes"))
 
-from test_files import moments  # noqa: E402
 from test_lattice_and_query import bricked, made_up, queries  # noqa: E402
+from test_volume_files import moments  # noqa: E402
 
 from lightwell.probes import ddgi, sh  # noqa: E402
 from lightwell.probes.bake import bake_geometry  # noqa: E402
@@ -54,7 +54,7 @@ def baselines() -> dict:
     path.unlink()
     node, hat, _ = volume.lattice.corners(x)
     out = {}
-    for mode, share in (("1", hat * (volume.state[node] != DROPPED)), ("2", hat)):
+    for mode, share in (("1", hat * ((volume.state[node] != DROPPED) & other.alive[node])), ("2", hat)):
         z = share.sum(axis=1)
         part = share / np.maximum(z, 1e-9)[:, None]
         e = np.maximum(sh.evaluate(np.einsum("nk,nkbc->nbc", part, other.light[node]), n), 0)

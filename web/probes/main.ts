@@ -91,7 +91,7 @@ class Page {
     this.bounds.setFromObject(scene);
     const middle = this.bounds.getCenter(new Vector3());
     const size = this.bounds.getSize(new Vector3());
-    this.camera.position.copy(middle).add(new Vector3(0.1, 1.05, 0.95).multiplyScalar(0.95 * Math.max(size.x, size.z)));
+    this.camera.position.copy(middle).add(new Vector3(0.1, 1.05, 0.95).multiplyScalar(0.95 * Math.max(size.x, size.z) * Math.max(1, (1.1 * innerHeight) / innerWidth)));
     this.controls.target.copy(middle);
     this.controls.update();
     // Distance moments, where the volume holds them.
@@ -186,9 +186,9 @@ class Page {
       this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
       this.renderer.setSize(innerWidth, innerHeight, false);
       this.camera.aspect = innerWidth / innerHeight;
-      // The scene stands beside the form.
+      // The scene stands beside the form, or above it.
       if (innerWidth > 700) this.camera.setViewOffset(innerWidth, innerHeight, -130, 0, innerWidth, innerHeight);
-      else this.camera.clearViewOffset();
+      else this.camera.setViewOffset(innerWidth, innerHeight, 0, 0.2 * innerHeight, innerWidth, innerHeight);
       this.camera.updateProjectionMatrix();
       this.renderer.render(this.scene, this.camera);
     });

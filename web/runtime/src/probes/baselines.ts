@@ -4,7 +4,7 @@ import type { ProbeFile } from "./file.ts";
 
 const SIDE = 16;
 /** Texels of a row: where the probe looks from, then 16² texels of an octahedral map, two half floats each. */
-const ROW = 1 + (SIDE * SIDE) / 4;
+export const ROW = 1 + (SIDE * SIDE) / 4;
 
 /** `vec4 NAME_moments(vec3 place, vec3 n, ivec3 cell, vec3 f)`: sum of weighted irradiance, and of weights. */
 export function momentsGlsl(file: ProbeFile, name: string): string {

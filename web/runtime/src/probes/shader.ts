@@ -1,6 +1,6 @@
 /** The query of a probe volume as shader text: one function (place, normal) → (irradiance, trusted share). */
 
-import { momentsGlsl } from "./baselines.ts";
+import { momentsGlsl, ROW } from "./baselines.ts";
 import type { ProbeFile } from "./file.ts";
 import { overHat, RECORDS, rawGlsl, rawWgsl } from "./weights.ts";
 
@@ -64,6 +64,8 @@ vec3 ${name}_light(int probe) {
 }
 vec4 ${name}_add(int probe, float hat, vec3 u, inout float inner) {
   if (hat <= 0.0) return vec4(0.0);
+  ${n.at.moments > 0 ? `// Nodes behind a surface are ours alone.
+  if (${name}_mode == 1 && ${name}_word(${n.at.moments} + probe * ${ROW}).w == 0u) return vec4(0.0);` : ""}
   uvec4 node = ${name}_word(${n.at.nodes} + probe);
   inner += hat * float(node.w);
   float phi = hat * ${name}_rho(node, u, hat);
