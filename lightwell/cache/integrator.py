@@ -24,8 +24,9 @@ WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
 # A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
 # steps can teach would cost more than it brings (measured: the Cornell box, variance 0.8, gains from 90 steps on).
 WORTH = 50.0
-# Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error.
-WORTH_DENOISED = 8.0
+# Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error
+# (measured, times WORTH: staircase2 at 11 and living-room-2 at 4 gain, the Cornell box at 1.3 loses).
+WORTH_DENOISED = 2.5
 # Stills with estimator=guided train for this share of their time at most.
 GUIDED_SHARE = 0.25
 # Samples per pixel at least that the cap of caustics counts with.
@@ -129,7 +130,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             film.prepare([])
             still = self._is_still(spp)
             if self.settings.caching and self.settings.guide == "auto":
-                self.guiding &= still  # Frames have no pilot.
+                # Frames have no pilot; a denoiser takes what a guide would take, and would rather have the samples.
+                self.guiding &= still and not self.settings.denoise
             if still:
                 self.warm_up(scene, sensor, seed, spp)
             if self.settings.view != "image":
@@ -175,7 +177,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache, s = self.cache_of(scene), self.settings
         most = s.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
         start = time.perf_counter()
-        cache.still, cache.may_guide = True, s.seconds > 0 or spp >= pilot.ENOUGH
+        cache.still, cache.may_guide = True, self.guiding and (s.seconds > 0 or spp >= pilot.ENOUGH)
         share = s.train_share if s.caching else min(s.train_share, GUIDED_SHARE)
         done = 0.0
         while done < 1 and not cache.frozen:

@@ -36,6 +36,8 @@ INFLATE = 0.01
 EAGER_FRAMES, SMALL_FRAMES = 8, 4
 KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
+# Frames in which a cache may brighten: it learns a bounce in each.
+YOUNG = 48
 # Frames between two copies of the weights.
 SNAPSHOT = 64
 # Frames of training before a still: largest share of pixels, records, first side of the tiles, and their slack.
@@ -371,7 +373,9 @@ class RadianceCache:
         self.touched()
 
     def _watch_growth(self, level: float) -> None:
-        """Advise where the cache feeds on itself."""
+        """Advise where the cache feeds on itself; one that is still learning the light of many bounces grows too."""
+        if self.since_change - self.begun < YOUNG:
+            return
         if factor := self.growth.update(level):
             warnings.warn(
                 f"nrc: the cache grew {factor:.1f} times brighter while the scene rested; its materials reflect up to "

@@ -9,6 +9,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.change import SPAN, GrowthWatch
 from lightwell.cache.checks import check_sensor, check_variant
+from lightwell.cache.radiance_cache import YOUNG
 from lightwell.cache.replay import CAPACITY, PER_CAMERA, Replay
 
 from .scenes import T, furnace, room, sensor
@@ -95,6 +96,10 @@ def test_a_cache_that_feeds_on_itself_advises_attenuation(monkeypatch):
     cache.prepare(scene)
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
+        for k in range(SPAN + 1):
+            cache._watch_growth(1.03**k)
+        assert not heard  # A young cache learns the light of many bounces.
+        cache.since_change = YOUNG
         for k in range(SPAN + 1):
             cache._watch_growth(1.03**k)
     assert any("set tail_attenuation" in str(w.message) for w in heard)
