@@ -69,7 +69,7 @@ class Effort:
 
 
 # Scenes whose truth needs more paths than the others. What a screen shows of noisy halves is darker than what it shows
-# of their mean: 384 paths put half of staircase2's error on walls where there is none.
+# of their mean: with 384 paths staircase2's light map seems 0.3 dB worse than with 4,096.
 VIEW_PATHS = {"courtyard": 2048, "staircase2": 4096, "room-soft-shadows": 4096}
 QUICK = Effort(128, 4, 1 << 12, 4, 1, 8, (48, 30), 20)
 # Mip level up to which the atlases of the scenes keep charts apart.
