@@ -32,10 +32,9 @@ MOST_BYTES, LARGEST = 4 << 20, 1e4
 # Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
 NEWTON, ADAM, RATE = 10, 50, 0.003
 # A network whose hat-weighted RMSE is still above this goes on for so many steps, of fewer points each: steps count,
-# not points (RMSE over that of 2,500 steps of 1,024 points from scratch, 16 probes of S2 and 24 of two rooms: generator
-# 8.2, 800 steps of 1,024 points 2.2, 1,600 of 512 1.1, 2,400 of 512 0.9, 3,200 of 512 0.8, 4,000 of 256 1.2; either set
-# alone is up to a third off).
-GATE, MORE, MORE_POINTS, MORE_RATE = 0.004, 2400, 512, 0.01
+# not points (RMSE over that of 2,500 steps of 1,024 points from scratch, 16 probes of S2: 1,300 steps of 512 points 1.7,
+# 1,600 of 384 1.06, 1,900 of 256 0.99, 2,400 of 512 0.58 in one and a half times of the time).
+GATE, MORE, MORE_POINTS, MORE_RATE = 0.004, 1900, 256, 0.01
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from lightwell.probes.pattern import Pattern
 from lightwell.probes.weights.common import LEAK, THRESHOLD, Close, padded
 
 # Points of a step, and probes that fit into the cache together; each batch is a thread's.
-POINTS, BATCH = 1024, 16
+POINTS, BATCH = 1024, 24
 # ... and places at surfaces.
 CLOSE = 96
 DECAY_1, DECAY_2, EPSILON = 0.9, 0.99, 1e-8
