@@ -32,7 +32,7 @@ MOST_BYTES, LARGEST = 4 << 20, 1e4
 # Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
 NEWTON, ADAM, RATE = 10, 50, 0.003
 # A network whose hat-weighted RMSE is still above this goes on for so many steps, of fewer points each: steps count,
-# not points (RMSE over that of 2,500 steps of 1,024 points from scratch, 16 probes of S2: 1,300 steps of 512 points 1.7,
+# not points (RMSE over that of 2,500 steps of 1,024 points from scratch, 16 probes of S2: 1,300 steps of 512 1.7,
 # 1,600 of 384 1.06, 1,900 of 256 0.99, 2,400 of 512 0.58 in one and a half times of the time).
 GATE, MORE, MORE_POINTS, MORE_RATE = 0.004, 1900, 256, 0.01
 
