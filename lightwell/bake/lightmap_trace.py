@@ -248,7 +248,7 @@ def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irr
     if not media.any():
         return light
     rows = np.flatnonzero(~media[points.shape])
-    color = albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
+    color = _albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
     shown = (color > LEAST_ALBEDO).all(axis=1)
     rows, color = rows[shown], color[shown]
     a, b = light.half_a.copy(), light.half_b.copy()
@@ -256,7 +256,7 @@ def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irr
     return replace(light, half_a=a, half_b=b)
 
 
-def albedo(query) -> np.ndarray:
+def _albedo(query) -> np.ndarray:
     """[N, 3] diffuse albedo a, as the graph knows it."""
     color = query.reflectance - DIELECTRIC * (1 - query.metallic)
     return np.clip(color * (1 - query.metallic), 0, 1)
@@ -421,7 +421,7 @@ def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarr
     """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)
-    color = albedo(query)
+    color = _albedo(query)
     stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True)
     return light + np.where(stored, color * (bilinear(known, query.uv1) - seen), 0)
 
