@@ -299,14 +299,14 @@ def equal_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
 
 def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "denoised: relMSE of path over ours at equal time, "
-    rows = [without_bar(what + name, f["gain"], "ratio", told(f, {**plan, "repeats": min(plan["repeats"], 3)}))
+    rows = [without_bar(what + name, f["gain"], "ratio", told(f, plan))
             for name, f in found.items()]  # fmt: skip
     return [*rows, at_least("denoised: geometric mean of the five scenes", 2, geometric(found), "ratio")]
 
 
 def parts_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "parts: relMSE of path over ours at equal time, "
-    return [without_bar(f"{what}{change}, {name}", f["gain"], "ratio", told(f, {**plan, "repeats": 3}))
+    return [without_bar(f"{what}{change}, {name}", f["gain"], "ratio", told(f, plan))
             for name, changes in found.items() for change, f in changes.items()]  # fmt: skip
 
 
