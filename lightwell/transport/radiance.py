@@ -1,6 +1,16 @@
 """Radiance queries: what leaves a surface point towards the eye, path-traced with a light of its own for every point.
 
 Notation: N points, P paths per half. One lane is one path; two independent halves of P paths belong to each point.
+
+What a path does: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the
+power heuristic. Without light rays it is Mitsuba's ``path``, from which it differs only in starting on a surface and in
+the light. Its value is that of ``path`` minus ``direct``.
+
+What it cannot do: find a point light or the sun through glass or by a mirror (zero-measure paths: caustics are missing,
+give the light a radius); participating media; polarisation. Shadow rays stop at every surface, alpha masks included, as
+in ``path``.
+
+Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bidirectional path tracing).
 """
 
 from __future__ import annotations
@@ -78,38 +88,15 @@ def trace(
 
       see_through     Where ``si`` lies on a blended surface (alpha), count what is seen through it, by its coverage.
                       Off: the light of the surface alone, as if it covered all; a rasteriser blends it itself.
-
-    What it does: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the
-    power heuristic. Without light rays it is Mitsuba's ``path``, from which it differs only in starting on a surface
-    and in the light. Its value is that of ``path`` minus ``direct``.
-
-    What it cannot do: find a point light or the sun through glass or by a mirror (zero-measure paths: caustics are
-    missing, give the light a radius); participating media; polarisation. Shadow rays stop at every surface, alpha masks
-    included, as in ``path``.
-
-    Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bidirectional path tracing).
     """
     ctx = mi.BSDFContext()
 
-    # ------------------- First vertex: the query point -------------------
-
-    L = mi.Spectrum(0)  # Radiance gathered
-    bsdf = si.bsdf()
-    lobe, direction, light = first
-    coverage = mi.Float(1)
-    if dr.hint(not see_through, mode="scalar"):
-        coverage = _coverage(si, bsdf)
-    if dr.hint(include_direct, mode="scalar"):
-        L += _light_sample(scene, si, bsdf, source, rng, coverage)
-    if dr.hint(source.emits and connections > 0, mode="scalar"):
-        z = scene.ray_intersect(source.emit(light))
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), coverage)
-    # Lobes come in the order covered, seen through.
-    bsdf_sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)  # Throughput
+    L, z, bsdf_sample, β, bsdf_pdf_prev = _first_vertex(
+        ctx, scene, si, source, rng, first, max_depth, include_direct, connections, see_through
+    )
     η = mi.Float(bsdf_sample.eta)  # Product of the indices of refraction
     ray = si.spawn_ray(si.to_world(bsdf_sample.wo))  # Current ray
     prev = interaction_at(si)  # Vertex the ray comes from
-    bsdf_pdf_prev = mi.Float(bsdf_sample.pdf / coverage)  # Density of the ray's direction there
     bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)  # It came from a delta lobe
     depth = mi.UInt32(1)  # Surfaces left behind
     active = dr.max(β) != 0  # Lanes whose path goes on
@@ -125,27 +112,15 @@ def trace(
             mis = power_heuristic(bsdf_pdf_prev, hit_pdf)
             L += dr.select(mi.Bool(include_direct) | (depth > 1), β * mis * Le, 0)
 
-        # -------------------------- Emitter sampling --------------------------
+        # ------------------ Emitter sampling, and next direction ------------------
 
         active_next = active & si.is_valid() & (depth + 1 < max_depth)
-        active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        wo_world, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, _next_2d(rng), active_em)
-        active_em &= dr.max(em_weight) > 0
-        active_em &= ~scene.ray_test(shadow, active_em)
-
-        # ------------ BSDF value towards the light, and next direction ------------
-
-        bsdf_value, bsdf_pdf, bsdf_sample, bsdf_weight = bsdf.eval_pdf_sample(
-            ctx, si, si.to_local(wo_world), rng.next_float32(), _next_2d(rng), active_next
-        )
-        mis_em = dr.select(em_delta, 1, power_heuristic(em_pdf, bsdf_pdf))
-        if dr.hint(source.emits and connections > 0, mode="scalar"):
-            # A light ray could have found this vertex too, if the one before it was joined to light vertices.
-            by_bsdf = bsdf_pdf_prev * dr.abs(dr.dot(si.n, ray.d)) / dr.square(si.t)
-            both = (depth <= connections) & ~bsdf_delta_prev
-            mis_em = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si)), 1)
-        L += dr.select(active_em, β * mis_em * bsdf_value * em_weight, 0)
-
+        # A light ray could have found this vertex too, if the one before it was joined to light vertices.
+        both = (depth <= connections) & ~bsdf_delta_prev
+        by_bsdf = bsdf_pdf_prev * dr.abs(dr.dot(si.n, ray.d)) / dr.square(si.t)
+        rays = (both, by_bsdf) if source.emits and connections > 0 else None
+        light, bsdf_sample, bsdf_weight = _next_vertex(ctx, scene, si, bsdf, source, rng, active_next, rays)
+        L += β * light
         if dr.hint(source.emits and connections > 1, mode="scalar"):
             L += β * _connect(scene, si, bsdf, source, z, active_next & (depth < connections) & (depth + 2 < max_depth))
 
@@ -165,6 +140,44 @@ def trace(
         depth += 1
 
     return L
+
+
+def _first_vertex(ctx, scene, si, source, rng, first, max_depth, include_direct, connections, see_through):
+    """Light at the query point, and the direction in which the path leaves.
+
+    Returns radiance, the end of the light ray (None without), the BSDF sample, its throughput and its density.
+    """
+    bsdf, (lobe, direction, light) = si.bsdf(), first
+    L, z, coverage = mi.Spectrum(0), None, mi.Float(1) if see_through else _coverage(si, bsdf)
+    if include_direct:
+        L += _light_sample(scene, si, bsdf, source, rng, coverage)
+    if source.emits and connections > 0:
+        z = scene.ray_intersect(source.emit(light))
+        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), coverage)
+    # Lobes come in the order covered, seen through.
+    sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)
+    return L, z, sample, β, mi.Float(sample.pdf / coverage)
+
+
+def _next_vertex(ctx, scene, si, bsdf, source, rng, active, rays):
+    """Light from the source at a later vertex, and the direction in which the path goes on.
+
+    rays   Which lanes light rays could have found, and their density per area by the BSDF; None where there are none.
+
+    Returns radiance (without the throughput up to here), the BSDF sample and its weight.
+    """
+    smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    wo, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, _next_2d(rng), smooth)
+    seen = smooth & (dr.max(em_weight) > 0)
+    seen &= ~scene.ray_test(shadow, seen)
+    value, pdf, sample, weight = bsdf.eval_pdf_sample(
+        ctx, si, si.to_local(wo), rng.next_float32(), _next_2d(rng), active
+    )
+    mis = dr.select(em_delta, 1, power_heuristic(em_pdf, pdf))
+    if rays is not None:
+        both, by_bsdf = rays
+        mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si)), 1)
+    return dr.select(seen, mis * value * em_weight, 0), sample, weight
 
 
 def roulette(β, η, depth, rr_depth, rng) -> tuple[mi.Spectrum, mi.Bool]:
