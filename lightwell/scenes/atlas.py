@@ -28,6 +28,8 @@ FIT_ROUNDS, SHRINK = 6, 0.985
 # Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
 # many there are.
 GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
+# Edge of the square, in texels, that charts are cut for: xatlas lays them out in texels.
+CUT_EDGE = 900.0
 # Share of the covered texels that may be covered twice.
 TWICE = 5e-4
 # Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
@@ -165,23 +167,43 @@ def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np
 
 def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """uv [2, T, 3, 2] and charts [2, T] of all pieces in one square."""
-    import xatlas
-
-    cut = xatlas.Atlas()
-    for piece in pieces:
-        cut.add_mesh(piece.positions, piece.indices)
-    cut.generate(xatlas.ChartOptions(), _options(0.0, 0, False))
-    flat = [_flat(cut, k) for k in range(len(pieces))]
+    flat, charts = _cut(pieces)
     total = sum(_area(points, corners) for points, corners in flat)
     scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
     pieces, flat = _merged(pieces, flat, scale)
     best = _fitted(flat, size, pad, scale)
     if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
         raise ValueError(
-            f"atlas: {cut.chart_count} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
+            f"atlas: {charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
             "give a larger --size or fewer --mips"
         )
     return _collected(best[1], pieces, size, pad + 1, lit)
+
+
+def _cut(pieces: Sequence[_Piece]) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
+    """(points, corners) of every piece laid out in the plane, in one unit, and the number of charts.
+
+    Every piece has an atlas to itself: xatlas 0.0.11 works on a first mesh in a thread of its own while it is given a
+    second one, and moves the list of meshes under that thread, which crashes the process once in a few hundred atlases.
+    """
+    import xatlas
+
+    area = sum(_surface(piece) for piece in pieces)
+    texels = CUT_EDGE / np.sqrt(max(area, 1e-30))
+    flat, charts = [], 0
+    for piece in pieces:
+        cut = xatlas.Atlas()
+        cut.add_mesh(piece.positions, piece.indices)
+        cut.generate(xatlas.ChartOptions(), _options(texels, 0, False))
+        flat.append(_flat(cut, 0))
+        charts += cut.chart_count
+    return flat, charts
+
+
+def _surface(piece: _Piece) -> float:
+    """Square metres of a piece."""
+    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def _fitted(flat, size: int, pad: int, scale: float):

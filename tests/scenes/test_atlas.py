@@ -1,5 +1,7 @@
 """The atlas: charts that do not touch, padding that holds at every mip level, the author's coordinates, sheets."""
 
+import subprocess
+import sys
 import types
 from dataclasses import replace
 
@@ -215,3 +217,17 @@ def test_charts_of_given_scenes_lie_apart(rooms):
     _, atlas = rooms
     hits = coverings(atlas.uv[atlas.chart >= 0] * atlas.size, atlas.size, atlas.size)
     assert (hits > 1).sum() <= atlas_module.TWICE * (hits > 0).sum()
+
+
+def test_cutting_charts_does_not_crash():
+    """A crash of the packer's library would end this process: 300 atlases of twelve pieces."""
+    program = (
+        "import numpy as np; from lightwell.scenes import atlas, load\n"
+        "scene = load('cornell'); lit = np.ones((2, sum(len(m.indices) for m in scene.meshes)), bool)\n"
+        "pieces = atlas._pieces(scene, lit, None, np.zeros_like(lit))\n"
+        "found = {atlas._cut(pieces)[1] for _ in range(300)}\n"
+        "print(len(pieces), len(found))\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.split() == ["12", "1"]
