@@ -9,7 +9,8 @@ PACKAGE = Path(__file__).parents[1] / "lightwell"
 ALLOWED = {
     "files": set(),
     "backend": set(),
-    "scenes": {"backend"},
+    "packer": set(),
+    "scenes": {"backend", "packer"},
     "graph": {"backend"},
     "networks": {"files", "backend", "graph"},
     "transport": {"files", "backend", "scenes"},

@@ -8,38 +8,17 @@ Notation: T triangles of all meshes behind one another; side 0 is the front (the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from lightwell.scenes.atlas_charts import NOWHERE as NOWHERE
+from lightwell.scenes.atlas_charts import components, cross, packed, pieces
 from lightwell.scenes.scene import Mesh, Scene
 
 # A bilinear read at mip level m reaches this many texels of that level beyond its point: half a texel to the farther
 # centre, one between the centres.
 REACH = 1.5
-# More charts than this on 1024 x 1024 are packed by xatlas' fast method: brute force takes seconds per thousand there,
-# and minutes on larger squares.
-BRUTE_CHARTS = 700
-# Rounds that fit the packing into its square, and the step back when it is too large.
-FIT_ROUNDS, SHRINK = 6, 0.985
-# Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
-# many there are.
-GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
-# Edge of the square, in texels, that charts are cut for: xatlas lays them out in texels.
-CUT_EDGE = 900.0
-# Share of the covered texels that may be covered twice.
-TWICE = 5e-4
-# Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
-LEAST_COVERAGE = 0.03
-# Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
-TINY, SHARED_EDGE = 4.0, 2.0
-# Texels per metre of sides of which little is seen, relative to the others.
-FAINT = 0.25
-# Hidden triangles lie on the texel in this corner, which no chart uses.
-NOWHERE = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +47,7 @@ class Atlas:
     def coverage(self) -> float:
         """Share of the square that lies inside triangles, padding not counted."""
         a, b, c = (self.uv[self.chart >= 0][:, k].astype(np.float64) for k in range(3))
-        return float(np.abs(_cross(b - a, c - a)).sum() / 2)
+        return float(np.abs(cross(b - a, c - a)).sum() / 2)
 
     def lookup(self, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray, side: np.ndarray) -> np.ndarray:
         """[N, 2] float32: uv of surface points named by mesh, triangle, barycentric weights [N, 2] and side."""
@@ -111,8 +90,8 @@ def build(
         reason = own_fault(scene, size, lit, mips)
         if not reason:
             return _authored(scene, size, lit, mips, first)
-    pieces = _pieces(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
-    uv, chart = _packed(pieces, size, padding(mips), lit)
+    cut = pieces(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
+    uv, chart = packed(cut, size, padding(mips), lit)
     return Atlas(size, mips, _both(uv, chart, dark), chart, first, f"xatlas ({reason})")
 
 
@@ -123,248 +102,6 @@ def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndar
         borrowed &= True if dark is None else ~dark[side]
         uv[side, borrowed] = uv[1 - side, borrowed]
     return uv
-
-
-# ---------------------------------------------------------------------- charts
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Triangles of one mesh and side, with vertices welded by position."""
-
-    positions: np.ndarray
-    indices: np.ndarray
-    triangle: np.ndarray
-    """[K] number in the concatenation."""
-    side: int
-    shared: np.ndarray | None = None
-    """Numbers of triangles that all read the middle of the only triangle of this piece."""
-
-
-def _pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> list[_Piece]:
-    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round;
-    those that are faint there by themselves."""
-    pieces, start = [], 0
-    # Of a triangle that is lit from its back alone, the first piece is the back.
-    shown = (np.where(lit[0], faint[0], faint[1]), faint[1])
-    for number, mesh in enumerate(scene.meshes):
-        here = np.arange(start, start + len(mesh.indices))
-        start += len(mesh.indices)
-        scale = 1.0 if density is None else float(density[number])
-        welded, inverse = np.unique(mesh.positions, axis=0, return_inverse=True)
-        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
-        for side, wanted in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
-            for few in (False, True):
-                chosen = wanted & (shown[side][here] == few)
-                if not chosen.any():
-                    continue
-                turned = corners[chosen] if side == 0 else corners[chosen][:, ::-1]
-                used, compact = np.unique(turned, return_inverse=True)
-                positions = np.ascontiguousarray(welded[used] * np.float32(scale * (FAINT if few else 1.0)))
-                pieces.append(_Piece(positions, compact.reshape(-1, 3).astype(np.uint32), here[chosen], side))
-    return pieces
-
-
-def _packed(pieces: Sequence[_Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """uv [2, T, 3, 2] and charts [2, T] of all pieces in one square."""
-    flat, charts = _cut(pieces)
-    total = sum(_area(points, corners) for points, corners in flat)
-    scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
-    pieces, flat = _merged(pieces, flat, scale)
-    best = _fitted(flat, size, pad, scale)
-    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
-        raise ValueError(
-            f"atlas: {charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
-            "give a larger --size or fewer --mips"
-        )
-    return _collected(best[1], pieces, size, pad + 1, lit)
-
-
-def _cut(pieces: Sequence[_Piece]) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
-    """(points, corners) of every piece laid out in the plane, in one unit, and the number of charts.
-
-    Every piece has an atlas to itself: xatlas 0.0.11 works on a first mesh in a thread of its own while it is given a
-    second one, and moves the list of meshes under that thread, which crashes the process once in a few hundred atlases.
-    """
-    import xatlas
-
-    area = sum(_surface(piece) for piece in pieces)
-    texels = CUT_EDGE / np.sqrt(max(area, 1e-30))
-    flat, charts = [], 0
-    for piece in pieces:
-        cut = xatlas.Atlas()
-        cut.add_mesh(piece.positions, piece.indices)
-        cut.generate(xatlas.ChartOptions(), _options(texels, 0, False))
-        flat.append(_flat(cut, 0))
-        charts += cut.chart_count
-    return flat, charts
-
-
-def _surface(piece: _Piece) -> float:
-    """Square metres of a piece."""
-    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-
-
-def _fitted(flat, size: int, pad: int, scale: float):
-    """(scale, packing) of the largest scale found that fits the square; None where none does.
-
-    What the packer leaves free at the borders changes by a tenth from one scale to the next, and at some scales it lays
-    a chart over another.
-    """
-    brute, best = sum(f[2] for f in flat) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
-    area = sum(_area(points, corners) for points, corners, _ in flat)
-    for attempt in range(2 * FIT_ROUNDS):
-        if best is not None and attempt >= FIT_ROUNDS:
-            break
-        packed, extent = _pack(flat, scale, pad, brute)
-        if extent <= size and (best is None or scale > best[0]) and _apart(packed, len(flat)):
-            best = (scale, packed)
-        if SHRINK * size < extent <= size:
-            break
-        step = (size - 3 * pad) / max(extent - 3 * pad, 1) if packed.atlas_count == 1 else 0.7
-        if best is not None and scale * step * SHRINK <= best[0]:
-            break
-        scale *= step * (SHRINK if extent > size else 1.0)
-    coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
-    for wanted in GOAL - GOAL_STEP * np.arange(GOAL_ROUNDS):
-        if wanted <= coverage:
-            break
-        scale = np.sqrt(wanted * size * size / area)
-        packed, extent = _pack(flat, scale, pad, brute)
-        if extent <= size and _apart(packed, len(flat)):
-            return scale, packed
-    return best
-
-
-def _apart(packed, count: int) -> bool:
-    """Whether no chart of a packing lies over another; ``count`` meshes."""
-    corners = [points[rows] for points, rows in (_flat(packed, k) for k in range(count))]
-    hits = coverings(np.concatenate(corners), packed.width + 1, packed.height + 1)
-    return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
-
-
-def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
-    """[height, width] how many triangles [K, 3, 2] cover each texel's centre; of a shared edge, one of its two does."""
-    corners = corners.astype(np.float64) - 0.5
-    low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
-    high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
-    count = high - low
-    row = np.repeat(np.arange(len(corners)), count)
-    y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
-    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
-    for k in range(3):
-        # Always from the lower end, so that both triangles of an edge find the same place.
-        ends = corners[:, [k, (k + 1) % 3]]
-        order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
-        p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
-        meets = (p[:, 1] <= y) & (q[:, 1] > y)
-        x = p[:, 0] + (q[:, 0] - p[:, 0]) * ((y - p[:, 1]) / np.where(meets, q[:, 1] - p[:, 1], 1.0))
-        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
-    some = np.isfinite(left)
-    hits = np.zeros((height, width + 1), np.int32)
-    for x, sign in ((left, 1), (right, -1)):
-        np.add.at(hits, (y[some], np.clip(np.ceil(x[some]), 0, width).astype(np.int64)), sign)
-    return hits.cumsum(axis=1)[:, :width]
-
-
-def _options(texels: float, pad: int, brute: bool):
-    import xatlas
-
-    options = xatlas.PackOptions()
-    options.padding, options.texels_per_unit, options.bruteForce = pad, texels, brute
-    options.resolution, options.bilinear, options.rotate_charts = 0, True, True
-    return options
-
-
-def _flat(atlas, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of piece k in the plane, in units of its mesh, and corners [K, 3]."""
-    _, corners, uv = atlas.get_mesh(k)
-    return np.ascontiguousarray(uv * [atlas.width, atlas.height], np.float32), np.ascontiguousarray(corners)
-
-
-def _area(points: np.ndarray, corners: np.ndarray) -> float:
-    a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
-    return float(np.abs(_cross(b - a, c - a)).sum() / 2)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _merged(pieces: Sequence[_Piece], flat, scale: float):
-    """Pieces and (points, corners, charts) in which tiny charts have become one small triangle for each direction."""
-    made, laid = [], []
-    for piece, (points, corners) in zip(pieces, flat):
-        chart = _components(corners.astype(np.int64), len(points))
-        a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
-        area = np.abs(_cross(b - a, c - a)) / 2 * scale * scale
-        tiny = np.bincount(chart, weights=area)[chart] < TINY
-        if (~tiny).any():
-            made.append(replace(piece, indices=piece.indices[~tiny], triangle=piece.triangle[~tiny]))
-            laid.append((points, np.ascontiguousarray(corners[~tiny]), len(np.unique(chart[~tiny]))))
-        key = np.where(tiny, _direction(piece), -1)
-        for direction in np.unique(key[tiny]):
-            rows = np.flatnonzero(key == direction)
-            largest = rows[np.argmax(area[rows])]
-            made.append(
-                replace(piece, indices=piece.indices[[largest]], triangle=piece.triangle[[largest]],
-                        shared=piece.triangle[rows])
-            )  # fmt: skip
-            edge = SHARED_EDGE / scale
-            corner = np.float32([[0, 0], [edge, 0], [0, edge]])
-            laid.append((corner, np.arange(3, dtype=np.uint32)[None], 1))
-    return made, laid
-
-
-def _direction(piece: _Piece) -> np.ndarray:
-    """[K] which of the six directions along the axes each triangle's normal is nearest to."""
-    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
-    normal = np.cross(b - a, c - a)
-    axis = np.abs(normal).argmax(axis=1)
-    return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
-
-
-def _pack(flat: Sequence[tuple[np.ndarray, np.ndarray, int]], scale: float, pad: int, brute: bool):
-    import xatlas
-
-    atlas = xatlas.Atlas()
-    for points, corners, _ in flat:
-        atlas.add_uv_mesh(np.ascontiguousarray(points * np.float32(scale)), corners)
-    atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
-    extent = max(atlas.width, atlas.height) + pad + 1 if atlas.atlas_count == 1 else np.inf
-    return atlas, extent
-
-
-def _collected(
-    atlas, pieces: Sequence[_Piece], size: int, border: int, lit: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    uv = np.full((*lit.shape, 3, 2), NOWHERE, np.float32)
-    chart = np.full(lit.shape, -1, np.int32)
-    count = 0
-    for k, piece in enumerate(pieces):
-        points, corners = _flat(atlas, k)
-        # The texel in the corner stays free: it is nowhere.
-        place = (points[corners] + np.float32(border)) / np.float32(size)
-        numbers = _components(corners.astype(np.int64), len(points))
-        # Of a triangle that is lit from its back alone, the first piece is the back.
-        side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
-        if piece.shared is not None:
-            own = np.where(lit[0, piece.shared], 0, 1) if piece.side == 0 else 1
-            uv[own, piece.shared] = place.mean(axis=1)
-            chart[own, piece.shared] = count
-        uv[side, piece.triangle] = place if piece.side == 0 else place[:, ::-1]
-        chart[side, piece.triangle] = numbers + count
-        count += int(numbers.max()) + 1
-    return np.clip(uv, 0, 1), chart
-
-
-def _components(corners: np.ndarray, count: int) -> np.ndarray:
-    """[K] number of the connected part that each triangle belongs to, from 0."""
-    rows, columns = corners[:, [0, 1]].reshape(-1), corners[:, [1, 2]].reshape(-1)
-    links = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
-    _, label = connected_components(links, directed=False)
-    return np.unique(label[corners[:, 0]], return_inverse=True)[1].reshape(-1)
 
 
 # ---------------------------------------------------------------------- the author's own
@@ -387,7 +124,7 @@ def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
         return "the author's second texture coordinates leave [0, 1]"
     if (lit[0] & lit[1]).any():
         return "sheets are lit from both sides, which the author's coordinates do not tell apart"
-    area = np.abs(_cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
+    area = np.abs(cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
     if (area[stored] <= 0).any():
         return f"{int((area[stored] <= 0).sum())} triangles have no area in the author's second texture coordinates"
     hits, owner = _hits(uv[stored], _author_charts(scene)[stored], size)
@@ -407,7 +144,7 @@ def _author_charts(scene: Scene) -> np.ndarray:
         key = np.concatenate([mesh.positions, mesh.uv1], axis=1)
         _, inverse = np.unique(key, axis=0, return_inverse=True)
         corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
-        labels.append(_components(corners, int(inverse.max()) + 1) + count)
+        labels.append(components(corners, int(inverse.max()) + 1) + count)
         count = int(labels[-1].max()) + 1
     return np.concatenate(labels)
 
@@ -420,7 +157,7 @@ def _hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.
         high = np.minimum(np.ceil(corners.max(axis=0) + 0.5), size).astype(int)
         x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
         a, b, c = corners
-        sign = 1.0 if _cross(b - a, c - a) > 0 else -1.0
+        sign = 1.0 if cross(b - a, c - a) > 0 else -1.0
         inside = np.ones(x.shape, bool)
         for p, q in ((a, b), (b, c), (c, a)):
             edge = sign * ((q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]))

@@ -1,0 +1,226 @@
+"""Charts, cut and packed by xatlas in a process of its own.
+
+xatlas 0.0.11 must not run in ours: it works on a mesh in a thread while it is given the next one and moves the list of
+meshes under that thread, which crashes once in a few hundred atlases, and an atlas that is freed may wait for its own
+threads for ever, once in ten thousand. So the other process gives every mesh that is cut an atlas to itself, frees
+none, and ends without tidying up; a mesh on which it crashes nevertheless is an error here, not our end.
+
+Notation: meshes of V vertices and K triangles; messages are npz archives behind their length in bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+
+Flat = tuple[np.ndarray, np.ndarray]
+# Threads that one process may collect, as no atlas is freed; at least so many atlases.
+THREADS, LEAST_ATLASES = 2048, 32
+# How often a request is made, the second time of a new process.
+ATTEMPTS = 2
+SIZE = struct.Struct("<Q")
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Charts laid out side by side."""
+
+    width: int
+    height: int
+    """Texels."""
+    squares: int
+    """How many atlases the charts needed."""
+    charts: int
+    meshes: tuple[Flat, ...]
+    """Points [V, 2] float32 in texels and corners [K, 3] uint32 of every mesh."""
+
+    @property
+    def extent(self) -> float:
+        """Texels along the longer edge; infinite where one square was not enough."""
+        return max(self.width, self.height) if self.squares == 1 else np.inf
+
+
+class Packer:
+    """A process that cuts and packs; use as a context.
+
+    Errors: ``ValueError`` where the process dies, twice, over what it was given.
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen | None = None
+        self._atlases = 0
+
+    def __enter__(self) -> Packer:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._stop()
+
+    def cut(self, meshes: Sequence[Flat], texels: float) -> tuple[list[Flat], int]:
+        """Charts of meshes, each by itself, laid out flat, and how many there are.
+
+        meshes   Positions [V, 3] float32 and corners [K, 3] uint32.
+        texels   Per unit of the positions; what comes back is in texels.
+        """
+        flat, charts = [], 0
+        for start in range(0, len(meshes), self._most):
+            part = meshes[start : start + self._most]
+            found = self._ask(part, {"task": "cut", "texels": texels}, len(part))
+            flat += found.meshes
+            charts += found.charts
+        return flat, charts
+
+    def pack(self, charts: Sequence[Flat], pad: int, brute: bool) -> Packing:
+        """Charts, points [V, 2] float32 in texels, side by side with ``pad`` texels between them; ``brute``: try all
+        places for each."""
+        return self._ask(charts, {"task": "pack", "pad": pad, "brute": brute}, 1)
+
+    @property
+    def _most(self) -> int:
+        return max(THREADS // max((os.cpu_count() or 1) - 1, 1), LEAST_ATLASES)
+
+    def _ask(self, meshes: Sequence[Flat], settings: Mapping[str, object], atlases: int) -> Packing:
+        arrays = {name: np.asarray(value) for name, value in settings.items()}
+        for k, (points, corners) in enumerate(meshes):
+            arrays |= {f"a{k}": np.ascontiguousarray(points, np.float32), f"b{k}": np.ascontiguousarray(corners)}
+        if self._atlases + atlases > self._most:
+            self._stop()
+        for _ in range(ATTEMPTS):
+            process = self._process or self._start()
+            self._atlases += atlases
+            try:
+                send(process.stdin, arrays)
+                answer = receive(process.stdout)
+            except OSError:
+                answer = None
+            if answer is not None:
+                size = (int(answer[n]) for n in ("width", "height", "squares", "charts"))
+                return Packing(*size, tuple((answer[f"a{k}"], answer[f"b{k}"]) for k in range(len(meshes))))
+            code = self._stop()
+        raise ValueError(
+            f"atlas: the packer of charts ended with code {code}; clean the meshes (no zero-size or repeated "
+            "triangles), or give them a second set of texture coordinates"
+        )
+
+    def _start(self) -> subprocess.Popen:
+        # The same modules as here, wherever they came from.
+        program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.packer import serve; serve()"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", program, *sys.path],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        self._atlases = 0
+        return self._process
+
+    def _stop(self) -> int:
+        """End the process; its exit code."""
+        if self._process is None:
+            return 0
+        process, self._process, self._atlases = self._process, None, 0
+        for pipe in (process.stdin, process.stdout):
+            try:
+                pipe.close()
+            except OSError:
+                pass
+        if process.poll() is None:
+            process.kill()
+        return process.wait()
+
+
+def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write a message."""
+    body = io.BytesIO()
+    np.savez(body, **arrays)
+    stream.write(SIZE.pack(body.tell()))
+    stream.write(body.getvalue())
+    stream.flush()
+
+
+def receive(stream: BinaryIO) -> dict[str, np.ndarray] | None:
+    """Read a message; None where the stream ends before its end."""
+    head = stream.read(SIZE.size)
+    if len(head) < SIZE.size:
+        return None
+    (size,) = SIZE.unpack(head)
+    body = stream.read(size)
+    if len(body) < size:
+        return None
+    with np.load(io.BytesIO(body), allow_pickle=False) as found:
+        return {name: found[name] for name in found.files}
+
+
+# ---------------------------------------------------------------------- the other process
+
+
+def serve() -> None:
+    """Answer requests on standard input until it ends, then leave at once: the atlases are not freed."""
+    # An interrupted parent closes the pipe; nobody needs to read of it twice.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    kept: list[object] = []
+    try:
+        while (request := receive(requests)) is not None:
+            send(answers, _answer(request, kept))
+    except BaseException:
+        os._exit(1)
+    os._exit(0)
+
+
+def _answer(request: Mapping[str, np.ndarray], kept: list[object]) -> dict[str, np.ndarray]:
+    meshes = [(request[f"a{k}"], request[f"b{k}"]) for k in range(sum(name[0] == "a" for name in request))]
+    if request["task"] == "cut":
+        atlases = [_cut(mesh, float(request["texels"])) for mesh in meshes]
+        found = [(atlas, 0) for atlas in atlases]
+    else:
+        atlases = [_pack(meshes, int(request["pad"]), bool(request["brute"]))]
+        found = [(atlases[0], k) for k in range(len(meshes))]
+    kept += atlases
+    last = atlases[-1]
+    sizes = {"width": last.width, "height": last.height, "squares": last.atlas_count}
+    answer = {name: np.asarray(value) for name, value in sizes.items()}
+    answer["charts"] = np.asarray(sum(atlas.chart_count for atlas in atlases))
+    for k, (atlas, number) in enumerate(found):
+        _, corners, uv = atlas.get_mesh(number)
+        answer[f"a{k}"] = (uv * np.float32([atlas.width, atlas.height])).astype(np.float32)
+        answer[f"b{k}"] = np.ascontiguousarray(corners)
+    return answer
+
+
+def _cut(mesh: Flat, texels: float):
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(*mesh)
+    atlas.generate(xatlas.ChartOptions(), _options(texels, 0, False))
+    return atlas
+
+
+def _pack(charts: Sequence[Flat], pad: int, brute: bool):
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    for points, corners in charts:
+        atlas.add_uv_mesh(points, corners)
+    atlas.generate(xatlas.ChartOptions(), _options(1.0, pad, brute))
+    return atlas
+
+
+def _options(texels: float, pad: int, brute: bool):
+    import xatlas
+
+    options = xatlas.PackOptions()
+    options.padding, options.texels_per_unit, options.bruteForce = pad, texels, brute
+    options.resolution, options.bilinear, options.rotate_charts = 0, True, True
+    return options

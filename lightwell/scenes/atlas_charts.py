@@ -1,0 +1,242 @@
+"""Charts of an atlas: which triangles they are cut from, and the largest scale at which they fit their square.
+
+Notation: see ``atlas``; K triangles of a piece; charts are laid out in the plane as points [V, 2] and corners [K, 3].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from lightwell.packer import Packer, Packing
+from lightwell.scenes.scene import Scene
+
+# More charts than this on 1024 x 1024 are packed by xatlas' fast method: brute force takes seconds per thousand there,
+# and minutes on larger squares.
+BRUTE_CHARTS = 700
+# Rounds that fit the packing into its square, and the step back when it is too large.
+FIT_ROUNDS, SHRINK = 6, 0.985
+# Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
+# many there are.
+GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
+# Edge of the square, in texels, that charts are cut for: xatlas lays them out in texels.
+CUT_EDGE = 900.0
+# Share of the covered texels that may be covered twice.
+TWICE = 5e-4
+# Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
+LEAST_COVERAGE = 0.03
+# Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
+TINY, SHARED_EDGE = 4.0, 2.0
+# Texels per metre of sides of which little is seen, relative to the others.
+FAINT = 0.25
+# Hidden triangles lie on the texel in this corner, which no chart uses.
+NOWHERE = 0.0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Triangles of one mesh and side, with vertices welded by position."""
+
+    positions: np.ndarray
+    indices: np.ndarray
+    triangle: np.ndarray
+    """[K] number in the concatenation."""
+    side: int
+    shared: np.ndarray | None = None
+    """Numbers of triangles that all read the middle of the only triangle of this piece."""
+
+
+def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> list[Piece]:
+    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round;
+    those that are faint there by themselves."""
+    pieces, start = [], 0
+    # Of a triangle that is lit from its back alone, the first piece is the back.
+    shown = (np.where(lit[0], faint[0], faint[1]), faint[1])
+    for number, mesh in enumerate(scene.meshes):
+        here = np.arange(start, start + len(mesh.indices))
+        start += len(mesh.indices)
+        scale = 1.0 if density is None else float(density[number])
+        welded, inverse = np.unique(mesh.positions, axis=0, return_inverse=True)
+        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
+        for side, wanted in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
+            for few in (False, True):
+                chosen = wanted & (shown[side][here] == few)
+                if not chosen.any():
+                    continue
+                turned = corners[chosen] if side == 0 else corners[chosen][:, ::-1]
+                used, compact = np.unique(turned, return_inverse=True)
+                positions = np.ascontiguousarray(welded[used] * np.float32(scale * (FAINT if few else 1.0)))
+                pieces.append(Piece(positions, compact.reshape(-1, 3).astype(np.uint32), here[chosen], side))
+    return pieces
+
+
+def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """uv [2, T, 3, 2] and charts [2, T] of all pieces in one square."""
+    texels = CUT_EDGE / np.sqrt(max(sum(_surface(piece) for piece in cut), 1e-30))
+    with Packer() as packer:
+        flat, charts = packer.cut([(piece.positions, piece.indices) for piece in cut], texels)
+        total = sum(_area(points, corners) for points, corners in flat)
+        scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
+        cut, laid = _merged(cut, flat, scale)
+        best = _fitted(laid, size, pad, scale, packer.pack)
+    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
+        raise ValueError(
+            f"atlas: {charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
+            "give a larger --size or fewer --mips"
+        )
+    return _collected(best[1], cut, size, pad + 1, lit)
+
+
+def _surface(piece: Piece) -> float:
+    """Square metres of a piece."""
+    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packing] | None:
+    """(scale, packing) of the largest scale found that fits the square; None where none does.
+
+    laid    (points, corners, number of charts) of every piece.
+    pack    As ``Packer.pack``.
+
+    What the packer leaves free at the borders changes by a tenth from one scale to the next, and at some scales it lays
+    a chart over another.
+    """
+    brute, best = sum(f[2] for f in laid) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
+    area = sum(_area(points, corners) for points, corners, _ in laid)
+    for attempt in range(2 * FIT_ROUNDS):
+        if best is not None and attempt >= FIT_ROUNDS:
+            break
+        packing, extent = _scaled(laid, scale, pad, brute, pack)
+        if extent <= size and (best is None or scale > best[0]) and _apart(packing):
+            best = (scale, packing)
+        if SHRINK * size < extent <= size:
+            break
+        step = (size - 3 * pad) / max(extent - 3 * pad, 1) if packing.squares == 1 else 0.7
+        if best is not None and scale * step * SHRINK <= best[0]:
+            break
+        scale *= step * (SHRINK if extent > size else 1.0)
+    coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
+    for wanted in GOAL - GOAL_STEP * np.arange(GOAL_ROUNDS):
+        if wanted <= coverage:
+            break
+        scale = np.sqrt(wanted * size * size / area)
+        packing, extent = _scaled(laid, scale, pad, brute, pack)
+        if extent <= size and _apart(packing):
+            return scale, packing
+    return best
+
+
+def _apart(packing: Packing) -> bool:
+    """Whether no chart of a packing lies over another."""
+    corners = [points[rows] for points, rows in packing.meshes]
+    hits = coverings(np.concatenate(corners), packing.width + 1, packing.height + 1)
+    return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
+
+
+def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
+    """[height, width] how many triangles [K, 3, 2] cover each texel's centre; of a shared edge, one of its two does."""
+    corners = corners.astype(np.float64) - 0.5
+    low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
+    high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
+    count = high - low
+    row = np.repeat(np.arange(len(corners)), count)
+    y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for k in range(3):
+        # Always from the lower end, so that both triangles of an edge find the same place.
+        ends = corners[:, [k, (k + 1) % 3]]
+        order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
+        p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
+        meets = (p[:, 1] <= y) & (q[:, 1] > y)
+        x = p[:, 0] + (q[:, 0] - p[:, 0]) * ((y - p[:, 1]) / np.where(meets, q[:, 1] - p[:, 1], 1.0))
+        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
+    some = np.isfinite(left)
+    hits = np.zeros((height, width + 1), np.int32)
+    for x, sign in ((left, 1), (right, -1)):
+        np.add.at(hits, (y[some], np.clip(np.ceil(x[some]), 0, width).astype(np.int64)), sign)
+    return hits.cumsum(axis=1)[:, :width]
+
+
+def _area(points: np.ndarray, corners: np.ndarray) -> float:
+    a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
+    return float(np.abs(cross(b - a, c - a)).sum() / 2)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of vectors [..., 2]."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _merged(pieces: Sequence[Piece], flat, scale: float):
+    """Pieces and (points, corners, charts) in which tiny charts have become one small triangle for each direction."""
+    made, laid = [], []
+    for piece, (points, corners) in zip(pieces, flat):
+        chart = components(corners.astype(np.int64), len(points))
+        a, b, c = (points[corners[:, k]].astype(np.float64) for k in range(3))
+        area = np.abs(cross(b - a, c - a)) / 2 * scale * scale
+        tiny = np.bincount(chart, weights=area)[chart] < TINY
+        if (~tiny).any():
+            made.append(replace(piece, indices=piece.indices[~tiny], triangle=piece.triangle[~tiny]))
+            laid.append((points, np.ascontiguousarray(corners[~tiny]), len(np.unique(chart[~tiny]))))
+        key = np.where(tiny, _direction(piece), -1)
+        for direction in np.unique(key[tiny]):
+            rows = np.flatnonzero(key == direction)
+            largest = rows[np.argmax(area[rows])]
+            made.append(
+                replace(piece, indices=piece.indices[[largest]], triangle=piece.triangle[[largest]],
+                        shared=piece.triangle[rows])
+            )  # fmt: skip
+            edge = SHARED_EDGE / scale
+            corner = np.float32([[0, 0], [edge, 0], [0, edge]])
+            laid.append((corner, np.arange(3, dtype=np.uint32)[None], 1))
+    return made, laid
+
+
+def _direction(piece: Piece) -> np.ndarray:
+    """[K] which of the six directions along the axes each triangle's normal is nearest to."""
+    a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    axis = np.abs(normal).argmax(axis=1)
+    return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
+
+
+def _scaled(laid, scale: float, pad: int, brute: bool, pack) -> tuple[Packing, float]:
+    """All charts packed at a scale, and the edge of the square that they and the padding take."""
+    packing = pack([(points * np.float32(scale), corners) for points, corners, _ in laid], pad, brute)
+    return packing, packing.extent + pad + 1
+
+
+def _collected(
+    packing: Packing, pieces: Sequence[Piece], size: int, border: int, lit: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    uv = np.full((*lit.shape, 3, 2), NOWHERE, np.float32)
+    chart = np.full(lit.shape, -1, np.int32)
+    count = 0
+    for k, piece in enumerate(pieces):
+        points, corners = packing.meshes[k]
+        # The texel in the corner stays free: it is nowhere.
+        place = (points[corners] + np.float32(border)) / np.float32(size)
+        numbers = components(corners.astype(np.int64), len(points))
+        # Of a triangle that is lit from its back alone, the first piece is the back.
+        side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
+        if piece.shared is not None:
+            own = np.where(lit[0, piece.shared], 0, 1) if piece.side == 0 else 1
+            uv[own, piece.shared] = place.mean(axis=1)
+            chart[own, piece.shared] = count
+        uv[side, piece.triangle] = place if piece.side == 0 else place[:, ::-1]
+        chart[side, piece.triangle] = numbers + count
+        count += int(numbers.max()) + 1
+    return np.clip(uv, 0, 1), chart
+
+
+def components(corners: np.ndarray, count: int) -> np.ndarray:
+    """[K] number of the connected part that each triangle belongs to, from 0."""
+    rows, columns = corners[:, [0, 1]].reshape(-1), corners[:, [1, 2]].reshape(-1)
+    links = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
+    _, label = connected_components(links, directed=False)
+    return np.unique(label[corners[:, 0]], return_inverse=True)[1].reshape(-1)
