@@ -65,7 +65,7 @@ class Effort:
     views: int = 3
     view_paths: int = 384
     view_size: tuple[int, int] = (192, 120)
-    steps: int = 1000
+    steps: int = 3000
 
 
 # Scenes whose truth needs more paths than the others. What a screen shows of noisy halves is darker than what it shows

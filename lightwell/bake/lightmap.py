@@ -44,6 +44,7 @@ from lightwell.report.html import write_report
 from lightwell.report.metrics import display
 from lightwell.scenes import load
 from lightwell.scenes.atlas import Atlas, build, charted_meshes
+from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, declare
 from lightwell.transport.samples import Samples
@@ -56,6 +57,8 @@ TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
 # Eye samples that judge whether the network is better than none.
 HELD = 1 << 13
+# Trainings from different starts, of which the best on held-out samples is taken; each has at least so many steps.
+STARTS, ENOUGH_STEPS, START_SEED = 3, 800, 0x10001
 # Eye samples of one of ``--shards``.
 SHARD = 1 << 16
 # What a training step of 2^14 rows takes on two cores, and the fewest steps.
@@ -253,16 +256,24 @@ def fitted(
     direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
     mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
-    fit = LightmapFit(preset, size, unit, base, direction, seed, mips=made.atlas.mips, setup=setup, mask=mask)
+    extra: dict[str, Any] = {"mips": made.atlas.mips, "setup": setup, "mask": mask, "relief": bool(relief(scene).any())}
+    start = lambda k: LightmapFit(preset, size, unit, base, direction, seed + k * START_SEED, **extra)  # noqa: E731
     if not (preset.base and preset.hidden):
+        fit = start(0)
         fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
         return fit
     held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(HELD / len(samples.weight), 0.1)
-    seen = samples[np.flatnonzero(~held)]
-    fit.train(seen.query, seen.radiance, seen.weight, steps, progress, folder)
-    plain = replace(fit, preset=replace(PRESETS["plain"], base=preset.base), direction=None)
-    judged = samples[np.flatnonzero(held & (samples.weight > 0))]
-    return fit if not len(judged.weight) or shown_error(fit, judged) < shown_error(plain, judged) else plain
+    seen, judged = samples[np.flatnonzero(~held)], samples[np.flatnonzero(held & (samples.weight > 0))]
+    starts = int(np.clip(steps // ENOUGH_STEPS, 1, STARTS)) if len(judged.weight) else 1
+    fits = []
+    for k in range(starts):
+        fits.append(start(k))
+        own = None if folder is None else folder / f"start{k}"
+        fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own)
+    if not len(judged.weight):
+        return fits[0]
+    plain = replace(fits[0], preset=replace(PRESETS["plain"], base=preset.base), direction=None)
+    return min([*fits, plain], key=lambda fit: shown_error(fit, judged))
 
 
 def shown_error(fit: LightmapFit, samples: EyeSamples) -> float:

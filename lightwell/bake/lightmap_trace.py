@@ -14,6 +14,7 @@ from lightwell.fields.atlas_images import SMALLEST, denoised, dilated
 from lightwell.fields.base import is_matte
 from lightwell.fields.lightmap_graph import DIELECTRIC
 from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
+from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.still_light import under_sky, with_lamp
@@ -422,7 +423,8 @@ def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarr
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)
     color = _albedo(query)
-    stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True)
+    # E' is that of normals without relief, and directions below a bent horizon are never drawn.
+    stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True) & ~relief(scene)[points.shape, None]
     return light + np.where(stored, color * (bilinear(known, query.uv1) - seen), 0)
 
 

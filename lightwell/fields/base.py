@@ -119,5 +119,5 @@ def radiance_unit(samples: Samples) -> float:
 def query_inputs(query: Query) -> dict[str, np.ndarray]:
     """The named inputs of a shading graph, [N, C] each."""
     names = ("position", "normal", "view", "light", "reflectance", "roughness", "metallic")
-    names += ("uv1",) if hasattr(query, "uv1") else ()
+    names += ("uv1", "shading_normal") if hasattr(query, "uv1") else ()
     return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}

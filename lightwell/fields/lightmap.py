@@ -128,9 +128,11 @@ class LightmapFit:
     """Of the scene, where the light moves or is mirrored."""
     mask: Picture | None = None
     """What surfaces are; see ``MapNodes``."""
+    relief: bool = False
+    """Whether normal maps bend the normals of a surface that is lit."""
 
     def __post_init__(self) -> None:
-        extra = {"size": self.size}
+        extra = {"size": self.size, "relief": self.relief}
         self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
         self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
         self._features: dict[str, Picture] = {}
@@ -215,6 +217,7 @@ class LightmapFit:
     def _leave(self, path: Path | None) -> None:
         if path is None:
             return
+        path.parent.mkdir(parents=True, exist_ok=True)
         step, loss = self.history[-1]
         parameters = {f"p.{name}": value for name, value in self._parameters.items()}
         save_arrays(path, {"step": np.array(step), "loss": np.array(loss)} | parameters)

@@ -20,7 +20,7 @@ from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, OMEGA, OMEGA_
 if TYPE_CHECKING:
     from lightwell.fields.lightmap import LightmapPreset
 
-INPUTS = {"uv1": 2} | INPUT_WIDTHS
+INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
 # E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that bytes are spent as the eye
 # sees them; the largest value is 1 / SOFT.
 SOFT = 1 / 64
@@ -62,6 +62,8 @@ class MapNodes:
     """Level of the mip chain of the atlas that is read; 0 for the graph that ships."""
     size: int = 1
     """Edge of the atlas."""
+    relief: bool = False
+    """Whether normal maps bend the normals of a surface that is lit."""
 
     @property
     def learns_places(self) -> bool:
@@ -130,11 +132,13 @@ class MapNodes:
         if kind == "light":
             light = "light" if self.setup.light == "sun" else normalised(b, "light", self.setup, per_frame=True)
             return [light, normalised(b, "position", self.setup), *local_features(b, self.setup)]
-        cosine = b.dot("normal", "view")
+        normal = "shading_normal" if self.relief else "normal"
+        cosine = b.dot(normal, "view")
         if kind == "view":
             return [b.sh("view", 4), cosine, "roughness"]
-        r = b.reflect("normal", "view")
+        r = b.reflect(normal, "view")
         known = [r, cosine, "roughness", "metallic"]
+        known += [b.subtract("shading_normal", "normal")] if self.relief else []
         if kind == "mirror":
             return known
         if self.base is not None:

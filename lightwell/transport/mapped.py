@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.normal_maps import shading_normals
 from lightwell.scenes.scene import Scene
 from lightwell.transport.queries import make_query
 from lightwell.transport.samples import Query, SurfacePoints
@@ -19,6 +20,8 @@ class MappedQuery(Query):
 
     uv1: np.ndarray
     """[N, 2]."""
+    shading_normal: np.ndarray
+    """[N, 3] unit, bent by the normal maps of the materials."""
 
 
 def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.ndarray | None = None) -> MappedQuery:
@@ -26,4 +29,5 @@ def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.nd
     query = make_query(scene, points, np.zeros(3, np.float32) if light is None else light)
     uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
     columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
-    return MappedQuery(**columns, uv1=uv.astype(np.float32))
+    bent = shading_normals(scene, points.shape, points.triangle, points.barycentric, query.normal)
+    return MappedQuery(**columns, uv1=uv.astype(np.float32), shading_normal=bent)

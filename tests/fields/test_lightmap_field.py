@@ -36,6 +36,7 @@ def queries(count: int, metallic: float = 0.0, roughness: float = 0.3) -> Mapped
         roughness=np.full((count, 1), roughness, np.float32),
         metallic=np.full((count, 1), metallic, np.float32),
         uv1=place,
+        shading_normal=normal,
     )
 
 
@@ -359,3 +360,20 @@ def test_features_made_from_places_are_the_same_bytes_for_the_same_seed():
     query = queries(1 << 10)
     found = [of_places((8,), query, lobes(query), 20) for _ in range(2)]
     assert [p.data for p in found[0].pictures.values()] == [p.data for p in found[1].pictures.values()]
+
+
+def test_relief_bends_diffuse_light_and_reflections():
+    """Light from +x alone: a network that knows the bent normal learns it, one that does not cannot."""
+    bumps = queries(4096, roughness=0.6)
+    bent = unit_rows(4096, up=True)
+    bumps = replace(bumps, shading_normal=bent)
+    light = 0.3 + 0.6 * np.maximum(bent[:, :1], 0) * np.ones((1, 3), np.float32)
+    radiance_ = (bumps.reflectance * light).astype(np.float32)
+    found = {}
+    for relief in (True, False):
+        preset = LightmapPreset(channels=3, hidden=(16, 16), inputs="mirror")
+        fit = LightmapFit(preset, SIZE, 1.0, encode(stored(ramp()), "png"), relief=relief)
+        fit.train(bumps, radiance_, np.ones(4096, np.float32), 150)
+        assert ("shading_normal" in fit.lower().inputs) == relief
+        found[relief] = float(np.abs(radiance(fit, bumps) / radiance_ - 1).mean())
+    assert found[True] < 0.4 * found[False]

@@ -8,7 +8,7 @@ import type { Answer, Request } from "./pages/renderers.ts";
 import { type Backend, launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
 import { CAMERA, LAMP, linearField, linearRadiance, plainRoom, stillField, STILL, WHITE } from "./support/fixtures.ts";
-import { type Fixture, writeGlb } from "./support/glb.ts";
+import { type Fixture, matte, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint } from "./support/optics.ts";
 
 const [WIDTH, HEIGHT] = [96, 72];
@@ -22,6 +22,33 @@ let code = "";
 beforeAll(async () => {
   code = await bundle("pages/renderers.ts");
 });
+
+/** A normal map of one colour, 192 166 231, and the normal that it says where u runs along +x and v along −y. */
+const NORMAL_MAP = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAFklEQVR4nGM8sOw5AwMDEwMDAwMDAwAbnwJRWH6eywAAAABJRU5ErkJggg==";
+const BENT = [0.5044, 0.3011, 0.8093] as const;
+
+/** The back wall with a normal map, facing the eye or away from it, and a field that shows its shading normal. */
+function relief(back: boolean): Uint8Array {
+  const wall = back ? quad(0, [1, 0, -1], [-2, 0, 0], [0, 2, 0]) : quad(0, [-1, 0, -1], [2, 0, 0], [0, 2, 0]);
+  wall.uv = back ? [1, 1, 0, 1, 0, 0, 1, 0] : [0, 1, 1, 1, 1, 0, 0, 0];
+  const material = { ...matte(...WHITE), normalTexture: { index: 0 }, doubleSided: true };
+  const graph = {
+    version: 1,
+    inputs: { shading_normal: 3 },
+    nodes: [{ id: "y", op: "affine", inputs: ["shading_normal"], scale: [0.4, 0.4, 0.4], offset: [0.5, 0.5, 0.5] }],
+    outputs: { radiance: "y" },
+  };
+  return writeGlb({
+    meshes: [wall],
+    materials: [material],
+    variables: [],
+    fields: [{ name: "normals", role: "static", graph }],
+    tamper: (json) => {
+      const document = json as Record<string, unknown>;
+      Object.assign(document, { images: [{ uri: `data:image/png;base64,${NORMAL_MAP}` }], textures: [{ source: 0 }] });
+    },
+  });
+}
 
 /** What each launch can run. */
 const CASES: [Backend, Request["kind"]][] = [
@@ -79,6 +106,18 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
       const [before, there, after] = memory;
       expect(after).toEqual(before);
       expect(there!.geometries).toBeGreaterThan(before!.geometries);
+    }
+  });
+
+  it.each(kinds)("%s: bends the normal by the normal map, on either side of a sheet", async (kind) => {
+    for (const back of [false, true]) {
+      const { data } = await draw(kind, relief(back));
+      for (const [x, y] of [[40, 30], [50, 40], [58, 24]] as const) {
+        const found = [0, 1, 2].map((c) => data[4 * (y * WIDTH + x) + c]! / REFLECTANCE);
+        // The back of a bump is a dent.
+        const signs = back ? [-1, -1, 1] : [1, 1, 1];
+        BENT.forEach((n, c) => expect(Math.abs(found[c]! - (0.5 + 0.4 * signs[c]! * n))).toBeLessThan(1e-3));
+      }
     }
   });
 

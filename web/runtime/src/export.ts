@@ -45,6 +45,7 @@ const MEANINGS: Readonly<Record<string, string>> = {
   reflectance: "base colour + 0.04 (1 - metallic), at least 0.001, linear",
   roughness: "glTF roughness",
   metallic: "glTF metallic",
+  shading_normal: "unit normal after the material's normal map, world space, on the side of the eye",
   uv: "texture coordinates 0, origin at the top left",
   uv1: "texture coordinates 1 (the light map's), origin at the top left",
 };

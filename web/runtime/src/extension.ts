@@ -34,19 +34,18 @@ export interface NeuralRadiance {
 }
 
 /** Inputs that a surface offers to a field. */
-const INPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
-  Object.entries({
-    position: 3,
-    normal: 3,
-    view: 3,
-    light: 3,
-    reflectance: 3,
-    roughness: 1,
-    metallic: 1,
-    uv: 2,
-    uv1: 2,
-  }),
-);
+const INPUT_WIDTHS: Readonly<Record<string, number>> = {
+  position: 3,
+  normal: 3,
+  view: 3,
+  light: 3,
+  reflectance: 3,
+  roughness: 1,
+  metallic: 1,
+  shading_normal: 3,
+  uv: 2,
+  uv1: 2,
+};
 
 /** Outputs of a field that mean something here; a graph may have others. */
 const OUTPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
@@ -125,8 +124,8 @@ async function readField(
 function readFieldGraph(document: unknown, buffers: ReadonlyMap<string, StoredBuffer>, where: string): Graph {
   const graph = readGraph(document, buffers);
   for (const [name, width] of graph.inputs) {
-    if (INPUT_WIDTHS.get(name) !== width)
-      fail(`${where}.inputs.${name}`, "an input of a surface, with its width");
+    if (INPUT_WIDTHS[name] !== width)
+      fail(`${where}.inputs.${name}`, "an input of a surface");
   }
   if (!graph.outputs.has("radiance")) fail(`${where}.outputs.radiance`, "a value of width 3");
   for (const [name, width] of OUTPUT_WIDTHS) {

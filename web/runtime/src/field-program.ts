@@ -29,18 +29,8 @@ import { MAX_LAMPS } from "./variables.ts";
 /** Where a field's weights live in the shader. */
 export type WeightPlacement = "inline" | "texture";
 
-/** GLSL expressions of the graph's inputs inside a function of a surface; `light` is that of the loop over lamps. */
-const INPUTS: Readonly<Record<string, string>> = {
-  position: "position",
-  normal: "normal",
-  view: "view",
-  light: "light",
-  reflectance: "reflectance",
-  roughness: "roughness",
-  metallic: "metallic",
-  uv: "uv.xy",
-  uv1: "uv.zw",
-};
+/** GLSL of the graph's inputs inside a function of a surface where it is not their name; `light` is that of the loop. */
+const INPUTS: Readonly<Record<string, string>> = { uv: "uv.xy", uv1: "uv.zw" };
 
 /**
  * Some outputs of a field, printed for any number of lamps that the field is evaluated for. The uniforms are the same
@@ -121,7 +111,7 @@ export class FieldProgram {
 
   /** GLSL call, where `light` and the other inputs of a surface are in scope. */
   get call(): string {
-    return `${this.name}( ${this.program.parameters.map((parameter) => INPUTS[parameter.name]!).join(", ")} )`;
+    return `${this.name}( ${this.program.parameters.map((parameter) => INPUTS[parameter.name] ?? parameter.name).join(", ")} )`;
   }
 
   /** GLSL expression of an output of the graph, as one to four components of the value of `call`. */

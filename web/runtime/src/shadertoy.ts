@@ -15,6 +15,7 @@ const INPUTS: Readonly<Record<string, string>> = {
   reflectance: "vec3(REFLECTANCE)",
   roughness: "ROUGHNESS",
   metallic: "0.0",
+  shading_normal: "vec3(0.0, 0.0, 1.0)",
   uv: "card",
   uv1: "card",
 };

@@ -15,16 +15,16 @@ export interface SurfaceFinish {
   functions(): string;
   /**
    * GLSL statements that set `outgoingLight`, which holds the rasterised light. In scope: `lwPosition`, `lwNormal`,
-   * `lwFacet`, `lwView` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`.
+   * `lwFacet`, `lwView`, `lwBent` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`.
    */
   readonly statements: string;
 }
 
 /** Parameters of a GLSL function of a surface, and what they are given. */
 export const SURFACE_PARAMETERS =
-  "vec3 position, vec3 normal, vec3 view, vec3 reflectance, float roughness, float metallic";
+  "vec3 position, vec3 normal, vec3 shading_normal, vec3 view, vec3 reflectance, float roughness, float metallic";
 export const SURFACE_ARGUMENTS =
-  "lwPosition, lwNormal, lwView, lwReflectance, roughnessFactor, metalnessFactor";
+  "lwPosition, lwNormal, lwBent, lwView, lwReflectance, roughnessFactor, metalnessFactor";
 
 /** Uniforms of fields, and what else a finish needs. */
 export function uniformsOf(

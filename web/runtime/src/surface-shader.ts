@@ -75,10 +75,11 @@ function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): voi
  * triangle: it must not switch inside a triangle at the silhouette.
  */
 const SURFACE = `
-  vec3 lwView = cameraPosition - lwPosition;
+  vec3 lwView = normalize( cameraPosition - lwPosition );
   vec3 lwNormal = normalize( ( vec4( nonPerturbedNormal, 0.0 ) * viewMatrix ).xyz );
-  lwView = normalize( lwView );
   lwNormal *= ( dot( lwFacet, lwView ) < 0.0 ) == ( dot( lwFacet, lwNormal ) < 0.0 ) ? 1.0 : - 1.0;
+  vec3 lwBent = normalize( ( vec4( normal, 0.0 ) * viewMatrix ).xyz );
+  lwBent -= min( 2.0 * dot( lwBent, lwNormal ), 0.0 ) * lwNormal;
   vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );`;
 
 /**

@@ -22,6 +22,7 @@ export interface FixtureMesh {
   normals: number[];
   indices: number[];
   material: number;
+  uv?: number[];
 }
 
 export interface Fixture {
@@ -62,6 +63,7 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
     const attributes = {
       POSITION: add(new Float32Array(mesh.positions), 5126, "VEC3", count, range),
       NORMAL: add(new Float32Array(mesh.normals), 5126, "VEC3", count),
+      ...(mesh.uv ? { TEXCOORD_0: add(new Float32Array(mesh.uv), 5126, "VEC2", count) } : {}),
     };
     const indices = add(new Uint16Array(mesh.indices), 5123, "SCALAR", mesh.indices.length);
     return { primitives: [{ attributes, indices, material: mesh.material }] };

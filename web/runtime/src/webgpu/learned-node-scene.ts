@@ -8,6 +8,7 @@ import {
   materialEmissive,
   materialMetalness,
   materialRoughness,
+  normalWorld,
   normalWorldGeometry,
   positionWorld,
   select,
@@ -122,13 +123,16 @@ function surfaceNodes(reflectance: AnyNode, fields: readonly FieldNodes[]): Surf
   // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   const facet = position.dFdx().cross(position.dFdy());
   const agrees = facet.dot(view).lessThan(0).equal(facet.dot(smooth).lessThan(0));
+  const normal = (select as AnyNode)(agrees, smooth, smooth.negate());
+  const bent = (normalWorld as AnyNode).normalize();
   return {
     position,
     view,
-    normal: (select as AnyNode)(agrees, smooth, smooth.negate()),
+    normal,
     reflectance,
     roughness: materialRoughness,
     metallic: materialMetalness,
+    ...(reads("shading_normal") ? { shading_normal: bent.sub(normal.mul(bent.dot(normal).min(0).mul(2))) } : {}),
     ...(reads("uv") ? { uv: uv(0) } : {}),
     ...(reads("uv1") ? { uv1: uv(1) } : {}),
   };
