@@ -138,14 +138,15 @@ class MapNodes:
             return [b.sh("view", 4), cosine, "roughness"]
         r = b.reflect(normal, "view")
         known = [r, cosine, "roughness", "metallic"]
-        known += [b.subtract("shading_normal", "normal")] if self.relief else []
+        bump = b.subtract("shading_normal", "normal") if self.relief else ""
+        known += [bump] if bump else []
         if kind == "mirror":
             return known
         if self.base is not None:
             known.append("q")
         if self.direction is not None:
             d = self.direction_node(b)
-            known += [d, b.dot(r, d), b.dot("normal", d)]
+            known += [d, b.dot(r, d), b.dot("normal", d)] + ([b.dot(bump, d)] if bump else [])
         if self.preset.mirrors:
             half = 0.5 * max(self.setup.size)
             known.append(b.affine("position", [1 / half] * 3, [-c / half for c in self.setup.center]))
