@@ -251,12 +251,16 @@ def fitted(
         # A larger atlas is for E'; directions and features keep their resolution, for there are no more samples.
         factor = size // preset.size
         preset = replace(preset, share=preset.share / factor, direction_reduction=preset.direction_reduction * factor)
+    bumpy = bool(relief(scene).any())
+    if bumpy and preset.inputs == "mirror" and preset.direction:
+        # Where normals are bent, the network reads where the light comes from: leaning towards it is what bumps do.
+        preset = replace(preset, inputs="reflected")
     unit = sample_unit(samples)
     base = base_picture(made, unit, preset) if preset.base else None
     direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
     mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
-    extra: dict[str, Any] = {"mips": made.atlas.mips, "setup": setup, "mask": mask, "relief": bool(relief(scene).any())}
+    extra: dict[str, Any] = {"mips": made.atlas.mips, "setup": setup, "mask": mask, "relief": bumpy}
     start = lambda k: LightmapFit(preset, size, unit, base, direction, seed + k * START_SEED, **extra)  # noqa: E731
     if not (preset.base and preset.hidden):
         fit = start(0)

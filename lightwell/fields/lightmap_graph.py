@@ -32,6 +32,8 @@ BOX_MARGIN, PARALLEL = 1.02, 1e-3
 DIELECTRIC = 0.04
 # The lobe of a directional light map: a spherical Gaussian of this sharpness over roughness to the fourth.
 SHARPNESS, LEAST_ROUGHNESS = 0.5, 0.05
+# Softens how much a bump counts where the light grazes the wall behind it.
+LEAST_UPRIGHT = 0.1
 
 
 def stored(value: np.ndarray) -> np.ndarray:
@@ -200,10 +202,15 @@ class MapNodes:
         if self.direction is None:
             return self._over_reflectance(b, b.multiply(b.add(albedo, rest), light))
         d = self.direction_node(b)
+        if self.relief:
+            # E'(n') / E'(n) = n' · v / n · v while no light crosses the horizon; v is nearly d.
+            lean = b.dot(b.subtract("shading_normal", "normal"), d)
+            upright = b.reciprocal(b.clamp(b.dot("normal", d), 0.0, 1.0), LEAST_UPRIGHT)
+            light = b.multiply(light, b.activate(b.affine(b.multiply(lean, upright), [1], [1]), "relu"))
         # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light, weighed by how directed the light is.
         r2 = b.multiply("roughness", "roughness")
         sharp = b.scale(b.reciprocal(b.multiply(r2, r2), LEAST_ROUGHNESS), SHARPNESS)
-        cosine = b.dot(b.reflect("normal", "view"), b.normalize(d))
+        cosine = b.dot(b.reflect("shading_normal" if self.relief else "normal", "view"), b.normalize(d))
         lobe = b.activate(b.multiply(sharp, b.affine(cosine, [1], [-1])), "exp")
         directed = b.multiply(b.length(d), b.multiply(sharp, lobe))
         even = b.affine(b.length(d), [-1], [1])

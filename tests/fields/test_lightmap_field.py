@@ -377,3 +377,17 @@ def test_relief_bends_diffuse_light_and_reflections():
         assert ("shading_normal" in fit.lower().inputs) == relief
         found[relief] = float(np.abs(radiance(fit, bumps) / radiance_ - 1).mean())
     assert found[True] < 0.4 * found[False]
+
+
+def test_a_directional_map_leans_as_engines_do():
+    """One light at 45°: a bump towards it is brighter by n' · d / n · d, one turned away from it is dark."""
+    flat = queries(3, roughness=1.0)
+    d = np.float32([1, 1, 0]) / np.sqrt(2)
+    bumps = np.stack([flat.normal[0], d, [-d[0], d[1], 0]]).astype(np.float32)
+    query = replace(flat, uv1=np.full((3, 2), 0.5, np.float32), shading_normal=bumps)
+    direction = np.floor(255 * (0.5 + 0.5 * np.tile(d, (SIZE, SIZE, 1))) + 0.5).astype(np.uint8)
+    fit = LightmapFit(
+        PRESETS["directional"], SIZE, 1.0, encode(stored(ramp()), "png"), encode(direction, "png"), relief=True
+    )
+    flat_, towards, away = radiance(fit, query).mean(axis=1)
+    assert towards / flat_ == pytest.approx(np.sqrt(2), rel=0.06) and away < 0.13 * flat_
