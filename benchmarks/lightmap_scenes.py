@@ -397,7 +397,8 @@ def seam_rows(name: str, traced: Traced, fit: LightmapFit) -> list[Row]:
     if traced.eyes is traced.without_seams or not fit.preset.hidden:
         return []
     # One start each is enough to see what the samples do.
-    other = fitted(traced.scene, traced.made, traced.without_seams, PRESETS["default"], 0, traced.effort.steps // STARTS)
+    steps = traced.effort.steps // STARTS
+    other = fitted(traced.scene, traced.made, traced.without_seams, PRESETS["default"], 0, steps)
     gaps = [seam_gap(traced.scene, traced.made, Baked(f.lower()), f.unit, 11) for f in (fit, other)]
     note = f"mean step over mean light {gaps[0]:.4f}, without samples on seams {gaps[1]:.4f}"
     return [
