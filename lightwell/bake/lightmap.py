@@ -53,6 +53,10 @@ from lightwell.transport.samples import Samples
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
+# Edge of the features of a larger atlas, relative to those of one of the usual size.
+FINER = 1.5
+# An atlas is not made larger for its small charts where its texels would get fewer paths than this.
+ROOMY_PATHS = 32
 # Paths per eye sample, and bounds of their number.
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
 # Eye samples that judge whether the network is better than none.
@@ -182,6 +186,10 @@ def _trace(
         first = None if settings.shards else chart(scene, size, settings.mips, TIMED_PATHS, seed, atlas=atlas)
         stage.advance(note="atlas")
         paths, eyes = kept_counts(folder / "counts.npz", lambda: _counts(first, scene, settings, preset))
+        if first is not None and paths < ROOMY_PATHS and atlas.size > (settings.size or preset.size):
+            # Texels that are too noisy to be denoised are no room.
+            atlas = build(scene, atlas.size // 2, sides.lit, settings.mips, dark=sides.dark, faint=sides.faint)
+            size, paths = atlas.size, 4 * paths
         per_texel = paths if scene.has_static_light else TIMED_PATHS
         keep = lambda make: kept_light(folder / "light.npz", make)  # noqa: E731
         made = chart(scene, size, settings.mips, per_texel, seed, keep=keep, atlas=atlas)
@@ -248,9 +256,10 @@ def fitted(
     """Pictures of the light that arrives, and the trained network; ``size`` of the features' atlas where it differs."""
     size = size or made.atlas.size
     if preset.base and size > preset.size:
-        # A larger atlas is for E'; directions and features keep their resolution, for there are no more samples.
+        # A larger atlas is for small charts, which share fewer texels of features then; directions stay as they are.
         factor = size // preset.size
-        preset = replace(preset, share=preset.share / factor, direction_reduction=preset.direction_reduction * factor)
+        coarser = preset.direction_reduction * factor
+        preset = replace(preset, share=FINER * preset.share / factor, direction_reduction=coarser)
     bumpy = bool(relief(scene).any())
     if bumpy and preset.inputs == "mirror" and preset.direction:
         # Where normals are bent, the network reads where the light comes from: leaning towards it is what bumps do.

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.backend import dr, mi
 from lightwell.bake.lightmap_media import media_meshes, volumetric
-from lightwell.fields.atlas_images import SMALLEST, denoised, dilated
+from lightwell.fields.atlas_images import SMALL, denoised, dilated
 from lightwell.fields.base import is_matte
 from lightwell.fields.lightmap_graph import DIELECTRIC
 from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
@@ -234,7 +234,7 @@ def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradia
 
 def narrow(covered: Texels) -> np.ndarray:
     """[K] bool: texels of charts, or of parts of them, that are too narrow for the denoiser."""
-    half = SMALLEST / 2
+    half = SMALL / 2
     # Charts keep apart, so that the distance to what no chart covers is that to the border.
     wide = distance_transform_edt(covered.chart >= 0) >= half
     if not wide.any():

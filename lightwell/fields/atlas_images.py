@@ -11,7 +11,9 @@ from scipy.ndimage import distance_transform_edt
 # Filter of Intel Open Image Denoise that was trained on light maps.
 LIGHTMAP_FILTER = "RTLightmap"
 # Charts of fewer texels than this along an edge are not denoised: the filter has nothing to go by.
-SMALLEST = 8
+SMALLEST = 4
+# Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
+SMALL, MIRRORED = 8, 16
 
 
 def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
@@ -53,7 +55,10 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     out = image.copy()
     for rows, columns, own in _rectangles(chart, reach):
         patch = dilated(image[rows, columns], own, reach)
+        more = MIRRORED if min(np.ptp(found) + 1 for found in np.nonzero(own)) < SMALL else 0
+        patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
         clean = np.asarray(mitsuba_oidn.denoise(np.ascontiguousarray(patch), hdr=True, filter=LIGHTMAP_FILTER))
+        clean = clean[more : clean.shape[0] - more, more : clean.shape[1] - more]
         good = own & np.isfinite(clean).all(axis=-1)
         out[rows, columns][good] = np.maximum(clean[good], 0)
     return out

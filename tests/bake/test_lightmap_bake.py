@@ -1,5 +1,6 @@
 """The bake of a light map, end to end and small."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -201,3 +202,29 @@ def test_the_best_of_several_starts_is_taken(monkeypatch):
     assert [s[1] for s in seen] == [True, True, True, False] and 200 < seen[0][2] < 600
     seen.clear()
     assert lightmap.fitted(scene, made, eyes, PRESETS["default"], 0, 19).seed == 0 and len(seen) == 2
+
+
+def test_a_larger_square_needs_the_paths_for_it(tmp_path, monkeypatch):
+    """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
+    from lightwell.bake import lightmap
+    from lightwell.bake import lightmap_size as square
+
+    monkeypatch.setattr(square, "ROOMY", 1.0)
+    monkeypatch.setattr(square, "MOST_ROOMY", 128)
+    settings = BakeSettings("cornell", tmp_path, **SMALL | {"size": None, "steps": 10, "shards": None})
+    monkeypatch.setitem(lightmap.PRESETS, "plain", dataclasses.replace(lightmap.PRESETS["plain"], size=64))
+    traced = {}
+    trace_ = lightmap.chart
+
+    def chart(scene, size, mips, paths, seed, **more):
+        traced[size] = paths
+        return trace_(scene, size, mips, paths, seed, **more)
+
+    monkeypatch.setattr(lightmap, "chart", chart)
+    for fewest, size, paths in ((2, 128, 6), (1000, 64, 24)):
+        monkeypatch.setattr(lightmap, "ROOMY_PATHS", fewest)
+        monkeypatch.setattr(lightmap, "_counts", lambda *_: (6, 1 << 12))
+        out = tmp_path / str(fewest)
+        bake(dataclasses.replace(settings, out=out, preset="plain"))
+        assert traced[size] == paths
+        assert read_fields(out / "scene.glb")[0][0].graph.buffers["e"].shape[:2] == (size, size)
