@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from lightwell.probes.lattice import CORNERS, hat
@@ -25,6 +27,8 @@ SLIVER = 0.04
 ROUNDS = 2
 # Points with little trusted weight decide which probe an octant falls back to: they count 1 / (Z + this).
 LITTLE = 0.02
+# Fewer points than this that no probe is trusted at say nothing.
+SHUT_IN = 2
 # Cells of which the fallbacks are found together, and nodes.
 BATCH = 1024
 
@@ -138,22 +142,9 @@ def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.nda
 
     The level holds all nodes of its lattice.
     """
-    support, lattice, layout = level.support, level.support.lattice, level.support.pattern
-    k, out = len(layout.points), np.full((len(cells), 8), -1, np.int32)
+    out = np.full((len(cells), 8), -1, np.int32)
     for start in range(0, len(cells), BATCH):
-        part = cells[start : start + BATCH]
-        at, rows = lattice.cell_corner(part), support.slot[part]
-        node = lattice.node_number(at[:, None] + CORNERS)
-        place = np.concatenate([np.broadcast_to(layout.points, (len(part), k, 3)), support.near[rows]], axis=1)
-        air = np.concatenate([support.valid[rows], support.source[rows] >= 0], axis=1)
-        trust = np.empty((8, *air.shape), np.float32)
-        z = np.zeros(air.shape, np.float32)
-        for corner in range(8):
-            mine, j = level.target[node[:, corner]], 7 - corner
-            near = mine[:, level.points + j * CLOSE : level.points + (j + 1) * CLOSE]
-            trust[corner] = np.concatenate([mine[:, j * k : (j + 1) * k], near], axis=1)
-            trust[corner][state[node[:, corner]] == DROPPED] = 0
-            z += hat(place - CORNERS[corner]).astype(np.float32) * trust[corner]
+        node, place, air, trust, z = _trust_in(level, state, cells[start : start + BATCH])
         weight, octant = air / (z + LITTLE), (place >= 0.5) @ np.array([1, 2, 4])
         for o in range(8):
             score = (trust * (weight * (octant == o))).sum(axis=2)
@@ -161,6 +152,67 @@ def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.nda
             chosen = np.take_along_axis(node, best[:, None], axis=1)[:, 0]
             out[start : start + BATCH, o] = np.where(score.max(axis=0) > 0, chosen, -1)
     return out
+
+
+def _trust_in(level: Level, state: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of some cells: nodes [B, 8], places [B, K + X, 3] of points and of places at surfaces, which of them lie in air
+    [B, K + X], trust [8, B, K + X] of the nodes there, and its sum by the hats."""
+    support, lattice, layout = level.support, level.support.lattice, level.support.pattern
+    k, rows = len(layout.points), support.slot[part]
+    node = lattice.node_number(lattice.cell_corner(part)[:, None] + CORNERS)
+    place = np.concatenate([np.broadcast_to(layout.points, (len(part), k, 3)), support.near[rows]], axis=1)
+    air = np.concatenate([support.valid[rows], support.source[rows] >= 0], axis=1)
+    trust = np.empty((8, *air.shape), np.float32)
+    z = np.zeros(air.shape, np.float32)
+    for corner in range(8):
+        mine, j = level.target[node[:, corner]], 7 - corner
+        near = mine[:, level.points + j * CLOSE : level.points + (j + 1) * CLOSE]
+        trust[corner] = np.concatenate([mine[:, j * k : (j + 1) * k], near], axis=1)
+        trust[corner][state[node[:, corner]] == DROPPED] = 0
+        z += hat(place - CORNERS[corner]).astype(np.float32) * trust[corner]
+    return node, place, air, trust, z
+
+
+def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """[len(cells), 8] bool: octants of some cells that have no fallback, as what no probe is trusted at there is shut
+    in: the inside of a wall that is made of sheets with two sides counts as air, and a fallback would light it
+    (veach-ajar, one offset: nine tenths of the bright leak).
+
+    Points without trust are shut in unless free edges of the cell lead from them to one that has some.
+    """
+    support, layout = level.support, level.support.pattern
+    k, out = len(layout.points), np.zeros((len(cells), 8), bool)
+    here = np.flatnonzero(~layout.step.any(axis=1))
+    octant = (layout.points >= 0.5) @ np.array([1, 2, 4])
+    for start in range(0, len(cells), BATCH):
+        part = cells[start : start + BATCH]
+        _, _, air, _, z = _trust_in(level, state, part)
+        lonely = air[:, :k] & (z[:, :k] == 0)
+        asked = np.flatnonzero(lonely.sum(axis=1) >= SHUT_IN)
+        if not len(asked):
+            continue
+        rows = support.slot[part[asked]]
+        cell, edge = np.nonzero(support.free[rows][:, here])
+        ends = [cell * k + side[here[edge]] for side in (layout.start, layout.end)]
+        shape = (len(asked) * k,) * 2
+        count, group = connected_components(csr_matrix((np.ones(len(cell), bool), ends), shape=shape), directed=False)
+        known = z[asked] > 0
+        # A trusted place at a surface speaks for the point that sees it.
+        row, near = np.nonzero(known[:, k:] & (support.source[rows] >= 0))
+        trusted = known[:, :k].copy()
+        trusted[row, support.source[rows[row], near]] = True
+        reached = (np.bincount(group, trusted.ravel(), count) > 0)[group].reshape(len(asked), k)
+        for o in range(8):
+            mine = lonely[asked] & (octant == o)
+            shut = (mine & ~reached).sum(axis=1)
+            out[start + asked, o] = (shut >= SHUT_IN) & (shut > (mine & reached).sum(axis=1))
+    return out
+
+
+def fallbacks(level: Level, state: np.ndarray, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """[len(cells), 8] int32 node that octants of some cells fall back to, -1: none; ``first`` [C, 8] before octants ask
+    their neighbours."""
+    return np.where(sealed(level, state, cells), -1, spread(level.support, first, cells))
 
 
 def spread(support: Support, first: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from lightwell.probes import bricks
-from lightwell.probes.assemble import ROUNDS, Level, Records, around, assemble, nearest_probes, records, spread
+from lightwell.probes.assemble import ROUNDS, Level, Records, around, assemble, fallbacks, nearest_probes, records
 from lightwell.probes.lattice import Lattice
 from lightwell.probes.pattern import pattern
 from lightwell.probes.support import bake_support, touched, trust, update
@@ -61,7 +61,7 @@ def bake_geometry(
     found = records(level, function, fit)
     cells = np.arange(lattice.cell_count)
     first = nearest_probes(level, found.state, cells)
-    volume = assemble(level, function, found, spread(support, first, cells))
+    volume = assemble(level, function, found, fallbacks(level, found.state, first, cells))
     clock.append(perf_counter())
     names = ("rays", "trust", "fit")
     return Geometry(volume, (level,), (found,), first, dict(zip(names, np.diff(clock).tolist())))
@@ -103,7 +103,7 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[G
     first[near] = nearest_probes(coarse, found[0].state, near)
     wide = around(coarse.support.lattice, near, ROUNDS // 2 + 1)
     fallback = volume.fallback.copy()
-    fallback[wide] = spread(coarse.support, first, wide)
+    fallback[wide] = fallbacks(coarse, found[0].state, first, wide)
     table: Bricks | None = volume.bricks
     made = assemble(coarse, volume.function, found[0], fallback, (found[1], table) if table is not None else None)
     made = replace(made, light=np.where(made.alive[:, None, None], volume.light, 0), offset=volume.offset)

@@ -1,9 +1,12 @@
 """Rays, diffusion, fits, solve and incremental bakes, on rooms of which the answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lightwell.probes import ddgi, rays, sh
+from lightwell.probes.assemble import fallbacks, sealed, spread
 from lightwell.probes.bake import bake_geometry, rebake, with_bricks
 from lightwell.probes.diffusion import diffuse, sweeps
 from lightwell.probes.leak_scenes import two_rooms
@@ -189,6 +192,30 @@ def test_moments_see_a_wall(rooms, baked):
     d = sh.directions(64)
     assert np.allclose(ddgi.octahedral(ddgi.to_octahedral(d)), d, atol=1e-6)
     assert (moments.maps[..., 1] + 1e-3 >= moments.maps[..., 0] ** 2).all()
+
+
+def test_what_is_shut_in_has_no_fallback(baked):
+    level, state = baked.levels[0], baked.records[0].state
+    support, lattice = level.support, level.support.lattice
+    cells = np.arange(lattice.cell_count)
+    # Walls of blocks are no air: every octant keeps what it asks.
+    assert not sealed(level, state, cells).any()
+    assert (fallbacks(level, state, baked.first, cells) == spread(support, baked.first, cells)).all()
+    # The same wall of sheets with two sides: its inside is air that no probe is trusted at and no edge leads to.
+    hollow = replace(level, support=support.copy())
+    place = support.points(cells)
+    inside = (np.abs(place[..., 0]) < 0.025) & ~support.valid
+    inside &= np.all((place > [-1, 0.1, 0.1]) & (place < [1, 1.9, 0.9]), axis=2)
+    hollow.support.valid[:] |= inside
+    shut = sealed(hollow, state, cells)
+    octant = (support.pattern.points >= 0.5) @ np.array([1, 2, 4])
+    many = np.stack([(inside & (octant == o)).sum(axis=1) for o in range(8)], axis=1) >= 2
+    assert many.any() and (shut == many).all()
+    made = fallbacks(hollow, state, baked.first, cells)
+    assert (made[shut] == -1).all() and (made[~shut] == spread(support, baked.first, cells)[~shut]).all()
+    # One edge out, and it is a place like any other behind a corner.
+    hollow.support.free[:] = True
+    assert not sealed(hollow, state, cells)[many].all()
 
 
 def test_an_open_room_needs_no_records():
