@@ -32,8 +32,7 @@ def few(monkeypatch):
     monkeypatch.setattr(lightmap, "SHARD", 1 << 10)
 
 
-def test_default(tmp_path):
-    # Steps enough for a network that is kept.
+def test_default(tmp_path, kept):
     report = bake(BakeSettings("cornell", tmp_path, **{**SMALL, "steps": 200}))
     fields, variables = read_fields(tmp_path / "scene.glb")
     assert [f.role for f in fields] == ["static"] and variables == []
@@ -121,12 +120,16 @@ def test_small_charts_get_a_larger_square(monkeypatch):
     assert sizes == {0.0: 64, 1.0: 128} and square.roomy_atlas(scene, 64, 0, sides).size == 64
 
 
-@pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
-def test_every_preset_bakes(tmp_path, preset, monkeypatch):
+@pytest.fixture
+def kept(monkeypatch):
+    """A network that is kept: a hundred noisy samples cannot tell whether so few steps are better than none."""
     from lightwell.bake import lightmap
 
-    # Ten steps teach little: whether that is better than nothing is not the question here.
     monkeypatch.setattr(lightmap, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
+
+
+@pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
+def test_every_preset_bakes(tmp_path, preset, kept):
     bake(BakeSettings("cornell", tmp_path, preset=preset, **SMALL | {"steps": 10}))
     graph = read_fields(tmp_path / "scene.glb")[0][0].graph
     pictures = {name for name, buffer in graph.buffers.items() if buffer.type == "uint8"}
