@@ -123,6 +123,13 @@ class MapNodes:
         u = b.multiply(q, q)
         return b.multiply(u, b.reciprocal(b.affine(u, [-1] * 3, [1] * 3), SOFT))
 
+    def leaned(self, b: Builder, light: str, direction: str) -> str:
+        """Light on bent normals: E'(n') / E'(n) = n' · v / n · v while none crosses the horizon; v = ∫ L ω lies nearly
+        along the mean direction."""
+        lean = b.dot(b.subtract("shading_normal", "normal"), direction)
+        upright = b.reciprocal(b.clamp(b.dot("normal", direction), 0.0, 1.0), LEAST_UPRIGHT)
+        return b.multiply(light, b.activate(b.affine(b.multiply(lean, upright), [1], [1]), "relu"))
+
     def inputs(self, b: Builder) -> list[str]:
         """What the network knows beside features."""
         kind = self.preset.inputs
@@ -179,6 +186,8 @@ class MapNodes:
         if self.learns_places:
             made["about"] = self.about(b)
         if self.base is not None:
+            if self.relief and self.direction is not None and self.preset.inputs == "reflected":
+                light = self.leaned(b, light, "direction")
             light = b.multiply(b.multiply(albedo, light), lit)
             return made | {"base": light, "gain": b.multiply(rest, lit)}
         gain = "reflectance" if self.preset.demodulated else b.affine("reflectance", [0] * 3, [1] * 3)
@@ -202,11 +211,7 @@ class MapNodes:
         if self.direction is None:
             return self._over_reflectance(b, b.multiply(b.add(albedo, rest), light))
         d = self.direction_node(b)
-        if self.relief:
-            # E'(n') / E'(n) = n' · v / n · v while no light crosses the horizon; v is nearly d.
-            lean = b.dot(b.subtract("shading_normal", "normal"), d)
-            upright = b.reciprocal(b.clamp(b.dot("normal", d), 0.0, 1.0), LEAST_UPRIGHT)
-            light = b.multiply(light, b.activate(b.affine(b.multiply(lean, upright), [1], [1]), "relu"))
+        light = self.leaned(b, light, d) if self.relief else light
         # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light, weighed by how directed the light is.
         r2 = b.multiply("roughness", "roughness")
         sharp = b.scale(b.reciprocal(b.multiply(r2, r2), LEAST_ROUGHNESS), SHARPNESS)
