@@ -15,7 +15,8 @@ import numpy as np
 from rows import Row, at_least, at_most, without_bar
 
 from lightwell.bake.evaluate import Baked
-from lightwell.bake.lightmap import STARTS, fitted
+from lightwell.bake.lightmap import STARTS, base_picture, fitted, sample_unit
+from lightwell.bake.lightmap_bytes import CODECS
 from lightwell.bake.lightmap_score import compare_camera
 from lightwell.bake.lightmap_seams import SHARE, seam_gap, seam_samples
 from lightwell.bake.lightmap_size import roomy_atlas
@@ -51,6 +52,7 @@ LEAST_LIT = 0.05
 
 
 PLAIN_CODECS = ("webp50", "webp75", "webp90", "webp")
+PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 REFERENCES = Path(__file__).resolve().parents[1] / "out" / "references"
 
 
@@ -168,6 +170,22 @@ class Views:
         """Share of the pixels that show clear glass."""
         return float(np.concatenate(self.glass).mean())
 
+    def draw(self, fits: tuple[LightmapFit, ...], path: Path) -> None:
+        """What the fits show, then the truth, side by side; a row for every view."""
+        from PIL import Image
+
+        rows = []
+        for view, seen, query in zip(self.views, self.seen, self.queries):
+            shape, shown = view.half_a.shape, []
+            for fit in fits:
+                picture = np.zeros((view.half_a.size // 3, 3), np.float32)
+                picture[seen] = Baked(fit.lower())(query)
+                shown.append(picture.reshape(shape))
+            shown.append(0.5 * (view.half_a + view.half_b))
+            rows.append(np.concatenate([metrics.display(p / fits[0].unit) for p in shown], axis=1))
+        image = Image.fromarray((255 * np.clip(np.concatenate(rows), 0, 1) + 0.5).astype(np.uint8))
+        image.resize((2 * image.width, 2 * image.height), Image.Resampling.NEAREST).save(path)
+
     def score(self, fit: LightmapFit, seconds: float) -> Figures:
         """The shipped graph against the truth."""
         graph = fit.lower()
@@ -276,7 +294,7 @@ def variants() -> dict[str, LightmapPreset]:
     }
 
 
-def scene_rows(name: str, quick: bool, ablate: bool) -> list[Row]:
+def scene_rows(name: str, quick: bool, ablate: bool, pictures: bool = False) -> list[Row]:
     """All figures of one scene."""
     source, effort = SCENES[name], QUICK if quick else Effort()
     what = f"{name}, default at no more than 1 MB: "
@@ -289,11 +307,14 @@ def scene_rows(name: str, quick: bool, ablate: bool) -> list[Row]:
         f"{views.glass_share:.1%} of the pixels, {traced.made.glossy.mean():.0%} of the texels need the eye",
         flush=True,
     )
-    default = PRESETS["default"] if traced.made.glossy.any() else PRESETS["plain"]
+    default = chosen_bytes(traced) if traced.made.glossy.any() else PRESETS["plain"]
     fit = learned(traced, default)
     ours = measured(traced, views, default, "default", fit)
     plain = {c: measured(traced, views, replace(PRESETS["plain"], base=c), f"plain {c}") for c in PLAIN_CODECS}
     directional = measured(traced, views, PRESETS["directional"], "directional")
+    if pictures:
+        ordinary = learned(traced, replace(PRESETS["plain"], base="webp90"))
+        views.draw((ordinary, fit), PICTURES / f"lightmap-{name}.png")
     if ablate:
         for label, preset in variants().items():
             measured(traced, views, preset, label)
@@ -326,9 +347,19 @@ def scene_rows(name: str, quick: bool, ablate: bool) -> list[Row]:
             f"{name}: atlas coverage, padding not counted", 0.7, traced.made.atlas.coverage, "of 1", _charts(traced)
         ),
         *mip_rows(name, traced),
-        *seam_rows(name, traced, fit),
+        *seam_rows(name, traced, fit, default),
         *moving_rows(name, traced, views, fit),
     ]
+
+
+def chosen_bytes(traced: Traced) -> LightmapPreset:
+    """The default preset, its ordinary light map by the finest codec that leaves half of a megabyte to the features."""
+    unit, default = sample_unit(traced.eyes), PRESETS["default"]
+    for codec in CODECS:
+        preset = replace(default, base=codec)
+        if len(base_picture(traced.made, unit, preset).data) <= MEGABYTE / 2:
+            return preset
+    return default
 
 
 def mip_rows(name: str, traced: Traced) -> list[Row]:
@@ -392,13 +423,13 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
     return [at_least(what, 0.9, found, "", note)]
 
 
-def seam_rows(name: str, traced: Traced, fit: LightmapFit) -> list[Row]:
+def seam_rows(name: str, traced: Traced, fit: LightmapFit, preset: LightmapPreset) -> list[Row]:
     """What samples on seams do to the step across them."""
     if traced.eyes is traced.without_seams or not fit.preset.hidden:
         return []
     # One start each is enough to see what the samples do.
     steps = traced.effort.steps // STARTS
-    other = fitted(traced.scene, traced.made, traced.without_seams, PRESETS["default"], 0, steps)
+    other = fitted(traced.scene, traced.made, traced.without_seams, preset, 0, steps)
     gaps = [seam_gap(traced.scene, traced.made, Baked(f.lower()), f.unit, 11) for f in (fit, other)]
     note = f"mean step over mean light {gaps[0]:.4f}, without samples on seams {gaps[1]:.4f}"
     return [

@@ -87,6 +87,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--ablate", action="store_true")
     parser.add_argument("--plot", action="store_true", help="of curve: draw it")
+    parser.add_argument("--pictures", action="store_true", help="of scenes: write docs/images/lightmap-SCENE.png")
     parser.add_argument("--only", default="", help=f"parts, comma-separated: {','.join([*SCENES, *PARTS])}")
     arguments = parser.parse_args()
     parts = chosen("--only", arguments.only, [*PARTS, *SCENES])
@@ -95,7 +96,7 @@ def main() -> None:
         parts = ["leak", "courtyard", "subsurface"]
     for part in parts:
         if part in SCENES:
-            rows = scene_rows(part, arguments.quick, arguments.ablate)
+            rows = scene_rows(part, arguments.quick, arguments.ablate, arguments.pictures)
         elif part == "curve":
             rows = curve(arguments.plot)
         else:

@@ -11,12 +11,12 @@ from lightwell.bake.evaluate import Baked
 from lightwell.bake.lightmap_trace import Chart, EyeSamples
 from lightwell.fields.lightmap import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import restored
-from lightwell.networks.losses import EPSILON
+from lightwell.report.metrics import display
 
 # Steps of a trial, samples it learns from and is judged on.
-TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 120, 1 << 16, 1 << 13
-# What a stored light map counts relative to the mean light where it is dark.
-DARK = 0.05
+TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 300, 1 << 17, 1 << 14
+# Codecs of the ordinary light map, from large to small; the first is lossless.
+CODECS = ("webp", "webp98", "webp95", "webp90", "webp75")
 
 Fitter = Callable[[LightmapPreset, EyeSamples, int], LightmapFit]
 
@@ -28,7 +28,7 @@ class Trial:
     preset: LightmapPreset
     bytes: int
     error: float
-    """Error of the stored light and of held-out eye samples, both relative; only their order matters."""
+    """What a screen shows of the stored light's error and of that of held-out eye samples; only the order matters."""
 
     @property
     def label(self) -> str:
@@ -44,7 +44,7 @@ def candidates(preset: LightmapPreset, mips: int) -> list[LightmapPreset]:
     """Variants of a preset, from large to small."""
     if not preset.base:
         return [replace(preset, share=preset.share / 2**k) for k in range(6)]
-    found = [replace(preset, base=codec) for codec in ("webp95", "webp90", "webp75")]
+    found = [replace(preset, base=codec) for codec in CODECS]
     if preset.stores_direction:
         found.append(replace(preset, base="webp75", direction_reduction=8))
     found.append(replace(preset, base="webp50", direction_reduction=8, share=preset.share / 2))
@@ -76,46 +76,29 @@ def choose(limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples,
 
 
 def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter) -> Trial:
-    """Fit for a moment; the last rows are kept from training."""
-    count = len(samples.weight)
-    held = np.arange(max(count - JUDGED_ROWS, count // 2), count)
-    seen = np.arange(min(held[0], TRIAL_ROWS)) if len(held) else np.arange(0)
+    """Fit for a moment; some rows are kept from training."""
+    order = np.random.default_rng(0x7121).permutation(len(samples.weight))
+    held = order[: min(JUDGED_ROWS, len(order) // 2)]
+    seen = order[len(held) :][:TRIAL_ROWS]
     found = fit(preset, samples[seen], TRIAL_STEPS if preset.hidden else 0)
     graph = found.lower()
     weights = sum(b.nbytes for name, b in graph.buffers.items() if name not in found.pictures)
     bytes_ = weights + sum(len(p.data) for p in found.pictures.values())
     error = _stored_error(found, made)
     if preset.hidden and len(held):
-        # By the graph that would ship, which has no network where it was no better than none.
-        y = samples.radiance[held] / found.unit
-        f = Baked(graph)(samples[held].query) / found.unit
-        error += float(np.mean(np.abs(f - y) / (y + EPSILON)))
+        # By the graph that would ship, which has no network where it was no better than none. The noise is taken off.
+        kept = samples[held]
+        f, a, b = (display(v / found.unit) for v in (Baked(graph)(kept.query), kept.half_a, kept.half_b))
+        error += float(np.average(((f - a) * (f - b)).mean(axis=1), weights=kept.weight + 1e-12))
     return Trial(preset, bytes_, error)
 
 
 def _stored_error(fit: LightmapFit, made: Chart) -> float:
-    """Mean relative error of the light that the base stores at the texels."""
+    """Mean squared error of what a screen shows of E' as the base stores it."""
     if fit.base is None:
         return 0.0
-    image = restored(fit.base.buffer().array) * fit.unit
+    image = restored(fit.base.buffer().array)
     factor = made.atlas.size // image.shape[0]
     y, x = np.divmod(made.texels.index[made.stored], made.atlas.size)
-    truth, found = made.light.mean[made.stored], image[y // factor, x // factor]
-    # Means of squares of texels, so that the noise of single texels does not count.
-    block = (y // 4) * made.atlas.size + x // 4
-    _, inverse = np.unique(block, return_inverse=True)
-    count = np.bincount(inverse)
-    mean = lambda v: np.bincount(inverse, weights=v.mean(axis=1)) / count  # noqa: E731
-    a, b = mean(truth), mean(found)
-    return float(np.mean(np.abs(a - b) / (a + DARK * a.mean())))
-
-
-def parse_bytes(text: str) -> int:
-    """``1MB``, ``250kB`` or a plain number of bytes."""
-    import re
-
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(B|kB|KB|MB)?\s*", text)
-    value = float(match.group(1)) * {"B": 1, "kB": 1e3, "KB": 1e3, "MB": 1e6}[match.group(2) or "B"] if match else 0
-    if value < 1:
-        raise ValueError(f"bake: --max-bytes '{text}' is not a size; write 1MB, 250kB or a number of bytes")
-    return int(value)
+    truth, found = made.image[y, x] / fit.unit, image[y // factor, x // factor]
+    return float(np.mean((display(truth) - display(found)) ** 2))
