@@ -62,7 +62,8 @@ def choose(limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples,
     trials = []
     for candidate in candidates(preset, made.atlas.mips):
         trials.append(trial(candidate, made, samples, fit))
-        say(f"  {trials[-1].bytes:>9,} bytes  error {trials[-1].error:.4f}  {trials[-1].label}")
+        decibels = -10 * np.log10(max(trials[-1].error, 1e-6))
+        say(f"  {trials[-1].bytes:>9,} bytes  {decibels:4.1f} dB  {trials[-1].label}")
     fitting = [t for t in trials if t.bytes <= limit]
     if not fitting:
         least = min(t.bytes for t in trials)
