@@ -103,3 +103,14 @@ def _stored_error(fit: LightmapFit, made: Chart) -> float:
     y, x = np.divmod(made.texels.index[made.stored], made.atlas.size)
     truth, found = made.image[y, x] / fit.unit, image[y // factor, x // factor]
     return float(np.mean((display(truth) - display(found)) ** 2))
+
+
+def parse_bytes(text: str) -> int:
+    """``1MB``, ``250kB`` or a plain number of bytes."""
+    import re
+
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(B|kB|KB|MB)?\s*", text)
+    value = float(match.group(1)) * {"B": 1, "kB": 1e3, "KB": 1e3, "MB": 1e6}[match.group(2) or "B"] if match else 0
+    if value < 1:
+        raise ValueError(f"bake: --max-bytes '{text}' is not a size; write 1MB, 250kB or a number of bytes")
+    return int(value)
