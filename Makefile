@@ -1,9 +1,12 @@
-# lightwell: `make demo` runs the main job on a built-in scene, `make test` runs every test. Both set up what they need.
+# lightwell: `make demo` runs the main job on a built-in scene, `make test` runs the tests, `make test-all` those marked slow too.
+# Each sets up what it needs.
 
 VENV := .venv
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
-.PHONY: setup demo test test-python test-web viewer lint benchmarks clean
+PYTEST_MARKS ?= not slow
+
+.PHONY: setup demo test test-all test-python test-web viewer lint benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -22,9 +25,14 @@ demo: setup
 
 test: test-python test-web
 
+# Everything: the tests marked slow as well (long fuzzing, kills).
+test-all:
+	$(MAKE) test PYTEST_MARKS=
+
+# pytest's 5 is "no test selected": a file of slow tests only.
 test-python: $(VENV)/.installed-test web/node_modules/.installed
 	$(VENV)/bin/ruff check .
-	@set -e; for room in tests/[a-z]*/ tests/test_*.py; do echo "pytest $$room"; $(VENV)/bin/python -m pytest $$room; done
+	@set -e; for room in tests/[a-z]*/ tests/test_*.py; do echo "pytest $$room"; $(VENV)/bin/python -m pytest -m "$(PYTEST_MARKS)" $$room || [ $$? = 5 ]; done
 
 test-web: web/node_modules/.installed
 	cd web && CHROMIUM="$$(../tools/find-chromium.sh)" npm test
