@@ -12,6 +12,7 @@ import pytest
 from lightwell.isolated import Worker, WorkerDied, WorkerError
 
 HERE = "tests.test_isolated"
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the address space reliably")
 
 
 # ---------------------------------------------------------------------- functions that the worker runs
@@ -75,7 +76,10 @@ def test_one_process_answers_many_requests_and_ends_with_its_context():
         ("large", WorkerDied, "too large"),
         ("raise", WorkerError, "^a reason over two lines$"),
         pytest.param(
-            "memory", WorkerError, "needs more than 256 MB", marks=pytest.mark.skipif(sys.platform != "linux", reason="")
+            "memory",
+            WorkerError,
+            "needs more than 256 MB",
+            marks=pytest.mark.skipif(sys.platform != "linux", reason=""),
         ),
     ],
 )
