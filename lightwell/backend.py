@@ -10,6 +10,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 # The variants lightwell knows, best first. Both are RGB, single precision and differentiable.
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
@@ -51,6 +52,20 @@ def cure() -> str:
     )
 
 
+def keep_installed_plugins(mitsuba: ModuleType) -> None:
+    """Make Mitsuba look for its plug-ins and data in its own folder only.
+
+    By itself it looks into the working folder first: ``plugins/diffuse.so`` there, a stranger's code, would be loaded
+    in place of the installed plug-in.
+
+    Args:
+        mitsuba: The module, just imported; no plug-in must have been loaded yet.
+    """
+    resolver = mitsuba.file_resolver()
+    resolver.clear()
+    resolver.append(str(Path(mitsuba.__file__).resolve().parent))
+
+
 def _select() -> Backend:
     if not os.environ.get("DRJIT_LIBLLVM_PATH") and (path := _bundled_llvm()):
         os.environ["DRJIT_LIBLLVM_PATH"] = path
@@ -59,6 +74,7 @@ def _select() -> Backend:
         import mitsuba
     except ImportError as error:
         raise RuntimeError(f"backend: cannot import Mitsuba ({error}); run 'pip install lightwell' again") from error
+    keep_installed_plugins(mitsuba)
 
     wanted = os.environ.get("LIGHTWELL_VARIANT")
     candidates = (wanted,) if wanted else VARIANTS
