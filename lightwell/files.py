@@ -64,7 +64,7 @@ def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
         os.replace(temporary, path)
     except OSError as error:
         _remove(temporary)
-        raise _explained(error, f"write '{path}'") from error
+        raise explained(error, f"write '{path}'") from error
     except BaseException:
         _remove(temporary)
         raise
@@ -108,7 +108,7 @@ def make_folder(path: str | Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _explained(error, f"create the folder '{path}'") from error
+        raise explained(error, f"create the folder '{path}'") from error
     return path
 
 
@@ -119,7 +119,8 @@ def _remove(path: Path) -> None:
         pass  # the first failure is the one to report
 
 
-def _explained(error: OSError, attempt: str) -> OSError:
+def explained(error: OSError, attempt: str) -> OSError:
+    """Return an error of the same type whose one-line message says what was attempted, the reason and the cure."""
     cure = CURES.get(error.errno or 0, "choose another folder")
     reason = error.strerror or type(error).__name__
     return type(error)(error.errno, f"cannot {attempt}: {reason}; {cure}")

@@ -1,0 +1,271 @@
+"""The store: the one way to keep work between runs.
+
+An entry is named by a hash of everything that it was made from (``keys.key``), so that it is never stale: other
+settings are another name. Entries are written under a temporary name, flushed and renamed; what has its name is whole.
+Two processes may use a store at once: an entry that both need is made by one while the other waits.
+
+    FOLDER/samples.shard/3f2a….columns     a folder of arrays that are memory-mapped
+    FOLDER/reference.view/90cd….npz        named arrays
+    FOLDER/plan/77aa….json                 JSON
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from filelock import FileLock
+
+from lightwell.core.formats import ARRAYS, Format
+from lightwell.core.keys import Key
+from lightwell.files import DAMAGED, explained, make_folder
+
+T = TypeVar("T")
+LOG = logging.getLogger("lightwell.store")
+
+# Size of the user's store, bytes; the entries that were not used for longest are removed beyond it.
+DEFAULT_LIMIT = 20_000_000_000
+# A store that has grown beyond its limit is cut to this share of it, so that not every further entry cuts it again.
+CUT_TO = 0.9
+# Temporary files this old, seconds, were left by a process that is gone.
+ABANDONED = 24 * 3600.0
+# Names of files that are still written, and of locks.
+PART, LOCK = ".part", ".lock"
+# What a store answers where it has no entry: None is a value like others.
+ABSENT = object()
+
+
+def default_folder() -> Path:
+    """Return the user's store: LIGHTWELL_STORE, else 'lightwell' in the platform's folder for caches."""
+    if chosen := os.environ.get("LIGHTWELL_STORE"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "lightwell"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lightwell"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A stored result on disk."""
+
+    path: Path
+    function: str
+    bytes: int
+    used: float
+    """Seconds since the epoch when it was last written or read."""
+
+
+class Store:
+    """Results of expensive functions in a folder, by key."""
+
+    def __init__(self, folder: str | os.PathLike[str], limit: int | None = DEFAULT_LIMIT) -> None:
+        """Open a store; its folder is made when the first entry is written.
+
+        Args:
+            folder: Folder that belongs to the store alone.
+            limit: Bytes beyond which the entries that were not used for longest are removed; None: no limit.
+        """
+        self.folder = Path(folder)
+        self.limit = limit
+        # Bytes of all entries as far as this process knows; None: not counted yet.
+        self._bytes: int | None = None
+
+    def get(self, key: Key, make: Callable[[], T], format: Format[T] = ARRAYS) -> T:
+        """Return the result of a key, made and stored if the store lacks it.
+
+        A damaged entry is made again, with a note in the log.
+
+        Args:
+            key: See ``keys.key``.
+            make: Makes the result; called at most once, and by one process at a time.
+            format: How it lies on disk: ``ARRAYS``, ``COLUMNS``, ``JSON`` or a ``RecordFormat``.
+
+        Returns:
+            The result as the format reads it, also when it was just made.
+
+        Raises:
+            OSError: The folder cannot be written; one line that names the cure.
+        """
+        path = self._path(key, format)
+        if (found := _read(path, format)) is not ABSENT:
+            return found
+        with self._locked(path):
+            # Another process may have made it while this one waited.
+            if (found := _read(path, format)) is not ABSENT:
+                return found
+            self._write(path, make(), format)
+            return format.read(path)
+
+    def find(self, key: Key, format: Format[T] = ARRAYS) -> T | None:
+        """Return the result of a key, or None where the store lacks it or it is damaged."""
+        found = _read(self._path(key, format), format)
+        return None if found is ABSENT else found
+
+    def put(self, key: Key, value: T, format: Format[T] = ARRAYS) -> None:
+        """Store a value in place of the one that has the key, such as the next checkpoint of a training.
+
+        Raises:
+            OSError: The folder cannot be written; one line that names the cure.
+        """
+        self._write(self._path(key, format), value, format)
+
+    def remove(self, key: Key, format: Format[T] = ARRAYS) -> None:
+        """Remove the entry of a key, if there is one."""
+        _delete(self._path(key, format))
+
+    # ------------------------------------------------------------------ the whole
+
+    def entries(self) -> list[Entry]:
+        """List all entries, those that were not used for longest first."""
+        found = []
+        for path in self.folder.glob("*/*"):
+            if path.name.startswith(".") or path.suffix in (PART, LOCK):
+                continue
+            try:
+                found.append(Entry(path, path.parent.name, _size(path), path.stat().st_mtime))
+            except OSError:
+                continue  # Another process has just removed it.
+        return sorted(found, key=lambda entry: entry.used)
+
+    def clear(self) -> int:
+        """Remove all entries; returns their bytes. Entries that another process writes just now stay."""
+        entries = self.entries()
+        for entry in entries:
+            _delete(entry.path)
+        self._bytes = None
+        return sum(entry.bytes for entry in entries)
+
+    def sweep(self, age: float = ABANDONED) -> None:
+        """Remove temporary files older than ``age`` seconds, which killed processes have left."""
+        oldest = time.time() - age
+        for path in [*self.folder.glob(f"*/.*{PART}"), *self.folder.glob(f"*/.*{LOCK}")]:
+            try:
+                if path.stat().st_mtime <= oldest:
+                    _delete(path)
+            except OSError:
+                continue
+
+    # ------------------------------------------------------------------ one entry
+
+    def _path(self, key: Key, format: Format[T]) -> Path:
+        return self.folder / key.function / f"{key.digest}{format.suffix}"
+
+    def _write(self, path: Path, value: T, format: Format[T]) -> None:
+        make_folder(path.parent)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{PART}")
+        _delete(temporary)
+        try:
+            format.write(temporary, value)
+            _rename(temporary, path)
+        except OSError as error:
+            _delete(temporary)
+            raise explained(error, f"write '{path}'") from error
+        except BaseException:
+            _delete(temporary)
+            raise
+        self._bound(_size(path))
+
+    def _bound(self, added: int) -> None:
+        """Count an entry; remove the least recently used ones when the store has outgrown its limit."""
+        if self.limit is None:
+            return
+        self._bytes = None if self._bytes is None else self._bytes + added
+        if self._bytes is not None and self._bytes <= self.limit:
+            return
+        self.sweep()
+        entries = self.entries()
+        self._bytes = sum(entry.bytes for entry in entries)
+        if self._bytes <= self.limit:
+            return
+        # The newest entry stays, however large it is: its maker reads it next.
+        for entry in entries[:-1]:
+            if self._bytes <= CUT_TO * self.limit:
+                break
+            _delete(entry.path)
+            self._bytes -= entry.bytes
+
+    @contextmanager
+    def _locked(self, path: Path) -> Iterator[None]:
+        """Hold the lock of an entry. The system frees it when its process ends, however that ends."""
+        make_folder(path.parent)
+        name = path.with_name(f".{path.name}{LOCK}")
+        lock = FileLock(name)
+        try:
+            lock.acquire()
+        except (OSError, NotImplementedError):
+            # A file system without locks: at worst two processes do the same work, and one result is dropped.
+            yield
+            return
+        try:
+            yield
+        finally:
+            _delete(name)
+            lock.release()
+
+
+def _read(path: Path, format: Format[T]) -> Any:
+    """The entry, or ABSENT; a damaged one is removed, with a note."""
+    try:
+        value = format.read(path)
+    except FileNotFoundError:
+        return ABSENT
+    except DAMAGED as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        LOG.warning("store: '%s' is damaged and is made again (%s)", path, reason)
+        _delete(path)
+        return ABSENT
+    try:
+        os.utime(path)
+    except OSError:
+        pass  # A store that cannot be written can still be read.
+    return value
+
+
+def _rename(temporary: Path, path: Path) -> None:
+    """Give a finished entry its name. A folder cannot replace another one, which then has the same content."""
+    if temporary.is_dir() and path.exists():
+        _delete(path)
+    os.replace(temporary, path)
+    _flush_folder(path.parent)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Wait until the disk has the folder's names, where the system can (not on Windows)."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def _size(path: Path) -> int:
+    if path.is_dir():
+        return sum(file.stat().st_size for file in path.iterdir())
+    return path.stat().st_size
+
+
+def _delete(path: Path) -> None:
+    """Remove a file or folder, if it is there; a folder vanishes at once, under another name."""
+    try:
+        if path.is_dir():
+            doomed = path.with_name(f".{path.name}.{os.getpid()}.{time.monotonic_ns()}{PART}")
+            os.replace(path, doomed)
+            shutil.rmtree(doomed, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+    except OSError:
+        pass  # Another process was faster.
