@@ -6,10 +6,13 @@ Media that fill the air between surfaces are not meant: rays start just above th
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.interactions import upload
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
@@ -43,11 +46,12 @@ def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tu
     return out[0], out[1]
 
 
+WITH_MEDIA = Derived[Any]("bake.scene_with_media")
+
+
 def _with_media(scene: Scene):
     """The Mitsuba scene of the file, media and all, loaded once."""
-    if "_with_media" not in scene.__dict__:
-        scene.__dict__["_with_media"] = mi.load_file(str(scene.source), optimize=False)
-    return scene.__dict__["_with_media"]
+    return scene.cache.get(WITH_MEDIA, lambda: mi.load_file(str(scene.source), optimize=False))
 
 
 def _mean(geometry, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:

@@ -32,6 +32,7 @@ from lightwell.probes.light import Lit, light_volume, refined
 from lightwell.probes.samples import Effort
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.samples import Query, Samples
 
 # Probes along the longest edge where no spacing is asked for.
@@ -282,14 +283,17 @@ def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
     )
 
 
+GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
+Solved = tuple[Lit, np.ndarray, dict]
+LIGHT = Derived[Solved]("probes.light", most=4)
+
+
 def _geometry(setup: FieldSetup, preset: ProbesPreset) -> Geometry:
     """The volume's weights, baked once for a scene and kept with it."""
     spacing = setup.spacing or 2 * setup.half_extent / ALONG
-    kept = setup.scene.__dict__.setdefault("_probe_geometry", {})
-    key = (float(spacing), preset.function, preset.generator, preset.refine)
-    if key not in kept:
-        kept[key] = bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))
-    return kept[key]
+    make = lambda: bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))  # noqa: E731
+    arguments = (float(spacing), preset.function, preset.generator, preset.refine)
+    return setup.scene.cache.get(GEOMETRY, make, arguments)
 
 
 def fit_of(preset: ProbesPreset) -> Callable | None:
@@ -297,25 +301,27 @@ def fit_of(preset: ProbesPreset) -> Callable | None:
     return fit_with(preset.function, refine=preset.refine) if preset.generator else None
 
 
-def _solved(setup: FieldSetup, preset: ProbesPreset, seed: int) -> tuple[Lit, np.ndarray, dict]:
+def _solved(setup: FieldSetup, preset: ProbesPreset, seed: int) -> Solved:
     """The light of all states, path traced once and kept with the scene; how they are mixed to bases [S, K]; and how
     the volume and the baselines answer in the air."""
     geometry = _geometry(setup, preset)
-    kept = setup.scene.__dict__.setdefault("_probe_light", {})
-    key = (geometry.volume.lattice.spacing, preset, setup.light, seed)
-    if key not in kept:
-        static = setup.light == "static"
-        variable = None if static else setup.variable
-        lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
-        effort = preset.static_effort if static else preset.effort
-        lit = light_volume(setup.scene, geometry, effort, seed, variable, lights)
-        lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
-        live = np.flatnonzero(lit.geometry.volume.alive)
-        first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
-        told = compare(setup.scene, lit.geometry, *first, seed, *(() if static else (variable, lights[0])))
-        mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
-        kept[key] = lit, mix, told
-    return kept[key]
+    # The lights of a moving source are drawn from its variable.
+    arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed)
+    return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed), arguments)
+
+
+def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: int) -> Solved:
+    static = setup.light == "static"
+    variable = None if static else setup.variable
+    lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+    effort = preset.static_effort if static else preset.effort
+    lit = light_volume(setup.scene, geometry, effort, seed, variable, lights)
+    lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
+    live = np.flatnonzero(lit.geometry.volume.alive)
+    first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
+    told = compare(setup.scene, lit.geometry, *first, seed, *(() if static else (variable, lights[0])))
+    mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
+    return lit, mix, told
 
 
 def start(setup: FieldSetup, preset: str, seed: int) -> ProbesFit:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from lightwell.backend import dr, mi
 
 from .scene import Mesh, Scene
+from .scene_cache import Derived
 
 # A point is inside something, or behind the walls of a room, when more of its first hits than this are back faces.
 BACK_FACES = 0.25
@@ -108,11 +109,12 @@ class FreeAir:
         return free
 
 
+FREE_AIR = Derived[FreeAir]("scenes.free_air")
+
+
 def free_air(scene: Scene) -> FreeAir:
-    """The scene's ``FreeAir``, made once and kept with the scene as a cached property would be."""
-    if "_free_air" not in scene.__dict__:
-        scene.__dict__["_free_air"] = FreeAir(scene)
-    return scene.__dict__["_free_air"]
+    """The scene's ``FreeAir``, made once and kept in the scene's cache."""
+    return scene.cache.get(FREE_AIR, lambda: FreeAir(scene))
 
 
 def even_directions(count: int) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from lightwell.scenes.assemble_textures import LINEAR_OF_SRGB8
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene, Texture
+from lightwell.scenes.scene_cache import Derived
 
 # Smallest reflectance; the learned radiance is divided by it.
 MINIMUM_REFLECTANCE = 1e-3
@@ -123,11 +124,12 @@ class _Vertices:
     """[V, 3]; 1 where a mesh has none."""
 
 
+VERTICES = Derived[_Vertices]("scenes.vertices")
+
+
 def _vertices(scene: Scene) -> _Vertices:
-    """The concatenated meshes, kept with the scene as a cached property would be."""
-    if "_vertices" not in scene.__dict__:
-        scene.__dict__["_vertices"] = _concatenated(scene)
-    return scene.__dict__["_vertices"]
+    """The concatenated meshes, kept in the scene's cache."""
+    return scene.cache.get(VERTICES, lambda: _concatenated(scene))
 
 
 def _concatenated(scene: Scene) -> _Vertices:

@@ -14,8 +14,12 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.scenes.scene_cache import Derived, SceneCache
+
 # Reflectance of a dielectric with an index of refraction of 1.5 at normal incidence (glTF 2.0, appendix B).
 DIELECTRIC_F0 = 0.04
+
+BOUNDS = Derived[np.ndarray]("scene.bounds")
 
 
 @dataclass(frozen=True)
@@ -163,10 +167,15 @@ class Scene:
     """Path it was loaded from, or 'builtin:NAME'."""
     digest: str = ""
     """Hash of everything that changes the transport (file contents); identifies checkpoints."""
+    cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)
+    """What has been worked out from this scene; a scene that ``dataclasses.replace`` makes begins with none."""
 
-    @cached_property
+    @property
     def bounds(self) -> np.ndarray:
         """[2, 3] float64: smallest and largest corner of the geometry."""
+        return self.cache.get(BOUNDS, self._bounds)
+
+    def _bounds(self) -> np.ndarray:
         low = np.min([m.positions.min(axis=0) for m in self.meshes], axis=0)
         high = np.max([m.positions.max(axis=0) for m in self.meshes], axis=0)
         return np.stack([low, high]).astype(np.float64)

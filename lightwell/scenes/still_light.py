@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from lightwell.backend import mi
 from lightwell.scenes.scene import Scene
 
@@ -22,5 +24,4 @@ def with_lamp(scene: Scene, place) -> Scene:
 def _with(scene: Scene, emitter: dict) -> Scene:
     shapes = {f"mesh_{k:06d}": shape for k, shape in enumerate(scene.mi.shapes())}
     built = mi.load_dict({"type": "scene", **shapes, "still_light": emitter}, optimize=False)
-    kept = {name: getattr(scene, name) for name in Scene.__dataclass_fields__}
-    return Scene(**{**kept, "mi": built, "digest": f"{scene.digest}:{sorted(emitter)}"})
+    return replace(scene, mi=built, digest=f"{scene.digest}:{sorted(emitter)}")

@@ -11,6 +11,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import random_streams
@@ -112,11 +113,13 @@ def reject(
     return keep
 
 
+IS_ROOM = Derived[bool]("transport.is_room")
+WITNESSES = Derived[np.ndarray]("transport.witnesses")
+
+
 def room(scene: Scene) -> bool:
     """Whether the scene is a room rather than an outdoor place: most rays from points within it meet a surface."""
-    if "_is_room" not in scene.__dict__:
-        scene.__dict__["_is_room"] = _escape_share(scene) < ROOM_ESCAPE
-    return scene.__dict__["_is_room"]
+    return scene.cache.get(IS_ROOM, lambda: _escape_share(scene) < ROOM_ESCAPE)
 
 
 def _escape_share(scene: Scene) -> float:
@@ -133,18 +136,20 @@ def _escape_share(scene: Scene) -> float:
 
 def _witnesses(scene: Scene) -> np.ndarray:
     """[K, 3] cameras and lamps that stand in the air: at most half of what they see are wrong sides."""
-    if "_witnesses" not in scene.__dict__:
-        places = witnesses(scene)
-        lane = dr.arange(mi.UInt32, len(places) * ROOM_RAYS)
-        if len(places):
-            rng = random_streams(mi.UInt32(2), lane, mi.UInt32(0))
-            d = mi.warp.square_to_uniform_sphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
-            ray = mi.Ray3f(dr.gather(mi.Point3f, upload(mi.Point3f, places), lane // ROOM_RAYS), d)
-            pi = scene.mi.ray_intersect_preliminary(ray)
-            right = ~pi.is_valid() | right_side(scene, air_sides(scene), pi, ray)
-            places = places[np.array(right, bool).reshape(-1, ROOM_RAYS).mean(axis=1) >= 0.5]
-        scene.__dict__["_witnesses"] = places
-    return scene.__dict__["_witnesses"]
+    return scene.cache.get(WITNESSES, lambda: _checked_witnesses(scene))
+
+
+def _checked_witnesses(scene: Scene) -> np.ndarray:
+    places = witnesses(scene)
+    if not len(places):
+        return places
+    lane = dr.arange(mi.UInt32, len(places) * ROOM_RAYS)
+    rng = random_streams(mi.UInt32(2), lane, mi.UInt32(0))
+    d = mi.warp.square_to_uniform_sphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
+    ray = mi.Ray3f(dr.gather(mi.Point3f, upload(mi.Point3f, places), lane // ROOM_RAYS), d)
+    pi = scene.mi.ray_intersect_preliminary(ray)
+    right = ~pi.is_valid() | right_side(scene, air_sides(scene), pi, ray)
+    return places[np.array(right, bool).reshape(-1, ROOM_RAYS).mean(axis=1) >= 0.5]
 
 
 def air_sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:

@@ -19,6 +19,7 @@ import numpy as np
 
 from lightwell.files import flush, write_atomically
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
 from lightwell.transport.air import Rejection
 from lightwell.transport.collect import collect
@@ -32,6 +33,8 @@ VERSION = 1
 # Finding points that see air costs as much as tracing their light, so that this many shards draw their points from one
 # pool of POOL_SIZE shards' points. Lights and paths are fresh in every shard.
 POOL_SHARDS, POOL_SIZE = 8, 2
+# Pools that a scene keeps: those of both roles, area-uniform and adaptive shards.
+POOLS = Derived[SurfaceDraw]("transport.surface_pools", most=4)
 
 LightsFn = Callable[[int, int], np.ndarray]
 """(count, seed) -> [count, 3] positions of the light (directions of the sun)."""
@@ -128,12 +131,12 @@ def make_shard(
 
 def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceDraw:
     """Pool ``number`` of surface points, shared by area-uniform and adaptive shards; kept with the scene."""
-    pools = scene.__dict__.setdefault("_surface_pools", {})
-    key = (number, settings)
-    if key not in pools:
+
+    def draw() -> SurfaceDraw:
         seed = int(np.random.SeedSequence([settings.seed, number, 1]).generate_state(1)[0])
-        pools[key] = draw_surface(scene, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
-    return pools[key]
+        return draw_surface(scene, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
+
+    return scene.cache.get(POOLS, draw, (number, settings))
 
 
 def shard_seeds(settings: ShardSettings, index: int) -> tuple[int, int, int]:

@@ -7,11 +7,13 @@ normal (counter-clockwise vertices) points.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Mesh, Scene
+from lightwell.scenes.scene_cache import Derived
 
 # Vertices nearer than this share of a mesh's extent are one vertex when asking whether the mesh is closed.
 WELD = 1e-5
@@ -48,11 +50,13 @@ class SceneTables:
         return np.add.reduceat(np.append(self.area, 0.0), self.first[:-1]) * (np.diff(self.first) > 0)
 
 
+TABLES = Derived[SceneTables]("transport.tables")
+SHAPE_LOOKUP = Derived[Any]("transport.shape_lookup")
+
+
 def tables(scene: Scene) -> SceneTables:
     """The tables of a scene, built on first use and kept with it."""
-    if "_transport_tables" not in scene.__dict__:
-        scene.__dict__["_transport_tables"] = _build(scene)
-    return scene.__dict__["_transport_tables"]
+    return scene.cache.get(TABLES, lambda: _build(scene))
 
 
 def _build(scene: Scene) -> SceneTables:
@@ -120,12 +124,14 @@ def _is_shell(scene: Scene, index: int, orientation: int) -> bool:
 
 def shape_lookup(scene: Scene) -> mi.UInt32:
     """For ``shape_index``: mesh indices by Dr.Jit's instance number."""
-    if "_shape_lookup" not in scene.__dict__:
-        ids = np.array(dr.reinterpret_array(mi.UInt32, scene.mi.shapes_dr()))
-        lookup = np.zeros(int(ids.max()) + 1, np.uint32)
-        lookup[ids] = np.arange(len(ids))
-        scene.__dict__["_shape_lookup"] = mi.UInt32(lookup)
-    return scene.__dict__["_shape_lookup"]
+    return scene.cache.get(SHAPE_LOOKUP, lambda: _shape_lookup(scene))
+
+
+def _shape_lookup(scene: Scene) -> mi.UInt32:
+    ids = np.array(dr.reinterpret_array(mi.UInt32, scene.mi.shapes_dr()))
+    lookup = np.zeros(int(ids.max()) + 1, np.uint32)
+    lookup[ids] = np.arange(len(ids))
+    return mi.UInt32(lookup)
 
 
 def shape_index(lookup: mi.UInt32, shape: mi.ShapePtr) -> mi.UInt32:

@@ -10,6 +10,7 @@ method on the active points; ``refine`` polishes with the clip itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -212,23 +213,23 @@ class _Points:
         return miss, (self.low & (miss < 0)) | (self.high & (miss > 0))
 
 
-# (side, points) → interpolation matrix [Q, G³] and its products of pairs of columns [G⁶, Q].
-_KEPT: dict[tuple[int, bytes], tuple[np.ndarray, csr_matrix]] = {}
-
-
 def _operators(side: int, layout: Pattern) -> tuple[np.ndarray, csr_matrix]:
-    """What every fit on a pattern shares."""
-    key = (side, layout.u.tobytes())
-    if key not in _KEPT:
-        field = ReluField(side)
-        vertex, weight = field.corners(layout.u)
-        product = (weight[:, :, None] * weight[:, None, :]).reshape(len(vertex), -1)
-        cell = (vertex[:, :, None] * field.parameters + vertex[:, None, :]).reshape(len(vertex), -1)
-        column = np.repeat(np.arange(len(vertex)), 64)
-        shape = (field.parameters**2, len(vertex))
-        pairs = csr_matrix((product.ravel().astype(np.float32), (cell.ravel(), column)), shape=shape)
-        _KEPT[key] = field.matrix(layout.u), pairs
-    return _KEPT[key]
+    """What every fit on a pattern shares: interpolation matrix [Q, G³], products of pairs of its columns [G⁶, Q]."""
+    return _operators_at(side, layout.u.tobytes(), layout.u.dtype.str)
+
+
+# Patterns are of two sizes (lattice and bricks), functions of two sides.
+@lru_cache(maxsize=4)
+def _operators_at(side: int, places: bytes, kind: str) -> tuple[np.ndarray, csr_matrix]:
+    """``places``: bytes of [Q, 3] numbers of type ``kind``."""
+    field, u = ReluField(side), np.frombuffer(places, kind).reshape(-1, 3)
+    vertex, weight = field.corners(u)
+    product = (weight[:, :, None] * weight[:, None, :]).reshape(len(vertex), -1)
+    cell = (vertex[:, :, None] * field.parameters + vertex[:, None, :]).reshape(len(vertex), -1)
+    column = np.repeat(np.arange(len(vertex)), 64)
+    shape = (field.parameters**2, len(vertex))
+    pairs = csr_matrix((product.ravel().astype(np.float32), (cell.ravel(), column)), shape=shape)
+    return field.matrix(u), pairs
 
 
 def encode(params: np.ndarray) -> np.ndarray:
