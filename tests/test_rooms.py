@@ -12,6 +12,7 @@ ALLOWED = {
     "files": {"limits"},
     "core": {"limits", "files"},
     "backend": set(),
+    "exr": {"isolated", "limits"},
     "isolated": set(),
     "packer": set(),
     "scenes": {"limits", "backend", "isolated", "packer"},
@@ -26,7 +27,7 @@ ALLOWED = {
     "asset": {"limits", "files", "graph", "scenes"},
     "report": {"files", "asset"},
     "doctor": {"backend"},
-    "lens": {"limits", "limit_arguments", "files", "backend", "isolated"},
+    "lens": {"limits", "limit_arguments", "files", "exr", "backend"},
     "serve": set(),
     "bake": {
         "limits",

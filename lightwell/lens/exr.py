@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from lightwell.exr import DecodedPart, ExrError, Part, decode_parts, read_header
 from lightwell.files import whole_file
 from lightwell.lens.errors import LensError
-
-# Largest window that is read, pixels, and most samples of a deep file.
-MOST_PIXELS, MOST_SAMPLES = 1 << 27, 1 << 27
+from lightwell.limits import Limits
 
 
 @dataclass
@@ -24,75 +24,75 @@ class Channels:
     """x0, y0, width and height of the arrays within the display window's coordinates."""
     display: tuple[int, int, int, int]
     """x0, y0, width and height of the picture that is shown."""
-    deep: dict[str, np.ndarray] = field(default_factory=dict)
-    """Deep channel name to an object array [height, width] of samples or None."""
+    deep: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    """Deep channel name to the number of samples of each pixel [height, width] and all samples in their order."""
 
 
-def _open(path: Path, header_only: bool = False):
-    try:
-        import OpenEXR
-    except ImportError:
-        raise LensError("lens: EXR files need the package OpenEXR; run: pip install OpenEXR") from None
+def read(path: str | Path, view: str | None = None, limits: Limits | None = None) -> Channels:
+    """Read all channels of one view on the union of their data windows; pixels outside a part's own window are 0.
+
+    Args:
+        path: An EXR file: scan lines, tiles, several parts, or deep.
+        view: Name of a view; default the first one of the file.
+        limits: Limits on what the file may ask for; default ``Limits()``.
+
+    Raises:
+        LensError: The file is missing, damaged or no EXR, exceeds a limit, or lacks the view.
+    """
+    path = Path(path)
     if not path.is_file():
         raise LensError(f"lens: no file {path}; name an EXR or PNG picture")
+    limits = limits or Limits()
+    budget = limits.budget(f"lens: {path}", LensError)
     try:
-        return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise LensError(f"lens: cannot read {path} as EXR ({reason}); render or export it again") from None
-
-
-def _box(window) -> tuple[int, int, int, int]:
-    low, high = ([int(v) for v in corner] for corner in window)
-    return low[0], low[1], high[0] - low[0] + 1, high[1] - low[1] + 1
-
-
-def read(path: str | Path, view: str | None = None) -> Channels:
-    """All channels of one view on the union of their data windows; pixels outside a part's own window are 0."""
-    path = Path(path)
-    headers = _open(path, header_only=True).parts
-    boxes = [_box(part.header["dataWindow"]) for part in headers]
-    for box in boxes:
-        if box[2] <= 0 or box[3] <= 0 or box[2] * box[3] > MOST_PIXELS:
-            raise LensError(f"lens: {path} has a window of {box[2]}x{box[3]} pixels; at most {MOST_PIXELS} are read")
-    views = [_view(part) for part in headers]
-    known = list(dict.fromkeys(v for v in views if v))
-    if view is not None and view not in known:
-        raise LensError(f"lens: {path} has no view {view!r}; it has {', '.join(known) or 'none'}")
-    wanted = view or (known[0] if known else None)
-    chosen = [i for i, v in enumerate(views) if not v or v == wanted]
-    x0, y0 = min(boxes[i][0] for i in chosen), min(boxes[i][1] for i in chosen)
-    x1 = max(boxes[i][0] + boxes[i][2] for i in chosen)
-    y1 = max(boxes[i][1] + boxes[i][3] for i in chosen)
-    if (x1 - x0) * (y1 - y0) > MOST_PIXELS:
-        raise LensError(f"lens: {path} has parts that lie far apart; export them with one window")
-    display = _box(headers[chosen[0]].header["displayWindow"])
-    found = Channels({}, (x0, y0, x1 - x0, y1 - y0), display)
-    parts = _open(path).parts
-    for i in chosen:
-        _collect(found, parts[i], boxes[i], len(chosen) > 1)
+        headers = read_header(path, budget)
+        chosen = _chosen(path, headers, view)
+        window = _union([headers[i].window for i in chosen])
+        display = headers[chosen[0]].display
+        _, _, width, height = _union([window, display])
+        together = "data windows and display window together"
+        budget.check("picture_edge", max(width, height), together)
+        budget.check("picture_texels", width * height, together)
+        channels = sum(len(headers[i].channels) for i in chosen)
+        budget.check("decoded_bytes", 4 * width * height * channels, together)
+        parts = decode_parts(path, headers, chosen, limits.seconds)
+    except ExrError as error:
+        raise LensError(f"lens: cannot read {path} as EXR ({error}); render or export it again") from None
+    found = Channels({}, window, display)
+    for part in parts:
+        _collect(found, part, len(chosen) > 1)
     return found
 
 
-def _view(part) -> str:
-    value = part.header.get("view")
-    return value if isinstance(value, str) else ""
+def _chosen(path: Path, headers: Sequence[Part], view: str | None) -> list[int]:
+    """Indices of the parts of a view, and of those that belong to none."""
+    known = list(dict.fromkeys(part.view for part in headers if part.view))
+    if view is not None and view not in known:
+        raise LensError(f"lens: {path} has no view {view!r}; it has {', '.join(known) or 'none'}")
+    wanted = view or (known[0] if known else None)
+    return [i for i, part in enumerate(headers) if not part.view or part.view == wanted]
 
 
-def _collect(found: Channels, part, box, several: bool) -> None:
+def _union(windows: Sequence[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
+    """The smallest window around several: x0, y0, width, height."""
+    x0, y0 = min(w[0] for w in windows), min(w[1] for w in windows)
+    return x0, y0, max(w[0] + w[2] for w in windows) - x0, max(w[1] + w[3] for w in windows) - y0
+
+
+def _collect(found: Channels, part: DecodedPart, several: bool) -> None:
     """Put the channels of one part in place."""
     x0, y0, width, height = found.window
-    prefix = part.name() if callable(getattr(part, "name", None)) else ""
-    at = slice(box[1] - y0, box[1] - y0 + box[3]), slice(box[0] - x0, box[0] - x0 + box[2])
-    for name, channel in part.channels.items():
-        pixels = channel.pixels
+    left, top, across, down = part.header.window
+    at = slice(top - y0, top - y0 + down), slice(left - x0, left - x0 + across)
+    prefix = part.header.name
+    for name, pixels in {**part.flat, **part.deep}.items():
         full = f"{prefix}.{name}" if several and prefix and "." not in name and name not in "RGBA" else name
         full = full if full not in found.names else f"{prefix}.{name}"
-        if pixels.dtype == object:
-            whole = np.full((height, width), None, object)
-            whole[at] = pixels
-            found.deep[full] = whole
-        elif pixels.shape == (box[3], box[2]):
+        if isinstance(pixels, tuple):
+            counts = np.zeros((height, width), np.int32)
+            counts[at] = pixels[0]
+            found.deep[full] = counts, pixels[1]
+        else:
             plane = np.zeros((height, width), np.float32)
             plane[at] = pixels
             found.names[full] = plane
@@ -129,12 +129,11 @@ def flatten_deep(found: Channels, layers: int) -> list[tuple[np.ndarray, np.ndar
     gives its own coverage back when both are composited, so that no surface shows a seam. Within a layer samples are
     composited front to back and their depth is the coverage-weighted mean.
     """
-    rgba_name = next((n for n in found.deep if n.endswith("RGBA") or n.endswith("RGB")), None)
     depth_name = next((n for n in found.deep if n.split(".")[-1] == "Z"), None)
     if depth_name is None:
         raise LensError(f"lens: deep file without a channel Z; it has {', '.join(found.deep)}")
-    pixel, z, rgba = _deep_samples(found, rgba_name, depth_name)
-    height, width = found.deep[depth_name].shape
+    pixel, z, rgba = _deep_samples(found, depth_name)
+    height, width = found.deep[depth_name][0].shape
     cuts, soft = _deep_cuts(1 / z, layers)
     made, taken = [], np.zeros_like(z)
     for cut in [*cuts, None]:
@@ -162,27 +161,19 @@ def _deep_cuts(inverse: np.ndarray, layers: int) -> tuple[list[float], float]:
     return sorted(cuts, reverse=True), soft
 
 
-def _deep_samples(found: Channels, rgba_name: str | None, depth_name: str):
+def _deep_samples(found: Channels, depth_name: str):
     """Pixel index [n], depth [n] and premultiplied colour [n, 4] of all samples, sorted by pixel, then depth."""
-    depth = found.deep[depth_name].ravel()
-    counts = np.array([0 if d is None else len(d) for d in depth], np.int64)
-    if counts.sum() > MOST_SAMPLES:
-        raise LensError(f"lens: a deep file of {counts.sum()} samples; at most {MOST_SAMPLES} are read")
-    pixel = np.repeat(np.arange(len(depth)), counts)
-    z = np.concatenate([np.ravel(d) for d in depth if d is not None and len(d)]).astype(np.float32)
-    if rgba_name is not None:
-        colours = found.deep[rgba_name].ravel()
-        rgba = np.concatenate([c for c in colours if c is not None and len(c)]).astype(np.float32)
-        if rgba.shape[1] == 3:
-            rgba = np.concatenate([rgba, np.ones((len(rgba), 1), np.float32)], 1)
-    else:
-        rgba = np.zeros((len(z), 4), np.float32)
-        rgba[:, 3] = 1
-        for i, name in enumerate("RGBA"):
-            key = next((n for n in found.deep if n.split(".")[-1] == name), None)
-            if key is not None:
-                values = [np.ravel(c) for c in found.deep[key].ravel() if c is not None and len(c)]
-                rgba[:, i] = np.concatenate(values)
+    counts, z = found.deep[depth_name]
+    pixel = np.repeat(np.arange(counts.size), counts.ravel())
+    rgba = np.zeros((len(z), 4), np.float32)
+    rgba[:, 3] = 1
+    for i, name in enumerate("RGBA"):
+        key = next((n for n in found.deep if n.split(".")[-1] == name), None)
+        if key is None:
+            continue
+        if not np.array_equal(found.deep[key][0], counts):
+            raise LensError(f"lens: deep channels {key} and {depth_name} differ in their samples; use one deep part")
+        rgba[:, i] = found.deep[key][1]
     good = np.isfinite(z) & (z > 0) & np.isfinite(rgba).all(1)
     order = np.lexsort((z[good], pixel[good]))
     return pixel[good][order], z[good][order], rgba[good][order]

@@ -1,0 +1,99 @@
+"""The checks of an EXR file before it is decoded: windows against limits, chunks against the file's length."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.exr.header import CHUNK_LINES, MOST_HEADER, PIXEL_BYTES, ExrError, Header, Part, parse_header
+from lightwell.limits import Budget
+
+# Bytes that an entry of the table takes; those of the numbers that follow the coordinates of a chunk.
+OFFSET, FLAT_SIZE, DEEP_SIZES = 8, 4, 24
+# A compressed chunk is no longer than a raw one, for codecs with a header of their own by no more than this, bytes.
+CODEC_OVERHEAD = 1 << 16
+
+
+# Memory that OpenEXR for Python takes for each pixel of a deep channel beside its samples: an array object, bytes.
+DEEP_PIXEL = 120
+
+
+def read_header(path: str | Path, budget: Budget) -> tuple[Part, ...]:
+    """Read and check the headers of a file and its chunk offset tables.
+
+    Args:
+        path: An existing file.
+        budget: Charged with file bytes, texels and decoded bytes (float32 channels, deep samples).
+
+    Returns:
+        The parts, in the order of the file.
+
+    Raises:
+        ExrError: The file is damaged or no EXR.
+        ValueError: A limit is exceeded (the class that ``budget`` raises).
+    """
+    size = Path(path).stat().st_size
+    budget.charge("file_bytes", size)
+    with open(path, "rb") as file:
+        header = parse_header(file.read(MOST_HEADER), size)
+    for part in header.parts:
+        _charge(part, budget)
+    _check_chunks(Path(path), header, size, budget)
+    return header.parts
+
+
+def _charge(part: Part, budget: Budget) -> None:
+    _, _, width, height = part.window
+    budget.check_picture(width, height, f"part '{part.name}'" if part.name else "data window")
+    budget.charge("decoded_bytes", memory_of(part), "channels")
+
+
+def memory_of(part: Part) -> int:
+    """Bytes of a part's decoded channels, without the samples of deep ones."""
+    each = DEEP_PIXEL if part.deep else np.dtype(np.float32).itemsize
+    return each * part.window[2] * part.window[3] * len(part.channels)
+
+
+def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None:
+    """Check the tables, which follow the header, of a file of ``size`` bytes."""
+    at = header.length
+    end = at + OFFSET * sum(part.chunks for part in header.parts)
+    if end > size:
+        raise ExrError("the file ends inside its chunk offset table")
+    data = np.memmap(path, np.uint8, "r")
+    for number, part in enumerate(header.parts):
+        offsets = data[at : at + OFFSET * part.chunks].view("<u8")
+        at += OFFSET * part.chunks
+        if not offsets.all():
+            raise ExrError("it was not written to its end")
+        lead = 4 * header.multipart
+        head = lead + (16 if part.tiles else 4) + (DEEP_SIZES if part.deep else FLAT_SIZE)
+        if (offsets < end).any() or (offsets > size - head).any():
+            raise ExrError("the file ends early, or its chunk offset table is damaged")
+        heads = data[offsets.astype(np.int64)[:, None] + np.arange(head)]
+        if header.multipart and (heads[:, :4].copy().view("<i4") != number).any():
+            raise ExrError("its chunk offset table is damaged")
+        _check_lengths(part, heads, size - offsets.astype(np.int64) - head, budget)
+
+
+def _check_lengths(part: Part, heads: np.ndarray, left: np.ndarray, budget: Budget) -> None:
+    """``heads`` [C, bytes] begin the chunks; ``left`` [C] is what the file holds after them, bytes."""
+    if part.deep:
+        table, packed, unpacked = heads[:, -DEEP_SIZES:].copy().view("<u8").T
+        # Sizes over the file's length would wrap around in a sum.
+        if (table > left).any() or (packed > left).any() or (table + packed > left).any():
+            raise ExrError("the file ends early: a chunk reaches past its end")
+        budget.charge("decoded_bytes", sum(unpacked.tolist()), "deep samples")
+        return
+    packed = heads[:, -FLAT_SIZE:].copy().view("<i4")[:, 0].astype(np.int64)
+    if (packed > left).any():
+        raise ExrError("the file ends early: a chunk reaches past its end")
+    if (packed <= 0).any() or (packed > _raw_bytes(part) + CODEC_OVERHEAD).any():
+        raise ExrError("a chunk has a length that is none")
+
+
+def _raw_bytes(part: Part) -> int:
+    """Bytes of a whole chunk without compression."""
+    pixels = part.tiles.width * part.tiles.height if part.tiles else part.window[2] * CHUNK_LINES[part.compression]
+    return pixels * sum(PIXEL_BYTES[channel.pixel_type] for channel in part.channels)
