@@ -74,7 +74,7 @@ def is_software(info: dict) -> bool:
 
 def untrained(field: str, preset: str) -> Graph:
     """The graph of a field that has seen a few samples of the Cornell box: its cost is that of a trained one."""
-    from lightwell.bake.tracing import validation_samples
+    from lightwell.baking.tracing import validation_samples
     from lightwell.fields import FieldSetup, radiance_unit, starter
     from lightwell.scenes import load
     from lightwell.scenes.variables import declare

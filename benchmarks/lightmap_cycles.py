@@ -14,7 +14,7 @@ from rows import Row, at_least
 
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
-from lightwell.bake.lightmap_trace import chart
+from lightwell.baking.lightmap_trace import chart
 from lightwell.fields.lightmap import PRESETS, LightmapFit
 from lightwell.fields.lightmap_graph import stored
 from lightwell.graph.pictures import encode

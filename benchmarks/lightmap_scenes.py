@@ -14,13 +14,13 @@ from time import perf_counter
 import numpy as np
 from rows import Row, at_least, at_most, without_bar
 
-from lightwell.bake.evaluate import Baked
-from lightwell.bake.lightmap import STARTS, base_picture, fitted, sample_unit
-from lightwell.bake.lightmap_bytes import CODECS
-from lightwell.bake.lightmap_score import compare_camera
-from lightwell.bake.lightmap_seams import SHARE, seam_gap, seam_samples
-from lightwell.bake.lightmap_size import roomy_atlas
-from lightwell.bake.lightmap_trace import (
+from lightwell.baking.evaluate import Baked
+from lightwell.baking.lightmap import STARTS, base_picture, fitted, sample_unit
+from lightwell.baking.lightmap_bytes import CODECS
+from lightwell.baking.lightmap_score import compare_camera
+from lightwell.baking.lightmap_seams import SHARE, seam_gap, seam_samples
+from lightwell.baking.lightmap_size import roomy_atlas
+from lightwell.baking.lightmap_trace import (
     Chart,
     EyeSamples,
     Sides,

@@ -77,7 +77,7 @@ def page_rows(quick: bool = False) -> list[Row]:
     """The same of a page that is baked for it: what a pixel costs depends on the form of the network alone."""
     import tempfile
 
-    from lightwell.bake import BakeSettings, Budget, bake
+    from lightwell.baking import BakeSettings, Budget, bake
 
     with tempfile.TemporaryDirectory() as folder:
         small = {"size": 256, "mips": 0, "paths": 4, "shards": 1, "steps": 50, "views": 1, "view_size": (48, 30)}

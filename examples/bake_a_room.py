@@ -6,7 +6,7 @@ The counts below keep it short; the result shows how the parts fit together, not
 import sys
 from pathlib import Path
 
-from lightwell.bake import BakeSettings, bake
+from lightwell.baking import BakeSettings, bake
 
 settings = BakeSettings(
     scene="two-rooms",

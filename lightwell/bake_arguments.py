@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lightwell.bake.settings import BakeSettings
+    from lightwell.baking.settings import BakeSettings
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -76,8 +76,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def settings(arguments: argparse.Namespace) -> BakeSettings:
     """What the options say, checked."""
-    from lightwell.bake.lightmap_bytes import parse_bytes
-    from lightwell.bake.settings import BakeSettings, Budget, metres
+    from lightwell.baking.lightmap_bytes import parse_bytes
+    from lightwell.baking.settings import BakeSettings, Budget, metres
 
     budget = Budget.parse(arguments.budget) if arguments.budget else Budget()
     return BakeSettings(

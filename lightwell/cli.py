@@ -99,8 +99,8 @@ def _add_bake(verbs) -> None:
 
 
 def _bake(arguments) -> int:
-    from lightwell.bake import bake
-    from lightwell.bake.progress import Progress
+    from lightwell.baking import bake
+    from lightwell.baking.progress import Progress
 
     progress = Progress(quiet=arguments.json)
     if arguments.rebake or arguments.box:
@@ -113,7 +113,7 @@ def _bake(arguments) -> int:
 
 
 def _rebake(arguments, progress):
-    from lightwell.bake.probes_rebake import parse_box, rebake
+    from lightwell.baking.probes_rebake import parse_box, rebake
 
     if not (arguments.rebake and arguments.box):
         raise ValueError("bake: --rebake OLD and --box x0,y0,z0,x1,y1,z1 belong together; give both")
@@ -207,7 +207,7 @@ def _live(arguments) -> int:
 
 
 def _render(arguments) -> int:
-    from lightwell.bake.picture import parse_size, render_picture
+    from lightwell.baking.picture import parse_size, render_picture
 
     if arguments.integrator == "nrc":
         from lightwell.cache.command import run_render
@@ -286,7 +286,7 @@ def _add_compare(verbs) -> None:
 def _compare(arguments) -> int:
     if arguments.fields is not None:
         return _compare_fields(arguments)
-    from lightwell.bake.compare import comparison, table
+    from lightwell.baking.compare import comparison, table
 
     if arguments.out:
         raise ValueError("compare: -o needs --fields; name the fields to train, for example --fields mlp,mlp:report-20")
@@ -296,10 +296,10 @@ def _compare(arguments) -> int:
 
 
 def _compare_fields(arguments) -> int:
-    from lightwell.bake.compare_fields import compare_fields, table
-    from lightwell.bake.compare_settings import CompareSettings, parse_fields
-    from lightwell.bake.progress import Progress
-    from lightwell.bake.settings import Budget
+    from lightwell.baking.compare_fields import compare_fields, table
+    from lightwell.baking.compare_settings import CompareSettings, parse_fields
+    from lightwell.baking.progress import Progress
+    from lightwell.baking.settings import Budget
 
     if len(arguments.targets) != 1:
         raise ValueError(f"compare: --fields wants one scene, not {len(arguments.targets)}; name it once")
@@ -326,7 +326,7 @@ def _add_info(verbs) -> None:
 
 
 def _info(arguments) -> int:
-    from lightwell.bake.information import describe
+    from lightwell.baking.information import describe
 
     facts = describe(arguments.path)
     if arguments.json:

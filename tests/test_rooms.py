@@ -21,7 +21,7 @@ ALLOWED = {
     "transport": {"limits", "files", "backend", "scenes"},
     "probes": {"limits", "files", "backend", "scenes", "transport", "graph"},
     "fields": {"files", "backend", "scenes", "transport", "networks", "graph", "probes"},
-    "bake_arguments": {"limit_arguments", "bake"},
+    "bake_arguments": {"limit_arguments", "baking"},
     "cache_arguments": {"limit_arguments"},
     "cache": {"limits", "limit_arguments", "files", "backend", "scenes", "transport", "networks", "graph"},
     "asset": {"limits", "files", "graph", "scenes"},
@@ -29,7 +29,7 @@ ALLOWED = {
     "doctor": {"backend"},
     "lens": {"limits", "limit_arguments", "files", "exr", "backend"},
     "serve": set(),
-    "bake": {
+    "baking": {
         "limits",
         "files",
         "backend",
@@ -46,7 +46,7 @@ ALLOWED = {
         "limit_arguments",
         "files",
         "asset",
-        "bake",
+        "baking",
         "bake_arguments",
         "cache",
         "cache_arguments",

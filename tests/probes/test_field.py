@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightwell.bake.probes_rebake import parse_box
+from lightwell.baking.probes_rebake import parse_box
 from lightwell.fields import FieldSetup
 from lightwell.fields.probes import PRESETS, ProbesFit, fit_of
 from lightwell.fields.probes_baked import BakedProbes, Shown

@@ -1,0 +1,30 @@
+"""An error budget works in rounds: it stops when the error is met, and gives up with a word when it is not."""
+
+from lightwell.baking import Budget, bake, rounds
+from lightwell.baking.progress import Progress
+
+from .conftest import small
+
+
+class Heard(Progress):
+    """Silent bars; keeps what was said."""
+
+    def __init__(self):
+        super().__init__(quiet=True)
+        self.said = []
+
+    def say(self, text):
+        self.said.append(text)
+
+
+def test_a_goal_that_is_met_ends_after_the_first_round(tmp_path):
+    report = bake(small(tmp_path, views=1, steps=20, budget=Budget(None, 50.0)))
+    assert report["settings"]["plans"]["indirect"]["steps"] == 20
+
+
+def test_a_goal_that_is_not_met_takes_more_rounds_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(rounds, "MOST_ROUNDS", 2)
+    heard = Heard()
+    report = bake(small(tmp_path, views=1, steps=20, budget=Budget(None, 1e-6)), heard)
+    assert report["settings"]["plans"]["indirect"]["steps"] > 20
+    assert any("rounds, asked for" in text for text in heard.said)

@@ -1,0 +1,238 @@
+"""Several fields on the same samples: what is written, that its numbers are those of the assets, and its refusals."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lightwell.baking.compare_fields as pipeline
+from lightwell.asset.read import read_fields
+from lightwell.baking import evaluate
+from lightwell.baking.compare_fields import compare_fields, table
+from lightwell.baking.compare_settings import CompareSettings, parse_fields
+from lightwell.baking.compare_train import Clock
+from lightwell.baking.cost import compressed_bytes
+from lightwell.baking.effort import Effort
+from lightwell.baking.settings import Budget
+from lightwell.baking.truth import trace_points, trace_view
+from lightwell.baking.work import FOLDER
+from lightwell.cli import main
+from lightwell.report import metrics
+from lightwell.scenes import load
+from lightwell.scenes.variables import declare
+
+FIELDS = "mlp:small,mlp:report-20"
+ROOT = Path(__file__).parents[2]
+# A child process that compares until it is killed.
+CHILD = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from tests.baking.test_compare import compare_fields, small
+compare_fields(small(Path(sys.argv[2])))
+"""
+
+
+def small(out, **changes) -> CompareSettings:
+    """Settings of a comparison that takes seconds."""
+    settings = {
+        "scene": "cornell",
+        "out": out,
+        "fields": parse_fields(FIELDS),
+        "shards": 2,
+        "steps": 20,
+        "paths": 8,
+        "lights_per_shard": 32,
+        "views": 2,
+        "view_size": (48, 32),
+    }
+    return CompareSettings(**(settings | changes))
+
+
+def watched(patch, broken: str = "", error: BaseException | None = None) -> list[str]:
+    """The names of the fields that are trained from now on; training the ``broken`` one raises ``error``."""
+    train, trained = pipeline.train_field, []
+
+    def watch(choice, *rest):
+        trained.append(choice.name)
+        if choice.name == broken:
+            raise error
+        return train(choice, *rest)
+
+    patch.setattr(pipeline, "train_field", watch)
+    return trained
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """(folder, numbers) of a comparison of two fields."""
+    out = tmp_path_factory.mktemp("compare") / "out"
+    return out, compare_fields(small(out))
+
+
+def test_all_files_are_written_and_nothing_else(compared):
+    out, numbers = compared
+    assert sorted(p.name for p in out.iterdir()) == ["compare.html", "compare.json", "mlp-report-20", "mlp-small"]
+    for field in numbers["fields"]:
+        names = sorted(p.name for p in (out / field["folder"]).iterdir())
+        assert names == ["index.html", "report.html", "report.json", "scene.glb"]
+    assert json.loads((out / "compare.json").read_text()) == numbers
+
+
+def test_every_field_saw_the_same_samples(compared):
+    _, numbers = compared
+    assert [field["name"] for field in numbers["fields"]] == ["mlp:small", "mlp:report-20"]
+    assert numbers["settings"]["samples"] == 2 * 32 * 128 and numbers["paths"] == 2 * 32 * 128 * 8
+    assert {field["steps"] for field in numbers["fields"]} == {20} and not numbers["failed"]
+    assert all(field["noise_floor"] == numbers["noise_floor"] for field in numbers["fields"])
+
+
+def test_the_numbers_are_those_of_the_assets(compared):
+    """Traced and scored again from scene.glb alone: the same error, PSNR and cost."""
+    out, numbers = compared
+    scene = load("cornell")
+    variable, effort = declare((), scene), Effort(**numbers["settings"]["effort"])
+    truth = trace_points(scene, variable, ("indirect",), effort, 0)["indirect"]
+    camera, light = evaluate.views_and_lights(scene, variable, 2, 0)[0]
+    view = trace_view(scene, variable, camera, light, ("indirect",), (48, 32), effort.pixel_paths)
+    for field in numbers["fields"]:
+        graph = read_fields(out / field["folder"] / "scene.glb")[0][0].graph
+        baked, unit = evaluate.Baked(graph), numbers["unit"]
+        y = 0.5 * (truth.half_a + truth.half_b) / unit
+        error = metrics.relative_error(baked(truth.query) / unit, y, truth.weight)
+        assert error.mean == pytest.approx(field["relative_error"], rel=1e-4)
+        assert error.p95 == pytest.approx(field["relative_error_p95"], rel=1e-3)
+        pictures = np.zeros((2, 32 * 48, 3))
+        pictures[:, view.seen] = baked(view.query) / unit, 0.5 * (view.half_a + view.half_b) / unit
+        psnr = metrics.psnr_db(*pictures.reshape(2, 32, 48, 3))
+        assert psnr == pytest.approx(field["per_view"][0]["psnr_db"], abs=1e-2)
+        cost = (graph.nbytes, graph.macs, graph.fetches, graph.parameters, compressed_bytes(graph))
+        keys = ("bytes", "macs_per_pixel", "fetches_per_pixel", "parameters", "compressed_bytes")
+        assert cost == tuple(field[key] for key in keys)
+
+
+def test_a_field_of_a_comparison_is_a_bake(compared, capsys):
+    """`view`, `info` and the other form of `compare` take its folder."""
+    out, numbers = compared
+    folders = [str(out / field["folder"]) for field in numbers["fields"]]
+    assert main(["compare", *folders, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["relative_error"] for row in rows] == [field["relative_error"] for field in numbers["fields"]]
+    assert main(["info", folders[0]]) == 0
+    assert 'id="lightwell-asset"' in (out / "mlp-small/index.html").read_text()
+
+
+def test_the_table_is_sorted_by_error(compared):
+    _, numbers = compared
+    errors = sorted(field["relative_error"] for field in numbers["fields"])
+    lines = table(numbers["fields"]).splitlines()
+    assert len(lines) == 3 and f"{errors[0]:.2%}" in lines[1]
+
+
+def test_other_fields_join_a_kept_comparison(tmp_path, monkeypatch):
+    """With --keep, --resume trains only the new field, on the samples that are there."""
+    first = compare_fields(small(tmp_path, fields=parse_fields("mlp:small"), keep=True))
+    import lightwell.baking.compare_fields as module
+
+    trained = []
+    train = module.train_field
+    monkeypatch.setattr(
+        module, "train_field", lambda choice, *rest: trained.append(choice.name) or train(choice, *rest)
+    )
+    again = compare_fields(small(tmp_path, keep=True, resume=True))
+    assert trained == ["mlp:report-20"]
+    assert again["fields"][0]["relative_error"] == first["fields"][0]["relative_error"]
+    assert again["trace_seconds"] == pytest.approx(first["trace_seconds"], abs=1.0)
+
+
+def test_killed_and_resumed(tmp_path, compared, monkeypatch):
+    """kill -9 after the first field: it is not trained again, and the end is that of a comparison never killed."""
+    child = subprocess.Popen([sys.executable, "-c", CHILD, str(ROOT), str(tmp_path)], stderr=subprocess.PIPE)
+    done, end = tmp_path / FOLDER / "fields/mlp-small/done.json", time.monotonic() + 300
+    while not done.exists():
+        assert child.poll() is None and time.monotonic() < end, child.stderr.read().decode()
+        time.sleep(0.02)
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    assert not (tmp_path / "compare.json").exists()
+    trained = watched(monkeypatch)
+    numbers = compare_fields(small(tmp_path, resume=True))
+    assert "mlp:small" not in trained
+    for field in numbers["fields"]:
+        # The truth's effort depends on the machine's speed at that moment; the learned light does not.
+        paths = (root / field["folder"] / "scene.glb" for root in (tmp_path, compared[0]))
+        a, b = (read_fields(path)[0][0].graph.buffers for path in paths)
+        assert a.keys() == b.keys() and all(np.array_equal(a[k].array, b[k].array) for k in a)
+
+
+def test_interrupted_by_the_keyboard(tmp_path, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "shared_samples", interrupted)
+    assert main(["compare", "--fields", "mlp", "cornell", "-o", str(tmp_path), "--json"]) == 130
+    assert "--resume" in capsys.readouterr().err
+
+
+def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
+    watched(monkeypatch, "mlp:report-20", RuntimeError("train: loss nan at step 3 is not finite"))
+    numbers = compare_fields(small(tmp_path, views=1))
+    assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]
+    assert "not finite" in numbers["failed"]["mlp:report-20"]
+    assert "mlp:report-20 failed" in (tmp_path / "compare.html").read_text()
+
+
+def test_a_time_budget_becomes_steps(tmp_path):
+    """Without --steps the time decides; every field gets as much of it, and at least a few steps."""
+    settings = small(tmp_path, steps=None, budget=Budget(2.0), fields=parse_fields("mlp:small"), views=1)
+    numbers = compare_fields(settings)
+    (field,) = numbers["fields"]
+    # On a busy machine two seconds are few steps.
+    assert field["steps"] >= 2 and field["training"][-1]["seconds"] <= field["train_seconds"] + 1e-6
+
+
+def test_field_names():
+    choices = parse_fields(" mlp, mlp:report-20 ,mlp:default")
+    assert [choice.name for choice in choices] == ["mlp", "mlp:report-20"]
+    assert choices[1].folder == "mlp-report-20"
+
+
+def _refused(capsys, *argv) -> str:
+    """The one line that a refused command prints."""
+    assert main([str(a) for a in argv]) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.strip().splitlines()
+    assert captured.out == "" and "Traceback" not in line
+    return line
+
+
+def test_refusals(capsys, tmp_path):
+    out = tmp_path / "out"
+    line = _refused(capsys, "compare", "--fields", "mlp,magic", "cornell", "-o", out)
+    assert "unknown field 'magic'" in line and "mlp" in line
+    line = _refused(capsys, "compare", "--fields", "mlp:magic", "cornell", "-o", out)
+    assert "no preset 'magic'" in line and "mlp:report-20" in line
+    assert "names no field" in _refused(capsys, "compare", "--fields", ",", "cornell", "-o", out)
+    assert "-o" in _refused(capsys, "compare", "--fields", "mlp", "cornell")
+    assert "one scene" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "courtyard", "-o", out)
+    assert "--budget" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--budget", "5%")
+    assert "--truth" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--truth", "5%")
+    assert "--views" in _refused(capsys, "compare", "--fields", "mlp", "cornell", "-o", out, "--views", "0")
+    assert "--fields" in _refused(capsys, "compare", "cornell", "-o", out)
+    assert not out.exists()
+
+
+def test_a_clock_goes_on_where_it_was_killed(tmp_path):
+    clock = Clock(tmp_path / "clock.json")
+    clock.mark(10)
+    clock.save()
+    again = Clock(tmp_path / "clock.json")
+    again.mark(20)
+    # Marks that were read and marks that are new lie on one line.
+    assert clock.at(10) <= again.at(15) <= again.at(20)

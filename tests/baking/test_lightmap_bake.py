@@ -1,0 +1,233 @@
+"""The bake of a light map, end to end and small."""
+
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from lightwell.asset import read_fields
+from lightwell.asset.container import unpack
+from lightwell.baking import BakeSettings, Budget, bake
+from lightwell.cli import main
+
+SMALL = dict(
+    field="lightmap", budget=Budget(1.0), size=64, mips=0, paths=4, views=1, view_size=(24, 16), shards=1, steps=20
+)
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Few samples: the shards of a test are small."""
+    from lightwell.baking import lightmap, lightmap_score
+
+    monkeypatch.setattr(lightmap_score, "RATE", 3e3)
+    monkeypatch.setattr(lightmap, "EYE_PATHS", 2)
+    monkeypatch.setattr(lightmap, "SHARD", 1 << 10)
+
+
+def test_default(tmp_path, kept):
+    report = bake(BakeSettings("cornell", tmp_path, **{**SMALL, "steps": 200}))
+    fields, variables = read_fields(tmp_path / "scene.glb")
+    assert [f.role for f in fields] == ["static"] and variables == []
+    assert {"e", "f0", "f1", "f2"} <= set(fields[0].graph.buffers)
+    assert report["field"] == "lightmap" and np.isfinite(report["psnr_db"])
+    assert report["facts"]["atlas"]["charts"] > 5
+    assert any("white sky" in w for w in report["warnings"])
+    assert json.loads((tmp_path / "report.json").read_text())["bytes"] == report["bytes"]
+    document, _ = unpack((tmp_path / "scene.glb").read_bytes())
+    assert all("MOZ_lightmap" in m["extensions"] for m in document["materials"])
+    assert (tmp_path / "index.html").stat().st_size > 1000
+
+
+def test_a_light_that_moves(tmp_path):
+    vary = ("light.position=box(-0.5,1.2,-0.5,0.5,1.6,0.5)",)
+    bake(BakeSettings("cornell", tmp_path, vary=vary, **SMALL))
+    fields, variables = read_fields(tmp_path / "scene.glb")
+    assert [f.role for f in fields] == ["indirect"] and variables[0]["kind"] == "point"
+    assert {"light", "uv1"} <= set(fields[0].graph.inputs)
+
+
+def test_plain_has_no_network(tmp_path):
+    report = bake(BakeSettings("cornell", tmp_path, preset="plain", **SMALL))
+    assert report["macs_per_pixel"] == 0
+
+
+def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
+    from lightwell.fields import lightmap as field
+
+    whole, halved = tmp_path / "whole", tmp_path / "halved"
+    bake(BakeSettings("cornell", whole, **SMALL))
+    phase, calls = field.LightmapFit._phase, []
+
+    def killed(self, *arguments):
+        calls.append(0)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        phase(self, *arguments)
+
+    monkeypatch.setattr(field.LightmapFit, "_phase", killed)
+    with pytest.raises(KeyboardInterrupt):
+        bake(BakeSettings("cornell", halved, **SMALL))
+    monkeypatch.setattr(field.LightmapFit, "_phase", phase)
+    kept = {p.name for p in (halved / ".lightwell" / "lightmap").iterdir()}
+    assert {"sides.npz", "counts.npz", "light.npz", "eyes.npz", "start0"} <= kept
+    bake(BakeSettings("cornell", halved, resume=True, **SMALL))
+    assert (halved / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+
+
+def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
+    """kill -9 as soon as the light at the texels is kept; what was traced is not traced again."""
+    program = (
+        "import sys, pathlib; from lightwell.baking import BakeSettings, Budget, bake, lightmap, lightmap_score\n"
+        "lightmap_score.RATE, lightmap.EYE_PATHS, lightmap.SHARD = 3e3, 2, 1 << 10\n"
+        f"small = {SMALL}\n"
+        "bake(BakeSettings('cornell', pathlib.Path(sys.argv[1]), resume='again' in sys.argv, keep=True, **small))\n"
+    )
+    command = [sys.executable, "-c", program]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*command, whole], check=True, capture_output=True, timeout=300)
+    with subprocess.Popen([*command, killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        light, deadline = killed / ".lightwell" / "lightmap" / "light.npz", time.monotonic() + 300
+        while not light.exists() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL and not (killed / "scene.glb").exists()
+    kept = light.stat().st_mtime_ns
+    subprocess.run([*command, killed, "again"], check=True, capture_output=True, timeout=300)
+    assert light.stat().st_mtime_ns == kept
+    assert (killed / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+
+
+def test_small_charts_get_a_larger_square(monkeypatch):
+    from lightwell.baking import lightmap_size as square
+    from lightwell.baking import lightmap_trace as trace
+    from lightwell.scenes import load
+
+    scene, _ = trace.lit_scene(load("cornell"))
+    sides = trace.lit_sides(scene, 0)
+    sizes = {}
+    for bar in (0.0, 1.0):
+        monkeypatch.setattr(square, "ROOMY", bar)
+        sizes[bar] = square.roomy_atlas(scene, 64, 0, sides).size
+    monkeypatch.setattr(square, "MOST_ROOMY", 64)
+    assert sizes == {0.0: 64, 1.0: 128} and square.roomy_atlas(scene, 64, 0, sides).size == 64
+
+
+@pytest.fixture
+def kept(monkeypatch):
+    """A network that is kept: a hundred noisy samples cannot tell whether so few steps are better than none."""
+    from lightwell.baking import lightmap
+
+    monkeypatch.setattr(lightmap, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
+
+
+@pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
+def test_every_preset_bakes(tmp_path, preset, kept):
+    bake(BakeSettings("cornell", tmp_path, preset=preset, **SMALL | {"steps": 10}))
+    graph = read_fields(tmp_path / "scene.glb")[0][0].graph
+    pictures = {name for name, buffer in graph.buffers.items() if buffer.type == "uint8"}
+    assert (
+        pictures
+        == {
+            "report": {"f0", "f1", "f2"},
+            "siren": set(),
+            "siren-two-stage": {"f0", "f1", "f2"},
+            "directional": {"e", "d", "m"},
+            "default-int8": {"e", "m", "f0", "f1", "f2"},
+        }[preset]
+    )
+
+
+def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed")
+    bake(BakeSettings("cornell", tmp_path, preset="siren", **SMALL | {"steps": 2}))
+    path = tmp_path / "siren.glsl"
+    assert main(["export", str(tmp_path), "--to", "shadertoy", "-o", str(path)]) == 0
+    text = path.read_text()
+    assert "mainImage" in text and "uniform" not in text and "sin(" in text
+
+
+def test_max_bytes_are_kept(tmp_path):
+    report = bake(BakeSettings("cornell", tmp_path, max_bytes=4800, **SMALL))
+    assert report["bytes"] <= 4800
+
+
+def test_too_few_bytes_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="--max-bytes 100 is too few for this light map, whose smallest form takes"):
+        bake(BakeSettings("cornell", tmp_path, max_bytes=100, **SMALL))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--preset", "nonsense"], "no preset 'nonsense'; choose one of default, report"),
+        (["--max-bytes", "many"], "--max-bytes 'many' is not a size; write 1MB, 250kB"),
+        (["--size", "1000"], "--size 1000 is not a power of two"),
+        (["--mips", "-1"], "--mips -1 is too small"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
+    code = main(["bake", "cornell", "-o", str(tmp_path), "--field", "lightmap", *arguments])
+    text = capsys.readouterr().err
+    assert code == 2 and words in text and text.count("\n") == 1
+
+
+def test_the_best_of_several_starts_is_taken(monkeypatch):
+    """By samples that training never saw; too few steps for two starts are one."""
+    from lightwell.baking import lightmap
+    from lightwell.baking import lightmap_trace as trace
+    from lightwell.fields.lightmap import PRESETS
+    from lightwell.scenes import load
+
+    scene, _ = trace.lit_scene(load("cornell"))
+    made = trace.chart(scene, 64, 0, 4, 0)
+    eyes = trace.eye_samples(scene, made, 1 << 12, 4, 5, made.image)
+    monkeypatch.setattr(lightmap, "ENOUGH_STEPS", 10)
+    monkeypatch.setattr(lightmap, "HELD", 400)
+    errors = {0: 0.3, lightmap.START_SEED: 0.1, 2 * lightmap.START_SEED: 0.2}
+    seen = []
+
+    def error(fit, samples):
+        seen.append((fit.seed, bool(fit.preset.hidden), len(samples.weight)))
+        return errors[fit.seed] if fit.preset.hidden else 1.0
+
+    monkeypatch.setattr(lightmap, "shown_error", error)
+    best = lightmap.fitted(scene, made, eyes, PRESETS["default"], 0, 30)
+    assert best.seed == lightmap.START_SEED and best.history[-1][0] == 10
+    assert [s[1] for s in seen] == [True, True, True, False] and 200 < seen[0][2] < 600
+    seen.clear()
+    assert lightmap.fitted(scene, made, eyes, PRESETS["default"], 0, 19).seed == 0 and len(seen) == 2
+
+
+def test_a_larger_square_needs_the_paths_for_it(tmp_path, monkeypatch):
+    """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
+    from lightwell.baking import lightmap
+    from lightwell.baking import lightmap_size as square
+
+    monkeypatch.setattr(square, "ROOMY", 1.0)
+    monkeypatch.setattr(square, "MOST_ROOMY", 128)
+    settings = BakeSettings("cornell", tmp_path, **SMALL | {"size": None, "steps": 10, "shards": None})
+    monkeypatch.setitem(lightmap.PRESETS, "plain", dataclasses.replace(lightmap.PRESETS["plain"], size=64))
+    traced = {}
+    trace_ = lightmap.chart
+
+    def chart(scene, size, mips, paths, seed, **more):
+        traced[size] = paths
+        return trace_(scene, size, mips, paths, seed, **more)
+
+    monkeypatch.setattr(lightmap, "chart", chart)
+    for fewest, size, paths in ((2, 128, 6), (1000, 64, 24)):
+        monkeypatch.setattr(lightmap, "ROOMY_PATHS", fewest)
+        monkeypatch.setattr(lightmap, "_counts", lambda *_: (6, 1 << 12))
+        out = tmp_path / str(fewest)
+        bake(dataclasses.replace(settings, out=out, preset="plain"))
+        assert traced[size] == paths
+        assert read_fields(out / "scene.glb")[0][0].graph.buffers["e"].shape[:2] == (size, size)

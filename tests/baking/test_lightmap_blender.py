@@ -1,0 +1,34 @@
+"""A scene that Blender has exported bakes unchanged. Needs LIGHTWELL_BPY, a Python that has bpy (pip install bpy)."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lightwell.asset import read_fields
+from lightwell.baking import BakeSettings, Budget, bake
+
+PYTHON = os.environ.get("LIGHTWELL_BPY", "")
+SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "lightmap_blender.py"
+
+pytestmark = pytest.mark.skipif(not PYTHON, reason="LIGHTWELL_BPY does not name a Python that has bpy")
+
+
+def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path):
+    room = tmp_path / "room.glb"
+    subprocess.run([PYTHON, SCRIPT, "export", room], check=True, capture_output=True, timeout=300)
+    budget = dict(budget=Budget(1.0), size=64, mips=0, views=1, view_size=(24, 16), shards=1, paths=4, steps=20)
+    report = bake(BakeSettings(str(room), tmp_path / "out", field="lightmap", **budget))
+    fields, _ = read_fields(tmp_path / "out" / "scene.glb")
+    assert [f.role for f in fields] == ["static"] and np.isfinite(report["psnr_db"])
+    assert not any("no light of its own" in w for w in report["warnings"])
+
+
+def test_cycles_finds_the_same_light(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPT.parent))
+    from lightmap_cycles import side_by_side
+
+    found = side_by_side(PYTHON, tmp_path, 48, 16, 64)
+    assert found.apart < 0.2 and found.error <= found.cycles_error
