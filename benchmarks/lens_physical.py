@@ -13,6 +13,7 @@ import numpy as np
 from lens_measure import median_seconds, save
 from rows import Row, at_least, at_most, without_bar
 
+from lightwell.core.denoise import denoise
 from lightwell.lens.camera import Camera
 from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.samples import reconstruct
@@ -162,13 +163,10 @@ def samples(quick: bool, pictures: bool = False) -> list[Row]:
                 )
             )
             what = f"reconstruction: FLIP of averaging denoised by OIDN over ours, {name}"
-            if clean is None:
-                rows.append(without_bar(what, None, "ratio", "mitsuba-oidn is not here"))
-            else:
-                theirs, ours = flip(clean, truth), flip(made, truth)
-                rms = float(np.sqrt(np.mean((clean - truth) ** 2)))
-                note = f"FLIP {theirs:.4f} against {ours:.4f}, RMS {rms:.4f} against {errors[1]:.4f}"
-                rows.append(without_bar(what, theirs / ours, "ratio", note))
+            theirs, ours = flip(clean, truth), flip(made, truth)
+            rms = float(np.sqrt(np.mean((clean - truth) ** 2)))
+            note = f"FLIP {theirs:.4f} against {ours:.4f}, RMS {rms:.4f} against {errors[1]:.4f}"
+            rows.append(without_bar(what, theirs / ours, "ratio", note))
             panels += [plain, made] if spp == 4 and not moving else []
         if not moving:
             panels.append(truth)
@@ -177,7 +175,7 @@ def samples(quick: bool, pictures: bool = False) -> list[Row]:
     return rows
 
 
-def _few(case, spp: int, moving: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def _few(case, spp: int, moving: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Averaging, reconstruction, and averaging denoised, of the same samples."""
     rays = lens_scenes.samples(case, spp, seed=2, moving=moving)
     height, width = case.seen.height, case.seen.width
@@ -186,8 +184,4 @@ def _few(case, spp: int, moving: bool) -> tuple[np.ndarray, np.ndarray, np.ndarr
     np.add.at(plain, where, rays.rgb / spp)
     plain = plain.reshape(height, width, 3)
     made = reconstruct(rays, height, width, case.seen.camera)[0][..., :3]
-    try:
-        import mitsuba_oidn as oidn
-    except ImportError:
-        return plain, made, None
-    return plain, made, np.array(oidn.denoise(plain.astype(np.float32), hdr=True))
+    return plain, made, denoise(plain)

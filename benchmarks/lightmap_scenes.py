@@ -215,7 +215,7 @@ def kept_view(traced: Traced, dark: dict[str, Baked], camera, options) -> ViewCo
         with np.load(path, allow_pickle=False) as kept:
             a, b = kept["half_a"], kept["half_b"]
         return ViewComparison(f"view {options[2]}", np.zeros_like(a), a, b)
-    view, _ = compare_camera(traced.scene, traced.made.atlas, dark, camera, *options)
+    view = compare_camera(traced.scene, traced.made.atlas, dark, camera, *options)
     if traced.effort is not QUICK:
         REFERENCES.mkdir(parents=True, exist_ok=True)
         with open(path.with_suffix(".part"), "wb") as stream:

@@ -123,8 +123,8 @@ def equal(name: str, scene: Any, plan: Figures) -> Figures:
 
 def denoise(name: str, scene: Any, plan: Figures) -> Figures:
     """The same with Open Image Denoise on both sides (box filter, same guides, in the time of both)."""
-    from lightwell.cache.denoising import denoised
     from lightwell.cache.views import guides
+    from lightwell.core.denoise import denoise as denoised
 
     plan = {**plan, "repeats": min(plan["repeats"], 3), "spp": max(4, plan["spp"] // 2)}
     sensor = box_sensor(scene, plan["spp"])

@@ -32,7 +32,16 @@ def version_of(package: str) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of everything that can change a number."""
-    packages = ("lightwell", "mitsuba", "drjit", "numpy", "karellen-llvm-core", "scikit-image", "flip-evaluator")
+    packages = (
+        "lightwell",
+        "mitsuba",
+        "drjit",
+        "numpy",
+        "karellen-llvm-core",
+        "mitsuba-oidn",
+        "scikit-image",
+        "flip-evaluator",
+    )
     return {"python": platform.python_version(), **{name: version_of(name) for name in packages}}
 
 
@@ -75,6 +84,15 @@ def _viewer_check() -> Check:
     return Check("viewer", False, "the built page is missing", "run 'make viewer' (needs Node >= 20) or reinstall")
 
 
+def _denoiser_check() -> Check:
+    from lightwell.core.denoise import missing
+
+    cure = missing()
+    return Check(
+        "denoiser", not cure, "missing" if cure else f"Open Image Denoise {version_of('mitsuba-oidn')}", cure or ""
+    )
+
+
 def _disk_check() -> Check:
     free = shutil.disk_usage(".").free / 2**30
     return Check("disk", free > 2, f"{free:.1f} GiB free here", "a bake writes up to 3 GiB of samples; free some space")
@@ -84,7 +102,7 @@ def checks() -> list[Check]:
     """All findings, the most important first."""
     python_ok = sys.version_info >= (3, 10)
     python = Check("python", python_ok, platform.python_version(), "lightwell needs Python >= 3.10")
-    return [python, *_backend_checks(), _viewer_check(), _disk_check()]
+    return [python, *_backend_checks(), _viewer_check(), _denoiser_check(), _disk_check()]
 
 
 def report() -> dict:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 # Streams of random numbers that evaluation never shares with training.
 EVALUATION_SEED = 0x5EED
+# Pictures for display have so many times the width and height of the views that are scored: 672 x 420 by default.
+PICTURE_SCALE = 3
 # The truth of the report may take this share of the budget, within these bounds, in seconds.
 EVALUATION_SHARE, EVALUATION_LEAST, EVALUATION_MOST = 0.4, 12.0, 240.0
 
@@ -18,7 +20,8 @@ class Effort:
     point_paths: int = 1024
     lights: int = 32
     pixel_paths: int = 192
-    picture_spp: int = 96
+    picture_spp: int = 32
+    """Of the pictures for display, which are denoised."""
     sweep: int = 16
     sweep_points: int = 256
     sweep_paths: int = 256
@@ -31,7 +34,7 @@ class Effort:
         return Effort(
             point_paths=min(even(0.20 * budget / 4096), 8192),
             pixel_paths=min(even(0.45 * budget / pixels), 4096),
-            picture_spp=min(even(0.25 * budget / pixels), 1024),
+            picture_spp=min(even(0.25 * budget / (PICTURE_SCALE**2 * pixels)), 1024),
             sweep_paths=min(even(0.10 * budget / (16 * 256)), 4096),
         )
 

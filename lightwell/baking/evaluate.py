@@ -9,6 +9,7 @@ import numpy as np
 from lightwell.asset.page import PageView
 from lightwell.backend import dr, mi
 from lightwell.baking.effort import EVALUATION_SEED
+from lightwell.baking.references import reference_picture
 from lightwell.baking.truth import PointTruth, SweepTruth, ViewTruth, role_scale
 from lightwell.fields import query_inputs
 from lightwell.graph import Compiled, Graph, compile
@@ -17,7 +18,7 @@ from lightwell.scenes.placing import held_out_lights, initial_light, sample_came
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport import Query, indirect
-from lightwell.transport.camera import gbuffer, total_image
+from lightwell.transport.camera import gbuffer
 
 # Index of the region of a pixel that shows no surface.
 NO_REGION = -1
@@ -140,12 +141,11 @@ def page_views(
     color: tuple[float, float, float],
     with_static: bool,
 ) -> list[PageView]:
-    """The references that the page shows: complete path-traced pictures."""
+    """The references that the page shows: complete path-traced pictures, denoised; ``size`` is that of scored views."""
     made = []
     for k, (camera, light) in enumerate(views):
-        picture = total_image(
-            scene, camera, light, variable, *size, spp, k, intensity=intensity, color=color, with_static=with_static
-        )
+        options = {"intensity": intensity, "color": color, "with_static": with_static}
+        picture = reference_picture(scene, camera, light, variable, size, spp, k, **options)
         made.append(PageView(camera.name or f"view {k + 1}", camera, tuple(float(c) for c in light), picture))
     return made
 

@@ -36,6 +36,7 @@ from lightwell.baking.lightmap_trace import (
 from lightwell.baking.progress import Progress
 from lightwell.baking.settings import BakeSettings
 from lightwell.baking.work import Work, check_output
+from lightwell.core.denoise import missing
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap_graph import stored
@@ -127,7 +128,9 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
         "textures": {r: {k: len(p.data) for k, p in f.pictures.items()} for r, f in fits.items()},
     }
     seconds = {name: round(value, 3) for name, value in work.seconds.items()}
-    data = replace(score.data, seconds=seconds, warnings=[*scene.warnings, *([note] if note else [])], facts=facts)
+    data = replace(
+        score.data, seconds=seconds, warnings=[*scene.warnings, *filter(None, [missing(), note])], facts=facts
+    )
     report = _write_pages(scene, settings, data, score)
     work.close()
     progress.say(_verdict(report, settings))

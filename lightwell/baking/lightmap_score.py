@@ -12,6 +12,7 @@ from lightwell.asset.read import read_fields
 from lightwell.baking.effort import EVALUATION_SEED, Effort
 from lightwell.baking.evaluate import Baked, object_names, view_caption, view_name, views_and_lights
 from lightwell.baking.progress import Progress
+from lightwell.baking.references import reference_picture
 from lightwell.baking.score import exposure
 from lightwell.baking.settings import BakeSettings
 from lightwell.doctor import versions
@@ -23,7 +24,7 @@ from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, declare, first_settings, to_json
 from lightwell.transport import draw_surface, indirect, static
-from lightwell.transport.camera import gbuffer, total_image
+from lightwell.transport.camera import gbuffer
 from lightwell.transport.mapped import mapped_query
 
 # Paths per second that the effort reckons with, until a scene's own rate is known.
@@ -90,12 +91,9 @@ def score_lightmap(
         points = _points(scene, atlas, baked, stage, effort, settings.seed)
         bar.advance()
         for k, (camera, light) in enumerate(stage.views):
-            view, emission = compare_camera(scene, atlas, baked, camera, size, effort.pixel_paths, k, stage, light)
-            views.append(view)
-            shown = (view.reference + emission).astype(np.float32)
-            if stage.variable is not None:
-                options = {"intensity": stage.intensity, "color": stage.color, "with_static": "static" in baked}
-                shown = total_image(scene, camera, light, stage.variable, *size, effort.picture_spp, k, **options)
+            views.append(compare_camera(scene, atlas, baked, camera, size, effort.pixel_paths, k, stage, light))
+            options = {"intensity": stage.intensity, "color": stage.color, "with_static": "static" in baked}
+            shown = reference_picture(scene, camera, light, stage.variable, size, effort.picture_spp, k, **options)
             where = tuple(float(c) for c in light)
             pictures.append(PageView(view_name(camera, k), camera, where, shown))
             bar.advance()
@@ -168,10 +166,10 @@ def compare_camera(
     number: int = 0,
     stage: LightmapStage | None = None,
     light: np.ndarray | None = None,
-) -> tuple[ViewComparison, np.ndarray]:
-    """One held-out picture, emission left out; and the emission that the camera sees."""
+) -> ViewComparison:
+    """One held-out picture, emission left out."""
     width, height = size
-    points, mask, emission = gbuffer(scene, camera, width, height)
+    points, mask, _ = gbuffer(scene, camera, width, height)
     seen = np.flatnonzero(mask)
     light = np.zeros(3, np.float32) if light is None else light
     a, b = _truth(scene, baked, stage, points[seen], light, paths, EVALUATION_SEED + number)
@@ -181,5 +179,4 @@ def compare_camera(
     prediction, half_a, half_b = images.reshape(3, height, width, 3)
     moves = stage is not None and stage.variable is not None
     caption = view_caption(stage.variable, light) if moves else "the scene's own light"
-    view = ViewComparison(view_name(camera, number), prediction, half_a, half_b, caption=caption)
-    return view, emission.reshape(height, width, 3)
+    return ViewComparison(view_name(camera, number), prediction, half_a, half_b, caption=caption)

@@ -17,6 +17,7 @@ from lightwell.baking.rounds import Rounds
 from lightwell.baking.settings import MIDDLE_GREY, BakeSettings
 from lightwell.baking.truth import trace_points, trace_sweep, trace_view
 from lightwell.baking.work import Work
+from lightwell.core.denoise import missing
 from lightwell.doctor import versions
 from lightwell.fields import Fit
 from lightwell.graph import Graph
@@ -134,7 +135,7 @@ def _plain(value: Any) -> Any:
 
 def warnings(scene: Scene, variable: Variable) -> list[str]:
     """What the scene could not express, and paths that a point light cannot find."""
-    found = list(scene.warnings)
+    found = [*scene.warnings, *filter(None, [missing()])]
     delta = sorted(
         {scene.materials[mesh.material].name for mesh in scene.meshes if scene.materials[mesh.material].delta}
     )

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-# Filter of Intel Open Image Denoise that was trained on light maps.
-LIGHTMAP_FILTER = "RTLightmap"
+from lightwell.core.denoise import denoise, missing
+
 # Charts of fewer texels than this along an edge are not denoised: the filter has nothing to go by.
 SMALLEST = 4
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
@@ -43,24 +43,20 @@ def _halved(image: np.ndarray) -> np.ndarray:
 
 
 def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
-    """[n, n, 3] diffuse light without noise, chart by chart, so that none sees its neighbours; unchanged where Open
-    Image Denoise is not installed.
+    """[n, n, 3] diffuse light without noise, chart by chart, so that none sees its neighbours; unchanged on platforms
+    without Open Image Denoise (``lightwell.core.denoise.missing``).
 
     Every chart is denoised in a rectangle of its own, whose other texels continue the chart.
     """
-    try:
-        import mitsuba_oidn
-    except ImportError:
+    if missing():
         return image
     out = image.copy()
     for rows, columns, own in _rectangles(chart, reach):
         patch = dilated(image[rows, columns], own, reach)
         more = MIRRORED if min(np.ptp(found) + 1 for found in np.nonzero(own)) < SMALL else 0
         patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
-        clean = np.asarray(mitsuba_oidn.denoise(np.ascontiguousarray(patch), hdr=True, filter=LIGHTMAP_FILTER))
-        clean = clean[more : clean.shape[0] - more, more : clean.shape[1] - more]
-        good = own & np.isfinite(clean).all(axis=-1)
-        out[rows, columns][good] = np.maximum(clean[good], 0)
+        clean = denoise(patch, filter="RTLightmap")
+        out[rows, columns][own] = clean[more : clean.shape[0] - more, more : clean.shape[1] - more][own]
     return out
 
 

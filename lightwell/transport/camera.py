@@ -13,6 +13,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import upload
+from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import (
     LAUNCH,
     MAX_DEPTH,
@@ -33,6 +34,8 @@ from lightwell.transport.tables import shape_index, shape_lookup
 CUTOUT = 0.5
 # Cut-away surfaces that a camera ray passes at most.
 CUTOUTS = 16
+# Places in each pixel of the guides of a denoiser.
+GUIDE_SAMPLES = 4
 
 
 class Truth(TypedDict):
@@ -117,6 +120,32 @@ def truth_image(
     )
 
 
+def guide_images(
+    scene: Scene, camera: Camera, width: int, height: int, samples: int = GUIDE_SAMPLES
+) -> tuple[np.ndarray, np.ndarray]:
+    """Render the guides of a denoiser: reflectance and normals of the first surfaces, antialiased.
+
+    Args:
+        scene: Scene to look at.
+        camera: Pinhole camera.
+        width: Pixels of a row.
+        height: Rows.
+        samples: Random places in each pixel.
+
+    Returns:
+        Reflectance in [0, 1] (1 where no surface is seen) and normals in [-1, 1] (0 there), [H, W, 3] float32 each.
+    """
+    albedo, normal = np.zeros((2, height * width, 3), np.float32)
+    for seed in range(samples):
+        points, mask, _ = gbuffer(scene, camera, width, height, seed)
+        seen = np.flatnonzero(mask)
+        query = make_query(scene, points[seen], np.zeros(3, np.float32))
+        albedo[~mask] += 1
+        albedo[seen] += np.clip(query.reflectance, 0, 1)
+        normal[seen] += query.normal
+    return tuple(image.reshape(height, width, 3) / samples for image in (albedo, normal))
+
+
 def static_image(
     scene: Scene, camera: Camera, width: int, height: int, paths: int, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +161,7 @@ def total_image(
     scene: Scene,
     camera: Camera,
     light: np.ndarray,
-    variable: Variable,
+    variable: Variable | None,
     width: int,
     height: int,
     spp: int,
@@ -146,6 +175,7 @@ def total_image(
     """A path-traced picture [H, W, 3] float32: emission + direct + indirect light, antialiased with a box filter.
 
     light         [3] position of the declared light (direction to the sun); it shines ``intensity * color``.
+    variable      What the declared light is; None: there is none.
     spp           Paths per pixel.
     with_static   Let the scene's own emitters shine too.
     """
@@ -163,7 +193,8 @@ def total_image(
         ray = camera_rays(camera, width, height, pixel, mi.Point2f(rng.next_float32(), rng.next_float32()))
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
-        L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *settings[1:], True)
+        if variable is not None:
+            L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *settings[1:], True)
         if with_static:
             L += trace(scene.mi, si, Emitters(), rng, independent(rng), *settings[1:], True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)

@@ -60,7 +60,6 @@ def test_no_engine_is_one_line_with_its_cure(monkeypatch):
 
 @needs_node
 def test_the_embedded_engine_gives_the_same_text(monkeypatch):
-    pytest.importorskip("py_mini_racer")
     with_node = export.export_field(ASSET, "glsl")
     monkeypatch.setattr(shutil, "which", lambda _: None)
     assert export.export_field(ASSET, "glsl") == with_node

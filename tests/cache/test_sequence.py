@@ -7,7 +7,6 @@ import sys
 import time
 
 import numpy as np
-import pytest
 
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, settings_of
@@ -46,7 +45,6 @@ def test_a_sequence_killed_in_the_middle_is_finished_by_resume(tmp_path):
 
 
 def test_the_denoiser_brings_a_picture_nearer_to_the_truth():
-    pytest.importorskip("mitsuba_oidn")
     scene = room(64)
     truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "path", "max_depth": -1}), spp=1024, seed=9))
     options = {"mode": "frames", "batch": 512, "levels": 3, "entries_log2": 10}
@@ -57,11 +55,3 @@ def test_the_denoiser_brings_a_picture_nearer_to_the_truth():
         assert image.shape == (64, 64, 3) and np.isfinite(image).all()
         errors[denoise] = float(np.mean((image - truth) ** 2 / (truth**2 + 0.01)))
     assert errors[True] < 0.5 * errors[False]
-
-
-def test_the_denoiser_s_absence_is_one_line(monkeypatch):
-    from lightwell.cache.denoising import denoised
-
-    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
-    with pytest.raises(ValueError, match=r"pip install 'lightwell\[denoise\]'"):
-        denoised(np.zeros((8, 8, 3)), np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))

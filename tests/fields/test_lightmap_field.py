@@ -115,7 +115,6 @@ def test_push_pull_of_a_constant_is_constant():
 
 
 def test_a_chart_is_denoised_without_its_neighbour():
-    pytest.importorskip("mitsuba_oidn")
     chart = np.full((48, 48), -1, np.int32)
     chart[4:44, 4:22], chart[4:44, 26:44] = 0, 1
     image = np.where((chart == 1)[..., None], 50.0, 0.5).astype(np.float32) * np.float32([1, 1, 1])

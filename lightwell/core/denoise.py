@@ -1,0 +1,58 @@
+"""Open Image Denoise: the only module that imports it.
+
+It is a default dependency where wheels exist (pyproject.toml names the platforms). Elsewhere pictures and light maps
+keep their noise, and every bake says so.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Literal
+
+import numpy as np
+
+# Filters of Open Image Denoise: for rendered pictures, and the one that was trained on light maps.
+Filter = Literal["RT", "RTLightmap"]
+
+MISSING = (
+    "Open Image Denoise is not installed (there is no wheel of mitsuba-oidn for this platform, or it was removed): "
+    "reference pictures and light maps keep their noise; run 'pip install mitsuba-oidn', or bake on Linux, "
+    "macOS (arm64) or Windows (x86-64)"
+)
+
+
+def missing() -> str | None:
+    """Say in one line that the denoiser is not installed and what to do; None where it is."""
+    return None if importlib.util.find_spec("mitsuba_oidn") else MISSING
+
+
+def denoise(
+    color: np.ndarray,
+    albedo: np.ndarray | None = None,
+    normal: np.ndarray | None = None,
+    *,
+    filter: Filter = "RT",
+) -> np.ndarray:
+    """Remove the noise of a path-traced picture or light map.
+
+    Args:
+        color: [H, W, 3] linear radiance, any non-negative range.
+        albedo: [H, W, 3] reflectance of the first surfaces in [0, 1], or None.
+        normal: [H, W, 3] unit normals of the first surfaces in [-1, 1], or None; needs ``albedo``.
+        filter: "RT" for pictures, "RTLightmap" for light maps.
+
+    Returns:
+        [H, W, 3] float32, non-negative. Pixels for which the denoiser has no finite value keep theirs.
+
+    Raises:
+        ValueError: Open Image Denoise is not installed; ask ``missing`` first where that is no mistake.
+    """
+    try:
+        import mitsuba_oidn as oidn
+    except ImportError:
+        raise ValueError(f"denoise: {MISSING}") from None
+    as_image = lambda image: np.ascontiguousarray(image, np.float32)  # noqa: E731
+    noisy = as_image(color)
+    guides = {name: as_image(image) for name, image in (("albedo", albedo), ("normal", normal)) if image is not None}
+    clean = np.asarray(oidn.denoise(noisy, hdr=True, filter=filter, **guides), np.float32)
+    return np.where(np.isfinite(clean).all(axis=-1, keepdims=True), np.maximum(clean, 0), noisy)

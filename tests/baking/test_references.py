@@ -1,0 +1,34 @@
+"""Pictures for display: larger than those that are scored, and without visible noise."""
+
+import numpy as np
+
+from lightwell.baking.effort import PICTURE_SCALE
+from lightwell.baking.references import reference_picture
+from lightwell.scenes import load
+from lightwell.scenes.placing import initial_light
+from lightwell.scenes.variables import declare
+from lightwell.transport.camera import guide_images, total_image
+
+SIZE = (32, 20)
+
+
+def test_a_reference_is_larger_and_nearer_to_many_paths():
+    scene = load("cornell")
+    variable, camera = declare((), scene), scene.cameras[0]
+    light = initial_light(scene, variable, camera)
+    options = {"intensity": 5.0, "color": (1.0, 1.0, 1.0), "with_static": True}
+    width, height = (PICTURE_SCALE * edge for edge in SIZE)
+    made = reference_picture(scene, camera, light, variable, SIZE, 8, 0, **options)
+    assert made.shape == (height, width, 3)
+    noisy = total_image(scene, camera, light, variable, width, height, 8, 0, **options)
+    many = total_image(scene, camera, light, variable, width, height, 1024, 7, **options)
+    error = lambda image: np.mean(((image - many) / (many + 0.05)) ** 2)  # noqa: E731
+    assert error(made) < 0.5 * error(noisy)
+
+
+def test_guides_are_reflectances_and_normals():
+    scene = load("cornell")
+    albedo, normal = guide_images(scene, scene.cameras[0], 24, 16)
+    assert albedo.min() >= 0 and albedo.max() <= 1
+    lengths = np.linalg.norm(normal, axis=-1)
+    assert lengths.max() <= 1 + 1e-5 and np.median(lengths) > 0.95
