@@ -1,0 +1,138 @@
+"""What opens a file of each format, as the command line and Python do; returns what was loaded."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Reader = Callable[[Path], Any]
+
+
+def scene(path: Path) -> Any:
+    """A scene: its records, without the objects of Mitsuba."""
+    from lightwell.scenes import load
+
+    found = load(path)
+    return {
+        "warnings": found.warnings,
+        "meshes": found.meshes,
+        "materials": [_material(material) for material in found.materials],
+        "lights": found.lights,
+        "cameras": found.cameras,
+        "bounds": found.bounds,
+    }
+
+
+def _material(material: Any) -> dict[str, Any]:
+    """Numbers of a material; pictures are bytes."""
+    return {k: v for k, v in vars(material).items() if not hasattr(v, "image")}
+
+
+def asset(path: Path) -> Any:
+    """A baked asset: what ``info`` says, its graphs, and what they compute."""
+    from lightwell.asset import info, read_fields
+    from lightwell.graph import evaluate
+
+    facts = info(path)
+    fields, variables = read_fields(path)
+    for field in fields:
+        graph = field.graph
+        inputs = {name: np.full((2, width), 0.25, np.float32) for name, width in graph.inputs.items()}
+        with np.errstate(all="ignore"):
+            evaluate(graph, inputs)
+    return [facts, variables, [field.graph.buffers for field in fields]]
+
+
+def probes(path: Path) -> Any:
+    """A probe volume, its baselines, and its answer to a query."""
+    from lightwell.probes.file import read, read_baselines
+    from lightwell.probes.volume import query
+
+    volume, baselines = read(path), read_baselines(path)
+    place = np.tile(volume.lattice.origin + 0.5 * volume.lattice.spacing, (3, 1))
+    answer = query(volume, place, np.float32([[0, 0, 1]] * 3))
+    return [volume, baselines, answer]
+
+
+def library(path: Path) -> Any:
+    """A library of spreadlets."""
+    from lightwell.lens.library import load
+
+    found = load(path)
+    found.key()
+    return [found.recipe, list(found.nodes.values())]
+
+
+def frame(path: Path) -> Any:
+    """A frame of the lens; a depth of infinity is a background."""
+    from lightwell.lens.frames import read
+
+    if path.suffix != ".exr":
+        return scene(path)
+    found = read(path)
+    return {"warnings": found.notes, "rgba": found.rgba, "depth": np.where(np.isinf(found.depth), 0, found.depth)}
+
+
+def cache(path: Path) -> Any:
+    """A radiance cache."""
+    from lightwell.cache import RadianceCache
+
+    found = RadianceCache.load(path)
+    return [found.box, {k: np.array(v) for k, v in found.learner.values.items()}]
+
+
+def checkpoint(path: Path) -> Any:
+    """A checkpoint, taken up by a fit of the field that its name says, which goes on and predicts."""
+    from fuzz_learned import fit_of
+
+    name = path.stem
+    fit = fit_of(name)
+    fit.load(path)
+    return [fit.state.best_error if fit.state.best_step else 0.0, vars(fit).get("_values", [])]
+
+
+def shards(path: Path) -> Any:
+    """Samples of a folder."""
+    from lightwell.transport.shards import load_samples
+
+    return load_samples(path)
+
+
+# ------------------------------------------------------------------ readers that fail on purpose
+
+
+def planted(path: Path) -> Any:
+    """What the first byte of a file asks for: one of every outcome."""
+    data = path.read_bytes()
+    acts: dict[str, Callable[[], Any]] = {
+        "A": lambda: [np.ones(3)],
+        "R": lambda: _raise(ValueError(f"file '{path.name}': is refused; write it again")),
+        "N": lambda: _raise(ValueError("is refused, but which file?")),
+        "L": lambda: _raise(ValueError(f"file '{path.name}':\nis refused in two lines")),
+        "K": lambda: _raise(KeyError("planted")),
+        "S": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+        "E": lambda: os._exit(3),
+        "H": lambda: time.sleep(3600),
+        "B": _busy,
+        "M": lambda: np.ones(1 << 40, np.uint8),
+        "P": lambda: [np.ones(1 << 28, np.uint8)],
+        "W": lambda: {"warnings": ["'a' holds numbers that are not finite"], "a": np.array([np.nan])},
+        "F": lambda: {"warnings": ["the sky is ignored"], "a": np.array([1.0, np.inf])},
+        "G": lambda: [1.0, {"a": (2.0, float("nan"))}],
+    }
+    return acts[data[:1].decode()]()
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def _busy() -> None:
+    while True:
+        pass
