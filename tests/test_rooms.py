@@ -15,6 +15,7 @@ ALLOWED = {
     "exr": {"isolated", "limits"},
     "isolated": set(),
     "packer": set(),
+    "native_files": {"isolated"},
     "scenes": {"limits", "backend", "isolated", "packer"},
     "graph": {"backend"},
     "networks": {"files", "backend", "graph"},

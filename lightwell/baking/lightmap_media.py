@@ -51,7 +51,13 @@ WITH_MEDIA = Derived[Any]("bake.scene_with_media")
 
 def _with_media(scene: Scene):
     """The Mitsuba scene of the file, media and all, loaded once."""
-    return scene.cache.get(WITH_MEDIA, lambda: mi.load_file(str(scene.source), optimize=False))
+    return scene.cache.get(WITH_MEDIA, lambda: _whole(scene))
+
+
+def _whole(scene: Scene):
+    if scene.whole is None:
+        raise ValueError(f"transport: scene '{scene.name}' has no media; load a Mitsuba file")
+    return scene.whole()
 
 
 def _mean(geometry, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from lightwell.scenes.errors import SceneError as SceneError
@@ -12,9 +13,10 @@ BUILTINS = ("cornell", "courtyard", "two-rooms")
 GLTF_SUFFIXES = (".gltf", ".glb")
 
 
-def load(source: str | os.PathLike[str]) -> Scene:
+def load(source: str | os.PathLike[str], *, allow_paths: Sequence[str | os.PathLike[str]] = ()) -> Scene:
     """The scene called ``source``: a name of ``BUILTINS``, or the path of a .glb, .gltf or Mitsuba .xml file.
 
+    ``allow_paths``: folders beside its own whose files a Mitsuba scene may name (textures, meshes, includes).
     A scene without light is fine here; ``Scene.has_static_light`` tells. What could not be expressed is in
     ``Scene.warnings``. Raises SceneError, one line that says what is wrong and the cure.
     """
@@ -37,4 +39,4 @@ def load(source: str | os.PathLike[str]) -> Scene:
         return load_gltf(path)
     from lightwell.scenes.mitsuba_xml import load_mitsuba
 
-    return load_mitsuba(path)
+    return load_mitsuba(path, allow_paths=allow_paths)

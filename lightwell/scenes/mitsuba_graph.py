@@ -1,9 +1,10 @@
-"""A Mitsuba XML file as a graph of nodes from which single objects are made."""
+"""A Mitsuba XML file that has passed the gate, as a graph of nodes from which single objects are made."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from lightwell.backend import mi
 from lightwell.scenes.errors import SceneError
+from lightwell.scenes.mitsuba_gate import Gated
 
 
 @dataclass(frozen=True)
@@ -33,16 +35,20 @@ class Node:
 
 
 class Graph:
-    """The nodes of a file, with file names made absolute and missing files replaced (with a warning)."""
+    """The nodes of a file; missing and decoded pictures take the places of their files."""
 
-    def __init__(self, path: Path, warn: Callable[[str], None]):
-        self.path, self._warn = path, warn
+    def __init__(self, path: Path, gated: Gated):
+        self.path, self._gated = path, gated
+        self._config = mi.parser.ParserConfig(mi.variant())
+        self._config.merge_meshes = self._config.merge_equivalent = False
+        # What lightwell does not know, Mitsuba may ignore.
+        self._config.unused_properties = mi.LogLevel.Debug
         self._state = self._parsed()
         self._made: dict[int, Any] = {}
         self.missing: set[int] = set()
         """Nodes of shapes whose file is missing."""
         files = [self._resolve(node) for node in map(self.node, range(len(self._state.nodes)))]
-        self.digest = _digest([Path(str(f)) for f in self._state.files], [f for f in files if f])
+        self.digest = _digest(gated.read, [f for f in files if f])
 
     def node(self, index: int) -> Node:
         """Node ``index``."""
@@ -86,46 +92,62 @@ class Graph:
         except RuntimeError as error:
             raise SceneError(
                 f"scene '{self.path.name}': '{node.name}' ({node.plugin}) cannot be made "
-                f"({_one_line(error)}); correct the element"
+                f"({self._one_line(error)}); correct the element"
             ) from error
         return expanded[0] if expanded else made
 
-    def _parsed(self):
-        config = mi.parser.ParserConfig(mi.variant())
-        config.merge_meshes = config.merge_equivalent = False
+    def whole(self) -> Any:
+        """The Mitsuba scene of the file as it stands, media and all."""
         try:
-            state = mi.parser.parse_file(config, str(self.path))
-            mi.parser.transform_all(config, state)
+            return mi.parser.instantiate(self._config, mi.parser.ParserState(self._state))
+        except RuntimeError as error:
+            raise SceneError(
+                f"scene '{self.path.name}': cannot be made with its media ({self._one_line(error)}); correct the file"
+            ) from error
+
+    def _parsed(self):
+        try:
+            state = mi.parser.parse_string(self._config, self._gated.text)
+            mi.parser.transform_all(self._config, state)
         except (RuntimeError, UnicodeDecodeError) as error:
             raise SceneError(
-                f"scene '{self.path.name}': cannot be read as a Mitsuba scene ({_one_line(error)}); correct the file"
+                f"scene '{self.path.name}': cannot be read as a Mitsuba scene ({self._one_line(error)}); "
+                "correct the file"
             ) from error
-        if state.nodes[0].type != mi.ObjectType.Scene:
-            raise SceneError(f"scene '{self.path.name}': its root is no <scene>; give a Mitsuba 3 scene file")
         return state
 
     def _resolve(self, node: Node) -> Path | None:
-        """Make the file name of ``node`` absolute; the file, if there is one."""
-        name = node.get("filename")
+        """Give a node its picture where Mitsuba must not open the file; the file, if there is one."""
+        name, files = node.get("filename"), self._gated.files
         if not isinstance(name, str):
             return None
-        path = self.path.parent / name
-        node.props["filename"] = str(path)
-        if path.is_file():
-            return path
-        if node.kind == mi.ObjectType.Texture:
-            self._warn(f"texture '{name}' is missing; a grey one takes its place")
+        if name in files.missing:
+            if node.kind == mi.ObjectType.Shape:
+                self.missing.add(node.index)
+            elif node.kind == mi.ObjectType.Texture:
+                node.props.remove_property("filename")
+                node.props["bitmap"] = mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32))
+            return None
+        if name in files.pictures:
+            pixels, srgb = files.pictures[name]
+            picture = mi.Bitmap(pixels)
+            picture.set_srgb_gamma(srgb)
             node.props.remove_property("filename")
-            node.props["bitmap"] = mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32))
-        elif node.kind == mi.ObjectType.Shape:
-            self._warn(f"mesh file '{name}' is missing; the shape is left out")
-            self.missing.add(node.index)
-        return None
+            node.props["bitmap"] = picture
+        return Path(name)
 
+    def _one_line(self, error: BaseException) -> str:
+        """Mitsuba's message on one line, with the lines of the author's files."""
 
-def _one_line(error: BaseException) -> str:
-    """Mitsuba's message on one line."""
-    return " ".join(str(error).split())[:300]
+        def place(found: re.Match[str]) -> str:
+            number = int(found[1])
+            if not 1 <= number <= len(self._gated.places):
+                return found[0]
+            element = self._gated.places[number - 1]
+            return f"{element.file}, line {element.line}"
+
+        text = re.sub(r"(?:string \()?line (\d+), col \d+\)?", place, " ".join(str(error).split()))
+        return text[:300]
 
 
 def _digest(files: list[Path], named: list[Path]) -> str:

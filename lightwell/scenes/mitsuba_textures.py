@@ -81,7 +81,10 @@ class Pictures:
         """The file itself where its colours are sRGB-encoded (or plain values are wanted), else an 8-bit copy."""
         if name is not None and linear == raw:
             try:
-                return encoded_image(Path(name).name, Path(name).read_bytes())
+                image = encoded_image(Path(name).name, Path(name).read_bytes())
+                # Decoded now, and not kept, so that damage that only Pillow minds is found here.
+                PillowImage.open(io.BytesIO(image.data)).load()
+                return image
             except Exception:  # not a picture that Pillow knows (EXR, HDR); Mitsuba reads it
                 pass
         pixels = np.array(mi.traverse(self._graph.make(node))["data"], np.float64)

@@ -7,15 +7,19 @@ metallic-roughness ones. Left out, with a warning: curves, SDF grids, ellipsoids
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import mi
+from lightwell.limits import Budget, Limits
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.errors import SceneError
+from lightwell.scenes.mitsuba_gate import gate
 from lightwell.scenes.mitsuba_graph import Graph, Node
 from lightwell.scenes.mitsuba_materials import Materials
 from lightwell.scenes.mitsuba_shapes import ANALYTIC, Triangles, moved, of_analytic, of_mesh
@@ -25,12 +29,20 @@ from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
 SURFACE_EMITTERS = ("area", "directionalarea")
 
 
-def load_mitsuba(path: str | Path) -> Scene:
-    """The scene in a Mitsuba .xml file; raises SceneError with one line that says what is wrong and the cure."""
+def load_mitsuba(
+    path: str | Path, limits: Limits | None = None, allow_paths: Sequence[str | PathLike[str]] = ()
+) -> Scene:
+    """The scene in a Mitsuba .xml file; raises SceneError with one line that says what is wrong and the cure.
+
+    Args:
+        path: The file; nothing of it reaches Mitsuba before ``mitsuba_gate`` has checked it.
+        limits: What it may ask for (default: ``Limits()``).
+        allow_paths: Folders beside its own whose files it may name.
+    """
     path = Path(path)
-    reader = _Reader(path)
+    reader = _Reader(path, (limits or Limits()).budget(f"scene '{path.name}'", SceneError), allow_paths)
     reader.read()
-    return assemble(
+    scene = assemble(
         path.name,
         reader.meshes,
         reader.materials,
@@ -44,6 +56,8 @@ def load_mitsuba(path: str | Path) -> Scene:
         area_lights=reader.area_lights,
         emitters=reader.emitters,
     )
+    scene.whole = reader.graph.whole
+    return scene
 
 
 @dataclass
@@ -57,9 +71,10 @@ class _Surface:
 class _Reader:
     """Walks the elements of one file and collects the records."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, budget: Budget, allow_paths: Sequence[str | PathLike[str]]):
         self.warnings: list[str] = []
-        self.graph = Graph(path, self.warnings.append)
+        self._budget = budget
+        self.graph = Graph(path, gate(path, allow_paths, budget, self.warnings.append))
         self.meshes: list[Mesh] = []
         self.materials: list[Material] = []
         self.lights: list[Light] = []
@@ -124,6 +139,9 @@ class _Reader:
 
     def _add_mesh(self, surface: _Surface) -> None:
         node, t = surface.node, surface.triangles
+        self._budget.charge("vertices", len(t.positions), f"shape '{node.name}'")
+        self._budget.charge("indices", t.indices.size, f"shape '{node.name}'")
+        self._budget.check_time(f"shape '{node.name}'")
         light = self.graph.child_of(node, mi.ObjectType.Emitter)
         if light is not None and light.plugin not in SURFACE_EMITTERS:
             self.warnings.append(f"shape '{node.name}': its {light.plugin} emitter is ignored")

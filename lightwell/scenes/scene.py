@@ -7,6 +7,7 @@ relative (a light of 1 cd at 1 m gives an irradiance of 1).
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -167,6 +168,8 @@ class Scene:
     """Path it was loaded from, or 'builtin:NAME'."""
     digest: str = ""
     """Hash of everything that changes the transport (file contents); identifies checkpoints."""
+    whole: Callable[[], Any] | None = None
+    """Makes the ``mitsuba.Scene`` of a Mitsuba file as its author wrote it, media and all; None for other files."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)
     """What has been worked out from this scene; a scene that ``dataclasses.replace`` makes begins with none."""
 

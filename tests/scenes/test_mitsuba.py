@@ -246,7 +246,7 @@ def test_the_digest_follows_the_files_it_names(tmp_path):
     [
         ("<scene", "cannot be read as a Mitsuba scene ("),
         (HEAD + '<ref id="nobody"/>' + TAIL, 'unresolved reference to "nobody"'),
-        (HEAD + '<shape type="teapot"/>' + TAIL, "(teapot) cannot be made ("),
+        (HEAD + '<shape type="teapot"/>' + TAIL, "<shape> has the type 'teapot', which a scene may not name"),
         (HEAD + TAIL, "has no surfaces; a scene needs at least one <shape>, add one"),
     ],
 )

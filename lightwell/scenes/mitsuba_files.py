@@ -1,0 +1,210 @@
+"""The files that a Mitsuba scene names: found, and checked for what their element claims they are."""
+
+from __future__ import annotations
+
+import math
+import struct
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from lightwell.isolated import Arrays, Worker, WorkerDied, WorkerError
+from lightwell.limits import Budget
+from lightwell.scenes.mesh_files import check_obj, check_ply
+from lightwell.scenes.mitsuba_document import Element
+from lightwell.scenes.mitsuba_paths import Folders
+
+# Bytes of a picture's beginning that tell its format, and what a worker may take at least and per byte of the file.
+HEAD, LEAST_MEMORY, MEMORY_PER_BYTE = 16, 1 << 30, 64
+# Magic bytes → format; Mitsuba's readers of PNG and JPEG are libraries that hold, the others read in a worker.
+IN_PROCESS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG"}
+IN_WORKER = (b"\x76\x2f\x31\x01", b"#?", b"PF", b"Pf", b"P5", b"P6", b"BM")
+# A TGA file has no magic bytes.
+TGA = ".tga"
+# Header of a volume grid: magic, version, type (1: float32), size, channels.
+VOLUME = struct.Struct("<3sBiiiii")
+VOLUME_BYTES = 48
+# Lines of a spectrum file.
+MOST_SPECTRUM_BYTES = 1 << 20
+
+
+class Files:
+    """Finds and checks; each file is checked once for each claim.
+
+    Args:
+        folders: Where files may lie.
+        budget: Counts bytes and texels.
+        warn: Called for each missing file.
+    """
+
+    def __init__(self, folders: Folders, budget: Budget, warn: Callable[[str], None]):
+        self._folders, self._budget, self._warn = folders, budget, warn
+        self._checked: dict[tuple[str, Path, str], str] = {}
+        self._sized: set[Path] = set()
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self.missing: set[str] = set()
+        """Names, as handed on to Mitsuba, of files that do not exist."""
+        self.pictures: dict[str, tuple[np.ndarray, bool]] = {}
+        """Decoded pixels [height, width, channels] of the file names that Mitsuba must not open, and whether they are
+        sRGB-encoded."""
+
+    def find(self, name: str, element: Element) -> Path | None:
+        """The file, or None; SceneError (by ``Folders``) where it must not be read."""
+        found = self._folders.find(name, element.place)
+        if found is not None and found not in self._sized:
+            self._sized.add(found)
+            self._budget.charge("file_bytes", found.stat().st_size, f"file '{found.name}'")
+        return found
+
+    def checked(self, kind: str, name: str, element: Element) -> str:
+        """The name to hand on for the file ``name`` of ``element``, after a check that it is a ``kind`` of file.
+
+        Raises:
+            SceneError: The file may not be read, is no such file, or asks for too much.
+        """
+        found = self.find(name, element)
+        if found is None:
+            return self._gone(kind, name, element)
+        part = element.value("shape_index") or "0" if kind == "serialized" else element.type
+        key = (kind, found, part)
+        if key not in self._checked:
+            self._checked[key] = self._check(kind, found, part, element)
+        if kind == "serialized":
+            element.attributes["type"] = "ply"
+        return self._checked[key]
+
+    def spectrum(self, name: str, element: Element) -> str:
+        """The text 'wavelength:value, …' of a spectrum file."""
+        found = self.find(name, element)
+        if found is None or found.stat().st_size > MOST_SPECTRUM_BYTES:
+            raise element.fail(f"the spectrum file '{name[:120]}' does not exist or is too large; correct the name")
+        pairs = []
+        for line in found.read_text("latin-1").splitlines():
+            words = line.split("#", 1)[0].split()
+            if not words:
+                continue
+            if len(words) != 2 or not all(_finite(word) for word in words):
+                raise element.fail(
+                    f"'{found.name}' has the line '{line[:40]}', expected a wavelength and a value; correct it"
+                )
+            pairs.append(":".join(words))
+        if not pairs:
+            raise element.fail(f"the spectrum file '{found.name}' is empty; correct it")
+        return ", ".join(pairs)
+
+    def _gone(self, kind: str, name: str, element: Element) -> str:
+        if kind == "picture" and element.tag != "emitter":
+            self._warn(f"texture '{name}' is missing; a grey one takes its place")
+        elif kind in ("ply", "obj", "serialized"):
+            self._warn(f"mesh file '{name}' is missing; the shape is left out")
+        elif kind == "volume":
+            self._warn(f"volume file '{name}' is missing; its medium cannot be traced")
+        else:
+            raise element.fail(f"the file '{name[:120]}' of {element.type} does not exist; correct the name")
+        self.missing.add(name)
+        return name
+
+    def _check(self, kind: str, path: Path, part: str, element: Element) -> str:
+        """Check a file; what to hand on in its place."""
+        try:
+            if kind == "ply":
+                check_ply(path, element.place, self._budget)
+            elif kind == "obj":
+                check_obj(path, element.place, self._budget)
+            elif kind == "picture":
+                self._picture(path, element)
+            elif kind == "serialized":
+                return self._serialized(path, part, element)
+            elif kind == "volume":
+                self._volume(path, element)
+            else:
+                request = {"kind": np.array(kind), "plugin": np.array(part)}
+                self._ask(path, request, 0, element)
+        except OSError as error:
+            raise element.fail(f"'{path.name}' cannot be read ({error.strerror or error}); check the file") from None
+        return str(path)
+
+    def _picture(self, path: Path, element: Element) -> None:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD)
+        what = f"line {element.line}: picture '{path.name}'"
+        if any(head.startswith(magic) for magic in IN_PROCESS):
+            width, height = _size(path, element)
+            self._budget.check_picture(width, height, what)
+        elif any(head.startswith(magic) for magic in IN_WORKER) or path.suffix.lower() == TGA:
+            most = 16 * self._budget.limits.picture_texels
+            found = self._ask(path, {"kind": np.array("picture")}, most, element)
+            pixels = found["pixels"]
+            self._budget.check_picture(pixels.shape[1], pixels.shape[0], what)
+            if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
+                self._warn(f"picture '{path.name}': its values that are not finite are read as 0")
+                pixels = np.nan_to_num(pixels, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+            self.pictures[str(path)] = pixels, bool(found["srgb"])
+        else:
+            raise element.fail(
+                f"'{path.name}' is no picture (it begins with {head[:8]!r}); "
+                "give a PNG, JPEG, EXR, HDR, PFM, BMP or TGA"
+            )
+
+    def _serialized(self, path: Path, part: str, element: Element) -> str:
+        """A PLY file with the same mesh."""
+        if not part.strip().isdigit():
+            raise element.fail(f"shape_index is '{part[:20]}', expected a whole number; correct it")
+        if self._temporary is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="lightwell-")
+        out = Path(self._temporary.name) / f"{len(self._checked)}.ply"
+        request = {"kind": np.array("serialized"), "index": np.array(int(part)), "out": np.array(str(out))}
+        self._ask(path, request, 0, element)
+        check_ply(out, f"{element.place}: '{path.name}'", self._budget)
+        return str(out)
+
+    def _volume(self, path: Path, element: Element) -> None:
+        with path.open("rb") as stream:
+            head = stream.read(VOLUME_BYTES)
+        if len(head) < VOLUME_BYTES:
+            raise element.fail(f"'{path.name}' is no volume grid; export it again")
+        magic, version, kind, *size = VOLUME.unpack(head[: VOLUME.size])
+        wanted = VOLUME_BYTES + 4 * math.prod(size)
+        if magic != b"VOL" or version != 3 or kind != 1 or min(size) < 1 or wanted != path.stat().st_size:
+            raise element.fail(
+                f"'{path.name}' is no volume grid of float32, or its size is not that of its header; export it again"
+            )
+
+    def _ask(self, path: Path, request: Arrays, most_bytes: int, element: Element) -> Arrays:
+        """Let a worker process read the file; a request of its own for each, so that a crash spoils nothing else."""
+        memory = max(LEAST_MEMORY, MEMORY_PER_BYTE * path.stat().st_size)
+        seconds = self._budget.limits.seconds
+        try:
+            with Worker("lightwell.native_files:answer", seconds=seconds, memory=memory) as worker:
+                return worker.ask({**request, "path": np.array(str(path))}, most_bytes)
+        except (WorkerDied, WorkerError) as error:
+            raise element.fail(
+                f"'{path.name}' cannot be read ({' '.join(str(error).split())[:200]}); export it again"
+            ) from None
+
+
+def _size(path: Path, element: Element) -> tuple[int, int]:
+    """Width and height that the header of a PNG or JPEG says."""
+    try:
+        with warnings.catch_warnings():
+            # Sizes are checked against the limits instead.
+            warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
+            with PillowImage.open(path) as picture:
+                return picture.size
+    except PillowImage.DecompressionBombError:
+        raise element.fail(f"'{path.name}' has more pixels than any picture may have; make it smaller") from None
+    except Exception as error:  # Pillow's readers have many ways to refuse a damaged picture
+        raise element.fail(
+            f"'{path.name}' is no picture ({' '.join(str(error).split())[:120]}); save it again"
+        ) from None
+
+
+def _finite(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
