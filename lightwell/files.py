@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import struct
 import tokenize
@@ -15,6 +16,9 @@ from pathlib import Path
 import numpy as np
 
 Arrays = dict[str, np.ndarray]
+
+# No array file that lightwell writes unpacks to more.
+MOST_ARRAY_BYTES = 1 << 32
 
 # What a reader can do about the failures that happen in practice.
 CURES = {
@@ -85,15 +89,53 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: 
 
 
 def load_arrays(path: str | Path, cure: str = "not a checkpoint; delete it and bake without --resume") -> Arrays:
-    """All arrays of an .npz, read without pickle; ``ValueError`` with ``cure`` for a file that is none."""
+    """Read all arrays of an .npz, without pickle.
+
+    Args:
+        path: The file.
+        cure: What the message says of a file that is none.
+
+    Raises:
+        ValueError: The file is damaged, or unpacks to more than ``MOST_ARRAY_BYTES``; one line.
+        FileNotFoundError: There is no such file.
+    """
     try:
+        _check_members(path)
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except FileNotFoundError:
         raise
     except (*DAMAGED, AttributeError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise ValueError(f"{path}: {cure} ({reason})") from error
+        raise ValueError(f"{path}: {cure} ({_reason(error)})") from error
+
+
+def load_array(path: str | Path, cure: str) -> np.ndarray:
+    """Read the array of an .npy, without pickle; raises as ``load_arrays``."""
+    try:
+        # A mapping compares the shape with the length of the file before memory is asked for.
+        return np.array(np.load(path, mmap_mode="r" if os.path.getsize(path) else None, allow_pickle=False))
+    except (*DAMAGED, AttributeError) as error:
+        raise ValueError(f"{path}: {cure} ({_reason(error)})") from error
+
+
+def _check_members(path: str | Path) -> None:
+    """Compare the shapes in an .npz with the lengths of its members before memory is asked for."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > MOST_ARRAY_BYTES:
+            raise ValueError(f"it unpacks to more than {MOST_ARRAY_BYTES} bytes")
+        for member in members:
+            with archive.open(member) as stream:
+                version = np.lib.format.read_magic(stream)
+                read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                shape, _, kind = read[version](stream)
+                if math.prod(shape) * kind.itemsize != member.file_size - stream.tell():
+                    raise ValueError(f"'{member.filename}' has {member.file_size} bytes, not those of its shape")
+
+
+def _reason(error: BaseException) -> str:
+    """The first words of an error, on one line."""
+    return " ".join(str(error).split())[:120]
 
 
 def flush(path: Path) -> None:

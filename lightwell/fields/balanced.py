@@ -353,6 +353,8 @@ class BalancedFit(SegmentedFit):
 
     # ------------------------------------------------------------------ checkpoints
 
+    varying = ("gate.", "best_gate.")
+
     def _arrays(self) -> Arrays:
         arrays = {"counts": np.array([self._dealt, self._scaled]), "center": self._center, "spread": self._spread}
         arrays |= prefixed("trainer", self._trainer.arrays()) | prefixed("best", self._best)

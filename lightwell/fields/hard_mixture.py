@@ -25,7 +25,7 @@ from lightwell.fields.gate import share_facts, softmax
 from lightwell.networks import LOSSES, TrainingSettings
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
 from lightwell.networks.capacity import assign_within
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.device import tensor
 from lightwell.networks.grouped import Runs, sort_into_runs
 
@@ -202,6 +202,8 @@ class HardMixtureFit(GatedFit):
 
     # ------------------------------------------------------------------ checkpoints
 
+    varying = ("assigning.",)
+
     def _arrays(self) -> Arrays:
         arrays = prefixed("best", self._best) | prefixed("gate", self.gate_weights)
         arrays |= prefixed("assigning", self._assigning or {})
@@ -210,8 +212,9 @@ class HardMixtureFit(GatedFit):
         return arrays | {"counts": np.array(counts), "round_error": np.array(self._round_error)}
 
     def _restore(self, arrays: Arrays) -> None:
-        self._best, self.gate_weights = under("best", arrays), under("gate", arrays)
-        self._assigning = under("assigning", arrays) or None
+        assigning = under("assigning", arrays) or None
+        check_like(assigning or self.gate_weights, self.gate_weights)
+        self._best, self.gate_weights, self._assigning = under("best", arrays), under("gate", arrays), assigning
         self._experts.restore(under("experts", arrays))
         self._gate.restore(under("gating", arrays))
         self._round_steps, self._round, self._step_in_round, self._idle = (int(n) for n in arrays["counts"])

@@ -15,7 +15,7 @@ from lightwell.fields.examples import Examples
 from lightwell.fields.partition import Partition
 from lightwell.networks import Mlp
 from lightwell.networks.batched import BatchedSet, BatchedTrainer
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under
 from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
 from lightwell.networks.levenberg import LevenbergMarquardt
 
@@ -176,7 +176,18 @@ class Level:
     @staticmethod
     def of_arrays(arrays: Arrays, trainer: Callable[[int], BatchedTrainer | LevenbergMarquardt]) -> Level:
         """What ``arrays`` gave; trainer: makes one for so many candidates."""
-        level = Level(arrays["parent"], arrays["axis"], arrays["side"], trainer(len(arrays["parent"])))
+        parent, axis, side = (arrays[name] for name in ("parent", "axis", "side"))
+        kinds = {
+            "parent": parent,
+            "axis": parent,
+            "side": parent,
+            "errors": np.empty((1, 2)),
+            "least": np.empty((1, 2)),
+        }
+        check_rows(arrays, kinds, len(parent))
+        if not ((parent >= 0).all() and np.isin(axis, (WHOLE, 0, 1, 2)).all() and np.isin(side, (0, 1)).all()):
+            raise ValueError("'parent', 'axis' or 'side' is not one of a cut")
+        level = Level(parent, axis, side, trainer(len(parent)))
         level.steps = int(arrays["steps"])
         level.errors, level.least = arrays["errors"].copy(), arrays["least"].copy()
         level.trainer.restore(under("trainer", arrays))

@@ -26,7 +26,7 @@ from lightwell.fields.segmented import NetworkPreset, SegmentedFit
 from lightwell.graph import Builder
 from lightwell.networks import TrainingSettings
 from lightwell.networks.batched import BatchedTrainer, initial_batch
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under
 from lightwell.networks.levenberg import LevenbergMarquardt
 from lightwell.transport.samples import Query
 
@@ -323,6 +323,8 @@ class KdFit(SegmentedFit):
             "leaves_by_status": {name: int(n) for name, n in zip(STATUS, states) if n},
         }
 
+    varying = ("errors", "status", "declined", "weights.", "partition.", "level.")
+
     def _arrays(self) -> Arrays:
         arrays = {"errors": self._errors, "status": self._status, "declined": self._declined}
         arrays["levels"] = np.array([self._level_steps, self._levels])
@@ -330,12 +332,22 @@ class KdFit(SegmentedFit):
         return arrays | (prefixed("level", self._level.arrays()) if self._level else {})
 
     def _restore(self, arrays: Arrays) -> None:
+        partition = Partition.of(under("partition", arrays))
+        mine = self._arrays()
+        rows = {
+            name: mine[name] for name in mine if name in ("errors", "status", "declined") or name.startswith("weights.")
+        }
+        check_rows(arrays, rows, len(partition))
         self._errors, self._status, self._declined = (arrays[n].copy() for n in ("errors", "status", "declined"))
         self._level_steps, self._levels = (int(n) for n in arrays["levels"])
-        self._weights = {name: value.copy() for name, value in under("weights", arrays).items()}
-        self.partition = Partition(**under("partition", arrays))
+        self._weights = {name: arrays[f"weights.{name}"].copy() for name in self._weights}
+        self.partition = partition
+        if ((self._status < 0) | (self._status >= len(STATUS))).any():
+            raise ValueError("'status' holds a state that leaves do not have")
         level = under("level", arrays)
         self._level = Level.of_arrays(level, self._trainer) if level else None
+        if self._level is not None and not (self._level.parent < len(partition)).all():
+            raise ValueError("'level.parent' names a leaf that does not exist")
 
 
 def start(setup: FieldSetup, preset: str, seed: int) -> KdFit:

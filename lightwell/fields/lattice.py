@@ -117,8 +117,12 @@ class Gate:
 
     @staticmethod
     def of(arrays: Arrays) -> Gate:
-        """What ``arrays`` gave."""
-        scores = arrays["scores"]
+        """What ``arrays`` gave; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+        scores, corner = arrays["scores"], arrays["corner"]
+        if scores.ndim != 4 or scores.dtype != np.uint8 or min(scores.shape) < 1 or corner.shape != (3,):
+            raise ValueError("'scores' is not a lattice of bytes with a corner")
+        if not float(arrays["step"]) > 0:
+            raise ValueError("'step' is no length")
         return Gate(Lattice(arrays["corner"], float(arrays["step"]), scores.shape[:3]), scores)
 
     @cached_property

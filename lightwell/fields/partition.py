@@ -62,9 +62,51 @@ class Partition:
         """The nodes as the op ``tree`` wants them: a single leaf is a node with both sides alike."""
         return self.nodes if len(self.nodes) else np.array([[0, 0, -1, -1]], np.float32)
 
+    @staticmethod
+    def of(arrays: Arrays) -> Partition:
+        """What ``arrays`` gave; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+        found = Partition(*(arrays[name] for name in ("nodes", "low", "high", "depth")))
+        leaves = len(found)
+        for name, value in (("low", found.low), ("high", found.high)):
+            if value.shape != (leaves, 3) or value.dtype != np.float32:
+                raise ValueError(f"'{name}' is not a corner of each of {leaves} leaves")
+        if leaves < 1 or len(found.nodes) != leaves - 1 or found.depth.dtype.kind != "i" or (found.depth < 0).any():
+            raise ValueError(f"{len(found.nodes)} nodes do not make {leaves} leaves")
+        check_nodes(found.nodes, leaves, 3)
+        return found
+
     def arrays(self) -> Arrays:
         """For checkpoints."""
         return {"nodes": self.nodes, "low": self.low, "high": self.high, "depth": self.depth}
+
+
+def check_nodes(nodes: np.ndarray, leaves: int, columns: int, depth: int | None = None) -> None:
+    """Refuse rows of the op ``tree`` that no tree has: children come after their parents, leaves exist.
+
+    Args:
+        nodes: [n, 4] axis, threshold, child or -1 - leaf below, the same above.
+        leaves: Number of leaves.
+        columns: Number of values that an axis may choose from.
+        depth: Levels of interior nodes that must suffice; None: not checked.
+
+    Raises:
+        ValueError: The rows are not such a tree.
+    """
+    if nodes.ndim != 2 or nodes.shape[1] != 4 or nodes.dtype != np.float32 or not np.isfinite(nodes).all():
+        raise ValueError("'nodes' is not rows of four numbers")
+    axis, sides = nodes[:, 0], nodes[:, 2:]
+    row = np.arange(len(nodes))[:, None]
+    good = (axis >= 0) & (axis < columns) & (axis == np.floor(axis))
+    good = good[:, None] & (sides == np.floor(sides)) & (sides < len(nodes)) & (sides >= -leaves)
+    if not (good & ((sides < 0) | (sides > row))).all():
+        raise ValueError("'nodes' names an axis, a node or a leaf that does not exist")
+    level = np.ones(len(nodes), np.int64)
+    for parent, (below, above) in enumerate(sides.astype(np.int64)):
+        for child in (below, above):
+            if child > 0:
+                level[child] = level[parent] + 1
+    if depth is not None and level.max(initial=1) > depth:
+        raise ValueError(f"'nodes' has {level.max()} levels, its depth is {depth}")
 
 
 def walk(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -17,14 +17,16 @@ from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.examples import Examples
 from lightwell.fields.features import FeatureOctaves, open_builder
 from lightwell.fields.inputs import Inputs, Kind
-from lightwell.files import Arrays, load_arrays, save_arrays
+from lightwell.files import Arrays, save_arrays
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.networks import Mlp, TrainingSettings
-from lightwell.networks.checkpoint import prefixed, under
+from lightwell.networks.checkpoint import counters, prefixed, read_checkpoint, taking_up, under
 from lightwell.networks.grouped import GroupedRows
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
+# Arrays of ``state_arrays`` whose shape or width of text depends on how far the training was.
+STATE_VARYING = ("history", "facts")
 # Keeps 1/reflectance finite where the learned value is radiance.
 REFLECTANCE_FLOOR = 1e-9
 
@@ -91,8 +93,11 @@ class SegmentedFit:
         """What a resumed training needs besides state and facts."""
         raise NotImplementedError
 
+    # Beginnings of the names of arrays whose shape depends on how far the training was; ``_restore`` checks them.
+    varying: tuple[str, ...] = ()
+
     def _restore(self, arrays: Arrays) -> None:
-        """Take up what ``_arrays`` gave."""
+        """Take up what ``_arrays`` gave; ``ValueError`` or ``KeyError`` where it does not fit together."""
         raise NotImplementedError
 
     def _rearrange(self) -> None:
@@ -184,14 +189,20 @@ class SegmentedFit:
 
     def save(self, path: Path) -> None:
         """Write a checkpoint atomically."""
-        save_arrays(path, state_arrays(self.state, self.facts) | prefixed("field", self._arrays()))
+        save_arrays(path, self._all_arrays())
+
+    def _all_arrays(self) -> Arrays:
+        return state_arrays(self.state, self.facts) | prefixed("field", self._arrays())
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint; field, preset and samples must be the same."""
-        arrays = load_arrays(path)
-        self.state, facts = state_of(arrays)
+        varying = tuple(f"field.{name}" for name in self.varying)
+        arrays = read_checkpoint(path, self._all_arrays(), varying=(*STATE_VARYING, *varying))
+        with taking_up(path):
+            state, facts = state_of(arrays)
+            self._restore(under("field", arrays))
+        self.state = state
         self.facts |= facts
-        self._restore(under("field", arrays))
         self._rearrange()
 
 
@@ -213,7 +224,12 @@ def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:
 
 
 def state_of(arrays: Arrays) -> tuple[TrainingState, dict[str, Any]]:
-    """What ``state_arrays`` was given."""
-    step, seen, best_step = (int(v) for v in arrays["step"])
-    history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
-    return TrainingState(step, seen, float(arrays["best_error"]), best_step, history), json.loads(str(arrays["facts"]))
+    """What ``state_arrays`` was given; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+    step, seen, best_step, best_error, history = counters(arrays)
+    try:
+        facts = json.loads(str(arrays["facts"]))
+    except RecursionError as error:
+        raise ValueError("'facts' is nested too deeply") from error
+    if not isinstance(facts, dict):
+        raise ValueError("'facts' is not a JSON object")
+    return TrainingState(step, seen, best_error, best_step, history), facts

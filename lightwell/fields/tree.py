@@ -17,10 +17,11 @@ from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.examples import Examples
 from lightwell.fields.features import open_builder
 from lightwell.fields.inputs import Inputs, Kind
-from lightwell.fields.partition import walk
-from lightwell.fields.segmented import as_radiance, state_arrays, state_of
-from lightwell.files import load_arrays, save_arrays
+from lightwell.fields.partition import check_nodes, walk
+from lightwell.fields.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
+from lightwell.files import Arrays, save_arrays
 from lightwell.graph import Graph, quantise
+from lightwell.networks.checkpoint import read_checkpoint, taking_up
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
@@ -153,16 +154,24 @@ class TreeFit:
 
     def save(self, path: Path) -> None:
         """Write a checkpoint atomically."""
+        save_arrays(path, self._arrays())
+
+    def _arrays(self) -> Arrays:
         tree = {"nodes": self._nodes, "values": self._values, "depth": np.array(self._depth)}
-        save_arrays(path, state_arrays(self.state, self.facts) | tree | {"grown": np.array(self._grown)})
+        return state_arrays(self.state, self.facts) | tree | {"grown": np.array(self._grown)}
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint."""
-        arrays = load_arrays(path)
-        self.state, facts = state_of(arrays)
+        arrays = read_checkpoint(path, self._arrays(), varying=(*STATE_VARYING, "nodes", "values"))
+        with taking_up(path):
+            state, facts = state_of(arrays)
+            nodes, values, depth = arrays["nodes"], arrays["values"], int(arrays["depth"])
+            if values.dtype != np.float32 or values.ndim != 2 or values.shape[1] != 3:
+                raise ValueError("'values' is not a colour for each leaf")
+            check_nodes(nodes, len(values), self.inputs.width, depth)
+        self.state = state
         self.facts |= facts
-        self._nodes, self._values, self._depth = arrays["nodes"], arrays["values"], int(arrays["depth"])
-        self._grown = bool(arrays["grown"])
+        self._nodes, self._values, self._depth, self._grown = nodes, values, depth, bool(arrays["grown"])
 
 
 def node_rows(tree: Any) -> tuple[np.ndarray, np.ndarray, int]:

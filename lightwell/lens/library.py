@@ -124,7 +124,7 @@ def loads(data: bytes, where: str = "library", aperture: Aperture | None = None)
             f"lens: {where} is not a library of spreadlets (its header is not JSON); bake it again"
         ) from None
     except (KeyError, TypeError, OverflowError, AttributeError, RecursionError) as error:
-        raise LensError(f"lens: {where} is not a library of spreadlets ({error!r}); bake it again") from None
+        raise LensError(f"lens: {where} is not a library of spreadlets ({error!r:.200}); bake it again") from None
 
 
 def _loads(data: bytes, aperture: Aperture | None) -> Library:
@@ -156,7 +156,7 @@ def _loads(data: bytes, aperture: Aperture | None) -> Library:
 
 def _family(header: dict, aperture: Aperture | None) -> Family:
     if header["family"] not in NAMES:
-        raise LensError(f"holds a family {header['family']!r}, known are {', '.join(NAMES)}")
+        raise LensError(f"holds a family {header['family']!r:.40}, known are {', '.join(NAMES)}")
     axes = []
     for axis in header["axes"]:
         values = np.asarray(axis["values"], np.float64)
@@ -166,7 +166,7 @@ def _family(header: dict, aperture: Aperture | None) -> Family:
             or not np.isfinite(values).all()
             or (np.diff(values) <= 0).any()
         ):
-            raise LensError(f"has an axis {axis['name']!r} that does not ascend")
+            raise LensError(f"has an axis {axis['name']!r:.40} that does not ascend")
         axes.append(Axis(str(axis["name"]), tuple(values.tolist())))
     shape = aperture or _aperture(header["aperture"])
     return Family(header["family"], *axes, aperture=shape, strength=float(header.get("strength", 0.0)))
@@ -182,7 +182,7 @@ def _aperture(key: str) -> Aperture:
         return Aperture("polygon", int(blades), float(angle))
     if kind == "mask":
         return Aperture("mask", mask=(b"", 0), label=key)
-    raise LensError(f"has an unknown aperture {key!r}")
+    raise LensError(f"has an unknown aperture {key!r:.40}")
 
 
 def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
@@ -194,11 +194,11 @@ def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple
     for node, tier, kind, recipe, first, count, scale, *scores in zip(*(records[name] for name in FACTS)):
         whole = all(type(v) is int for v in (node, tier, first, count))
         if not whole or not 0 <= node < family.size or tier not in (0, 1) or kind not in KINDS:
-            raise LensError(f"has a record for node {node!r}, tier {tier!r}, kind {kind!r}")
+            raise LensError(f"has a record for node {node!r:.40}, tier {tier!r:.40}, kind {kind!r:.40}")
         if not (0 <= first and 0 < count and first + count <= len(points)):
             raise LensError(f"has a node {node} whose points lie outside the file")
         if not (np.isfinite(scale) and 0 < scale < 1e6 and np.isfinite(scores).all()):
-            raise LensError(f"has a node {node} with a scale of {scale!r}")
+            raise LensError(f"has a node {node} with a scale of {scale!r:.40}")
         mine = points[first : first + count]
         total_q = int(mine["q"].astype(np.int64).sum())
         if KINDS.index(kind) == CHARGE and total_q != 0:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.grouped import Runs
 from lightwell.networks.losses import LOSSES
@@ -175,11 +175,8 @@ class BatchedTrainer:
 
     def restore(self, arrays: Arrays) -> None:
         """Take up what ``arrays`` gave; the shape and the number of networks must be the same."""
+        check_like(arrays, self.arrays())
         values = under("value", arrays)
-        for name, value in self.best.items():
-            if name not in values or values[name].shape != value.shape:
-                found = values[name].shape if name in values else None
-                raise ValueError(f"checkpoint: '{name}' has shape {found}, the networks need {value.shape}; delete it")
         self.steps, self.seeds = int(arrays["steps"]), arrays["seeds"]
         self.best, self.best_error = under("best", arrays), arrays["best_error"].copy()
         self._values = [self._upload(values, begin) for begin in self._begins]

@@ -1,12 +1,18 @@
-"""Names of the arrays in checkpoints of fits."""
+"""Checkpoints of fits: the names of their arrays, and reading files that may be damaged or another fit's."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
-from lightwell.files import Arrays
+from lightwell.files import Arrays, load_arrays
+
+# Last words of the names of arrays that may hold infinity or NaN: errors that have not been measured yet.
+UNMEASURED = ("best_error", "errors", "least", "round_error", "history")
+CURE = "delete it and train again"
 
 
 def prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> Arrays:
@@ -18,3 +24,72 @@ def under(prefix: str, arrays: Mapping[str, np.ndarray]) -> Arrays:
     """What ``prefixed`` was given."""
     start = f"{prefix}."
     return {name[len(start) :]: value for name, value in arrays.items() if name.startswith(start)}
+
+
+def read_checkpoint(path: str | Path, like: Mapping[str, np.ndarray], varying: tuple[str, ...] = ()) -> Arrays:
+    """Read a checkpoint and check it against the arrays that the fit that takes it up would write.
+
+    Args:
+        path: An .npz file.
+        like: Arrays of a fit of the same field, preset and samples.
+        varying: Beginnings of the names of arrays whose shape depends on how far the training was; the fit checks them.
+
+    Returns:
+        The arrays of the file; those of ``like`` that do not vary have the same shapes and types.
+
+    Raises:
+        ValueError: The file is no checkpoint, or one of another fit, or holds numbers that are not finite.
+    """
+    arrays = load_arrays(path)
+    fixed = {name: value for name, value in like.items() if not name.startswith(varying or ("/",))}
+    with taking_up(path):
+        check_like(arrays, fixed)
+        for name, value in arrays.items():
+            if value.dtype.kind not in "biufU":
+                raise ValueError(f"'{name}' holds {value.dtype}")
+            if value.dtype.kind == "f" and name.split(".")[-1] not in UNMEASURED and not np.isfinite(value).all():
+                raise ValueError(f"'{name}' holds numbers that are not finite")
+    return arrays
+
+
+def check_like(arrays: Mapping[str, np.ndarray], like: Mapping[str, np.ndarray]) -> None:
+    """Refuse arrays that lack one of ``like``, or have it in another shape or type; ``ValueError`` says which."""
+    for name, value in like.items():
+        found = arrays.get(name)
+        if found is None or found.shape != np.shape(value):
+            shape = None if found is None else found.shape
+            raise ValueError(f"'{name}' has shape {shape}, the network needs {np.shape(value)}")
+        if found.dtype != np.asarray(value).dtype:
+            raise ValueError(f"'{name}' holds {found.dtype}, the network needs {np.asarray(value).dtype}")
+
+
+def check_rows(arrays: Mapping[str, np.ndarray], like: Mapping[str, np.ndarray], count: int) -> None:
+    """As ``check_like`` for arrays with ``count`` rows, however many those of ``like`` have."""
+    check_like(arrays, {name: np.empty((count, *value.shape[1:]), value.dtype) for name, value in like.items()})
+
+
+@contextmanager
+def taking_up(path: str | Path) -> Iterator[None]:
+    """Name the file and the cure where what a checkpoint holds does not fit together."""
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+        if isinstance(error, ValueError) and str(error).startswith(f"{path}: "):
+            raise
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: does not fit ({reason}); {CURE}") from error
+
+
+def counters(arrays: Mapping[str, np.ndarray]) -> tuple[int, int, int, float, list[tuple[int, float, float]]]:
+    """Steps, samples seen, best step, best error and history [(step, loss, error)] of a training, checked."""
+    steps, history = arrays["step"], arrays["history"]
+    if steps.shape != (3,) or steps.dtype.kind not in "iu" or (steps < 0).any():
+        raise ValueError("'step' is not three counts")
+    if history.ndim != 2 or history.shape[1] != 3 or not np.isfinite(history).all():
+        raise ValueError("'history' is not rows of step, loss and error")
+    best = float(arrays["best_error"])
+    # Infinity before the first look; afterwards an error.
+    if not best >= 0:
+        raise ValueError(f"'best_error' is {best}")
+    step, seen, best_step = (int(v) for v in steps)
+    return step, seen, best_step, best, [(int(s), float(a), float(b)) for s, a, b in history]

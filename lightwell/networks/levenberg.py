@@ -19,7 +19,7 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from lightwell.networks.batched import initial_batch, keep_better
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.grouped import Runs
 from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
 
@@ -121,7 +121,8 @@ class LevenbergMarquardt:
         return prefixed("value", self.parameters) | prefixed("best", self.best) | own
 
     def restore(self, arrays: Arrays) -> None:
-        """Take up what ``arrays`` gave."""
+        """Take up what ``arrays`` gave; the shape and the number of networks must be the same."""
+        check_like(arrays, self.arrays())
         self.parameters = {name: value.copy() for name, value in under("value", arrays).items()}
         self.best = {name: value.copy() for name, value in under("best", arrays).items()}
         self.damping, self.done, self.best_error = (arrays[n].copy() for n in ("damping", "done", "best_error"))

@@ -20,7 +20,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.batched import initial_batch, shaped, take_rows
-from lightwell.networks.checkpoint import Arrays, prefixed, under
+from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.device import tensor, tensors
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
@@ -125,11 +125,7 @@ class MixtureTrainer:
 
     def restore(self, arrays: Arrays) -> None:
         """Take up what ``arrays`` gave; the shapes must be the same."""
-        for part, values in self._values.items():
-            found = under(f"value.{part}", arrays)
-            for name, value in values.items():
-                if name not in found or found[name].shape != value.shape:
-                    raise ValueError(f"checkpoint: '{part}.{name}' does not fit the networks; delete it")
+        check_like(arrays, self.arrays())
         self.steps = int(arrays["steps"])
         for part in self._values:
             self._values[part] = tensors(under(f"value.{part}", arrays))

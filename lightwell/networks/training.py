@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.files import load_arrays, save_arrays
+from lightwell.files import Arrays, save_arrays
+from lightwell.networks.checkpoint import counters, read_checkpoint, taking_up
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.optimisers import OPTIMISERS
 from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
@@ -227,8 +228,11 @@ class Trainer:
 
     def save(self, path: Path) -> None:
         """Write everything needed to go on to ``path`` (.npz), by a temporary name and a rename."""
+        save_arrays(path, self._arrays())
+
+    def _arrays(self) -> Arrays:
         state = self.state
-        arrays: dict[str, np.ndarray] = {
+        arrays: Arrays = {
             "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
             "best_error": np.array(state.best_error),
             "history": np.array(state.history, np.float64).reshape(-1, 3),
@@ -236,18 +240,14 @@ class Trainer:
         for name, value in self._values.items():
             arrays[f"value.{name}"], arrays[f"best.{name}"] = np.array(value), self.best[name]
             arrays[f"first.{name}"], arrays[f"second.{name}"] = (np.array(m[name]) for m in self._moments)
-        save_arrays(path, arrays)
+        return arrays
 
     def load(self, path: Path) -> None:
         """Take up a training that ``save`` wrote; the network and the settings must be the same."""
-        arrays = load_arrays(path)
-        step, seen, best_step = (int(v) for v in arrays["step"])
-        history = [(int(s), float(a), float(b)) for s, a, b in arrays["history"]]
-        self.state = TrainingState(step, seen, float(arrays["best_error"]), best_step, history)
-        for name, value in self._values.items():
-            found = arrays[f"value.{name}"].shape if f"value.{name}" in arrays else None
-            if found != value.shape:
-                raise ValueError(f"{path}: '{name}' has shape {found}, the network needs {value.shape}; delete it")
+        arrays = read_checkpoint(path, self._arrays(), varying=("history",))
+        with taking_up(path):
+            step, seen, best_step, best_error, history = counters(arrays)
+        self.state = TrainingState(step, seen, best_error, best_step, history)
         names = list(self._values)
         self._values = _upload({name: arrays[f"value.{name}"] for name in names})
         self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell.files import flush, write_atomically
+from lightwell.files import flush, load_array, write_atomically
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
@@ -35,6 +35,17 @@ VERSION = 1
 POOL_SHARDS, POOL_SIZE = 8, 2
 # Pools that a scene keeps: those of both roles, area-uniform and adaptive shards.
 POOLS = Derived[SurfaceDraw]("transport.surface_pools", most=4)
+
+# Columns that make samples: shape of a row and type.
+COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
+    **{name: ((3,), np.float32) for name in ("position", "normal", "view", "light", "reflectance")},
+    **{name: ((1,), np.float32) for name in ("roughness", "metallic")},
+    **{name: ((3,), np.float32) for name in ("half_a", "half_b")},
+    "weight": ((), np.float32),
+    "shape": ((), np.uint32),
+}
+# NaN where none of a sample's paths gave a number; fits drop those rows and count them.
+MAY_BE_NAN = ("half_a", "half_b")
 
 LightsFn = Callable[[int, int], np.ndarray]
 """(count, seed) -> [count, 3] positions of the light (directions of the sun)."""
@@ -190,13 +201,32 @@ def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int 
         raise ValueError(
             f"samples: '{folder}' holds {len(found)} of {shards or 1} shards; run generate() again to resume"
         )
-    found = found[:shards]
+    parts = [_read_shard(shard) for shard in found[:shards]]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
+    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
+    return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
 
-    def column(name: str) -> np.ndarray:
-        return np.concatenate([np.load(p / f"{name}.npy") for p in found])
 
-    query = Query(**{name: column(name) for name in Query.__dataclass_fields__})
-    return Samples(query, column("half_a"), column("half_b"), column("weight"), column("shape"))
+def _read_shard(folder: Path) -> dict[str, np.ndarray]:
+    """The columns of one shard; ``ValueError`` names the file that is damaged and the cure."""
+    columns: dict[str, np.ndarray] = {}
+    rows = None
+    for name, (shape, kind) in COLUMNS.items():
+        path = folder / f"{name}.npy"
+        values = load_array(path, f"a damaged shard of samples; delete '{folder}' and run generate() again")
+        rows = len(values) if rows is None and values.ndim else rows
+        expected = (rows, *shape)
+        if values.shape != expected or values.dtype != kind:
+            raise ValueError(
+                f"samples: '{path}' is {values.dtype} {values.shape}, expected {np.dtype(kind)} {expected}; "
+                f"delete '{folder}' and run generate() again"
+            )
+        if name not in MAY_BE_NAN and not np.isfinite(values).all():
+            raise ValueError(
+                f"samples: '{path}' holds numbers that are not finite; delete '{folder}' and run generate() again"
+            )
+        columns[name] = values
+    return columns
 
 
 def manifest(scene: Scene, variable: Variable, settings: ShardSettings) -> dict:
@@ -230,13 +260,20 @@ def scene_digest(scene: Scene) -> str:
 def _read_manifest(folder: Path, digest: str | None) -> dict:
     try:
         found = json.loads((folder / "manifest.json").read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
         raise ValueError(
-            f"samples: '{folder}' has no readable manifest.json ({error}); run generate() first"
+            f"samples: '{folder}' has no readable manifest.json ({reason}); run generate() first"
         ) from error
+    kinds = {"digest": str, "settings_hash": str, "scene": str, "settings": dict, "variable": dict}
+    if not isinstance(found, dict) or (
+        found.get("version") == VERSION and not all(isinstance(found.get(key), kind) for key, kind in kinds.items())
+    ):
+        raise ValueError(f"samples: '{folder}' has a damaged manifest.json; delete the folder and generate again")
     if found.get("version") != VERSION:
         raise ValueError(
-            f"samples: '{folder}' has version {found.get('version')}, expected {VERSION}; delete it and generate again"
+            f"samples: '{folder}' has version {str(found.get('version'))[:40]}, expected {VERSION}; "
+            "delete it and generate again"
         )
     if digest is not None and found["digest"] != digest:
         raise ValueError(

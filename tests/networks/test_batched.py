@@ -108,7 +108,7 @@ def test_resumed_training_ends_with_the_same_bits():
 
 def test_a_checkpoint_of_other_networks_is_refused():
     other = BatchedTrainer(Mlp((4, 5, 3)), TrainingSettings(), [1])
-    with pytest.raises(ValueError, match="the networks need"):
+    with pytest.raises(ValueError, match="the network needs"):
         other.restore(BatchedTrainer(MLP, TrainingSettings(), [1]).arrays())
 
 
