@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lightwell import limit_arguments
+
 if TYPE_CHECKING:
     from lightwell.baking.settings import BakeSettings
 
@@ -71,6 +73,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--box", metavar="x0,y0,z0,x1,y1,z1", help="probes: where the scene has changed, metres")
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
     parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
+    limit_arguments.add_scene(parser)
     parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
 
 
@@ -99,4 +102,5 @@ def settings(arguments: argparse.Namespace) -> BakeSettings:
         mips=arguments.mips,
         max_bytes=None if arguments.max_bytes is None else parse_bytes(arguments.max_bytes),
         spacing=None if arguments.spacing is None else metres(arguments.spacing),
+        **limit_arguments.scene_options(arguments),
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from lightwell import limit_arguments
+
 LIVE_SUMMARY = "a page in which the radiance cache learns while you move camera and lights"
 
 
@@ -25,6 +27,7 @@ def add_live(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1 (default: any free one)")
     parser.add_argument("--no-open", action="store_true", help="only serve")
     _add_options(parser)
+    limit_arguments.add_scene(parser)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:

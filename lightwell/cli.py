@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import lightwell
-from lightwell import bake_arguments
+from lightwell import bake_arguments, limit_arguments
 
 # Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
 USAGE_ERROR, INTERRUPTED = 2, 130
@@ -120,8 +120,8 @@ def _rebake(arguments, progress):
     if arguments.field not in (None, "probes"):
         raise ValueError(f"bake: --rebake is for --field probes, not '{arguments.field}'")
     box = parse_box(arguments.box)
-    vary = tuple(arguments.vary)
-    return rebake(arguments.scene, Path(arguments.out), Path(arguments.rebake), box, vary, progress)
+    vary, options = tuple(arguments.vary), limit_arguments.scene_options(arguments)
+    return rebake(arguments.scene, Path(arguments.out), Path(arguments.rebake), box, vary, progress, **options)
 
 
 # Seconds of tracing and training of the demo: with installation, evaluation and report three minutes on two cores.
@@ -191,6 +191,7 @@ def _add_render(verbs) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
     cache.add_render(parser)
+    limit_arguments.add_scene(parser)
     parser.add_argument("--json", action="store_true", help="print what was rendered as JSON")
 
 
@@ -223,6 +224,7 @@ def _render(arguments) -> int:
         light=arguments.light,
         intensity=arguments.intensity,
         seed=arguments.seed,
+        **limit_arguments.scene_options(arguments),
     )
     print(
         json.dumps(facts, indent=1)
@@ -280,6 +282,7 @@ def _add_compare(verbs) -> None:
     parser.add_argument(
         "--keep", action="store_true", help="keep samples and truth; --resume with other --fields then adds to them"
     )
+    limit_arguments.add_scene(parser)
     parser.add_argument("--json", action="store_true", help="print the rows or compare.json, no progress bars")
 
 
@@ -312,6 +315,7 @@ def _compare_fields(arguments) -> int:
         budget=Budget.parse(arguments.budget) if arguments.budget else Budget(),
         vary=tuple(arguments.vary),
         truth=Budget.parse(arguments.truth) if arguments.truth else None,
+        **limit_arguments.scene_options(arguments),
         **{k: getattr(arguments, k) for k in ("seed", "resume", "paths", "views", "steps", "shards", "keep")},
     )
     numbers = compare_fields(settings, Progress(quiet=arguments.json))
@@ -322,13 +326,14 @@ def _compare_fields(arguments) -> int:
 def _add_info(verbs) -> None:
     parser = _verb(verbs, "info", _info, "say what a baked asset or a scene holds")
     parser.add_argument("path", metavar="ASSET|SCENE", help="OUT, OUT/scene.glb, or any scene")
+    limit_arguments.add_scene(parser)
     parser.add_argument("--json", action="store_true", help="print the facts as JSON")
 
 
 def _info(arguments) -> int:
     from lightwell.baking.information import describe
 
-    facts = describe(arguments.path)
+    facts = describe(arguments.path, **limit_arguments.scene_options(arguments))
     if arguments.json:
         print(json.dumps(facts, indent=1))
     else:
@@ -347,13 +352,15 @@ def _add_export(verbs) -> None:
     parser.add_argument(
         "--weights", default="", help="inline (literals) or table (default: by the size of the network)"
     )
+    limit_arguments.add_limit(parser)
 
 
 def _export(arguments) -> int:
     from lightwell.asset.export import ENDINGS, export_field, write_export
 
     path = Path(arguments.path)
-    exported = export_field(path, arguments.to, field=arguments.field, name=arguments.name, weights=arguments.weights)
+    names = {"field": arguments.field, "name": arguments.name, "weights": arguments.weights}
+    exported = export_field(path, arguments.to, **names, limits=limit_arguments.limits(arguments))
     folder = path if path.is_dir() else path.parent
     out = Path(arguments.out) if arguments.out else folder / f"{arguments.name}{ENDINGS[arguments.to]}"
     for written in write_export(out, exported):
@@ -364,12 +371,13 @@ def _export(arguments) -> int:
 def _add_validate(verbs) -> None:
     parser = _verb(verbs, "validate", _validate, "check a .glb against the specification of its learned light")
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
+    limit_arguments.add_limit(parser)
 
 
 def _validate(arguments) -> int:
     from lightwell.asset.validate import validate_file
 
-    problems = validate_file(arguments.path)
+    problems = validate_file(arguments.path, limit_arguments.limits(arguments))
     print("\n".join(problems) or f"{arguments.path}: follows the specification")
     return 1 if problems else 0
 

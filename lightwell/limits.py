@@ -40,9 +40,9 @@ class Limits:
     """Vertex indices (three a triangle), those of instances included."""
     nodes: int = 500_000
     """Nodes of a scene graph, or elements of an XML document."""
-    depth: int = 100_000
+    depth: int = 500_000
     """Levels of a scene graph."""
-    instances: int = 100_000
+    instances: int = 500_000
     """Meshes placed in the world: each node with a mesh, each instance of an instanced node."""
     lights: int = 10_000
     """Lights of a scene other than emissive meshes."""
@@ -123,7 +123,7 @@ class Budget:
             place = f"{self.where}: {what}" if what else self.where
             called = _CALLED.get(name, name)
             raise self._error(
-                f"{place}: {amount:.10g} {called}, more than the limit of {limit:.10g}; make it smaller, or raise the "
+                f"{place}: {_shown(amount)} {called}, more than the limit of {_shown(limit)}; make it smaller, or raise the "
                 f"limit of a file that you trust with --limit {name}={_rounded_up(amount):g}"
             )
 
@@ -140,6 +140,10 @@ class Budget:
     def spent(self, name: str) -> int:
         """The sum so far."""
         return self._spent[name]
+
+
+def _shown(amount: float) -> str:
+    return f"{amount:.3g}" if isinstance(amount, float) else str(amount)
 
 
 def _rounded_up(amount: float) -> float:

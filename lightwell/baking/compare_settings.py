@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lightwell.baking.settings import BakeSettings, Budget
 from lightwell.fields import FIELDS, presets
+from lightwell.limits import Limits
 
 DEFAULT_BUDGET = Budget()
 
@@ -76,6 +77,10 @@ class CompareSettings:
     """Seconds of tracing the held-out truth; None: a share of the budget. All fields share it."""
     keep: bool = False
     """Keep samples, truth and checkpoints, so that --resume can add fields later."""
+    limits: Limits = Limits()
+    """What the scene's file may ask for."""
+    unit: float = 1.0
+    """Metres per unit of length of a glTF file."""
 
     def __post_init__(self) -> None:
         """Refuse what means nothing, by the name of its option."""
@@ -91,5 +96,6 @@ class CompareSettings:
     def as_bake(self, choice: FieldChoice) -> BakeSettings:
         """The bake that would learn one of the fields from as many samples."""
         shared = ("scene", "out", "budget", "vary", "seed", "paths", "lights_per_shard", "views", "view_size")
+        shared += ("limits", "unit")
         counts = {"steps": self.steps, "shards": self.shards}
         return BakeSettings(field=choice.field, preset=choice.preset, **{k: getattr(self, k) for k in shared}, **counts)

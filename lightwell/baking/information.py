@@ -5,17 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from lightwell.limits import Limits
 
-def describe(path: str) -> dict[str, Any]:
-    """Facts about OUT, an asset with learned light, or any scene that can be loaded."""
+
+def describe(path: str, *, limits: Limits | None = None, unit: float = 1.0) -> dict[str, Any]:
+    """Facts about OUT, an asset with learned light, or any scene that can be loaded.
+
+    ``limits`` and ``unit`` are those of ``lightwell.scenes.load``.
+    """
     target = Path(path)
     if (target / "scene.glb").is_file():
         target = target / "scene.glb"
     if target.suffix == ".glb" and target.is_file() and _is_baked(target):
         from lightwell.asset.info import info
 
-        return info(target)
-    return _scene_facts(path)
+        return info(target, limits)
+    return _scene_facts(path, limits, unit)
 
 
 def _is_baked(path: Path) -> bool:
@@ -24,10 +29,10 @@ def _is_baked(path: Path) -> bool:
     return EXTENSION.encode() in path.read_bytes()
 
 
-def _scene_facts(path: str) -> dict[str, Any]:
+def _scene_facts(path: str, limits: Limits | None, unit: float) -> dict[str, Any]:
     from lightwell.scenes import load
 
-    scene = load(path)
+    scene = load(path, limits=limits, unit=unit)
     low, high = scene.bounds.round(3).tolist()
     return {
         "scene": scene.name,

@@ -15,6 +15,7 @@ from PIL import Image
 from lightwell.backend import mi
 from lightwell.baking.settings import MIDDLE_GREY
 from lightwell.files import write_atomically
+from lightwell.limits import Limits
 from lightwell.report.tonemap import srgb
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras
@@ -36,8 +37,13 @@ def render_picture(
     light: Sequence[str] | None = None,
     intensity: float | None = None,
     seed: int = 0,
+    limits: Limits | None = None,
+    unit: float = 1.0,
 ) -> dict[str, Any]:
-    """Path-trace and write ``out``; returns what was rendered. Without ``intensity`` the exposure is automatic."""
+    """Path-trace and write ``out``; returns what was rendered. Without ``intensity`` the exposure is automatic.
+
+    ``limits`` and ``unit`` are those of ``lightwell.scenes.load``.
+    """
     width, height = parse_size(size)
     if out.suffix.lower() not in (".png", ".exr"):
         raise ValueError(f"render: '{out}' is neither .png nor .exr; choose one of them")
@@ -45,7 +51,7 @@ def render_picture(
         raise ValueError(f"render: --intensity {intensity} is not a light; give a positive number of candela")
     if spp < 1:
         raise ValueError(f"render: --spp {spp} is not a positive number of paths")
-    loaded = load(scene)
+    loaded = load(scene, limits=limits, unit=unit)
     view = _camera(loaded, camera)
     variable = declare((), loaded)
     place = parse_point(light) if light else initial_light(loaded, variable, view)

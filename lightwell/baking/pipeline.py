@@ -36,7 +36,7 @@ def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, 
 
         return bake_lightmap(settings, progress)
     starter(settings.field, settings.preset)
-    scene = load(settings.scene)
+    scene = load(settings.scene, limits=settings.limits, unit=settings.unit)
     check_output(settings.out)
     _check_geometry(scene)
     variable = declare(settings.vary, scene)

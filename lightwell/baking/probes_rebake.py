@@ -39,13 +39,16 @@ def parse_box(text: str) -> np.ndarray:
 
 
 def rebake(
-    source: str, out: Path, old: Path, box: np.ndarray, vary: tuple[str, ...], progress: Progress
+    source: str, out: Path, old: Path, box: np.ndarray, vary: tuple[str, ...], progress: Progress, **options: Any
 ) -> dict[str, Any]:
-    """Write ``scene.glb``, the probes, their page and ``rebake.json``; returns the content of the last."""
+    """Write ``scene.glb``, the probes, their page and ``rebake.json``; returns the content of the last.
+
+    ``options`` are those of ``lightwell.scenes.load``.
+    """
     kept = {role: BakedProbes.kept(path) for role in ROLES if (path := old / f"probes-{role}.npz").is_file()}
     if not kept:
         raise ValueError(f"bake: '{old}' holds no probes to start from; bake it with --field probes --keep first")
-    scene = load(source)
+    scene = load(source, **options)
     check_output(out)
     make_folder(out)
     variable = declare(vary, scene)

@@ -16,6 +16,7 @@ from lightwell.cache.frames import sobol_pass
 from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
+from lightwell.limits import Limits
 from lightwell.scenes import load
 from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 from lightwell.scenes.scene import Camera
@@ -30,8 +31,8 @@ JPEG_QUALITY = 88
 class LiveScene:
     """A Mitsuba scene with one sensor, and what can be moved in it."""
 
-    def __init__(self, source: str, size: int) -> None:
-        loaded = load(source)
+    def __init__(self, source: str, size: int, *, limits: Limits | None = None, unit: float = 1.0) -> None:
+        loaded = load(source, limits=limits, unit=unit)
         self.name = loaded.name
         content: dict[str, Any] = {"type": "scene"}
         for k, shape in enumerate(loaded.mi.shapes()):
@@ -124,8 +125,9 @@ def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
 class LiveSession:
     """Renders in a thread; the page reads ``state`` and sends ``command``s."""
 
-    def __init__(self, source: str, settings: CacheSettings, size: int = 256) -> None:
-        self.live = LiveScene(source, size)
+    def __init__(self, source: str, settings: CacheSettings, size: int = 256, **options: Any) -> None:
+        """``options`` are those of ``lightwell.scenes.load``."""
+        self.live = LiveScene(source, size, **options)
         self.settings, self.size = settings, size
         self.cache = RadianceCache(settings)
         self.cache.prepare(self.live.scene)

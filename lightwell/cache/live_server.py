@@ -93,9 +93,11 @@ def open_live(session: LiveSession, port: int = 0) -> http.server.ThreadingHTTPS
     return server
 
 
-def live(source: str, settings: CacheSettings, size: int = 256, port: int = 0, browser: bool = True) -> None:
-    """Serve the page until interrupted."""
-    session = LiveSession(source, settings, size)
+def live(
+    source: str, settings: CacheSettings, size: int = 256, port: int = 0, browser: bool = True, **options: Any
+) -> None:
+    """Serve the page until interrupted. ``options`` are those of ``lightwell.scenes.load``."""
+    session = LiveSession(source, settings, size, **options)
     server = open_live(session, port)
     url = f"http://{LOOPBACK}:{server.server_address[1]}/"
     print(f"{url}  (Ctrl-C ends)", flush=True)

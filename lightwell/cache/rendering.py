@@ -51,8 +51,9 @@ def automatic_exposure(picture: np.ndarray) -> float:
 class Shot:
     """A scene, a film of the asked size, and a camera that can turn round its target."""
 
-    def __init__(self, source: str, width: int, height: int, spp: int) -> None:
-        self.live = LiveScene(source, 16)
+    def __init__(self, source: str, width: int, height: int, spp: int, **options: Any) -> None:
+        """``options`` are those of ``lightwell.scenes.load``."""
+        self.live = LiveScene(source, 16, **options)
         self.spp = spp
         self.sensor = mi.load_dict(
             {
@@ -78,10 +79,12 @@ class Shot:
         return np.array(image)[..., :3]
 
 
-def render_nrc(source: str, out: Path, settings: CacheSettings, width: int, height: int, spp: int, seed: int = 0):
-    """One picture with the radiance cache; returns facts about it."""
+def render_nrc(
+    source: str, out: Path, settings: CacheSettings, width: int, height: int, spp: int, seed: int = 0, **options: Any
+) -> dict[str, Any]:
+    """One picture with the radiance cache; returns facts about it. ``options`` are those of ``lightwell.scenes.load``."""
     _check_suffix(out)
-    shot = Shot(source, width, height, spp)
+    shot = Shot(source, width, height, spp, **options)
     integrator = NrcIntegrator(settings=settings)
     start = time.perf_counter()
     picture = shot.render(integrator, seed)
@@ -106,14 +109,18 @@ def _check_suffix(out: Path) -> None:
 def render_animation(
     source: str, folder: Path, settings: CacheSettings, width: int, height: int, spp: int, frames: int,
     degrees: float = 360.0, seed: int = 0, kind: str = "exr", resume: bool = False, quiet: bool = False,
+    **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """An orbit of ``degrees`` in ``frames`` pictures; what stands there already is kept with ``resume``."""
+    """An orbit of ``degrees`` in ``frames`` pictures; what stands there already is kept with ``resume``.
+
+    ``options`` are those of ``lightwell.scenes.load``.
+    """
     if kind not in ("exr", "png"):
         raise ValueError(f"render: '{kind}' is no picture format; choose exr or png")
     plan = {"scene": str(source), "size": [width, height], "spp": spp, "frames": frames, "degrees": degrees,
             "seed": seed, "settings": settings.to_json()}  # fmt: skip
     done = _begin(folder, plan, kind, resume)
-    shot = Shot(source, width, height, spp)
+    shot = Shot(source, width, height, spp, **options)
     integrator = NrcIntegrator(settings=settings.changed(mode="frames"))
     kept = folder / CACHE_NAME
     if done and kept.exists():

@@ -15,14 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.limits import Limits
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
-from lightwell.scenes.gltf_geometry import DRACO, MOST_VERTICES, Geometry, placed
+from lightwell.scenes.gltf_geometry import DRACO, Geometry
 from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place
 from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
 from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
+from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
 
@@ -34,15 +36,19 @@ KNOWN_EXTENSIONS = READ | {
     "KHR_texture_transform",
     "KHR_lights_punctual",
     "EXT_texture_webp",
+    INSTANCING,
 }
 # Extensions that change nothing about light and are passed over in silence.
 HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
 
 
-def load_gltf(path: str | Path) -> Scene:
-    """The scene in a .gltf or .glb file; raises SceneError with one line that says what is wrong and the cure."""
+def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0) -> Scene:
+    """Load a .gltf or .glb file, ``unit`` metres per unit of the file.
+
+    Raises SceneError with one line that says what is wrong and the cure.
+    """
     path = Path(path)
-    reader = _Reader(Document(path))
+    reader = _Reader(Document(path, limits or Limits()), unit)
     reader.read()
     return assemble(
         path.name,
@@ -59,8 +65,8 @@ def load_gltf(path: str | Path) -> Scene:
 class _Reader:
     """Walks the nodes of one document and collects the records."""
 
-    def __init__(self, document: Document):
-        self.document = document
+    def __init__(self, document: Document, unit: float):
+        self.document, self._unit = document, unit
         self.meshes: list[Mesh] = []
         self.materials: list[Material] = []
         self.lights: list[Light] = []
@@ -71,17 +77,18 @@ class _Reader:
         self._textures = Textures(document, accessors, self.warnings.append)
         # Index into ``materials`` of each of the file's materials that is used; None stands for none.
         self._material_of: dict[int | None, int] = {}
-        self._vertices = 0
         # World matrix of every node in the scene, by index.
         self._worlds: dict[int, np.ndarray] = {}
 
     def read(self) -> None:
         """Fill the lists."""
         self._check_extensions()
-        nodes = list(placed_nodes(self.document))
+        nodes = list(placed_nodes(self.document, self._unit))
         self._worlds = {node.index: node.matrix for node in nodes}
+        self._textures.charge()
+        for placement in placements(self.document, self._accessors, nodes):
+            self._add_meshes(placement)
         for node in nodes:
-            self._add_meshes(node)
             self._add_camera(node)
             self._add_light(node)
         if not self.meshes:
@@ -91,31 +98,25 @@ class _Reader:
 
     def _check_extensions(self) -> None:
         root = self.document.root
-        for name in root.items("extensionsRequired"):
+        for name in root.texts("extensionsRequired"):
             if name not in KNOWN_EXTENSIONS:
-                root.fail(
-                    f"requires the extension '{str(name)[:60]}', which lightwell does not read", "export without it"
-                )
-        for name in root.items("extensionsUsed"):
+                root.fail(f"requires the extension '{name[:60]}', which lightwell does not read", "export without it")
+        for name in root.texts("extensionsUsed"):
             known = name in KNOWN_EXTENSIONS | HARMLESS_EXTENSIONS
-            if not known and not str(name).startswith(("KHR_materials_", "EXT_materials_")):
-                self.warnings.append(f"the extension '{str(name)[:60]}' is ignored")
+            if not known and not name.startswith(("KHR_materials_", "EXT_materials_")):
+                self.warnings.append(f"the extension '{name[:60]}' is ignored")
 
-    def _add_meshes(self, node: PlacedNode) -> None:
-        number = node.place.index("mesh", self.document.count("meshes"), "mesh")
-        if number is None:
-            return
-        primitives, joints = self._geometry.mesh(number), self._joints(node)
-        self._vertices += sum(len(p.positions) for p in primitives)
-        if self._vertices > MOST_VERTICES:
-            self.document.fail(f"its instances have more than {MOST_VERTICES} vertices", "split the scene")
+    def _add_meshes(self, placement: Placement) -> None:
+        node, copies = placement.node, len(placement.matrices)
+        primitives, joints = self._geometry.mesh(placement.mesh), self._joints(node)
         for i, primitive in enumerate(primitives):
-            name = node.name if len(primitives) == 1 else f"{node.name}.{i}"
+            self.document.budget.check_time(node.place.what)
+            name = placement.name if len(primitives) == 1 else f"{placement.name}.{i}"
             with np.errstate(all="ignore"):
                 if joints is not None and primitive.joints is not None and primitive.weights is not None:
-                    arrays = skinned(self.document, primitive, joints)
+                    arrays, copies = skinned(self.document, primitive, joints), 1
                 else:
-                    arrays = placed(primitive, node.matrix)
+                    arrays = placed_copies(primitive, placement.matrices)
             if not np.isfinite(arrays["positions"]).all():
                 node.place.fail("moves its mesh so far that its vertices are not finite")
             material = self._material(primitive.material, name)
@@ -125,8 +126,9 @@ class _Reader:
                     "its meshes are left out because they would enclose the scene"
                 )
                 continue
-            unchanged = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
-            self.meshes.append(Mesh(name, material=material, **arrays, **unchanged))
+            same = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
+            repeated = {k: v if v is None or copies == 1 else np.tile(v, (copies, 1)) for k, v in same.items()}
+            self.meshes.append(Mesh(name, material=material, **arrays, **repeated))
 
     def _joints(self, node: PlacedNode) -> np.ndarray | None:
         """[J, 4, 4] matrices of the joints that hold a node's mesh, or None when it has no skin."""
@@ -176,6 +178,7 @@ class _Reader:
             return
         shared = self.document.root.extension("KHR_lights_punctual")
         lights = shared.items("lights") if shared else []
+        self.document.budget.charge("lights", 1, node.place.what)
         number = extension.index("light", len(lights), "light")
         if number is None:
             extension.fail("has no light")

@@ -9,8 +9,6 @@ from lightwell.scenes.gltf_json import Place
 
 COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-# Largest number of bytes that one array may take without being in the file as such (zeros, compressed data).
-LARGEST_ARRAY = 2**31
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 # Filters of EXT_meshopt_compression and the element sizes that each is defined for.
@@ -28,6 +26,7 @@ class Accessors:
     def __init__(self, document: Document):
         self._document = document
         self._unpacked: dict[int, bytes] = {}
+        self._arrays: dict[int, np.ndarray] = {}
 
     def view(self, index: int, reader: Place) -> bytes | memoryview:
         """Bytes of a buffer view."""
@@ -47,14 +46,23 @@ class Accessors:
         return place.integer("byteStride", low=1, high=256) if "byteStride" in place else None
 
     def read(self, index: int) -> np.ndarray:
-        """[count, width] of the accessor's own type."""
+        """[count, width] of the accessor's own type; the same array for the same accessor, not to be written to."""
+        if index not in self._arrays:
+            self._arrays[index] = self._read(index)
+        return self._arrays[index]
+
+    def count(self, index: int) -> int:
+        """Number of elements that an accessor says it has."""
+        return self._place(index).integer("count", low=1)
+
+    def _read(self, index: int) -> np.ndarray:
         place = self._place(index)
         dtype, width, count = self.layout(place)
+        self._document.budget.charge("decoded_bytes", count * width * dtype.itemsize, place.what)
         if "bufferView" in place:
             offset = place.integer("byteOffset", 0)
             values = self._elements(place, "bufferView", offset, dtype, width, count)
         else:
-            self._check_size(place, count * width * dtype.itemsize)
             values = np.zeros((count, width), dtype)
         return self._with_sparse(place, values) if "sparse" in place else values
 
@@ -121,7 +129,7 @@ class Accessors:
         data = bytes(self._range(place, place))
         count, stride = place.integer("count", low=1), place.integer("byteStride", low=1, high=256)
         mode, filter_ = place.text("mode"), place.text("filter", "NONE")
-        self._check_size(place, count * max(stride, 4))
+        self._document.budget.charge("decoded_bytes", count * max(stride, 4), place.what)
         if mode == "ATTRIBUTES" and stride % 4:
             place.fail(f"has byteStride {stride}, expected a multiple of 4")
         if mode != "ATTRIBUTES" and (mode not in ("TRIANGLES", "INDICES") or stride not in (2, 4)):
@@ -139,14 +147,10 @@ class Accessors:
         except (RuntimeError, ValueError, MemoryError) as error:
             place.fail(f"cannot be decompressed ({error})")
 
-    def _check_size(self, place: Place, size: int) -> None:
-        if size > LARGEST_ARRAY:
-            place.fail(f"asks for {size} bytes, more than the {LARGEST_ARRAY} that one array may have")
-
 
 def as_floats(values: np.ndarray, normalized: bool) -> np.ndarray:
     """float32 of integers or floats; normalized integers as glTF 2.0 decodes them."""
     if values.dtype.kind == "f" or not normalized:
-        return values.astype(np.float32)
+        return values.astype(np.float32, copy=False)
     scaled = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
     return np.maximum(scaled, -1) if values.dtype.kind == "i" else scaled

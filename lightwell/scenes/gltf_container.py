@@ -11,21 +11,23 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from lightwell.limits import Limits
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_json import CURE, Place
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
-# Nothing that a person models is larger; a larger external file is not read.
-LARGEST_FILE = 8 * 2**30
+# Memory that parsed JSON takes, in bytes per byte of text (measured on lists of small nodes and of numbers).
+JSON_EXPANSION = 8
 
 
 class Document:
     """An opened glTF file: its JSON root, its lists and its bytes."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, limits: Limits):
         self.path = path
         self.scene = path.name
+        self.budget = limits.budget(f"scene '{self.scene}'", SceneError)
         self._hash = hashlib.sha256()
         data = self._read(path)
         json_bytes, self._binary = self._split(data)
@@ -45,8 +47,7 @@ class Document:
 
     def item(self, key: str, index: int) -> Place:
         """Entry ``index`` of a top-level list, called for instance ``accessor 7``."""
-        names = {"meshes": "mesh"}
-        what = names.get(key, key[:-1])
+        what = "mesh" if key == "meshes" else key[:-1]
         values = self.root.items(key)
         if not 0 <= index < len(values):
             self.fail(f"{what} {index} is named, but there are {len(values)}")
@@ -94,8 +95,7 @@ class Document:
 
     def _read(self, path: Path) -> bytes:
         try:
-            if (size := path.stat().st_size) > LARGEST_FILE:
-                self.fail(f"'{path.name}' has {size} bytes, more than {LARGEST_FILE}", "split the scene")
+            self.budget.charge("file_bytes", path.stat().st_size, f"file '{path.name}'")
             data = path.read_bytes()
         except OSError as error:
             reason = error.strerror or error
@@ -145,6 +145,7 @@ class Document:
         return chunks[0][1], binary
 
     def _parse(self, data: bytes) -> Any:
+        self.budget.charge("decoded_bytes", JSON_EXPANSION * len(data), "its JSON")
         try:
             return json.loads(data.decode("utf-8-sig"))
         except (ValueError, RecursionError) as error:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.scenes.gltf_accessors import LARGEST_ARRAY, Accessors, as_floats
+from lightwell.scenes.gltf_accessors import Accessors, as_floats
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
 
@@ -157,25 +157,3 @@ def triangles(corners: np.ndarray, mode: int) -> np.ndarray:
         return np.stack([corners[first + 1], corners[first + 2], np.broadcast_to(corners[:1], count)], axis=-1)
     odd = first % 2
     return np.stack([corners[first], corners[first + 1 + odd], corners[first + 2 - odd]], axis=-1)
-
-
-def placed(primitive: Primitive, matrix: np.ndarray) -> dict[str, np.ndarray | None]:
-    """Positions, normals and indices of ``primitive`` after the 4x4 ``matrix``; a mirroring one turns the winding."""
-    linear = matrix[:3, :3]
-    positions = primitive.positions @ linear.T + matrix[:3, 3]
-    # The cofactor matrix transforms normals, and exists even when the matrix flattens the mesh.
-    cofactor = np.stack(
-        [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])]
-    )
-    mirrored = np.linalg.det(linear) < 0
-    normals = None
-    if primitive.normals is not None:
-        normals = primitive.normals @ (-cofactor if mirrored else cofactor).T
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        normals = (normals / np.where(length > 0, length, 1)).astype(np.float32)
-    indices = primitive.indices[:, [0, 2, 1]] if mirrored else primitive.indices
-    return {"positions": positions.astype(np.float32), "normals": normals, "indices": indices}
-
-
-# Vertices that all placed meshes together may have (positions, normals and coordinates take about 40 bytes each).
-MOST_VERTICES = LARGEST_ARRAY // 16

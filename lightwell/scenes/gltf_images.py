@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -17,10 +19,10 @@ from lightwell.scenes.scene import Image, Texture
 WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 # The magnification filter NEAREST; all others are bilinear here.
 NEAREST = 9728
+# What glTF files hold in practice; Pillow's other readers are not offered a stranger's bytes.
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TGA", "TIFF")
 # Quality of the JPEG that takes the place of a lossy WebP; high, because the picture has lost once already.
 JPEG_QUALITY = 95
-# More pixels than any texture of a real scene; a small file can unpack to more.
-MOST_PIXELS = 16384 * 16384
 
 
 class Textures:
@@ -29,6 +31,9 @@ class Textures:
     def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
         self._document, self._accessors, self._warn = document, accessors, warn
         self._images: dict[int, Image | None] = {}
+        # By digest of the encoded bytes: files name one picture under several numbers.
+        self._decoded: dict[bytes, Image] = {}
+        self._charged: set[bytes] = set()
 
     def read(self, owner: Place, key: str) -> Texture | None:
         """The texture that ``owner`` names under ``key``."""
@@ -59,9 +64,7 @@ class Textures:
         return wrap, sampler.integer("magFilter", 9729) == NEAREST
 
     def _source(self, place: Place) -> Image | None:
-        webp = place.extension("EXT_texture_webp")
-        holder = webp if webp is not None and "source" in webp else place
-        number = holder.index("source", self._document.count("images"), "image")
+        number = self._image_number(place)
         if number is None:
             self._warn(f"{place.what}: has no picture that lightwell reads (PNG, JPEG, WebP); the factor alone is used")
             return None
@@ -69,17 +72,53 @@ class Textures:
             self._images[number] = self._image(number)
         return self._images[number]
 
+    def _image_number(self, texture: Place) -> int | None:
+        webp = texture.extension("EXT_texture_webp")
+        holder = webp if webp is not None and "source" in webp else texture
+        return holder.index("source", self._document.count("images"), "image")
+
     def _image(self, number: int) -> Image | None:
         place = self._document.item("images", number)
         name = place.text("name", "") or f"image {number}"
+        self._document.budget.check_time(place.what)
         data = self._bytes(place)
+        key = hashlib.sha256(data).digest()
+        if key in self._decoded:
+            return self._decoded[key]
         try:
             image = encoded_image(name, data)
             image.pixels  # noqa: B018  decode now, so that damage is found here
-            return image
         except Exception as error:  # Pillow's readers have many ways to refuse a damaged picture
-            self._warn(f"{place.what} ('{name}'): cannot be decoded ({error}); the factor alone is used")
+            self._warn(f"{place.what} ('{name}'): cannot be decoded ({_line(error)}); the factor alone is used")
             return None
+        self._decoded[key] = image
+        return image
+
+    def charge(self) -> None:
+        """Charge every picture that a texture names by the size in its header, before any is decoded."""
+        count = self._document.count("textures")
+        textures = (self._document.item("textures", i) for i in range(count))
+        numbers = [self._image_number(texture) for texture in textures]
+        for number in dict.fromkeys(n for n in numbers if n is not None):
+            place = self._document.item("images", number)
+            data = self._bytes(place)
+            key = hashlib.sha256(data).digest()
+            if key not in self._charged:
+                self._charged.add(key)
+                self._charge(place, data)
+
+    def _charge(self, place: Place, data: bytes) -> None:
+        try:
+            with warnings.catch_warnings():
+                # The budget decides about sizes, not Pillow's own bound.
+                warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
+                with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
+                    width, height = picture.size
+        except PillowImage.DecompressionBombError:
+            place.fail(f"is a picture of more than {2 * PillowImage.MAX_IMAGE_PIXELS} texels", "make it smaller")
+        except Exception:  # what is no picture is told where it is decoded
+            return
+        self._document.budget.check_picture(width, height, place.what)
 
     def _bytes(self, place: Place) -> bytes:
         if "bufferView" in place:
@@ -90,9 +129,7 @@ class Textures:
 
 def encoded_image(name: str, data: bytes) -> Image:
     """An ``Image`` of encoded bytes: PNG and JPEG stay as they are, all else is encoded again."""
-    with PillowImage.open(io.BytesIO(data)) as picture:
-        if picture.width * picture.height > MOST_PIXELS:
-            raise ValueError(f"{picture.width}x{picture.height} pixels are too many")
+    with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
         if picture.format in ("PNG", "JPEG"):
             return Image(name, data, f"image/{picture.format.lower()}")
         lossy = picture.format == "WEBP" and data[12:16] != b"VP8L" and not picture.has_transparency_data
@@ -102,6 +139,10 @@ def encoded_image(name: str, data: bytes) -> Image:
         else:
             picture.convert("RGBA" if picture.has_transparency_data else "RGB").save(out, "PNG")
     return Image(name, out.getvalue(), "image/jpeg" if lossy else "image/png")
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:100] or type(error).__name__
 
 
 def _transform(reference: Place) -> tuple[tuple[tuple[float, ...], ...] | None, int]:

@@ -47,10 +47,12 @@ class Place:
 
     def numbers(self, key: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
         """``count`` finite numbers."""
-        values = self.value.get(key, default)
-        if not isinstance(values, (list, tuple)) or len(values) != count or not all(map(_is_finite, values)):
+        if default is not None and key not in self.value:
+            return default
+        values = self.value.get(key)
+        if not isinstance(values, list) or len(values) != count or not _are_finite(values):
             self.fail(f"has {key} {_shown(values)}, expected {count} finite numbers")
-        return tuple(float(v) for v in values)
+        return tuple(map(float, values))
 
     def text(self, key: str, default: str | None = None) -> str:
         """A string."""
@@ -61,11 +63,27 @@ class Place:
 
     def flag(self, key: str) -> bool:
         """A boolean, False when absent."""
-        return self.value.get(key) is True
+        value = self.value.get(key, False)
+        if not isinstance(value, bool):
+            self.fail(f"has {key} {_shown(value)}, expected true or false")
+        return value
+
+    def texts(self, key: str) -> list[str]:
+        """A list of strings, empty when absent."""
+        values = self.items(key)
+        for value in values:
+            if not isinstance(value, str):
+                self.fail(f"has {_shown(value)} in {key}, expected text")
+        return values
 
     def place(self, key: str) -> Place | None:
         """The object under ``key`` or None."""
         return Place(self.scene, f"{self.what} {key}", self.value[key]) if key in self.value else None
+
+    def keys(self, key: str) -> list[str]:
+        """Names in the object under ``key``, in order; empty when absent."""
+        inner = self.place(key)
+        return list(inner.value) if inner else []
 
     def need(self, key: str) -> Place:
         """The object under ``key``, which must be there."""
@@ -99,6 +117,13 @@ class Place:
         if value >= limit:
             self.fail(f"names {of} {value}, but there are {limit}")
         return value
+
+
+def _are_finite(values: list[Any]) -> bool:
+    """``_is_finite`` of all; a scene has millions of numbers, so that the common case is decided without a loop."""
+    if {*map(type, values)} == {float}:
+        return all(map(math.isfinite, values))
+    return all(map(_is_finite, values))
 
 
 def _is_finite(value: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
+
+TRANSFORMS = ("matrix", "translation", "rotation", "scale")
 
 
 @dataclass(frozen=True)
@@ -22,24 +25,35 @@ class PlacedNode:
     """[4, 4] float64, from the node's space to the world."""
 
 
-def placed_nodes(document: Document) -> Iterator[PlacedNode]:
-    """Every node of the default scene, parents first."""
-    waiting = [(index, np.eye(4)) for index in reversed(_roots(document))]
-    seen: set[int] = set()
+def placed_nodes(document: Document, unit: float = 1.0) -> Iterator[PlacedNode]:
+    """Every node of the default scene, parents first; ``unit`` metres per unit of the file."""
     count = document.count("nodes")
+    document.budget.charge("nodes", count)
+    root = np.diag([unit, unit, unit, 1.0])
+    waiting = [(index, root, 1) for index in reversed(_roots(document))]
+    seen: set[int] = set()
     while waiting:
-        index, parent = waiting.pop()
+        index, parent, depth = waiting.pop()
         place = document.item("nodes", index)
-        place.what = f"node {index}"
         if index in seen:
             place.fail("is reached twice; nodes must form a tree")
         seen.add(index)
-        with np.errstate(all="ignore"):
-            matrix = parent @ local_matrix(place)
-        if not np.isfinite(matrix).all():
-            place.fail("has a transform that is not finite")
-        yield PlacedNode(index, place, place.text("name", "") or f"node {index}", matrix)
-        waiting += [(child, matrix) for child in reversed(place.indices("children", count, "node"))]
+        document.budget.check("depth", depth, place.what)
+        matrix = _world_matrix(place, parent)
+        yield PlacedNode(index, place, place.text("name", "") or place.what, matrix)
+        waiting += [(child, matrix, depth + 1) for child in reversed(place.indices("children", count, "node"))]
+
+
+def _world_matrix(place: Place, parent: np.ndarray) -> np.ndarray:
+    """[4, 4] of a node whose parent has the matrix ``parent``; the parent's own where the node does not move."""
+    if place.value.keys().isdisjoint(TRANSFORMS):
+        return parent
+    with np.errstate(all="ignore"):
+        matrix = parent @ local_matrix(place)
+    # One sum is finite exactly when all numbers are, but for overflow, which has no use either.
+    if not math.isfinite(matrix.sum()):
+        place.fail("has a transform that is not finite")
+    return matrix
 
 
 def _roots(document: Document) -> list[int]:
@@ -58,23 +72,39 @@ def local_matrix(place: Place) -> np.ndarray:
     """[4, 4] transform of a node to its parent."""
     if "matrix" in place:
         return np.array(place.numbers("matrix", 16)).reshape(4, 4).T
-    result = np.eye(4)
-    scale = np.array(place.numbers("scale", 3, (1.0, 1.0, 1.0)))
-    result[:3, :3] = rotation(place.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0))) * scale
-    result[:3, 3] = place.numbers("translation", 3, (0.0, 0.0, 0.0))
-    return result
-
-
-def rotation(quaternion: tuple[float, ...]) -> np.ndarray:
-    """[3, 3] of a quaternion x, y, z, w of any length but 0."""
-    length = float(np.linalg.norm(quaternion))
-    if not 0 < length < np.inf:
-        return np.eye(3)
-    x, y, z, w = np.array(quaternion) / length
+    sx, sy, sz = place.numbers("scale", 3, (1.0, 1.0, 1.0))
+    tx, ty, tz = place.numbers("translation", 3, (0.0, 0.0, 0.0))
+    (a, b, c), (d, e, f), (g, h, i) = rotation(place.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)))
     return np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [a * sx, b * sy, c * sz, tx],
+            [d * sx, e * sy, f * sz, ty],
+            [g * sx, h * sy, i * sz, tz],
+            [0.0, 0.0, 0.0, 1.0],
         ]
+    )
+
+
+def rotations(quaternions: np.ndarray) -> np.ndarray:
+    """[K, 3, 3] of quaternions [K, 4]; the identity where one has no length."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    x, y, z, w = np.where(length > 0, quaternions / np.where(length > 0, length, 1), [0.0, 0.0, 0.0, 1.0]).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def rotation(quaternion: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
+    """3x3 rows of a quaternion x, y, z, w of any length; the identity where it has none."""
+    length = math.hypot(*quaternion)
+    if not 0 < length < math.inf:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    x, y, z, w = (v / length for v in quaternion)
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )

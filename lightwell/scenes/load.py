@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from lightwell.limits import Limits
 from lightwell.scenes.errors import SceneError as SceneError
 from lightwell.scenes.scene import Scene
 
@@ -13,13 +14,39 @@ BUILTINS = ("cornell", "courtyard", "two-rooms")
 GLTF_SUFFIXES = (".gltf", ".glb")
 
 
-def load(source: str | os.PathLike[str], *, allow_paths: Sequence[str | os.PathLike[str]] = ()) -> Scene:
-    """The scene called ``source``: a name of ``BUILTINS``, or the path of a .glb, .gltf or Mitsuba .xml file.
+def load(
+    source: str | os.PathLike[str],
+    *,
+    limits: Limits | None = None,
+    unit: float = 1.0,
+    allow_paths: Sequence[str | os.PathLike[str]] = (),
+) -> Scene:
+    """Load a builtin scene, a glTF file or a Mitsuba XML file.
 
-    ``allow_paths``: folders beside its own whose files a Mitsuba scene may name (textures, meshes, includes).
-    A scene without light is fine here; ``Scene.has_static_light`` tells. What could not be expressed is in
-    ``Scene.warnings``. Raises SceneError, one line that says what is wrong and the cure.
+    Args:
+        source: A name of ``BUILTINS``, or the path of a .glb, .gltf or .xml file.
+        limits: What the file may ask for; default ``Limits()``.
+        unit: Metres per unit of length of a glTF file, > 0: 0.01 for a scene in centimetres.
+        allow_paths: Folders beside its own whose files a Mitsuba scene may name (textures, meshes, includes).
+
+    Returns:
+        The scene in metres. It may have no light (``Scene.has_static_light`` tells); what could not be expressed is in
+        ``Scene.warnings``.
+
+    Raises:
+        SceneError: One line that says what is wrong and the cure.
     """
+    try:
+        return _load(source, limits or Limits(), unit, allow_paths)
+    except MemoryError as error:
+        raise SceneError(
+            f"scene '{Path(source).name}': needs more memory than this machine has; simplify the scene"
+        ) from error
+
+
+def _load(
+    source: str | os.PathLike[str], limits: Limits, unit: float, allow_paths: Sequence[str | os.PathLike[str]]
+) -> Scene:
     if source in BUILTINS:
         from lightwell.scenes.builtin import build
 
@@ -36,7 +63,9 @@ def load(source: str | os.PathLike[str], *, allow_paths: Sequence[str | os.PathL
     if kind in GLTF_SUFFIXES:
         from lightwell.scenes.gltf import load_gltf
 
-        return load_gltf(path)
+        return load_gltf(path, limits, unit)
+    if unit != 1:
+        raise SceneError(f"scene '{path.name}': --scene-unit is for glTF files; scale a Mitsuba scene in its own file")
     from lightwell.scenes.mitsuba_xml import load_mitsuba
 
     return load_mitsuba(path, allow_paths=allow_paths)

@@ -7,6 +7,7 @@ relative (a light of 1 cd at 1 m gives an irradiance of 1).
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -35,7 +36,10 @@ class Image:
     @cached_property
     def pixels(self) -> np.ndarray:
         """[height, width, 4] uint8, first row at the top, as stored (sRGB-encoded for colours)."""
-        return np.asarray(PillowImage.open(io.BytesIO(self.data)).convert("RGBA"))
+        with warnings.catch_warnings():
+            # Loaders bound the size of pictures; Pillow's own, lower bound only warns.
+            warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
+            return np.asarray(PillowImage.open(io.BytesIO(self.data)).convert("RGBA"))
 
 
 @dataclass(frozen=True)
