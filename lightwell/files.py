@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.limits import Limits
+
 Arrays = dict[str, np.ndarray]
 
 # No array file that lightwell writes unpacks to more.
@@ -88,19 +90,24 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: 
         (np.savez_compressed if compressed else np.savez)(stream, **arrays)
 
 
-def load_arrays(path: str | Path, cure: str = "not a checkpoint; delete it and bake without --resume") -> Arrays:
+def load_arrays(
+    path: str | Path,
+    cure: str = "not a checkpoint; delete it and bake without --resume",
+    limits: Limits | None = None,
+) -> Arrays:
     """Read all arrays of an .npz, without pickle.
 
     Args:
         path: The file.
         cure: What the message says of a file that is none.
+        limits: What it may unpack to; default ``MOST_ARRAY_BYTES``.
 
     Raises:
-        ValueError: The file is damaged, or unpacks to more than ``MOST_ARRAY_BYTES``; one line.
+        ValueError: The file is damaged, or unpacks to more; one line.
         FileNotFoundError: There is no such file.
     """
     try:
-        _check_members(path)
+        _check_members(path, limits or Limits(decoded_bytes=MOST_ARRAY_BYTES))
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except FileNotFoundError:
@@ -118,13 +125,12 @@ def load_array(path: str | Path, cure: str) -> np.ndarray:
         raise ValueError(f"{path}: {cure} ({_reason(error)})") from error
 
 
-def _check_members(path: str | Path) -> None:
-    """Compare the shapes in an .npz with the lengths of its members before memory is asked for."""
+def _check_members(path: str | Path, limits: Limits) -> None:
+    """Compare the members of an .npz with the limits, and their shapes with their lengths, before memory is asked for."""
+    budget = limits.budget(Path(path).name)
     with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-        if sum(member.file_size for member in members) > MOST_ARRAY_BYTES:
-            raise ValueError(f"it unpacks to more than {MOST_ARRAY_BYTES} bytes")
-        for member in members:
+        for member in archive.infolist():
+            budget.charge("decoded_bytes", member.file_size, member.filename)
             with archive.open(member) as stream:
                 version = np.lib.format.read_magic(stream)
                 read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

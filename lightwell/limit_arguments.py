@@ -1,4 +1,4 @@
-"""``--limit`` and ``--scene-unit``, options of every verb that reads files. Cheap to import, so that help is instant."""
+"""``--limit`` and ``--scene-unit``, options of verbs that read files. Cheap to import, so that help is instant."""
 
 from __future__ import annotations
 

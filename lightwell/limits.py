@@ -82,6 +82,7 @@ class Limits:
 
 
 NAMES = tuple(field.name for field in fields(Limits))
+DEFAULT_LIMITS = Limits()
 
 # How messages call what is counted.
 _CALLED = {
@@ -123,8 +124,8 @@ class Budget:
             place = f"{self.where}: {what}" if what else self.where
             called = _CALLED.get(name, name)
             raise self._error(
-                f"{place}: {_shown(amount)} {called}, more than the limit of {_shown(limit)}; make it smaller, or raise the "
-                f"limit of a file that you trust with --limit {name}={_rounded_up(amount):g}"
+                f"{place}: {_shown(amount)} {called}, more than the limit of {_shown(limit)}; make it smaller or raise "
+                f"the limit of a file that you trust with --limit {name}={_rounded_up(amount):g}"
             )
 
     def check_picture(self, width: int, height: int, what: str) -> None:

@@ -8,10 +8,14 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from lightwell.limits import Limits
 
 MAGIC = b"glTF"
 VERSION = 2
@@ -136,12 +140,28 @@ def parse_json(data: bytes) -> dict[str, Any]:
     return document
 
 
-def read_file(path: str | Path) -> tuple[dict[str, Any], bytes]:
-    """``unpack`` of a file; the ``ValueError`` names it."""
+@contextmanager
+def refusing(path: str | Path) -> Iterator[None]:
+    """Turn what Python raises at JSON of unexpected types into a one-line ``ValueError`` that names the file."""
     try:
-        return unpack(Path(path).read_bytes())
+        yield
+    except MemoryError as error:
+        raise ValueError(f"asset: '{path}': needs more memory than this machine has; bake a smaller field") from error
+    except (AttributeError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
+        reason = " ".join(repr(error).split())[:120]
+        raise ValueError(f"asset: '{path}': its JSON is not that of a baked scene ({reason}); bake it again") from error
+
+
+def read_file(path: str | Path, limits: Limits | None = None) -> tuple[dict[str, Any], bytes]:
+    """``unpack`` of a file; the ``ValueError`` names it."""
+    budget = (limits or Limits()).budget(f"asset: '{path}'")
+    try:
+        budget.charge("file_bytes", Path(path).stat().st_size)
+        with refusing(path):
+            return unpack(Path(path).read_bytes())
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise ValueError(f"asset: '{path}' cannot be opened: {reason}; give the path of a .glb file") from error
     except ValueError as error:
-        raise ValueError(f"asset: '{path}': {error}") from error
+        text = str(error)
+        raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error

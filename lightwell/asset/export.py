@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.container import read_file
+from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.files import write_atomically
 from lightwell.graph.pictures import encode
+from lightwell.limits import Limits
 
 TARGETS = ("glsl", "wgsl", "shadertoy")
 # What the written file is called by default.
@@ -47,8 +48,16 @@ class Exported:
     """Name of the uniform to a PNG."""
 
 
-def export_field(path: str | Path, to: str, *, field: str = "", name: str = "lightwell", weights: str = "") -> Exported:
-    """Print the radiance of a field of a baked asset.
+def export_field(
+    path: str | Path,
+    to: str,
+    *,
+    field: str = "",
+    name: str = "lightwell",
+    weights: str = "",
+    limits: Limits | None = None,
+) -> Exported:
+    """Print the radiance of a field of a baked asset, which may ask for what ``limits`` allow.
 
     ``path`` is a GLB or the folder of a bake; ``field`` a name, by default the first; ``name`` that of the printed
     function; ``weights`` "inline" (literals) or "table", by default literals up to 16,384 multiply-adds.
@@ -56,17 +65,18 @@ def export_field(path: str | Path, to: str, *, field: str = "", name: str = "lig
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
-    fields, _ = read_fields(path)
+    fields, _ = read_fields(path, limits)
     entry = _named(fields, field, path)
-    document, _ = read_file(path)
-    request = _request(entry, document)
+    document, _ = read_file(path, limits)
+    with refusing(path):
+        request, bounds = _request(entry, document), _bounds(document)
     small = entry.graph.macs + entry.graph.macs_per_frame <= 16384
     request["options"] = {
         "to": to,
         "name": name,
         "title": entry.name,
         "weights": weights or ("inline" if small else "table"),
-        "bounds": _bounds(document),
+        "bounds": bounds,
     }
     answer = json.loads(run_exporter(json.dumps(request)))
     if "error" in answer:
@@ -118,11 +128,17 @@ def _bounds(document: dict[str, Any]) -> dict[str, list[float]]:
         for primitive in mesh.get("primitives", []):
             accessor = document["accessors"][primitive["attributes"]["POSITION"]]
             if "min" in accessor and "max" in accessor:
-                low.append(accessor["min"])
-                high.append(accessor["max"])
+                low.append(_corner(accessor["min"]))
+                high.append(_corner(accessor["max"]))
     if not low:
         return {"low": [-1.0] * 3, "high": [1.0] * 3}
     return {"low": np.min(low, axis=0).tolist(), "high": np.max(high, axis=0).tolist()}
+
+
+def _corner(values: Any) -> list[float]:
+    if not isinstance(values, list) or len(values) != 3 or not all(type(v) in (int, float) for v in values):
+        raise TypeError(f"a corner of POSITION is {str(values)[:40]}, expected three numbers")
+    return [float(v) for v in values]
 
 
 def run_exporter(request: str) -> str:

@@ -5,27 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lightwell.asset.container import read_file
+from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
+from lightwell.limits import Limits
 
 # glTF primitive mode of separate triangles, the default.
 TRIANGLES = 4
 
 
-def info(path: str | Path) -> dict[str, Any]:
+def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
     """Counts and sizes of a GLB: triangles, materials, images, bytes and, when baked, its fields and variables.
 
     A GLB without learned light gives empty ``fields`` and ``variables``. Per field: name, role, variable, nodes, bytes
     of its buffers, multiply-adds per pixel and per frame.
     """
-    document, _ = read_file(path)
-    try:
+    document, _ = read_file(path, limits)
+    with refusing(path):
         counts = _counts(document)
-    except (AttributeError, IndexError, KeyError, TypeError) as error:
-        raise ValueError(f"asset: '{path}': its tables are not those of a glTF file ({error})") from error
-    baked = EXTENSION in document.get("extensions", {})
-    fields, variables = read_fields(path) if baked else ([], [])
+        baked = EXTENSION in document.get("extensions", {})
+    fields, variables = read_fields(path, limits) if baked else ([], [])
     return {
         "path": str(path),
         "bytes": Path(path).stat().st_size,

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.container import COMPONENT_TYPES, read_file
+from lightwell.asset.container import COMPONENT_TYPES, read_file, refusing
 from lightwell.asset.pictures import decoded_texels, image_index
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.asset.schema import validate
+from lightwell.limits import Budget, Limits
 
 # Members of a buffer that say where its numbers are; the rest is the graph's own.
 CARRIERS = ("accessor", "texture", "mips")
@@ -24,20 +25,23 @@ STORED_TYPES = {
 }
 
 
-def read_fields(path: str | Path) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
+def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
     """The fields and the variables of a baked GLB.
 
     The file may be hostile: whatever does not follow format/FORMAT.md to the letter is refused with a one-line
     ``ValueError`` that names the file and the place.
     """
-    document, binary = read_file(path)
+    document, binary = read_file(path, limits)
+    budget = (limits or Limits()).budget(f"asset: '{path}'")
     try:
-        return _fields(document, binary)
+        with refusing(path):
+            return _fields(document, binary, budget)
     except ValueError as error:
-        raise ValueError(f"asset: '{path}': {error}") from error
+        text = str(error)
+        raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error
 
 
-def _fields(document: dict[str, Any], binary: bytes) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
+def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
     from lightwell.graph import Graph
 
     extensions = document.get("extensions")
@@ -45,14 +49,32 @@ def _fields(document: dict[str, Any], binary: bytes) -> tuple[list[FieldEntry], 
     if extension is None:
         raise ValueError(f"has no {EXTENSION}; bake the scene with 'lightwell bake' first")
     validate(extension)
+    _charge(document, extension["fields"], budget)
     fields = []
     for entry in extension["fields"]:
+        budget.check_time(f"field '{entry['name']}'")
         try:
             graph = _graph(Graph, entry["graph"], document, binary)
         except ValueError as error:
             raise ValueError(f"field '{entry['name']}': {error}") from error
         fields.append(FieldEntry(entry["name"], entry["role"], graph, entry.get("variable")))
     return fields, extension["variables"]
+
+
+def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: Budget) -> None:
+    """Count the numbers of all buffers by their declared shapes, before any is read; a picture counts once."""
+    pictures = set()
+    for entry in fields:
+        for name, buffer in entry["graph"].get("buffers", {}).items():
+            where, size = f"field '{entry['name']}': buffer '{name}'", math.prod(buffer["shape"])
+            if "texture" not in buffer:
+                budget.charge("decoded_bytes", size * STORED_TYPES[buffer["type"]].itemsize, where)
+                continue
+            image = image_index(_entry(document, "textures", buffer["texture"], where))
+            if str(image) not in pictures:
+                pictures.add(str(image))
+                height, width = (*buffer["shape"], 1)[:2]
+                budget.check_picture(width, height, where)
 
 
 def _graph(kind: Any, entry: dict[str, Any], document: dict[str, Any], binary: bytes) -> Any:

@@ -5,24 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lightwell.asset.container import read_file
+from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION
+from lightwell.limits import Limits
 
 # The vertex attribute that a graph's input reads.
 ATTRIBUTES = {"uv": "TEXCOORD_0", "uv1": "TEXCOORD_1"}
 
 
-def validate_file(path: str | Path) -> list[str]:
+def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     """Problems of a GLB, one line each; empty when it follows the specification.
 
     The JSON, every buffer and every graph are read as a viewer would read them; on top of that the extension must be
     declared and optional, and meshes must have the texture coordinates that a field reads.
     """
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
-    document, _ = read_file(path)
+    document, _ = read_file(path, limits)
     try:
-        fields, _ = read_fields(path)
+        fields, _ = read_fields(path, limits)
     except ValueError as error:
         return [str(error)]
     problems = []
@@ -31,7 +32,8 @@ def validate_file(path: str | Path) -> list[str]:
     if EXTENSION in document.get("extensionsRequired", ()):
         problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
-    return problems + _missing_coordinates(document, wanted)
+    with refusing(path):
+        return problems + _missing_coordinates(document, wanted)
 
 
 def _missing_coordinates(document: dict[str, Any], wanted: set[str]) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lightwell.baking.settings import BakeSettings, Budget
 from lightwell.fields import FIELDS, presets
-from lightwell.limits import Limits
+from lightwell.limits import DEFAULT_LIMITS, Limits
 
 DEFAULT_BUDGET = Budget()
 
@@ -77,7 +77,7 @@ class CompareSettings:
     """Seconds of tracing the held-out truth; None: a share of the budget. All fields share it."""
     keep: bool = False
     """Keep samples, truth and checkpoints, so that --resume can add fields later."""
-    limits: Limits = Limits()
+    limits: Limits = DEFAULT_LIMITS
     """What the scene's file may ask for."""
     unit: float = 1.0
     """Metres per unit of length of a glTF file."""

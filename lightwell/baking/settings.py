@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lightwell.fields import field_of
-from lightwell.limits import Limits
+from lightwell.limits import DEFAULT_LIMITS, Limits
 
 # Seconds of tracing and training when nothing else is asked for: good on two cores.
 DEFAULT_SECONDS = 120.0
@@ -98,7 +98,7 @@ class BakeSettings:
     """Most bytes that a light map may take; None: as many as its preset takes."""
     spacing: float | None = None
     """Distance of neighbouring light probes, metres; None: an eighth of the scene."""
-    limits: Limits = Limits()
+    limits: Limits = DEFAULT_LIMITS
     """What the scene's file may ask for."""
     unit: float = 1.0
     """Metres per unit of length of a glTF file."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from lightwell.cache.guide_table import SUMS, GuideTable
 from lightwell.cache.level import CELLS, MOST
 from lightwell.cache.settings import settings_of
 from lightwell.files import load_arrays, save_arrays
+from lightwell.limits import Limits
 from lightwell.networks.device import tensors
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 VERSION = 3
 # Versions that can be read: 1 had no guide, 2 one level for all places, which is left out.
 READS = (1, 2, 3)
-# No cache is larger; a file that claims to be is not read.
-MOST_BYTES = 1 << 30
 PARTS = ("value", "average", "first", "second")
 
 
@@ -63,17 +61,18 @@ def save(cache: RadianceCache, path: str | Path) -> None:
     save_arrays(Path(path), arrays)
 
 
-def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
+def load(path: str | Path, scene: Any | None = None, limits: Limits | None = None) -> RadianceCache:
     """Read what ``save`` wrote; refuses what does not fit, with the reason. ``scene`` is checked where given."""
     from lightwell.cache.radiance_cache import RadianceCache
 
     path = Path(path)
-    arrays = _checked(path)
+    arrays = _checked(path, limits or Limits())
     try:
         about = json.loads(arrays["about"].tobytes())
         settings = settings_of(about["settings"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: not a radiance cache ({error}); write it again with cache.save()") from None
+    except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: not a radiance cache ({reason}); write it again with cache.save()") from None
     if about.get("version") not in READS:
         found = about.get("version")
         raise ValueError(f"{path}: version {found} of the format, this lightwell reads {READS}; train again")
@@ -87,15 +86,8 @@ def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
     return cache
 
 
-def _checked(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            total = sum(entry.file_size for entry in archive.infolist())
-    except (OSError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: not a radiance cache ({error}); give a file written by cache.save()") from None
-    if total > MOST_BYTES:
-        raise ValueError(f"{path}: holds {total} bytes, more than any cache ({MOST_BYTES}); it is not one")
-    arrays = load_arrays(path)
+def _checked(path: Path, limits: Limits) -> dict[str, np.ndarray]:
+    arrays = load_arrays(path, "not a radiance cache; give a file written by cache.save()", limits)
     wanted = {"about": (1, np.uint8), "clocks": (1, np.int64), "scale": (1, np.float64), "box": (2, np.float64)}
     for name, (rank, kind) in wanted.items():
         found = arrays.get(name)

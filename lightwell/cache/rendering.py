@@ -82,7 +82,10 @@ class Shot:
 def render_nrc(
     source: str, out: Path, settings: CacheSettings, width: int, height: int, spp: int, seed: int = 0, **options: Any
 ) -> dict[str, Any]:
-    """One picture with the radiance cache; returns facts about it. ``options`` are those of ``lightwell.scenes.load``."""
+    """One picture with the radiance cache; returns facts about it.
+
+    ``options`` are those of ``lightwell.scenes.load``.
+    """
     _check_suffix(out)
     shot = Shot(source, width, height, spp, **options)
     integrator = NrcIntegrator(settings=settings)

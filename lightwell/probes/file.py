@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lightwell.files import write_atomically
+from lightwell.limits import Limits
 from lightwell.probes import sh
 from lightwell.probes.ddgi import Moments
 from lightwell.probes.file_baselines import MOMENTS, moment_rows, read_moments
@@ -38,6 +39,8 @@ MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
 LIGHT = {coding: size // 4 for coding, size in LIGHT_BYTES.items()}
 # Sections start at multiples of this many bytes: a texel.
 ALIGN = 16
+# Memory of a node while a file is read: nine coefficients of three colours and eight fallbacks, four bytes each.
+BYTES_PER_NODE = 4 * (9 * 3 + 8)
 # Largest irradiance.
 BRIGHTEST = 6e4
 
@@ -114,22 +117,28 @@ def _light(light: np.ndarray, coding: str) -> np.ndarray:
     return np.concatenate([half.view("<u4"), np.ascontiguousarray(code).view("<u4")], axis=1)
 
 
-def read(path: str | os.PathLike) -> ProbeVolume:
-    """The volume of a file; one line of ``ValueError`` for anything that is not one."""
+def read(path: str | os.PathLike, limits: Limits | None = None) -> ProbeVolume:
+    """The volume of a file; one line of ``ValueError`` for anything that is not one or is above ``limits``."""
     path = Path(path)
     if path.stat().st_size > MOST_BYTES:
         raise ValueError(f"{path}: larger than {MOST_BYTES >> 20} MiB, which no probe volume is")
-    return decode_volume(path.read_bytes(), str(path))
+    return decode_volume(path.read_bytes(), str(path), limits)
 
 
-def decode_volume(data: bytes, name: str = "probes") -> ProbeVolume:
-    """The volume of some bytes."""
+def decode_volume(data: bytes, name: str = "probes", limits: Limits | None = None) -> ProbeVolume:
+    """The volume of some bytes; raises as ``read``."""
+    try:
+        return _decode_volume(data, name, limits or Limits())
+    except MemoryError as error:
+        raise ValueError(f"{name}: needs more memory than this machine has; bake fewer probes") from error
+
+
+def _decode_volume(data: bytes, name: str, limits: Limits) -> ProbeVolume:
     header, words = _parts(data, name)
     lattice, function = _lattice(header, name), header["function"]
+    limits.budget(name).charge("decoded_bytes", BYTES_PER_NODE * len(lattice), "its lattice")
     take = lambda section, width, kind="<u4": _section(header, words, section, width, name, kind)  # noqa: E731
-    coding = header.get("coding")
-    if coding not in LIGHT:
-        raise ValueError(f"{name}: no coding '{coding}', expected l2 or zh3")
+    coding = _coding(header, name)
     kinds, octant = take("kinds", 1, "u1")[:, 0], take("octants", 1, "<u8")[:, 0]
     weights, light, table = take("weights", words_of(function)), take("light", LIGHT[coding]), take("bricks", BRICK)
     cells, codes = take("cells", 1, "u1")[:, 0], take("fallbacks", 8, "u1")
@@ -166,8 +175,7 @@ def read_baselines(path: str | os.PathLike) -> Moments | None:
     sections = header.get("sections")
     if not isinstance(sections, dict) or "moments" not in sections:
         return None
-    lattice, coding = _lattice(header, str(path)), header.get("coding")
-    _check(coding in LIGHT, str(path), "coding l2 or zh3")
+    lattice, coding = _lattice(header, str(path)), _coding(header, str(path))
     rows = _section(header, words, "traced", LIGHT[coding], str(path))
     light = _decoded(rows, coding, str(path)) * _number(header, "unit", str(path))
     moments = _section(header, words, "moments", MOMENTS, str(path))
@@ -203,6 +211,12 @@ def _number(header: dict, key: str, name: str, low: float = 1e-30, high: float =
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
     _check(good, name, f"{key} from {low:g} to {high:g}")
     return float(value)
+
+
+def _coding(header: dict, name: str) -> str:
+    coding = header.get("coding")
+    _check(isinstance(coding, str) and coding in LIGHT, name, f"a coding of {', '.join(LIGHT)}")
+    return str(coding)
 
 
 def _lattice(header: dict, name: str) -> Lattice:

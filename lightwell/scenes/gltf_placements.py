@@ -143,5 +143,6 @@ def _joined(made: Sequence[Placement]) -> list[Placement]:
     for group in groups.values():
         first, rest = group[0], len(group) - 1
         matrices = np.concatenate([p.matrices for p in group]) if rest else first.matrices
-        joined.append(Placement(first.node, first.mesh, matrices, f"{first.name} and {rest} more" if rest else first.name))
+        name = f"{first.name} and {rest} more" if rest else first.name
+        joined.append(Placement(first.node, first.mesh, matrices, name))
     return joined

@@ -68,4 +68,4 @@ def _load(
         raise SceneError(f"scene '{path.name}': --scene-unit is for glTF files; scale a Mitsuba scene in its own file")
     from lightwell.scenes.mitsuba_xml import load_mitsuba
 
-    return load_mitsuba(path, allow_paths=allow_paths)
+    return load_mitsuba(path, limits, allow_paths)

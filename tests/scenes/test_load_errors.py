@@ -69,7 +69,7 @@ def test_a_short_file(tmp_path):
         ),
         (
             lambda j: j["accessors"][0].update(count=10**12),
-            "node 0: 1000000000000 vertices, more than the limit of 32000000; make it smaller, or raise the limit of a "
+            "node 0: 1000000000000 vertices, more than the limit of 32000000; make it smaller or raise the limit of a "
             "file that you trust with --limit vertices=1e+12",
         ),
         (
