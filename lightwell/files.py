@@ -126,7 +126,7 @@ def load_array(path: str | Path, cure: str) -> np.ndarray:
 
 
 def _check_members(path: str | Path, limits: Limits) -> None:
-    """Compare the members of an .npz with the limits, and their shapes with their lengths, before memory is asked for."""
+    """Compare the members of an .npz with limits and with their shapes, before memory is asked for."""
     budget = limits.budget(Path(path).name)
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
