@@ -10,6 +10,7 @@ from pathlib import Path
 
 import lightwell
 from lightwell import bake_arguments, limit_arguments
+from lightwell.interrupts import Interrupts
 
 # Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
 USAGE_ERROR, INTERRUPTED = 2, 130
@@ -406,19 +407,31 @@ def _doctor(arguments) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; a user's mistake is one line on standard error and exit code 2, never a traceback."""
-    arguments = _parser().parse_args(argv)
-    try:
-        return arguments.run(arguments)
-    except KeyboardInterrupt:
+    arguments = argparse.Namespace(verb="")
+    with Interrupts() as interrupts:
+        try:
+            _parser().parse_args(argv, arguments)
+            return arguments.run(arguments)
+        except KeyboardInterrupt:
+            return _interrupted(arguments)
+        except BrokenPipeError:
+            return 0
+        except Exception as error:
+            if interrupts.received:
+                return _interrupted(arguments)
+            if not isinstance(error, (ValueError, OSError, RuntimeError)):
+                raise
+            print(f"lightwell: {_one_line(error)}", file=sys.stderr)
+            return USAGE_ERROR
+
+
+def _interrupted(arguments: argparse.Namespace) -> int:
+    """Say what an interrupt leaves, except at servers, which end in no other way."""
+    if arguments.verb not in ("", "view", "live"):
         long = arguments.verb in ("bake", "demo") or getattr(arguments, "fields", None)
         resume = "; the checkpoint is kept, go on with --resume" if long else ""
         print(f"lightwell: interrupted{resume}", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        return 0
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"lightwell: {_one_line(error)}", file=sys.stderr)
-        return USAGE_ERROR
+    return INTERRUPTED
 
 
 def _one_line(error: BaseException) -> str:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from pathlib import Path
 
 from lightwell import limit_arguments
 from lightwell.cache.live_server import live
 from lightwell.cache.rendering import render_animation, render_nrc
 from lightwell.cache.settings import parse_options
+
+# Exit code after Ctrl-C, as shells expect.
+INTERRUPTED = 130
 
 
 def run_render(arguments, size: tuple[int, int]) -> int:
@@ -35,7 +40,11 @@ def run_live(arguments) -> int:
     if not 16 <= arguments.size <= 2048:
         raise ValueError(f"live: --size {arguments.size}, expected 16 ... 2048 pixels")
     options = limit_arguments.scene_options(arguments)
-    live(
-        arguments.scene, parse_options(arguments.nrc), arguments.size, arguments.port, not arguments.no_open, **options
-    )
+    settings, page = parse_options(arguments.nrc), (arguments.size, arguments.port, not arguments.no_open)
+    try:
+        live(arguments.scene, settings, *page, **options)
+    except KeyboardInterrupt:
+        # Kernels may be running or be compiled in other threads; Python's orderly end would crash in them.
+        sys.stdout.flush()
+        os._exit(INTERRUPTED)
     return 0

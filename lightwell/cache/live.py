@@ -6,6 +6,7 @@ import io
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 from lightwell.backend import dr, mi
 from lightwell.cache.frames import sobol_pass
+from lightwell.cache.live_commands import Command, parse_command
 from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
@@ -26,6 +28,9 @@ PANELS = ("cache-image", "path", "cache", "error")
 # Frames that are averaged at most while nothing moves; points of the curves that are kept.
 MOST_FRAMES, CURVE = 512, 240
 JPEG_QUALITY = 88
+# How far commands may lead when many of them follow each other: the power of e of one step of the camera, its distance
+# as a multiple and a part of the scene's extent, the light of a lamp.
+CLOSER, FARTHEST, GAINS = 5.0, 1e3, (1e-6, 1e6)
 
 
 class LiveScene:
@@ -41,6 +46,8 @@ class LiveScene:
             content["environment"] = environment
         low, high = bounds_of(loaded.mi)
         self.center, self.extent = (low + high) / 2, float((high - low).max())
+        self.gains: dict[int, float] = {}
+        """Index of a lamp to what its light has been multiplied with."""
         self.own_lamp = not loaded.mi.emitters()
         if self.own_lamp:
             place = self.center + np.array([0, 0.3 * (high - low)[1], 0])
@@ -90,7 +97,9 @@ class LiveScene:
         tilted = _turned(offset, side, -up)
         if abs(tilted @ axis) < 0.985 * np.linalg.norm(tilted):
             offset = tilted
-        self.position = self.target + offset * np.exp(-closer)
+        distance = np.linalg.norm(offset) * np.exp(-np.clip(closer, -CLOSER, CLOSER))
+        distance = np.clip(distance, self.extent / FARTHEST, self.extent * FARTHEST)
+        self.position = self.target + offset * (distance / np.linalg.norm(offset))
         sensor = mi.traverse(self.sensor)
         sensor["to_world"] = mi.Transform4f(self._pose().matrix)
         sensor.update()
@@ -108,7 +117,10 @@ class LiveScene:
         self.parameters.update()
 
     def brighten(self, index: int, factor: float) -> None:
-        """Multiply the light of a lamp."""
+        """Multiply the light of a lamp, within ``GAINS`` of what it was."""
+        before = self.gains.get(index, 1.0)
+        self.gains[index] = float(np.clip(before * factor, *GAINS))
+        factor = self.gains[index] / before
         start = "lamp.intensity" if index < 0 else f"shape{index}.emitter.radiance"
         for key in list(self.parameters.keys()):
             if key.startswith(start) and key.endswith((".value", ".data")):
@@ -132,7 +144,7 @@ class LiveSession:
         self.cache = RadianceCache(settings)
         self.cache.prepare(self.live.scene)
         self.lock = threading.Lock()
-        self.commands: deque[dict[str, Any]] = deque(maxlen=256)
+        self.commands: deque[Command] = deque(maxlen=256)
         self.running = True
         self.paused_training = False
         self.frames = 0
@@ -141,44 +153,34 @@ class LiveSession:
         """Frames since something moved."""
         self.sums = {name: np.zeros((size, size, 3)) for name in ("cache-image", "path")}
         self.pictures: dict[str, bytes] = {}
-        self.curve: deque[tuple[int, float, float]] = deque(maxlen=CURVE)
+        self.curve: deque[tuple[int, float]] = deque(maxlen=CURVE)
         self.milliseconds = {"train": 0.0, "cache-image": 0.0, "path": 0.0, "views": 0.0}
         self.exposure = 0.0
         self.failure = ""
 
     # ------------------------------------------------------------------ commands
 
-    def command(self, order: dict[str, Any]) -> None:
-        """Queue what the page asks for; ValueError for what is no command."""
-        kind = order.get("do")
-        if kind not in ("orbit", "move", "brighten", "reset", "freeze"):
-            raise ValueError(f"live: there is no command '{kind}'")
-        numbers = [order.get(k, 0) for k in ("x", "y", "z", "factor", "thing")]
-        if not all(isinstance(n, (int, float)) and np.isfinite(n) and abs(n) < 1e4 for n in numbers):
-            raise ValueError("live: a command holds a number that is none")
-        things = {t["index"] for t in self.live.things}
-        if kind in ("move", "brighten") and int(order.get("thing", -9)) not in things:
-            raise ValueError("live: there is no such thing to move")
-        self.commands.append(order)
+    def command(self, order: bytes | Mapping[str, Any]) -> None:
+        """Queue what the page asks for, a JSON object; ValueError for what is no command."""
+        self.commands.append(parse_command(order, {t["index"] for t in self.live.things}))
 
     def _obey(self) -> None:
         moved = False
         while self.commands:
             order = self.commands.popleft()
-            kind, x, y, z = order["do"], *(float(order.get(k, 0)) for k in "xyz")
-            if kind == "orbit":
-                self.live.orbit(x, y, z)
-            elif kind == "move":
-                self.live.move(int(order["thing"]), np.clip([x, y, z], -1, 1))
-            elif kind == "brighten":
-                self.live.brighten(int(order["thing"]), float(np.clip(order.get("factor", 1), 0, 100)))
-            elif kind == "freeze":
+            if order.do == "freeze":
                 self.cache.frozen = not self.cache.frozen
                 continue
-            elif kind == "reset":
+            if order.do == "orbit":
+                self.live.orbit(order.x, order.y, order.z)
+            elif order.do == "reset":
                 self.cache = RadianceCache(self.settings, self.cache.box)
                 self.cache.prepare(self.live.scene)
-            if kind in ("move", "brighten"):
+            else:
+                if order.do == "move":
+                    self.live.move(order.thing, np.array([order.x, order.y, order.z]))
+                else:
+                    self.live.brighten(order.thing, order.factor)
                 self.cache.scene_changed("light")
             moved = True
         if moved:
@@ -226,7 +228,7 @@ class LiveSession:
                 means["error"] = np.abs(means["cache-image"] - means["path"])
             self._took("views", start)
         if np.isfinite(told.loss):
-            self.curve.append((self.frames, told.loss, told.bias[0]))
+            self.curve.append((self.frames, told.loss))
         self._publish(means)
         self.frames += 1
 
@@ -257,10 +259,11 @@ class LiveSession:
         return {
             "scene": self.live.name, "frame": self.frames, "still": self.still, "frozen": self.cache.frozen,
             "milliseconds": {k: round(v, 1) for k, v in self.milliseconds.items()},
-            "curve": [list(p) for p in self.curve], "things": self.live.things, "failure": self.failure,
+            "curve": [list(p) for p in self.curve.copy()], "things": self.live.things, "failure": self.failure,
             "records": last.records if last else 0, "dropped": last.dropped if last else 0,
-            "steps": self.cache.learner.step, "scale": self.cache.scale.value, "changes": self.cache.changes,
-            "bias": list(last.bias) if last and np.isfinite(last.bias[1]) else None,
+            "steps": self.cache.learner.step, "scale": float(np.nan_to_num(self.cache.scale.value)),
+            "changes": self.cache.changes,
+            "bias": list(last.bias) if last and np.isfinite(last.bias).all() else None,
         }  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import http.server
 import json
 import threading
 import webbrowser
@@ -12,105 +11,81 @@ from typing import Any
 
 from lightwell.cache.live import LiveSession
 from lightwell.cache.settings import CacheSettings
+from lightwell.local_server import Answer, Application, LocalServer, Request
 
-LOOPBACK = "127.0.0.1"
-# Bytes of a command at most.
-MOST_BYTES = 4096
 PAGE = Path(__file__).with_name("live.html")
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
-    """GET / the page, GET /frame pictures and numbers, POST /command."""
+def open_live(session: LiveSession, port: int = 0) -> LocalServer:
+    """Serve the page of a session on 127.0.0.1; port 0 takes any free one.
 
-    server: Any
-    protocol_version = "HTTP/1.1"
+    Raises:
+        ValueError: The port cannot be opened.
+    """
+    return LocalServer(page_of(session), port, "live")
 
-    def log_message(self, *args: Any) -> None:
-        """Silent: the page asks many times a second."""
 
-    def _is_local(self) -> bool:
-        """Another site that resolves to this machine must neither look nor act."""
-        host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
-        origin = self.headers.get("Origin")
-        port = self.server.server_address[1]
-        return host in (LOOPBACK, "localhost") and origin in (
-            None, f"http://{LOOPBACK}:{port}", f"http://localhost:{port}",
-        )  # fmt: skip
+def page_of(session: LiveSession) -> Application:
+    """The application of a session: GET / the page, GET /frame pictures and numbers, POST /command."""
 
-    def _answer(self, code: int, kind: str, body: bytes) -> None:
+    def answer(request: Request) -> Answer:
+        known = {"/": "GET, HEAD", "/frame": "GET, HEAD", "/command": "POST"}.get(request.path)
+        if known is None:
+            return Answer.of(404, b"there is nothing here")
+        if request.method not in known.split(", "):
+            return Answer(405, headers=(("Allow", known),))
+        if request.path == "/":
+            return Answer.page(PAGE.read_bytes())
+        if request.path == "/frame":
+            return _frame(session)
         try:
-            self.send_response(code)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.end_headers()
-            self.wfile.write(body)
-        except (BrokenPipeError, ConnectionResetError):
-            self.close_connection = True  # The page was closed meanwhile.
+            session.command(request.body)
+        except ValueError as error:
+            return Answer.of(400, str(error).encode())
+        return Answer.of(200, b"{}", "application/json")
 
-    def do_GET(self) -> None:
-        """The page or the newest frame."""
-        session: LiveSession = self.server.session
-        if not self._is_local():
-            self._answer(403, "text/plain", b"this page is for this machine only")
-        elif self.path == "/":
-            self._answer(200, "text/html; charset=utf-8", PAGE.read_bytes())
-        elif self.path.startswith("/frame"):
-            with session.lock:
-                pictures = {k: base64.b64encode(v).decode() for k, v in session.pictures.items()}
-            body = json.dumps(session.state() | {"pictures": pictures}, allow_nan=False).encode()
-            self._answer(200, "application/json", body)
-        else:
-            self._answer(404, "text/plain", b"there is nothing here")
-
-    def do_POST(self) -> None:
-        """A command as JSON."""
-        try:
-            length = int(self.headers.get("Content-Length") or 0)
-            if not self._is_local() or self.path != "/command" or not 0 < length <= MOST_BYTES:
-                raise ValueError("live: not a command of this page")
-            order = json.loads(self.rfile.read(length))
-            if not isinstance(order, dict):
-                raise ValueError("live: a command is an object")
-            self.server.session.command(order)
-        except (ValueError, TypeError) as error:
-            self.close_connection = True
-            self._answer(400, "text/plain", str(error).encode()[:200])
-            return
-        self._answer(200, "application/json", b"{}")
+    return answer
 
 
-def open_live(session: LiveSession, port: int = 0) -> http.server.ThreadingHTTPServer:
-    """A server for the session on 127.0.0.1; port 0 takes any free one."""
-    try:
-        server = http.server.ThreadingHTTPServer((LOOPBACK, port), _Handler)
-    except OSError as error:
-        raise ValueError(
-            f"live: port {port} cannot be opened ({error.strerror}); choose another with --port"
-        ) from error
-    server.daemon_threads = True
-    server.session = session  # type: ignore[attr-defined]
-    return server
+def _frame(session: LiveSession) -> Answer:
+    with session.lock:
+        pictures = {name: base64.b64encode(data).decode() for name, data in session.pictures.items()}
+    body = json.dumps(session.state() | {"pictures": pictures}, allow_nan=False).encode()
+    return Answer.of(200, body, "application/json")
 
 
 def live(
     source: str, settings: CacheSettings, size: int = 256, port: int = 0, browser: bool = True, **options: Any
 ) -> None:
-    """Serve the page until interrupted. ``options`` are those of ``lightwell.scenes.load``."""
-    session = LiveSession(source, settings, size, **options)
-    server = open_live(session, port)
-    url = f"http://{LOOPBACK}:{server.server_address[1]}/"
-    print(f"{url}  (Ctrl-C ends)", flush=True)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    if browser:
-        webbrowser.open(url)
-    try:
-        session.loop()
-        if session.failure:
-            raise RuntimeError(f"live: {session.failure}")
-    except KeyboardInterrupt:
-        pass
-    finally:
-        session.running = False
-        server.shutdown()
-        server.server_close()
+    """Serve the page until interrupted. ``options`` are those of ``lightwell.scenes.load``.
+
+    The session works in a thread of its own, so that Ctrl-C never lands in native code. After Ctrl-C that thread is
+    still at work: end the process with ``os._exit``, as the command line does.
+
+    Raises:
+        KeyboardInterrupt: The user pressed Ctrl-C.
+        ValueError: The scene cannot be used, or the port cannot be opened.
+        RuntimeError: The session has failed.
+    """
+    failures: list[Exception] = []
+
+    def work() -> None:
+        try:
+            session = LiveSession(source, settings, size, **options)
+            with open_live(session, port) as server:
+                print(f"{server.url}  (Ctrl-C ends)", flush=True)
+                if browser:
+                    webbrowser.open(server.url)
+                session.loop()
+            if session.failure:
+                raise RuntimeError(f"live: {session.failure}")
+        except Exception as error:
+            failures.append(error)
+
+    worker = threading.Thread(target=work, name="live", daemon=True)
+    worker.start()
+    while worker.is_alive():
+        # In steps: a wait without an end cannot be interrupted on Windows.
+        worker.join(1)
+    if failures:
+        raise failures[0]
