@@ -74,7 +74,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="go on with a bake that was interrupted")
     parser.add_argument("--keep", action="store_true", help="keep samples and checkpoints after the bake")
     limit_arguments.add_scene(parser)
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="print report.json to standard output, no progress bars")
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """The option that overwrites files of others in an output folder."""
+    parser.add_argument("--force", action="store_true", help="overwrite files in OUT that lightwell did not write")
 
 
 def settings(arguments: argparse.Namespace) -> BakeSettings:
@@ -97,6 +103,7 @@ def settings(arguments: argparse.Namespace) -> BakeSettings:
         steps=arguments.steps,
         shards=arguments.shards,
         keep=arguments.keep,
+        force=arguments.force,
         static=not arguments.no_static,
         size=arguments.size,
         mips=arguments.mips,

@@ -18,6 +18,9 @@ def add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", type=int, help="nrc: an orbit of so many frames; OUT is then a folder")
     parser.add_argument("--format", choices=("exr", "png"), default="exr", help="nrc: format of the frames")
     parser.add_argument("--resume", action="store_true", help="nrc: keep the frames that are there")
+    parser.add_argument(
+        "--force", action="store_true", help="nrc: overwrite frames in OUT that lightwell did not write"
+    )
 
 
 def add_live(parser: argparse.ArgumentParser) -> None:

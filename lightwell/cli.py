@@ -115,6 +115,7 @@ def _bake(arguments) -> int:
 
 def _rebake(arguments, progress):
     from lightwell.baking.probes_rebake import parse_box, rebake
+    from lightwell.core.output import BAKE_FILES, output_folder
 
     if not (arguments.rebake and arguments.box):
         raise ValueError("bake: --rebake OLD and --box x0,y0,z0,x1,y1,z1 belong together; give both")
@@ -122,7 +123,8 @@ def _rebake(arguments, progress):
         raise ValueError(f"bake: --rebake is for --field probes, not '{arguments.field}'")
     box = parse_box(arguments.box)
     vary, options = tuple(arguments.vary), limit_arguments.scene_options(arguments)
-    return rebake(arguments.scene, Path(arguments.out), Path(arguments.rebake), box, vary, progress, **options)
+    with output_folder(Path(arguments.out), "bake", BAKE_FILES, arguments.force) as out:
+        return rebake(arguments.scene, out, Path(arguments.rebake), box, vary, progress, **options)
 
 
 # Seconds of tracing and training of the demo: with installation, evaluation and report three minutes on two cores.
@@ -284,6 +286,7 @@ def _add_compare(verbs) -> None:
         "--keep", action="store_true", help="keep samples and truth; --resume with other --fields then adds to them"
     )
     limit_arguments.add_scene(parser)
+    bake_arguments.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the rows or compare.json, no progress bars")
 
 
@@ -317,7 +320,7 @@ def _compare_fields(arguments) -> int:
         vary=tuple(arguments.vary),
         truth=Budget.parse(arguments.truth) if arguments.truth else None,
         **limit_arguments.scene_options(arguments),
-        **{k: getattr(arguments, k) for k in ("seed", "resume", "paths", "views", "steps", "shards", "keep")},
+        **{k: getattr(arguments, k) for k in ("seed", "resume", "paths", "views", "steps", "shards", "keep", "force")},
     )
     numbers = compare_fields(settings, Progress(quiet=arguments.json))
     print(json.dumps(numbers, indent=1) if arguments.json else table(numbers["fields"]))

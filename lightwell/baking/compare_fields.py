@@ -21,6 +21,7 @@ from lightwell.baking.cost import cost
 from lightwell.baking.progress import Progress
 from lightwell.baking.score import exposure, facts_of, warnings
 from lightwell.baking.work import Work, check_output, write_json
+from lightwell.core.output import BAKE_FILES, COMPARE_FILES, holds_output
 from lightwell.doctor import versions
 from lightwell.graph import Graph
 from lightwell.report.compare_html import ComparedField, write_comparison
@@ -32,6 +33,11 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, declare, to_json
 
 
+def _files(settings: CompareSettings) -> list[str]:
+    return [*COMPARE_FILES, *(f"{choice.folder}/{name}" for choice in settings.fields for name in BAKE_FILES)]
+
+
+@holds_output("compare", _files)
 def compare_fields(settings: CompareSettings, progress: Progress | None = None) -> dict[str, Any]:
     """Trace once, train every field, score all; returns the content of ``compare.json``.
 

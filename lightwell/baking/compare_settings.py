@@ -81,6 +81,8 @@ class CompareSettings:
     """What the scene's file may ask for."""
     unit: float = 1.0
     """Metres per unit of length of a glTF file."""
+    force: bool = False
+    """Overwrite files in the output folder that lightwell did not write."""
 
     def __post_init__(self) -> None:
         """Refuse what means nothing, by the name of its option."""

@@ -17,6 +17,7 @@ from lightwell.baking.rounds import Rounds
 from lightwell.baking.score import Learned, Score, score_bake, warnings
 from lightwell.baking.settings import BakeSettings
 from lightwell.baking.work import Work, check_output
+from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.fields import starter
 from lightwell.report.html import write_report
 from lightwell.scenes import load
@@ -28,6 +29,7 @@ from lightwell.scenes.variables import Variable, declare, to_json
 STATIC_SHARE = 0.4
 
 
+@holds_output("bake", lambda settings: BAKE_FILES)
 def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
     """Run the main job; returns the content of ``report.json``. Raises ValueError for what the user can cure."""
     progress = progress or Progress(quiet=True)

@@ -88,6 +88,8 @@ class BakeSettings:
     """Fixed number of sample shards instead of a time budget."""
     keep: bool = False
     """Keep samples and checkpoints after the bake."""
+    force: bool = False
+    """Overwrite files in the output folder that lightwell did not write."""
     static: bool = True
     """Also learn the light of the scene's own emitters."""
     size: int | None = None

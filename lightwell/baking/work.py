@@ -18,7 +18,7 @@ from lightwell.scenes.scene import Scene
 FOLDER = ".lightwell"
 
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
-_FREE = ("out", "resume", "keep", "views", "view_size", "scene", "fields", "limits")
+_FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits")
 
 
 class Settings(Protocol):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,16 @@ class ChangeDetector:
     def reset(self) -> None:
         """Begin anew: after a change, or when none must be found."""
         self.__init__()
+
+    def state(self) -> dict[str, Any]:
+        """What the next frame depends on, in types of JSON."""
+        return {"residuals": list(self._residuals), "losses": list(self._losses), "frames": self._frames}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over what ``state`` gave."""
+        self._residuals.extend(float(value) for value in state["residuals"])
+        self._losses.extend(float(value) for value in state["losses"])
+        self._frames = int(state["frames"])
 
     def update(self, loss: float, residual: float) -> bool:
         """Take in one frame's pre-step loss and signed residual; says whether the scene seems to have changed."""
@@ -79,6 +90,14 @@ class GrowthWatch:
     def reset(self) -> None:
         """Begin anew: after a change."""
         self._levels.clear()
+
+    def state(self) -> list[float]:
+        """What the next frame depends on."""
+        return list(self._levels)
+
+    def restore(self, state: list[float]) -> None:
+        """Take over what ``state`` gave."""
+        self._levels.extend(float(level) for level in state)
 
     def update(self, level: float) -> float:
         """Take in one frame's mean radiance of the cache; returns the growth factor where it is too much, else 0."""

@@ -26,7 +26,8 @@ def run_render(arguments, size: tuple[int, int]) -> int:
             raise ValueError(f"render: --frames {arguments.frames}, expected at least 1")
         facts = render_animation(
             arguments.scene, Path(arguments.out), *common, arguments.frames, seed=arguments.seed,
-            kind=arguments.format, resume=arguments.resume, quiet=arguments.json, **options,
+            kind=arguments.format, resume=arguments.resume, quiet=arguments.json, force=arguments.force,
+            **options,
         )  # fmt: skip
     else:
         facts = render_nrc(arguments.scene, Path(arguments.out), *common, seed=arguments.seed, **options)

@@ -49,13 +49,19 @@ class GuideTable:
         """[R, 5] number of records; sums of that radiance and of its square; those of all scattered radiance."""
         self.frames = 0
         """Frames taken in since the scene changed."""
-        self._guide: Guide | None = None
+        self.made: Guide | None = None
+        """What kernels read, as it was last made; None: to be made anew."""
         self._levels = np.zeros(0)
 
     @property
     def opaque_cells(self) -> mi.Vector3f:
         """``cells`` for kernels."""
         return mi.Vector3f(*[dr.opaque(mi.Float, float(n)) for n in self.cells])
+
+    @property
+    def opaque_share(self) -> mi.Float:
+        """``share`` for kernels."""
+        return dr.opaque(mi.Float, self.share)
 
     def forget(self) -> None:
         """The scene changed: what is known counts little from now on."""
@@ -99,7 +105,7 @@ class GuideTable:
         self.sums[:, 1] += total(y)
         self.sums[:, 2] += total(y * y)
         if self._due():
-            self._guide = None
+            self.made = None
 
     def _due(self) -> bool:
         """Whether the table is to be made anew after this frame."""
@@ -117,13 +123,13 @@ class GuideTable:
         """Take over sums that were saved."""
         self.keys, self.bins, self.sums, self.frames = keys, bins.astype(np.float64), sums, frames
         self.row_of[keys] = np.arange(len(keys))
-        self._guide = None
+        self.made = None
 
     def guide(self) -> Guide:
         """What kernels read; made anew now and then."""
-        if self._guide is None:
-            self._guide = on_device(*self.table(), self.opaque_cells, self.share)
-        return self._guide
+        if self.made is None:
+            self.made = on_device(*self.table(), self.opaque_cells, self.opaque_share)
+        return self.made
 
     def _boxes(self):
         """From the whole box down to the cells, all boxes that hold records: (logarithm of the edge in cells, keys of
@@ -213,7 +219,7 @@ def tree_of(p: np.ndarray) -> np.ndarray:
     return tree
 
 
-def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: float) -> Any:
+def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: mi.Float) -> Any:
     """``Guide`` of a table."""
     guide = Guide()
     guide.cells = cells
@@ -221,6 +227,6 @@ def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vect
     guide.tree = mi.Float(tree_of(p).ravel())
     guide.density = mi.Float((p * (BINS / (4 * np.pi))).astype(np.float32).ravel())
     guide.level = mi.Float(level.astype(np.float32))
-    guide.share = dr.opaque(mi.Float, share)
+    guide.share = share
     dr.eval(guide)
     return guide

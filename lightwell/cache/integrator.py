@@ -109,6 +109,11 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             self.cache.scene_changed(kind, self._scene)
             self.reservoirs = None
 
+    def saw(self, sensor: Any) -> None:
+        """Take the pose of ``sensor`` for that of the last pass, whose reservoirs are restored from a checkpoint."""
+        self._pose = self._pose_mark = str(sensor.world_transform())
+        self._film = None if self.reservoirs is None else restir.world_to_film(sensor)
+
     # ------------------------------------------------------------------ rendering
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,8 +35,8 @@ def fingerprint(scene: Any) -> str:
     return json.dumps([len(scene.shapes()), primitives, len(scene.emitters()), corners])
 
 
-def save(cache: RadianceCache, path: str | Path) -> None:
-    """Write by a temporary name and a rename."""
+def save(cache: RadianceCache, path: str | Path, more: Mapping[str, np.ndarray] | None = None) -> None:
+    """Write by a temporary name and a rename; ``more`` arrays belong to the caller, ``load`` passes over them."""
     learner = cache.learner
     about = {
         "version": VERSION,
@@ -58,7 +59,7 @@ def save(cache: RadianceCache, path: str | Path) -> None:
         table = cache.guide_table
         arrays |= {"guide.keys": table.keys, "guide.bins": table.bins.astype(np.float32), "guide.sums": table.sums,
                    "guide.frames": np.array([table.frames], np.int64)}  # fmt: skip
-    save_arrays(Path(path), arrays)
+    save_arrays(Path(path), arrays | dict(more or {}))
 
 
 def load(path: str | Path, scene: Any | None = None, limits: Limits | None = None) -> RadianceCache:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import math
 import sys
 import time
@@ -14,16 +15,18 @@ import numpy as np
 from PIL import Image
 
 from lightwell.backend import dr, mi
+from lightwell.cache import checkpoint
 from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live import LiveScene
-from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
+from lightwell.core.output import FRAME_FILES, output_folder
 from lightwell.files import write_atomically
 from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 
 # The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
 CACHE_NAME, PLAN_NAME, EXPOSURE_NAME = "radiance-cache.npz", "animation.json", "exposure.txt"
 MIDDLE_GREY = 0.18
+LOG = logging.getLogger("lightwell.cache")
 
 
 def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None) -> None:
@@ -112,7 +115,7 @@ def _check_suffix(out: Path) -> None:
 def render_animation(
     source: str, folder: Path, settings: CacheSettings, width: int, height: int, spp: int, frames: int,
     degrees: float = 360.0, seed: int = 0, kind: str = "exr", resume: bool = False, quiet: bool = False,
-    **options: Any,
+    force: bool = False, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """An orbit of ``degrees`` in ``frames`` pictures; what stands there already is kept with ``resume``.
 
@@ -122,35 +125,31 @@ def render_animation(
         raise ValueError(f"render: '{kind}' is no picture format; choose exr or png")
     plan = {"scene": str(source), "size": [width, height], "spp": spp, "frames": frames, "degrees": degrees,
             "seed": seed, "settings": settings.to_json()}  # fmt: skip
-    done = _begin(folder, plan, kind, resume)
-    shot = Shot(source, width, height, spp, **options)
-    integrator = NrcIntegrator(settings=settings.changed(mode="frames"))
-    kept = folder / CACHE_NAME
-    if done and kept.exists():
-        integrator.cache = RadianceCache.load(kept, shot.live.scene)
-    held = folder / EXPOSURE_NAME
-    exposure = float(held.read_text()) if done and held.exists() else None
-    start = time.perf_counter()
-    for k in range(frames):
-        if k >= done:
+    with output_folder(folder, "render", FRAME_FILES, force):
+        again = _is_begun(folder, plan, resume)
+        shot = Shot(source, width, height, spp, **options)
+        integrator = NrcIntegrator(settings=settings.changed(mode="frames"))
+        step = math.radians(degrees) / frames
+        done, exposure = _resumed(folder, integrator, shot, step, kind) if again else (0, None)
+        start = time.perf_counter()
+        for k in range(done, frames):
             picture = shot.render(integrator, seed + k)
             if exposure is None:
                 exposure = automatic_exposure(picture)
-                write_atomically(held, repr(exposure))
+                write_atomically(folder / EXPOSURE_NAME, repr(exposure))
             write_picture(folder / f"frame-{k:04d}.{kind}", picture, exposure)
-            integrator.cache.save(kept)
+            checkpoint.save(folder / CACHE_NAME, integrator, checkpoint.Progress(k + 1, exposure))
             if not quiet:
                 print(f"\rframe {k + 1}/{frames}, {time.perf_counter() - start:.0f} s", end="", file=sys.stderr)
-        shot.turn(math.radians(degrees) / frames)
-    if not quiet:
-        print(file=sys.stderr)
-    dr.sync_thread()
+            shot.turn(step)
+        if not quiet:
+            print(file=sys.stderr)
+        dr.sync_thread()
     return {"frames": frames, "rendered": frames - done, "seconds": time.perf_counter() - start, "folder": str(folder)}
 
 
-def _begin(folder: Path, plan: dict[str, Any], kind: str, resume: bool) -> int:
-    """Frames that are done; the plan is written so that another one is not resumed by mistake."""
-    folder.mkdir(parents=True, exist_ok=True)
+def _is_begun(folder: Path, plan: dict[str, Any], resume: bool) -> bool:
+    """Whether the folder holds this animation and is to be resumed; else its plan is written anew."""
     path = folder / PLAN_NAME
     if resume and path.exists():
         try:
@@ -159,9 +158,33 @@ def _begin(folder: Path, plan: dict[str, Any], kind: str, resume: bool) -> int:
             before = None
         if before != json.loads(json.dumps(plan)):
             raise ValueError(f"render: '{folder}' holds another animation; choose another folder or drop --resume")
-        done = 0
-        while (folder / f"frame-{done:04d}.{kind}").exists():
-            done += 1
-        return min(done, plan["frames"])
+        return True
+    # The checkpoint of another animation must not be taken for one of this.
+    (folder / CACHE_NAME).unlink(missing_ok=True)
     write_atomically(path, json.dumps(plan, indent=1) + "\n")
-    return 0
+    return False
+
+
+def _resumed(
+    folder: Path, integrator: NrcIntegrator, shot: Shot, step: float, kind: str
+) -> tuple[int, float | None]:  # fmt: skip
+    """Frames that need not be rendered again, and the exposure. Without a sound checkpoint, with all of its pictures,
+    that is none: every frame depends on what the frames before it have learned."""
+    path = folder / CACHE_NAME
+    if not path.exists():
+        return 0, None
+    try:
+        found = checkpoint.load(path, integrator, shot.live.scene)
+    except ValueError as error:
+        LOG.warning("render: the sequence begins anew: %s", error)
+        return 0, None
+    missing = [k for k in range(found.frames) if not (folder / f"frame-{k:04d}.{kind}").exists()]
+    if missing:
+        LOG.warning("render: the sequence begins anew: frame-%04d.%s is missing", missing[0], kind)
+        integrator.cache = integrator.reservoirs = None
+        return 0, None
+    for k in range(found.frames):
+        if k == found.frames - 1:
+            integrator.saw(shot.sensor)
+        shot.turn(step)
+    return found.frames, found.exposure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,15 @@ class RadianceScale:
         """Running mean of the luminance of targets, radiance."""
         self.started = False
         self._off: deque[bool] = deque(maxlen=PATIENCE)
+
+    def state(self) -> dict[str, Any]:
+        """What the next frame depends on beside ``value`` and ``mean``, in types of JSON."""
+        return {"started": self.started, "off": list(self._off)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over what ``state`` gave."""
+        self.started = bool(state["started"])
+        self._off.extend(bool(off) for off in state["off"])
 
     def update(self, luminances: np.ndarray) -> float:
         """Take in one frame's luminances [N]; returns the factor by which the scale changed, mostly 1."""

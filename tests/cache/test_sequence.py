@@ -1,6 +1,7 @@
 """Sequences survive being killed; the denoiser runs on a real picture."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,7 +10,9 @@ import time
 import numpy as np
 
 from lightwell.backend import mi
-from lightwell.cache import NrcIntegrator, settings_of
+from lightwell.cache import NrcIntegrator, rendering, settings_of
+from lightwell.cache.rendering import render_animation
+from lightwell.cache.settings import parse_options
 
 from .scenes import room
 
@@ -22,26 +25,79 @@ def _command(folder, *more):
     return words + [w for option in SMALL for w in ("--nrc", option)]
 
 
-def test_a_sequence_killed_in_the_middle_is_finished_by_resume(tmp_path):
-    first = subprocess.Popen(_command(tmp_path), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def _bytes(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("frame-*.png"))}
+
+
+def _sequence(folder, frames, resume=False, **options):
+    """Render in this process: steps of ten degrees, so that frames see the inside of the box."""
+    degrees = 10.0 * frames
+    settings = parse_options([*SMALL, *(f"{name}={value}" for name, value in options.items())])
+    return render_animation(
+        "cornell", folder, settings, 24, 16, 2, frames, degrees, kind="png", resume=resume, quiet=True
+    )
+
+
+def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
+    folder, whole = tmp_path / "killed", tmp_path / "whole"
+    first = subprocess.Popen(_command(folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 240
-    while not (tmp_path / "frame-0003.png").exists() and first.poll() is None and time.monotonic() < deadline:
+    while not (folder / "frame-0001.png").exists() and first.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)
     os.kill(first.pid, signal.SIGKILL)
     first.wait()
-    done = sorted(p.name for p in tmp_path.glob("frame-*.png"))
-    assert len(done) >= 4
-    stamps = {name: (tmp_path / name).stat().st_mtime_ns for name in done}
-    again = subprocess.run(_command(tmp_path, "--resume"), capture_output=True, text=True, timeout=300, check=False)
+    assert len(_bytes(folder)) >= 2
+    again = subprocess.run(_command(folder, "--resume"), capture_output=True, text=True, timeout=300, check=False)
     assert again.returncode == 0, again.stderr
-    assert len(list(tmp_path.glob("frame-*.png"))) == 12
-    assert all((tmp_path / name).stat().st_mtime_ns == stamp for name, stamp in stamps.items())
-    from PIL import Image
+    subprocess.run(_command(whole), capture_output=True, timeout=300, check=True)
+    assert len(_bytes(whole)) == 12 and _bytes(folder) == _bytes(whole)
+    assert (folder / "radiance-cache.npz").read_bytes() == (whole / "radiance-cache.npz").read_bytes()
+    assert not (folder / ".lightwell.lock").exists()
 
-    pictures = [np.array(Image.open(p)) for p in sorted(tmp_path.glob("frame-*.png"))]
-    assert all(p.shape == (16, 24, 3) for p in pictures) and pictures[0].std() > 5
-    assert float((tmp_path / "exposure.txt").read_text()) > 0  # the second half is exposed like the first
-    assert not list(tmp_path.glob(".*.part")) or len(done) < 12  # what the kill left behind is no picture
+
+@pytest.mark.parametrize("options", [{"guide": "always"}, {"first_hit": "restir-di"}, {"replay": 0.2}])
+@pytest.mark.slow
+def test_all_that_a_frame_depends_on_is_in_the_checkpoint(tmp_path, monkeypatch, options):
+    """Stopped after the second frame of five; guide, reservoirs and the pool of rays are more than weights."""
+    _sequence(tmp_path / "whole", 5, **options)
+    real = rendering.write_picture
+
+    def stop(path, *rest):
+        if path.name == "frame-0002.png":
+            raise KeyboardInterrupt
+        real(path, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rendering, "write_picture", stop)
+        with pytest.raises(KeyboardInterrupt):
+            _sequence(tmp_path / "cut", 5, **options)
+    assert len(_bytes(tmp_path / "cut")) == 2
+    assert _sequence(tmp_path / "cut", 5, resume=True, **options)["rendered"] == 3
+    assert _bytes(tmp_path / "cut") == _bytes(tmp_path / "whole")
+
+
+def test_without_a_sound_checkpoint_a_sequence_begins_anew(tmp_path, caplog):
+    whole = tmp_path / "whole"
+    _sequence(whole, 3)
+    data = (whole / "radiance-cache.npz").read_bytes()
+    for name, damage in {"damaged": data[:2000], "empty": b""}.items():
+        shutil.copytree(whole, tmp_path / name)
+        (tmp_path / name / "radiance-cache.npz").write_bytes(damage)
+        (tmp_path / name / "frame-0001.png").write_bytes(b"another picture")
+        caplog.clear()
+        assert _sequence(tmp_path / name, 3, resume=True)["rendered"] == 3
+        assert "the sequence begins anew" in caplog.text and "\n" not in caplog.messages[-1]
+        assert _bytes(tmp_path / name) == _bytes(whole)
+    (tmp_path / "damaged" / "frame-0000.png").unlink()
+    assert _sequence(tmp_path / "damaged", 3, resume=True)["rendered"] == 3
+    assert "frame-0000.png is missing" in caplog.text and _bytes(tmp_path / "damaged") == _bytes(whole)
+
+
+def test_frames_of_others_stay(tmp_path):
+    (tmp_path / "frame-0000.png").write_bytes(b"mine")
+    with pytest.raises(ValueError, match=r"'frame-0000.png', which lightwell did not write"):
+        _sequence(tmp_path, 3)
+    assert [path.name for path in tmp_path.iterdir()] == ["frame-0000.png"]
 
 
 def test_the_denoiser_brings_a_picture_nearer_to_the_truth():

@@ -1,0 +1,131 @@
+"""The checkpoint of a sequence: everything that the next frame depends on, in the file of the cache.
+
+``persist`` stores what was learned: weights, averages, moments, scale, guide. A sequence that goes on to the same bytes
+needs more: the tile controllers, the watchers of the scene, the pool of earlier rays, the table that the guide last
+made, the copy of sound weights, and the reservoirs of the last pass. Those are arrays named ``sequence.…`` beside it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lightwell.backend import mi
+from lightwell.cache import persist, restir
+from lightwell.cache.guide import Guide
+from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.tiles import Tiles
+from lightwell.core.formats import Arrays
+from lightwell.files import load_arrays
+from lightwell.networks.checkpoint import prefixed, under
+from lightwell.networks.device import tensors
+
+if TYPE_CHECKING:
+    from lightwell.cache.integrator import NrcIntegrator
+
+VERSION = 1
+# Numbers of ``RadianceCache`` that change from frame to frame and that ``persist`` leaves out.
+COUNTERS = ("boost", "changes", "begun", "rate_factor", "most_steps", "rollbacks")
+GUIDE = ("rows", "tree", "density", "level")
+PARTS = ("values", "average", "first", "second")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a sequence stands."""
+
+    frames: int
+    """Frames that are finished."""
+    exposure: float
+    """Factor of the pictures, fixed by the first one."""
+
+
+def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
+    """Write the cache of an integrator and what its next frame depends on, whole or not at all."""
+    cache = integrator.cache
+    assert cache is not None
+    more = prefixed("replay", cache.replay.state()[1])
+    if cache.snapshot is not None:
+        values, average, (first, second) = cache.snapshot
+        for part, held in zip(PARTS, (values, average, first, second)):
+            more |= prefixed(f"snapshot.{part}", {name: np.array(value) for name, value in held.items()})
+    table = cache.guide_table
+    if table is not None:
+        more["guide.bins"] = table.bins
+        if table.made is not None:
+            more |= {f"guide.{name}": np.array(getattr(table.made, name)) for name in GUIDE}
+    if integrator.reservoirs is not None:
+        more |= prefixed("reservoirs", _reservoir_arrays(integrator.reservoirs))
+    about = {
+        "version": VERSION,
+        "progress": asdict(progress),
+        "counters": {name: getattr(cache, name) for name in COUNTERS},
+        "tiles": [[list(key), asdict(tiles)] for key, tiles in cache.tiles.items()],
+        "detector": cache.detector.state(),
+        "growth": cache.growth.state(),
+        "scale": cache.scale.state(),
+        "replay": cache.replay.state()[0],
+    }
+    more["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
+    persist.save(cache, path, prefixed("sequence", more))
+
+
+def load(path: Path, integrator: NrcIntegrator, scene: Any) -> Progress:
+    """Give an integrator the cache of a checkpoint and the state of its sequence; returns where it stands.
+
+    Raises:
+        ValueError: The file is damaged, of another version or scene, or holds no sequence; one line.
+    """
+    cache = RadianceCache.load(path, scene)
+    more = under("sequence", load_arrays(path))
+    try:
+        about = json.loads(more["about"].tobytes())
+        if about["version"] != VERSION:
+            raise ValueError(f"version {about['version']} of the checkpoint, expected {VERSION}")
+        _restore(cache, about, more)
+        reservoirs = _reservoirs(under("reservoirs", more))
+        progress = Progress(int(about["progress"]["frames"]), float(about["progress"]["exposure"]))
+        if progress.frames < 1 or not progress.exposure > 0:
+            raise ValueError("no finished frame")
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"{path}: holds no state of a sequence ({' '.join(str(error).split())[:100]})") from error
+    integrator.cache, integrator.reservoirs = cache, reservoirs
+    return progress
+
+
+def _restore(cache: RadianceCache, about: dict[str, Any], more: Arrays) -> None:
+    for name in COUNTERS:
+        setattr(cache, name, type(getattr(cache, name))(about["counters"][name]))
+    cache.tiles = {tuple(key): Tiles(**fields) for key, fields in about["tiles"]}
+    cache.detector.restore(about["detector"])
+    cache.growth.restore(about["growth"])
+    cache.scale.restore(about["scale"])
+    cache.replay.restore(about["replay"], under("replay", more))
+    parts = [tensors(under(f"snapshot.{part}", more)) for part in PARTS]
+    cache.snapshot = (parts[0], parts[1], (parts[2], parts[3])) if parts[0] else None
+    if cache.guide_table is not None:
+        table = cache.guide_table
+        table.restore(table.keys, more["guide.bins"], table.sums, table.frames)
+        if "guide.rows" in more:
+            table.made = Guide()
+            table.made.cells, table.made.share = table.opaque_cells, table.opaque_share
+            for name in GUIDE:
+                kind = mi.UInt32 if name == "rows" else mi.Float
+                setattr(table.made, name, kind(more[f"guide.{name}"]))
+
+
+def _reservoir_arrays(held: restir.Reservoirs) -> Arrays:
+    return {name: np.array(getattr(held, name)) for name in restir.Reservoirs.DRJIT_STRUCT}
+
+
+def _reservoirs(arrays: Arrays) -> restir.Reservoirs | None:
+    if not arrays:
+        return None
+    held = restir.Reservoirs()
+    for name, kind in restir.Reservoirs.DRJIT_STRUCT.items():
+        setattr(held, name, kind(arrays[name]))
+    return held
