@@ -59,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         _add_info,
         _add_export,
         _add_validate,
+        _add_store,
         _add_doctor,
     ):
         add(verbs)
@@ -384,6 +385,13 @@ def _validate(arguments) -> int:
     problems = validate_file(arguments.path, limit_arguments.limits(arguments))
     print("\n".join(problems) or f"{arguments.path}: follows the specification")
     return 1 if problems else 0
+
+
+def _add_store(verbs) -> None:
+    from lightwell import store_command as store
+
+    parser = _verb(verbs, "store", store.run, store.SUMMARY, store.DESCRIPTION)
+    store.add(parser)
 
 
 def _add_doctor(verbs) -> None:

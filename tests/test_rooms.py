@@ -38,10 +38,11 @@ ALLOWED = {
     "asset": {"limits", "files", "graph", "scenes"},
     "report": {"files", "asset"},
     "doctor": {"backend"},
-    "lens": {"limits", "limit_arguments", "files", "exr", "backend"},
+    "lens": {"store_command", "limits", "limit_arguments", "files", "exr", "backend"},
     "local_server": set(),
     "interrupts": set(),
     "serve": {"local_server"},
+    "store_command": set(),
     "baking": {
         "limits",
         "files",
@@ -68,6 +69,7 @@ ALLOWED = {
         "doctor",
         "lens",
         "serve",
+        "store_command",
     },
 }
 

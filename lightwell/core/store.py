@@ -53,6 +53,20 @@ def default_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lightwell"
 
 
+def user_store(folder: str | os.PathLike[str] | None = None) -> Store:
+    """Open the user's store, or that in ``folder``, with the limit that LIGHTWELL_STORE_LIMIT sets in bytes.
+
+    Raises:
+        ValueError: LIGHTWELL_STORE_LIMIT is not a positive number of bytes.
+    """
+    text = os.environ.get("LIGHTWELL_STORE_LIMIT", str(DEFAULT_LIMIT))
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise ValueError(
+            f"store: LIGHTWELL_STORE_LIMIT is '{text[:40]}'; set it to a number of bytes, such as 20000000000"
+        )
+    return Store(folder or default_folder(), int(text))
+
+
 @dataclass(frozen=True)
 class Entry:
     """A stored result on disk."""
@@ -117,6 +131,17 @@ class Store:
             OSError: The folder cannot be written; one line that names the cure.
         """
         self._write(self._path(key, format), value, format)
+
+    def update(self, key: Key, change: Callable[[T | None], T], format: Format[T] = ARRAYS) -> None:
+        """Replace the value of a key by what ``change`` makes of it (None: there is none); others wait meanwhile.
+
+        Raises:
+            OSError: The folder cannot be written; one line that names the cure.
+        """
+        path = self._path(key, format)
+        with self._locked(path):
+            found = _read(path, format)
+            self._write(path, change(None if found is ABSENT else found), format)
 
     def remove(self, key: Key, format: Format[T] = ARRAYS) -> None:
         """Remove the entry of a key, if there is one."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from lightwell.store_command import add_folder
+
 SUMMARY = "blur a rendered frame: depth of field and motion blur in one pass"
 DESCRIPTION = """\
 lightwell lens FRAME.exr -o OUT.exr --focus 2.5m --fstop 1.8 --focal 50mm     one frame
@@ -25,6 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     _quality(parser.add_argument_group("quality"))
     _channels(parser.add_argument_group("what the file means"))
     _library(parser.add_argument_group("bake and check"))
+    add_folder(parser)
     parser.add_argument("--json", action="store_true", help="print what was done as JSON, no progress bars")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.store import user_store
 from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
 from lightwell.lens.cache import Shelf
@@ -58,7 +59,7 @@ def _blur(arguments) -> int:
     jobs = list(_jobs(arguments))
     lines = []
     with bars(arguments.json) as bar:
-        lens = Lens(settings, Shelf(bar))
+        lens = Lens(settings, Shelf(bar, store=user_store(arguments.store)))
         advance = bar("frames", len(jobs)) if bar and len(jobs) > 1 else None
         convention = None
         for number, (source, target, following) in enumerate(jobs):

@@ -8,6 +8,7 @@ import sys
 import time
 
 import numpy as np
+import pytest
 
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, rendering, settings_of

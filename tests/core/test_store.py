@@ -114,6 +114,13 @@ def test_put_replaces_and_find_only_looks(tmp_path):
     assert store.find(key("fit", 1), JSON) is None
 
 
+def test_update_sees_what_is_stored(tmp_path):
+    store = Store(tmp_path)
+    for _ in range(3):
+        store.update(key("count", 1), lambda old: (old or 0) + 1, JSON)
+    assert store.find(key("count", 1), JSON) == 3
+
+
 def test_the_least_recently_used_goes(tmp_path):
     made = lambda: {"x": np.zeros(1000)}  # noqa: E731
     store = Store(tmp_path, limit=30_000)

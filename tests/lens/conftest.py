@@ -10,7 +10,7 @@ GIVEN = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "postfx"
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LIGHTWELL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("LIGHTWELL_STORE", str(tmp_path_factory.mktemp("cache")))
         yield
 
 
