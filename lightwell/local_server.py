@@ -7,6 +7,7 @@ number of threads. Added here: a deadline for requests, a bound on clients, who 
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hashlib
 import io
@@ -31,6 +32,8 @@ THREADS, SECONDS = 4, 10
 # Connections at once; further ones get 503. Fewer than the 1,024 files that Linux lets a process open, and than the 512
 # sockets that Windows, which has no poll, can wait for.
 MOST_CLIENTS = 800 if hasattr(select, "poll") else 400
+# Connections that may wait to be accepted.
+BACKLOG = 1024
 # Bytes of a request's headers and of its body.
 MOST_HEADERS, MOST_BODY = 16384, 4096
 # Bytes of a body that is compressed.
@@ -120,7 +123,7 @@ class LocalServer:
         try:
             self._server = _Server(
                 _Gate(application, self), map=self._sockets, host=LOOPBACK, port=port, threads=THREADS,
-                channel_timeout=SECONDS, cleanup_interval=1, connection_limit=2 * MOST_CLIENTS, backlog=1024,
+                channel_timeout=SECONDS, cleanup_interval=1, connection_limit=2 * MOST_CLIENTS, backlog=BACKLOG,
                 ident=None, max_request_header_size=MOST_HEADERS, max_request_body_size=MOST_BODY,
                 asyncore_use_poll=hasattr(select, "poll"), log_socket_errors=False,
             )  # fmt: skip
@@ -167,24 +170,34 @@ class _Server(TcpWSGIServer):
     channel_class = _Channel
 
     def handle_accept(self) -> None:
-        if len(self.active_channels) < MOST_CLIENTS:
-            super().handle_accept()
-            return
+        """Accept all that wait: between two looks at the listening socket lies a look at every connection."""
         try:
-            accepted = self.accept()
-            if accepted is not None:
-                with accepted[0] as client:
-                    client.setblocking(False)
-                    client.send(BUSY)
-                    client.shutdown(socket.SHUT_WR)
+            for _ in range(BACKLOG):
+                accepted = self.accept()
+                if accepted is None:
+                    return
+                client, address = accepted
+                if len(self.active_channels) < MOST_CLIENTS:
+                    self.set_socket_options(client)
+                    self.channel_class(self, client, self.fix_addr(address), self.adj, map=self._map)
+                else:
+                    _refuse(client)
         except OSError:
-            pass  # the client has left, or reads nothing
+            pass  # the client has left, or no file is free
 
     def maintenance(self, now: float) -> None:
         """Close connections that have not moved for a while, those with an answer that nobody reads too."""
         for channel in self.active_channels.values():
             if channel.last_activity < now - SECONDS:
                 channel.will_close = True
+
+
+def _refuse(client: socket.socket) -> None:
+    """Tell a client that there are too many."""
+    with client, contextlib.suppress(OSError):
+        client.setblocking(False)
+        client.send(BUSY)
+        client.shutdown(socket.SHUT_WR)
 
 
 class _Gate:
