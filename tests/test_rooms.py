@@ -16,7 +16,7 @@ ALLOWED = {
     "isolated": set(),
     "packer": set(),
     "native_files": {"isolated"},
-    "scenes": {"limits", "backend", "isolated", "packer"},
+    "scenes": {"exr", "limits", "backend", "isolated", "packer"},
     "graph": {"backend"},
     "networks": {"files", "backend", "graph"},
     "transport": {"limits", "files", "backend", "scenes"},

@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.exr import ExrError, read_header
 from lightwell.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.limits import Budget
+from lightwell.scenes.errors import SceneError
 from lightwell.scenes.mesh_files import check_obj, check_ply
 from lightwell.scenes.mitsuba_document import Element
 from lightwell.scenes.mitsuba_paths import Folders
@@ -22,7 +24,8 @@ from lightwell.scenes.mitsuba_paths import Folders
 HEAD, LEAST_MEMORY, MEMORY_PER_BYTE = 16, 1 << 30, 64
 # Magic bytes → format; Mitsuba's readers of PNG and JPEG are libraries that hold, the others read in a worker.
 IN_PROCESS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG"}
-IN_WORKER = (b"\x76\x2f\x31\x01", b"#?", b"PF", b"Pf", b"P5", b"P6", b"BM")
+EXR = b"\x76\x2f\x31\x01"
+IN_WORKER = (EXR, b"#?", b"PF", b"Pf", b"P5", b"P6", b"BM")
 # A TGA file has no magic bytes.
 TGA = ".tga"
 # Header of a volume grid: magic, version, type (1: float32), size, channels.
@@ -136,6 +139,8 @@ class Files:
             width, height = _size(path, element)
             self._budget.check_picture(width, height, what)
         elif any(head.startswith(magic) for magic in IN_WORKER) or path.suffix.lower() == TGA:
+            if head.startswith(EXR):
+                self._check_exr(path, element)
             most = 16 * self._budget.limits.picture_texels
             found = self._ask(path, {"kind": np.array("picture")}, most, element)
             pixels = found["pixels"]
@@ -149,6 +154,14 @@ class Files:
                 f"'{path.name}' is no picture (it begins with {head[:8]!r}); "
                 "give a PNG, JPEG, EXR, HDR, PFM, BMP or TGA"
             )
+
+    def _check_exr(self, path: Path, element: Element) -> None:
+        """Compare what the header asks for with the limits; the pixels are charged once they are decoded."""
+        alone = self._budget.limits.budget(f"{element.place}: picture '{path.name}'", SceneError)
+        try:
+            read_header(path, alone)
+        except ExrError as error:
+            raise element.fail(f"'{path.name}' cannot be read as EXR ({error}); export it again") from None
 
     def _serialized(self, path: Path, part: str, element: Element) -> str:
         """A PLY file with the same mesh."""

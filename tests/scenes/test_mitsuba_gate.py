@@ -377,3 +377,14 @@ def test_curves_are_left_out_and_never_opened(tmp_path):
     scene = load(saved(tmp_path, FLOOR + shape("hair.txt", "bsplinecurve")))
     assert len(scene.meshes) == 1
     assert any("a bsplinecurve cannot become triangles" in warning for warning in scene.warnings)
+
+
+def test_an_exr_file_is_checked_before_its_worker_decodes_it(tmp_path):
+    mi.Bitmap(np.ones((8, 8, 3), np.float32)).write(str(tmp_path / "a.exr"))
+    data = (tmp_path / "a.exr").read_bytes()
+    assert load_mitsuba(saved(tmp_path, texture("a.exr")))
+    (tmp_path / "cut.exr").write_bytes(data[:-9])
+    assert "'cut.exr' cannot be read as EXR (the file ends early" in refused(saved(tmp_path, texture("cut.exr")))
+    windows = struct.pack("<4i", 0, 0, 7, 7), struct.pack("<4i", 0, 0, 16000, 16000)
+    (tmp_path / "huge.exr").write_bytes(data.replace(*windows))
+    assert "--limit picture_texels" in refused(saved(tmp_path, texture("huge.exr")))
