@@ -25,6 +25,7 @@ from lightwell.scenes.gltf_json import Place
 from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
 from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
 from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
+from lightwell.scenes.gltf_rest import poses_for_flat_nodes
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
 
@@ -36,8 +37,11 @@ KNOWN_EXTENSIONS = READ | {
     "KHR_texture_transform",
     "KHR_lights_punctual",
     "EXT_texture_webp",
+    "KHR_texture_basisu",
     INSTANCING,
 }
+# Longest edges, metres, outside of which a scene is told to be large or small.
+LARGE, SMALL = 300.0, 0.1
 # Extensions that change nothing about light and are passed over in silence.
 HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
 
@@ -83,7 +87,8 @@ class _Reader:
     def read(self) -> None:
         """Fill the lists."""
         self._check_extensions()
-        nodes = list(placed_nodes(self.document, self._unit))
+        poses = poses_for_flat_nodes(self.document, self._accessors, self.warnings.append)
+        nodes = list(placed_nodes(self.document, self._unit, poses))
         self._worlds = {node.index: node.matrix for node in nodes}
         self._textures.charge()
         for placement in placements(self.document, self._accessors, nodes):
@@ -95,6 +100,19 @@ class _Reader:
             self.document.fail("has no triangles in its default scene", "export its meshes too")
         if self.document.count("animations"):
             self.warnings.append("animations are ignored; the scene is loaded at rest")
+        if ignored := sorted(name[:40] for name in self._geometry.ignored):
+            self.warnings.append(f"vertex attributes are ignored: {', '.join(ignored[:10])}")
+        self._warn_of_size()
+
+    def _warn_of_size(self) -> None:
+        """Tell when the scene is so large or small that its unit is probably not the metre."""
+        corners = [c for m in self.meshes for c in (m.positions.min(axis=0), m.positions.max(axis=0))]
+        extent = float(np.ptp(corners, axis=0).max()) if corners else 0.0
+        if self._unit == 1 and (extent > LARGE or 0 < extent < SMALL):
+            guess = "cm or mm" if extent > LARGE else "a larger unit"
+            self.warnings.append(
+                f"the scene is {extent:.4g} m long; if its file is not in metres, say so with --scene-unit ({guess})"
+            )
 
     def _check_extensions(self) -> None:
         root = self.document.root

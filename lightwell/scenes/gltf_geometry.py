@@ -25,6 +25,16 @@ ATTRIBUTES = {
     "WEIGHTS_0": (4,),
 }
 
+# What takes the place of values that are not finite, and how a warning calls it; other attributes are refused.
+REPAIRS = {
+    "NORMAL": (0.0, "those of the triangles"),
+    "TEXCOORD_0": (0.0, "zeros"),
+    "TEXCOORD_1": (0.0, "zeros"),
+    "COLOR_0": (1.0, "ones"),
+}
+# Attributes that are left out without a word: tangents are made again from texture coordinates.
+SILENT_ATTRIBUTES = ("TANGENT", "JOINTS_1", "WEIGHTS_1")
+
 
 @dataclass(frozen=True)
 class Primitive:
@@ -53,6 +63,8 @@ class Geometry:
     def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
         self._document, self._accessors, self._warn = document, accessors, warn
         self._meshes: dict[int, list[Primitive]] = {}
+        self.ignored: set[str] = set()
+        """Names of attributes that were seen and not read."""
 
     def mesh(self, index: int) -> list[Primitive]:
         """The triangle primitives of a mesh."""
@@ -73,6 +85,9 @@ class Geometry:
             return None
         if mode not in (TRIANGLES, STRIP, FAN):
             place.fail(f"has mode {mode}, expected 0..6")
+        self.ignored.update(
+            name for name in place.keys("attributes") if name not in ATTRIBUTES and name not in SILENT_ATTRIBUTES
+        )
         if "targets" in place:
             self._warn(f"{place.what}: morph targets are ignored")
         draco = place.extension(DRACO)
@@ -96,6 +111,15 @@ class Geometry:
                 place.fail(f"has indices in accessor {number} that are not unsigned whole numbers")
             return arrays, corners[:, 0].astype(np.uint32)
         return arrays, np.arange(len(arrays.get("POSITION", ())), dtype=np.uint32)
+
+    def _repaired(self, place: Place, name: str, values: np.ndarray) -> np.ndarray:
+        """Values without those that are not finite; a normal of length 0 later becomes that of the triangles."""
+        bad = ~np.isfinite(values).all(axis=1)
+        if name not in REPAIRS:
+            place.fail(f"has {name} that are not finite numbers", "repair the mesh and export it again")
+        replacement, called = REPAIRS[name]
+        self._warn(f"{place.what}: {int(bad.sum())} of {len(bad)} {name} are not finite numbers; {called} are used")
+        return np.where(bad[:, None], np.float32(replacement), values)
 
     def _draco(self, place: Place, draco: Place) -> tuple[dict[str, np.ndarray], np.ndarray]:
         import DracoPy
@@ -130,12 +154,12 @@ class Geometry:
     def _checked(self, place: Place, arrays: dict[str, np.ndarray], indices: np.ndarray) -> Primitive:
         positions = arrays["POSITION"]
         count = len(positions)
-        for name, values in arrays.items():
+        for name, values in list(arrays.items()):
             if len(values) != count or values.shape[1] not in ATTRIBUTES[name]:
                 wanted = " or ".join(map(str, ATTRIBUTES[name]))
                 place.fail(f"has {name} of shape {list(values.shape)}, expected [{count}, {wanted}]")
             if not np.isfinite(values).all():
-                place.fail(f"has {name} that are not finite numbers", "repair the mesh and export it again")
+                arrays[name] = self._repaired(place, name, values)
         if indices.size and int(indices.max()) >= count:
             place.fail(f"names vertex {int(indices.max())}, but has {count}")
         material = place.index("material", self._document.count("materials"), "material")

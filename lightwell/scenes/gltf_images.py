@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
@@ -21,6 +22,8 @@ WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 NEAREST = 9728
 # What glTF files hold in practice; Pillow's other readers are not offered a stranger's bytes.
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TGA", "TIFF")
+# How a KTX2 file begins (KTX 2.0 specification, section 3.1).
+KTX2 = bytes.fromhex("ab4b5458203230bb0d0a1a0a")
 # Quality of the JPEG that takes the place of a lossy WebP; high, because the picture has lost once already.
 JPEG_QUALITY = 95
 
@@ -73,8 +76,9 @@ class Textures:
         return self._images[number]
 
     def _image_number(self, texture: Place) -> int | None:
-        webp = texture.extension("EXT_texture_webp")
-        holder = webp if webp is not None and "source" in webp else texture
+        # The plain picture beats one in a format that is not decoded here.
+        order = [texture.extension("EXT_texture_webp"), texture, texture.extension("KHR_texture_basisu")]
+        holder = next((place for place in order if place is not None and "source" in place), texture)
         return holder.index("source", self._document.count("images"), "image")
 
     def _image(self, number: int) -> Image | None:
@@ -85,6 +89,9 @@ class Textures:
         key = hashlib.sha256(data).digest()
         if key in self._decoded:
             return self._decoded[key]
+        if data.startswith(KTX2):
+            self._warn(f"{place.what} ('{name}'): is a KTX2 picture, which is not read; the factor alone is used")
+            return None
         try:
             image = encoded_image(name, data)
             image.pixels  # noqa: B018  decode now, so that damage is found here
@@ -94,6 +101,16 @@ class Textures:
         self._decoded[key] = image
         return image
 
+    def _found(self, place: Place) -> bytes | None:
+        """Bytes of a picture; None, with a warning, when its file is missing."""
+        try:
+            return self._bytes(place)
+        except SceneError as error:
+            if "uri" not in place or "which is missing" not in str(error):
+                raise
+            self._warn(f"{place.what}: its file '{place.text('uri')[:60]}' is missing; the factor alone is used")
+            return None
+
     def charge(self) -> None:
         """Charge every picture that a texture names by the size in its header, before any is decoded."""
         count = self._document.count("textures")
@@ -101,7 +118,10 @@ class Textures:
         numbers = [self._image_number(texture) for texture in textures]
         for number in dict.fromkeys(n for n in numbers if n is not None):
             place = self._document.item("images", number)
-            data = self._bytes(place)
+            data = self._found(place)
+            if data is None:
+                self._images[number] = None
+                continue
             key = hashlib.sha256(data).digest()
             if key not in self._charged:
                 self._charged.add(key)

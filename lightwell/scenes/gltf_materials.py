@@ -14,6 +14,8 @@ from lightwell.scenes.scene import Material
 NEAR_DELTA_ROUGHNESS = 0.1
 # Primitives without a material: a white wall. (glTF's own default, a white metal, would hardly reflect diffusely.)
 WITHOUT_MATERIAL = Material("without material", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0, roughness=1.0)
+# Radiance above which a material's emission counts as a mistake: the sun's disc has 1.6e9 cd/m².
+MOST_RADIANCE = 1e10
 # Reflectance at normal incidence above which a specular-glossiness material counts as metal.
 METAL_F0 = 0.25
 
@@ -34,8 +36,13 @@ def read_material(place: Place, textures: Textures, warn: Callable[[str], None])
     if (glossy := place.extension("KHR_materials_pbrSpecularGlossiness")) is not None:
         material = _specular_glossiness(glossy, material, textures)
         lost.append("specular-glossiness is converted to metallic-roughness approximately")
-    material = _surface(place, material, textures)
+    material = _surface(place, material, textures, lost)
     material = _extensions(place, material, lost)
+    if material.unlit and max(material.emissive) > 0:
+        lost.append("it is unlit, so that its emission is what it looks like and no light")
+        material = replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None)
+    if "occlusionTexture" in place:
+        lost.append("its occlusion texture is ignored, the path tracer makes occlusion itself")
     ignored = sorted(n for n in _material_extensions(place) if n not in READ)
     lost += [f"{n} is ignored" for n in ignored]
     for what in lost:
@@ -82,12 +89,13 @@ def _specular_glossiness(glossy: Place, material: Material, textures: Textures) 
     )
 
 
-def _surface(place: Place, material: Material, textures: Textures) -> Material:
+def _surface(place: Place, material: Material, textures: Textures, lost: list[str]) -> Material:
     strength = place.extension("KHR_materials_emissive_strength")
     factor = strength.number("emissiveStrength", 1.0, low=0) if strength else 1.0
     emissive = tuple(max(c, 0.0) * factor for c in place.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)))
-    if not all(map(math.isfinite, emissive)):
-        place.fail("has an emissive strength that is not finite")
+    if max(emissive) > MOST_RADIANCE:
+        lost.append(f"its emission of {max(emissive):g} is more than any light has; it is cut to {MOST_RADIANCE:g}")
+        emissive = tuple(min(c, MOST_RADIANCE) for c in emissive)
     mode = place.text("alphaMode", "OPAQUE")
     if mode not in ("OPAQUE", "MASK", "BLEND"):
         place.fail(f"has alphaMode '{mode[:20]}', expected OPAQUE, MASK or BLEND")

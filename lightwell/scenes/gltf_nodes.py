@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +25,14 @@ class PlacedNode:
     """[4, 4] float64, from the node's space to the world."""
 
 
-def placed_nodes(document: Document, unit: float = 1.0) -> Iterator[PlacedNode]:
-    """Every node of the default scene, parents first; ``unit`` metres per unit of the file."""
+def placed_nodes(
+    document: Document, unit: float = 1.0, poses: Mapping[int, dict] | None = None
+) -> Iterator[PlacedNode]:
+    """Every node of the default scene, parents first.
+
+    ``unit`` is the length of one unit of the file in metres; ``poses`` are transforms, by index, that take the place of
+    a node's own.
+    """
     count = document.count("nodes")
     document.budget.charge("nodes", count)
     root = np.diag([unit, unit, unit, 1.0])
@@ -39,6 +45,8 @@ def placed_nodes(document: Document, unit: float = 1.0) -> Iterator[PlacedNode]:
             place.fail("is reached twice; nodes must form a tree")
         seen.add(index)
         document.budget.check("depth", depth, place.what)
+        if poses and index in poses:
+            place.value = place.value | poses[index]
         matrix = _world_matrix(place, parent)
         yield PlacedNode(index, place, place.text("name", "") or place.what, matrix)
         waiting += [(child, matrix, depth + 1) for child in reversed(place.indices("children", count, "node"))]

@@ -1,0 +1,103 @@
+"""Nodes of a glTF file that have no size at rest: they stand as their first animation shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lightwell.scenes.gltf_accessors import Accessors
+from lightwell.scenes.gltf_container import Document
+from lightwell.scenes.gltf_json import Place
+
+# Components of a channel's values by the property that it moves.
+PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+# A scale below this shows nothing.
+SMALLEST_SCALE = 1e-4
+# Nodes that a warning names.
+MOST_NAMED = 5
+
+
+def poses_for_flat_nodes(
+    document: Document, accessors: Accessors, warn: Callable[[str], None]
+) -> dict[int, dict[str, list[float]]]:
+    """Transforms, by node index, that take the place of those of nodes whose scale at rest is 0.
+
+    A pose is that of the first animation of the node's scale, at its first key with a size; a node that no animation
+    blows up stays flat.
+    """
+    flat = [i for i in range(document.count("nodes")) if _is_flat(document.item("nodes", i))]
+    if not flat:
+        return {}
+    wanted, poses = set(flat), {}
+    for i in range(document.count("animations")):
+        animation = document.item("animations", i)
+        for node in _nodes_scaled_by(document, animation) & (wanted - poses.keys()):
+            pose = _pose(document, accessors, animation, node)
+            if pose is not None:
+                poses[node] = pose
+    for group, what in (
+        (sorted(poses), "stand as their first animation shows them"),
+        (sorted(wanted - poses.keys()), ""),
+    ):
+        if group:
+            names = [document.item("nodes", n).text("name", "") or f"node {n}" for n in group[:MOST_NAMED]]
+            more = f" and {len(group) - MOST_NAMED} more" if len(group) > MOST_NAMED else ""
+            warn(f"nodes {', '.join(names)}{more}: have scale 0 at rest; they {what or 'are not shown'}")
+    return poses
+
+
+def _is_flat(node: Place) -> bool:
+    return "scale" in node and min(map(abs, node.numbers("scale", 3))) < SMALLEST_SCALE
+
+
+def _channels(document: Document, animation: Place) -> list[tuple[int, str, int]]:
+    """(node, path, sampler) of the channels that move a node."""
+    found = []
+    samplers = len(animation.items("samplers"))
+    for i, value in enumerate(animation.items("channels")):
+        channel = Place(animation.scene, f"{animation.what} channel {i}", value)
+        target, sampler = channel.need("target"), channel.index("sampler", samplers, "sampler")
+        node = target.index("node", document.count("nodes"), "node")
+        if node is not None and sampler is not None:
+            found.append((node, target.text("path"), sampler))
+    return found
+
+
+def _nodes_scaled_by(document: Document, animation: Place) -> set[int]:
+    return {node for node, path, _ in _channels(document, animation) if path == "scale"}
+
+
+def _pose(document: Document, accessors: Accessors, animation: Place, node: int) -> dict[str, list[float]] | None:
+    """The node's animated properties at the first key at which it has a size, or None."""
+    tracks = {
+        path: _track(document, accessors, animation, sampler, PATHS[path])
+        for other, path, sampler in _channels(document, animation)
+        if other == node and path in PATHS
+    }
+    times, scales = tracks["scale"]
+    shown = np.flatnonzero(np.abs(scales).min(axis=1) >= SMALLEST_SCALE)
+    if not len(shown):
+        return None
+    time = times[shown[0]]
+    return {
+        path: values[min(int(np.searchsorted(moments, time)), len(values) - 1)].tolist()
+        for path, (moments, values) in tracks.items()
+    }
+
+
+def _track(
+    document: Document, accessors: Accessors, animation: Place, sampler: int, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times [K] and values [K, width] of a sampler; of cubic splines the values without their tangents."""
+    place = Place(animation.scene, f"{animation.what} sampler {sampler}", animation.items("samplers")[sampler])
+    count = document.count("accessors")
+    numbers = [place.index(key, count, "accessor") for key in ("input", "output")]
+    if None in numbers:
+        place.fail("has no input or output")
+    times, values = (accessors.floats(number) for number in numbers)
+    if place.text("interpolation", "LINEAR") == "CUBICSPLINE":
+        values = values[1::3]
+    if times.shape[1] != 1 or values.shape != (len(times), width) or not np.isfinite(values).all():
+        place.fail(f"has values of shape {list(values.shape)} for {len(times)} times, expected finite numbers")
+    return times[:, 0], values
