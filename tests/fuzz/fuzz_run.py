@@ -113,9 +113,7 @@ class Worker:
             late = time.monotonic() - since
             used = _processor_seconds(process.pid) - begin
             # The start of the process, a second or two of imports, counts with its first file.
-            if late > self._seconds * PATIENCE or (
-                late > self._seconds and (used > self._seconds or used < 0.1 * late)
-            ):
+            if used > self._seconds or late > self._seconds * PATIENCE:
                 return None
         return self._answers.readline()
 
