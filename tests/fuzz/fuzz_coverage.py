@@ -42,7 +42,6 @@ def guided(name: str, seconds: float, seed: int) -> int:
 def main(name: str, seed: int, options: list[str]) -> None:
     """The process: instrument lightwell, then hand every input to the reader of a format."""
     import atheris
-
     from fuzz_run import GOOD, write_case
     from fuzz_worker import judge
 

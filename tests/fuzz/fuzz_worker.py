@@ -19,7 +19,7 @@ import sys
 import traceback
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -119,10 +119,31 @@ def judge(reader: Any, path: Path) -> dict[str, Any]:
     return {"outcome": outcome, "detail": detail, "bytes": max(status("VmHWM") - before, 0)}
 
 
+def keep_processes(memory: int) -> None:
+    """Let the processes in which lightwell runs native readers live on from file to file.
+
+    Starting one for every file takes ten times longer than reading it. One that dies is started again, as ever.
+    """
+    from lightwell import isolated
+    from lightwell.exr import decoding
+    from lightwell.scenes import mitsuba_files
+
+    class Kept(isolated.Worker):
+        known: ClassVar[dict[str, isolated.Worker]] = {}
+
+        def __enter__(self) -> isolated.Worker:
+            return self.known.setdefault(self._function, isolated.Worker(self._function, seconds=10.0, memory=memory))
+
+    decoding.Worker = mitsuba_files.Worker = Kept
+
+
 def main() -> None:
     """Answer until standard input ends."""
     reader, memory, answers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     import fuzz_readers
+
+    if reader in ("scene", "frame"):
+        keep_processes(memory)
 
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
