@@ -186,6 +186,11 @@ def read(
     motion_kind = _motion_kind(motion_name)
     if motion is not None:
         notes.append(f"motion {motion_name} ({motion_kind})")
+    bad = ~np.isfinite(rgba).all(-1) | np.isnan(depth)
+    if motion is not None:
+        bad |= ~np.isfinite(motion).all(-1)
+    if bad.any():
+        notes.append(f"{int(bad.sum())} pixels have numbers that are not finite")
     return _on_display(FrameFile(rgba, depth, motion, kind, motion_kind, window, display, notes=notes))
 
 

@@ -8,8 +8,6 @@ from fuzz_run import Tally, run
 
 # Mutants of each format in a usual run and in a long one.
 FEW, MANY = 20, 300
-# Formats whose readers are being hardened.
-OPEN = {"xml", "ply", "obj", "hdr", "exr"}
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +32,10 @@ def _check(tally: Tally, count: int) -> None:
     # A seed that is refused would make a refusal of every mutant.
     assert {seed.kind for seed in tally.seeds} == {"accepted"}, tally.seeds
     assert tally.total == count
-    if tally.failures and tally.format in OPEN:
-        pytest.xfail(tally.told())
     assert not tally.failures, tally.told()
     # Mutations that a reader never notices, or that never get past its first check, test nothing.
-    assert tally.counts["refused"] >= 0.1 * count and tally.counts["accepted"] >= 1
+    assert tally.counts["refused"] >= 0.1 * count
+    assert tally.counts["accepted"] >= 0.02 * count or count < MANY
 
 
 def test_a_mutant_is_a_function_of_format_seed_and_number():
