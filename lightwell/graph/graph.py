@@ -11,13 +11,16 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lightwell.graph.buffers import Buffer, leading_axes
 from lightwell.graph.ops import OPS, Parameter, Use
 from lightwell.graph.ops.op import MAX_ELEMENTS, MAX_MACS, MAX_NODES, MAX_WIDTH
+
+if TYPE_CHECKING:
+    from lightwell.graph.budget import Budget
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
@@ -139,11 +142,15 @@ class Graph:
         return to_json(self)
 
     @staticmethod
-    def from_json(document: Any, arrays: Mapping[str, np.ndarray]) -> Graph:
-        """Read what ``to_json`` wrote, or what a stranger wrote: anything wrong is a one-line ``ValueError``."""
+    def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: Budget | None = None) -> Graph:
+        """Read what ``to_json`` wrote, or what a stranger wrote: anything wrong is a one-line ``ValueError``.
+
+        ``budget``: what the graph may ask for, by default ``lightwell.graph.budget.BUDGET``.
+        """
+        from lightwell.graph.budget import BUDGET
         from lightwell.graph.serial import from_json
 
-        return from_json(document, arrays)
+        return from_json(document, arrays, budget or BUDGET)
 
 
 def _fail(where: str, expected: str, found: str, cure: str) -> None:

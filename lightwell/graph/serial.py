@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.graph.budget import BUDGET, Budget, check_budget
 from lightwell.graph.buffers import TYPES, Buffer
 from lightwell.graph.graph import MAX_INPUTS, NAME, Graph, Node
 from lightwell.graph.ops import OPS, Op, Parameter
@@ -122,8 +123,11 @@ def _node_json(node: Node) -> dict[str, Any]:
     return out | ({"per_frame": True} if node.per_frame else {})
 
 
-def from_json(document: Any, arrays: Mapping[str, np.ndarray]) -> Graph:
-    """Check and read a document; ``arrays`` holds the stored numbers of each buffer, of any shape of the right size."""
+def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: Budget = BUDGET) -> Graph:
+    """Check and read a document that stays within a budget.
+
+    ``arrays`` holds the stored numbers of each buffer, of any shape of the right size.
+    """
     _check_schema(document)
     buffers = {name: _read_buffer(name, spec, arrays) for name, spec in document["buffers"].items()}
     nodes = [
@@ -137,7 +141,9 @@ def from_json(document: Any, arrays: Mapping[str, np.ndarray]) -> Graph:
         for spec in document["nodes"]
     ]
     inputs = {name: int(width) for name, width in document["inputs"].items()}
-    return Graph(inputs, buffers, nodes, document["outputs"])
+    graph = Graph(inputs, buffers, nodes, document["outputs"])
+    check_budget(graph, budget)
+    return graph
 
 
 @cache

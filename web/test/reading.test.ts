@@ -96,7 +96,7 @@ describe("readExtension", () => {
 });
 
 it("a node with two parents is no tree", () => {
-  expect(() => checkContainer({ nodes: [{ children: [2] }, { children: [2] }, {}] })).toThrow(
+  expect(() => checkContainer({ asset: { version: "2.0" }, nodes: [{ children: [2] }, { children: [2] }, {}] })).toThrow(
     "another parent",
   );
 });

@@ -1,6 +1,6 @@
 /** Reads untrusted JSON: every function returns the value in its type or throws a `FormatError` that names the place. */
 
-/** An asset that breaks the contract of `format/FORMAT.md`. */
+/** An asset that breaks the contract of `format/FORMAT.md`: the only error that a file causes. */
 export class FormatError extends Error {
   override readonly name = "FormatError";
 }

@@ -2,7 +2,18 @@
 
 import { fail, integer, list, number, record, text } from "./checks.ts";
 import type { GltfJson } from "./container.ts";
-import { type BufferType, type Graph, readGraph, type StoredBuffer } from "./graph/index.ts";
+import { LIMITS } from "./limits.ts";
+import {
+  type BufferType,
+  BUDGET,
+  type Budget,
+  evaluate,
+  type Graph,
+  overBudget,
+  readGraph,
+  type StoredBuffer,
+} from "./graph/index.ts";
+import { TRIAL } from "./trial.ts";
 import { readVariables, type Variable } from "./variables.ts";
 
 /** Name of the extension. */
@@ -80,10 +91,14 @@ export interface Sources {
   texture(index: number): Promise<PictureSource>;
 }
 
-/** Read the extension of a glTF document; null when the document does not carry it. */
+/**
+ * Read the extension of a glTF document; null when the document does not carry it. Throws a `FormatError` when it is not as
+ * `format/FORMAT.md` says, or asks for more work than the budget.
+ */
 export async function readExtension(
   json: GltfJson,
   sources: Sources,
+  budget: Budget = BUDGET,
 ): Promise<NeuralRadiance | null> {
   const extensions = json.extensions === undefined ? {} : record(json.extensions, "extensions");
   if (extensions[EXTENSION] === undefined) return null;
@@ -93,36 +108,54 @@ export async function readExtension(
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
   for (const [i, entry] of entries.entries()) {
-    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, json, sources));
+    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget }));
+    const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
+    if (work > budget.work) fail(`${EXTENSION}.fields[${i}]`, overBudget(budget.work, "operations per pixel in all fields", "work"));
   }
   return { variables, fields };
 }
 
-async function readField(
-  value: unknown,
-  where: string,
-  variableCount: number,
-  json: GltfJson,
-  sources: Sources,
-): Promise<FieldRecord> {
+/** What the parts of the extension are read from. */
+interface Reading {
+  readonly json: GltfJson;
+  readonly sources: Sources;
+  readonly budget: Budget;
+}
+
+async function readField(value: unknown, where: string, variableCount: number, from: Reading): Promise<FieldRecord> {
   const entry = record(value, where);
   const role = entry.role;
   if (role !== "indirect" && role !== "static") fail(`${where}.role`, '"indirect" or "static"');
   const document = record(entry.graph, `${where}.graph`);
-  const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, json, sources);
+  const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, from);
+  const graph = readFieldGraph(document, buffers, `${where}.graph`, from.budget);
+  warnOfOverflow(graph, where);
   return {
     name: text(entry.name ?? role, `${where}.name`),
     role,
     variable:
       role === "static" ? -1 : integer(entry.variable ?? 0, `${where}.variable`, 0, variableCount - 1),
-    graph: readFieldGraph(document, buffers, `${where}.graph`),
+    graph,
     buffers,
   };
 }
 
+/** Finite weights may still overflow: try the field at one point, and say so when its light is no number there. */
+function warnOfOverflow(graph: Graph, where: string): void {
+  if (graph.nodes.some(({ use }) => Object.values(use.buffer).some(({ picture }) => picture))) return;
+  const found = evaluate(graph, TRIAL).radiance!;
+  if (found.every(Number.isFinite)) return;
+  console.warn(`lightwell: ${where}: expected finite radiance at the origin, found ${found.join(", ")}; bake the field again`);
+}
+
 /** The graph of a field: its inputs are those that a surface has, its output is `radiance`. */
-function readFieldGraph(document: unknown, buffers: ReadonlyMap<string, StoredBuffer>, where: string): Graph {
-  const graph = readGraph(document, buffers);
+function readFieldGraph(
+  document: unknown,
+  buffers: ReadonlyMap<string, StoredBuffer>,
+  where: string,
+  budget: Budget,
+): Graph {
+  const graph = readGraph(document, buffers, budget);
   for (const [name, width] of graph.inputs) {
     if (INPUT_WIDTHS[name] !== width)
       fail(`${where}.inputs.${name}`, "an input of a surface");
@@ -136,45 +169,44 @@ function readFieldGraph(document: unknown, buffers: ReadonlyMap<string, StoredBu
   return graph;
 }
 
-async function readBuffers(
-  value: unknown,
-  where: string,
-  json: GltfJson,
-  sources: Sources,
-): Promise<Map<string, StoredBuffer>> {
+async function readBuffers(value: unknown, where: string, from: Reading): Promise<Map<string, StoredBuffer>> {
   const entries = Object.entries(record(value, where));
   if (entries.length > MAX_BUFFERS) fail(where, `at most ${MAX_BUFFERS} buffers`);
+  const forms = entries.map(([id, entry]) => readForm(entry, `${where}.${id.slice(0, 64)}`));
+  const elements = forms.reduce((sum, { count }) => sum + count, 0);
+  if (elements > MAX_ELEMENTS) fail(where, `at most ${MAX_ELEMENTS} elements in all, found ${elements}`);
   const buffers = new Map<string, StoredBuffer>();
-  let elements = 0;
-  for (const [id, entry] of entries) {
-    const buffer = await readBuffer(entry, `${where}.${id}`, json, sources);
-    elements += buffer.data.length;
-    if (elements > MAX_ELEMENTS) fail(where, `at most ${MAX_ELEMENTS} elements in all`);
-    buffers.set(id, buffer);
-  }
+  for (const [i, [id]] of entries.entries()) buffers.set(id, await readBuffer(forms[i]!, from));
   return buffers;
 }
 
-async function readBuffer(
-  value: unknown,
-  where: string,
-  json: GltfJson,
-  sources: Sources,
-): Promise<StoredBuffer> {
+/** A buffer as it is declared, before its numbers are looked at. */
+interface BufferForm {
+  readonly entry: Record<string, unknown>;
+  readonly where: string;
+  readonly count: number;
+  readonly form: Omit<StoredBuffer, "data">;
+}
+
+function readForm(value: unknown, where: string): BufferForm {
   const entry = record(value, where);
-  const type = entry.type as BufferType;
-  if (!Object.hasOwn(STORAGE, String(type))) fail(`${where}.type`, Object.keys(STORAGE).join(", "));
+  const { type } = entry;
+  if (typeof type !== "string" || !Object.hasOwn(STORAGE, type)) fail(`${where}.type`, Object.keys(STORAGE).join(", "));
   const shape = list(entry.shape, `${where}.shape`, 4).map((n, i) =>
     integer(n, `${where}.shape[${i}]`, 1, MAX_ELEMENTS),
   );
   const count = shape.reduce((a, b) => a * b, 1);
   if (shape.length === 0 || count > MAX_ELEMENTS)
     fail(`${where}.shape`, `1 to 4 sizes, at most ${MAX_ELEMENTS} elements`);
-  const form = { shape, type, ...readQuantisation(entry, where, type) };
+  const form = { shape, type: type as BufferType, ...readQuantisation(entry, where, type as BufferType) };
+  return { entry, where, count, form };
+}
+
+async function readBuffer({ entry, where, count, form }: BufferForm, { json, sources }: Reading): Promise<StoredBuffer> {
   if (entry.texture !== undefined) return { ...form, ...(await readPicture(entry, where, form, json, sources)) };
   return {
     ...form,
-    data: await readAccessor(json, entry.accessor, `${where}.accessor`, type, count, sources),
+    data: await readAccessor(json, entry.accessor, `${where}.accessor`, form.type, count, sources),
   };
 }
 
@@ -222,22 +254,31 @@ async function readAccessor(
   sources: Sources,
 ): Promise<StoredBuffer["data"]> {
   const [componentType, bytes, Data] = STORAGE[type];
-  const accessors = (json.accessors ?? []) as unknown[];
+  const accessors = list(json.accessors ?? [], "accessors", LIMITS.entries);
   const accessor = record(accessors[integer(index, where, 0, accessors.length - 1)], where);
   if (accessor.type !== "SCALAR") fail(`${where}.type`, "SCALAR");
   if (accessor.componentType !== componentType) fail(`${where}.componentType`, `${componentType}`);
   if (accessor.count !== count) fail(`${where}.count`, `${count}`);
-  if (accessor.sparse) fail(where, "a dense accessor");
-  const views = (json.bufferViews ?? []) as unknown[];
+  if (accessor.sparse !== undefined) fail(where, "a dense accessor");
+  const views = list(json.bufferViews ?? [], "bufferViews", LIMITS.entries);
   const viewIndex = integer(accessor.bufferView, `${where}.bufferView`, 0, views.length - 1);
   const view = record(views[viewIndex], `bufferViews[${viewIndex}]`);
   // Compressors pad elements to four bytes, and say so in their own extension alone.
-  const stride = view.byteStride ?? (view.extensions as any)?.EXT_meshopt_compression?.byteStride ?? bytes;
+  const stride = view.byteStride ?? packedStride(view) ?? bytes;
   const step = integer(stride, `${where}.byteStride`, bytes, 4) / bytes;
+  if (!Number.isInteger(step)) fail(`${where}.byteStride`, `a multiple of ${bytes}`);
   const start = integer(accessor.byteOffset ?? 0, `${where}.byteOffset`, 0, Number.MAX_SAFE_INTEGER);
   if (start % bytes) fail(`${where}.byteOffset`, `a multiple of ${bytes}`);
   const data = await sources.bufferView(viewIndex);
   const end = start + count * step * bytes;
   if (end > data.byteLength) fail(where, `${end} bytes, found ${data.byteLength}`);
-  return new Data(data, start, count * step).filter((_, i) => i % step === 0);
+  const numbers = new Data(data, start, count * step);
+  return step === 1 ? numbers : numbers.filter((_, i) => i % step === 0);
+}
+
+/** Bytes from element to element of a compressed view; undefined when it is not compressed. */
+function packedStride(view: Record<string, unknown>): unknown {
+  const extensions = view.extensions === undefined ? {} : record(view.extensions, "bufferViews.extensions");
+  const packed = extensions.EXT_meshopt_compression;
+  return packed === undefined ? undefined : record(packed, "bufferViews.extensions.EXT_meshopt_compression").byteStride;
 }

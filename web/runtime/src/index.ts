@@ -1,6 +1,6 @@
 export { Arc } from "./arc.ts";
 export { FormatError, type Vec3 } from "./checks.ts";
-export { checkContainer } from "./container.ts";
+export { checkContainer, checkSelfContained, readContainer } from "./container.ts";
 export { inlineLimit, isSoftware, rendererName } from "./device.ts";
 export {
   EXTENSION,
@@ -10,9 +10,16 @@ export {
   readExtension,
 } from "./extension.ts";
 export { FieldProgram, type WeightPlacement } from "./field-program.ts";
-export type { Graph, GraphNode, StoredBuffer } from "./graph/index.ts";
+export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
-export { type Lightmap, type LoadedLight, LightwellLoaderPlugin, learnedLight } from "./loader.ts";
+export {
+  type Lightmap,
+  type LoadedLight,
+  type LoaderOptions,
+  LightwellLoaderPlugin,
+  learnedLight,
+  parseLearned,
+} from "./loader.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

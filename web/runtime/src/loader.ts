@@ -1,10 +1,12 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
-import { type Material, Mesh, NoColorSpace, type Texture } from "three";
-import type { GLTF, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
-import { FormatError } from "./checks.ts";
-import { checkContainer, type GltfJson } from "./container.ts";
+import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture } from "three";
+import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
+import { fail, FormatError } from "./checks.ts";
+import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
 import { EXTENSION, type NeuralRadiance, readExtension, type Sources } from "./extension.ts";
+import { type Budget, budgetOf } from "./graph/index.ts";
+import { LIMITS } from "./limits.ts";
 import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
 
 /** An ordinary light map of a material, as a texture. */
@@ -20,6 +22,12 @@ export interface LoadedLight extends NeuralRadiance {
   readonly lightmaps: ReadonlyMap<Material, Lightmap>;
 }
 
+/** Options of a `LightwellLoaderPlugin`. */
+export interface LoaderOptions {
+  /** Raises or lowers what the learned light of a file may ask for, such as `{ work: 400_000 }`. */
+  readonly budget?: Partial<Budget>;
+}
+
 /**
  * Puts the checked extension on `gltf.userData.lightwell`.
  *
@@ -32,14 +40,17 @@ export interface LoadedLight extends NeuralRadiance {
 export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
   readonly name = EXTENSION;
   private readonly parser: GLTFParser;
+  private readonly budget: Budget;
 
-  constructor(parser: GLTFParser) {
+  constructor(parser: GLTFParser, options: LoaderOptions = {}) {
     this.parser = parser;
+    this.budget = budgetOf(options.budget);
   }
 
   /** Rejects a document that a loader could not read safely, before anything of it is loaded. */
   async beforeRoot(): Promise<void> {
-    checkContainer(this.parser.json as GltfJson);
+    const { body } = (this.parser.extensions.KHR_binary_glTF ?? {}) as { body?: ArrayBuffer | null };
+    checkContainer(this.parser.json as GltfJson, body ? new Uint8Array(body) : null);
   }
 
   async afterRoot(gltf: GLTF): Promise<void> {
@@ -48,13 +59,49 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
       bufferView: (index) => parser.getDependency("bufferView", index) as Promise<ArrayBuffer>,
       texture: (index) => loadPicture(parser, index),
     };
-    const radiance = await readExtension(parser.json as GltfJson, sources);
+    const radiance = await readExtension(parser.json as GltfJson, sources, this.budget);
+    warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
       const loaded: LoadedLight = { ...(radiance ?? { variables: [], fields: [] }), lightmaps };
       gltf.userData.lightwell = loaded;
     }
   }
+}
+
+/**
+ * Load a GLB from memory with a loader that has the plug-in. Nothing outside of the file is looked up, and whatever is wrong
+ * with it is a `FormatError` in one line, also where three.js would throw something else.
+ *
+ * Args: the loader; the bytes of the file. Returns what `loader.parseAsync` gives.
+ */
+export async function parseLearned(loader: GLTFLoader, bytes: ArrayBuffer): Promise<GLTF> {
+  const { json, binary } = readContainer(new Uint8Array(bytes));
+  checkSelfContained(json);
+  checkContainer(json, binary);
+  try {
+    return await loader.parseAsync(bytes, "");
+  } catch (error) {
+    if (error instanceof FormatError) throw error;
+    const said = (error instanceof Error ? error.message : String(error)).split("\n")[0]!.slice(0, 160);
+    throw new FormatError(`the file: expected a glTF that three.js can load, found one of which it says "${said}"; export it again`, { cause: error });
+  }
+}
+
+/** Says so when a vertex or a mesh has no place: its triangles are drawn anywhere or nowhere. */
+function warnOfPlaces(gltf: GLTF): void {
+  const seen = new Set<unknown>();
+  gltf.scene.updateMatrixWorld(true);
+  gltf.scene.traverse((object) => {
+    if (!(object instanceof Mesh)) return;
+    if (!object.matrixWorld.elements.every(Number.isFinite))
+      console.warn(`lightwell: mesh '${object.name}': expected a finite place in the world, found NaN or infinity; export the model again`);
+    const place = object.geometry.attributes.position as BufferAttribute | undefined;
+    if (!place || seen.has(place)) return;
+    seen.add(place);
+    if (!(place.array instanceof Float32Array) || place.array.every(Number.isFinite)) return;
+    console.warn(`lightwell: mesh '${object.name}': expected finite positions, found NaN or infinity; export the model again`);
+  });
 }
 
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
@@ -66,7 +113,10 @@ export function learnedLight(gltf: GLTF): LoadedLight {
 /** A texture as linear data: numbers, not a colour. */
 async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
   const found: Texture | null = await parser.getDependency("texture", index);
-  if (!found) throw new FormatError(`textures[${index}]: expected a picture`);
+  if (!found) fail(`textures[${index}]`, "a picture that can be decoded");
+  const { width = 0, height = 0 } = (found.image ?? {}) as { width?: number; height?: number };
+  if (Math.max(width, height) > LIMITS.pictureEdge || width * height > LIMITS.pictureTexels)
+    fail(`textures[${index}]`, `at most ${LIMITS.pictureEdge} × 8192 texels, found ${width} × ${height}; scale it down`);
   // The loader hands the same object to every material that names it.
   const texture = found.clone();
   texture.colorSpace = NoColorSpace;
@@ -77,6 +127,7 @@ async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
 
 /** Size of the picture of a texture in the file; 0 when it is not in it. */
 function encodedBytes(json: GltfJson, index: number): number {
+  // `checkContainer` has seen all of these.
   const [textures, images, views] = [json.textures, json.images, json.bufferViews] as any[][];
   const { source, extensions } = textures?.[index] ?? {};
   const image = images?.[extensions?.EXT_texture_webp?.source ?? source];

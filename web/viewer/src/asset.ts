@@ -1,6 +1,6 @@
 /** Finds the scene and the page data: in the page, behind an address, or in a dropped file. */
 
-import { FormatError, LightwellLoaderPlugin } from "lightwell";
+import { FormatError, LightwellLoaderPlugin, parseLearned } from "lightwell";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { decodeBase64 } from "./base64.ts";
@@ -68,34 +68,12 @@ export async function loadFile(file: File): Promise<LoadedAsset> {
 }
 
 async function loadGlb(buffer: ArrayBuffer, page: PageData, name: string): Promise<LoadedAsset> {
-  checkGlb(buffer);
   const bytes = buffer.byteLength;
   const loader = new GLTFLoader();
   loader.setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new LightwellLoaderPlugin(parser));
-  const gltf = await withTimeout(loader.parseAsync(buffer, ""), PARSE_TIMEOUT_MS);
+  const gltf = await withTimeout(parseLearned(loader, buffer), PARSE_TIMEOUT_MS);
   return { gltf, page, name, bytes };
-}
-
-const GLB_MAGIC = 0x46546c67;
-const GLB_HEAD = 20;
-
-/** A GLB that is whole and self-contained: nothing in it may lead the page elsewhere. */
-function checkGlb(bytes: ArrayBuffer): void {
-  const header = new DataView(bytes);
-  if (bytes.byteLength < GLB_HEAD || header.getUint32(0, true) !== GLB_MAGIC) {
-    throw new FormatError("the file is not a binary glTF (.glb)");
-  }
-  const jsonBytes = header.getUint32(12, true);
-  if (header.getUint32(8, true) > bytes.byteLength || GLB_HEAD + jsonBytes > bytes.byteLength) {
-    throw new FormatError("the file is cut short");
-  }
-  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, GLB_HEAD, jsonBytes)));
-  for (const entry of [json.images, json.buffers].flat()) {
-    if (typeof entry?.uri === "string" && !entry.uri.startsWith("data:")) {
-      throw new FormatError(`the file refers to ${entry.uri.slice(0, 80)}: expected a self-contained GLB`);
-    }
-  }
 }
 
 async function withTimeout<T>(work: Promise<T>, ms: number): Promise<T> {

@@ -1,5 +1,6 @@
 /** Prints a shading graph as GLSL ES 3.00. */
 
+import { BUDGET } from "./budget.ts";
 import type { FrameLayout } from "./frame.ts";
 import type { Graph } from "./graph.ts";
 import { toHalf } from "./half.ts";
@@ -56,6 +57,8 @@ export interface GlslOptions {
   readonly lights?: number;
   /** Per-frame values in a texture, however few they are. */
   readonly frameTexture?: boolean;
+  /** Most characters of the text; those of the default budget unless given. */
+  readonly maxText?: number;
 }
 
 /** Blocks of per-frame values that still travel as a uniform array: WebGL2 guarantees 224 in all. */
@@ -72,6 +75,7 @@ export function printGlsl(graph: Graph, options: GlslOptions): GlslProgram {
     name,
     weights === "inline" ? "inline" : "table",
     true,
+    options.maxText ?? BUDGET.text,
   );
   const textures = [
     texelTexture(`${name}_full_texels`, printer.full),
@@ -161,11 +165,6 @@ function texelTexture(name: string, store: TexelStore): TexelTexture | null {
   if (store.texels === 0) return null;
   const width = 2 ** Math.min(Math.ceil(Math.log2(Math.sqrt(store.texels))), Math.log2(TEXTURE_SIDE));
   const height = Math.ceil(store.texels / width);
-  if (height > TEXTURE_SIDE) {
-    throw new RangeError(
-      `graph: expected at most ${TEXTURE_SIDE ** 2} texels of weights, found ${store.texels}`,
-    );
-  }
   const numbers = store.concat(width * height) as Float32Array<ArrayBuffer>;
   if (!store.half) return { name, width, height, format: "rgba32float", data: numbers };
   return { name, width, height, format: "rgba16float", data: Uint16Array.from(numbers, toHalf) };

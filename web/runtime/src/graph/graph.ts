@@ -1,6 +1,7 @@
 /** Reads a shading graph from untrusted JSON: a `Graph` that exists is valid (see `format/FORMAT.md`). */
 
 import { fail, integer, list, number, record, text } from "../checks.ts";
+import { BUDGET, type Budget, checkLive, WorkCounter, workOf } from "./budget.ts";
 import { fromHalf } from "./half.ts";
 import {
   MAX_ELEMENTS,
@@ -45,6 +46,8 @@ export interface Graph {
   readonly macs: number;
   readonly macsPerFrame: number;
   readonly fetches: number;
+  /** Work per pixel as the budget counts it. */
+  readonly work: number;
 }
 
 function name(value: unknown, where: string): string {
@@ -61,8 +64,15 @@ function entries(value: unknown, where: string, low: number, high: number): [str
   return found;
 }
 
-/** Check a graph and its buffers (stored numbers by name); throws a `FormatError` that names what is wrong. */
-export function readGraph(json: unknown, stored: ReadonlyMap<string, StoredBuffer>): Graph {
+/**
+ * Check a graph and its buffers (stored numbers by name), and that it stays within a budget; throws a `FormatError` that
+ * names what is wrong.
+ */
+export function readGraph(
+  json: unknown,
+  stored: ReadonlyMap<string, StoredBuffer>,
+  budget: Budget = BUDGET,
+): Graph {
   const document = record(json, "graph");
   const known = ["version", "inputs", "buffers", "nodes", "outputs"];
   for (const key of Object.keys(document))
@@ -85,8 +95,10 @@ export function readGraph(json: unknown, stored: ReadonlyMap<string, StoredBuffe
   const widths = new Map(inputs);
   const frame = new Set(FRAME_INPUTS.filter((key) => inputs.has(key)));
   const used = new Set<string>();
+  const counter = new WorkCounter(budget);
   const nodes = list(document.nodes, "graph.nodes", MAX_NODES).map((value, i) => {
     const node = readNode(value, `graph.nodes[${i}]`, widths, buffers, frame, used);
+    counter.add(node, `graph.nodes[${i}] ('${node.id}')`);
     widths.set(node.id, node.width);
     if (node.perFrame) frame.add(node.id);
     return node;
@@ -100,6 +112,7 @@ export function readGraph(json: unknown, stored: ReadonlyMap<string, StoredBuffe
   }
   for (const key of buffers.keys())
     if (!used.has(key)) fail(`graph.buffers.${key}`, "a buffer that some node uses");
+  checkLive(nodes, inputs, outputs.values(), budget, "graph.nodes");
   const graph = { inputs, nodes, outputs, widths, ...costs(nodes) };
   if (Math.max(graph.macs, graph.macsPerFrame) > MAX_MACS)
     fail("graph.nodes", `at most ${MAX_MACS} multiply-adds`);
@@ -118,10 +131,11 @@ export function only(graph: Graph, ...names: readonly string[]): Graph {
   return { inputs, nodes, outputs, widths: graph.widths, ...costs(nodes) };
 }
 
-function costs(nodes: readonly GraphNode[]): Pick<Graph, "macs" | "macsPerFrame" | "fetches"> {
+function costs(nodes: readonly GraphNode[]): Pick<Graph, "macs" | "macsPerFrame" | "fetches" | "work"> {
   const total = (cost: "macs" | "fetches", perFrame: boolean) =>
     nodes.filter((n) => n.perFrame === perFrame).reduce((sum, n) => sum + (n.op[cost]?.(n.use) ?? 0), 0);
-  return { macs: total("macs", false), macsPerFrame: total("macs", true), fetches: total("fetches", false) };
+  const work = nodes.filter((n) => !n.perFrame).reduce((sum, n) => sum + workOf(n), 0);
+  return { macs: total("macs", false), macsPerFrame: total("macs", true), fetches: total("fetches", false), work };
 }
 
 function checkBuffer(buffer: StoredBuffer, where: string): void {

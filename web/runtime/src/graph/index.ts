@@ -1,5 +1,6 @@
 /** The shading graph in the web runtime: reads, evaluates on the CPU, prints GLSL and WGSL. */
 
+export { BUDGET, type Budget, budgetOf, overBudget } from "./budget.ts";
 export { valuesOf } from "./buffers.ts";
 export { evaluate, evaluateNodes } from "./evaluate.ts";
 export { evaluateFrame, type FrameLayout, frameLayout } from "./frame.ts";

@@ -4,6 +4,7 @@
  * A value of width C is ⌈C/4⌉ vec4 *blocks*; the components beyond C are zero, so that padded matrices may read them.
  */
 
+import { fail } from "../checks.ts";
 import type { Graph, GraphNode } from "./graph.ts";
 import type { Language } from "./language.ts";
 import type { StoredBuffer } from "./op.ts";
@@ -58,6 +59,9 @@ export interface Table {
   texel(index: string): string;
 }
 
+/** Most texels of numbers in a program: a texture of 2048 × 2048, which every WebGL2 device takes. */
+export const MAX_TEXELS = 2048 ** 2;
+
 /** All the numbers that loops read, as vec4 texels of one precision. */
 export class TexelStore {
   readonly half: boolean;
@@ -104,8 +108,15 @@ export class Printer {
   readonly #numbers = new Map<object, number>();
   #temporaries = 0;
 
-  /** `halfTexels`: whether numbers stored as float16 get a table of their own precision. */
-  constructor(language: Language, prefix: string, weights: Weights, halfTexels: boolean) {
+  readonly #limit: number;
+  #characters = 0;
+
+  /**
+   * `halfTexels`: whether numbers stored as float16 get a table of their own precision. `limit`: most characters of the text;
+   * printing stops with a `FormatError` before it is exceeded.
+   */
+  constructor(language: Language, prefix: string, weights: Weights, halfTexels: boolean, limit = Infinity) {
+    this.#limit = limit;
     this.language = language;
     this.prefix = prefix;
     this.weights = weights;
@@ -113,7 +124,17 @@ export class Printer {
   }
 
   emit(...lines: string[]): void {
-    this.lines.push(...lines.map((line) => `  ${line}`));
+    for (const line of lines) {
+      this.count(line.length + 3);
+      this.lines.push(`  ${line}`);
+    }
+  }
+
+  /** Count characters of the text; throws a `FormatError` when they are too many. */
+  count(characters: number): void {
+    this.#characters += characters;
+    if (this.#characters > this.#limit)
+      fail(this.prefix, `a shader of at most ${this.#limit} characters; put its weights into textures or use a smaller field`);
   }
 
   /** `vec4(…)` in the language. */
@@ -228,16 +249,19 @@ export class Printer {
       const body = text(fullName);
       this.helpers.delete(fullName);
       this.helpers.set(fullName, body);
+      this.count(body.length);
     }
     return fullName;
   }
 
-  /** Put numbers (a multiple of four) where loops read them; what comes from the same sources is stored once. */
-  table(sources: readonly object[], half: boolean, numbers: () => Float32Array): Table {
+  /** Put `texels` times four numbers where loops read them; what comes from the same sources is stored once. */
+  table(sources: readonly object[], half: boolean, texels: number, numbers: () => Float32Array): Table {
     const key = sources.map((source) => this.#number(source)).join();
     let table = this.#shared.get(key);
     if (!table) {
       const store = half ? this.half : this.full;
+      if (store.texels + texels > MAX_TEXELS)
+        fail(this.prefix, `at most ${MAX_TEXELS} texels of weights, found ${store.texels + texels}; use a smaller field`);
       const read = `${this.prefix}_${store.half ? "half" : "full"}`;
       table = { first: store.add(numbers()), texel: (index) => `${read}(${index})` };
       this.#shared.set(key, table);

@@ -22,8 +22,9 @@ export function printProgram(
   prefix: string,
   weights: Weights,
   halfTexels: boolean,
+  limit: number,
 ): Program {
-  const printer = new Printer(language, prefix, weights, halfTexels);
+  const printer = new Printer(language, prefix, weights, halfTexels, limit);
   const frame = frameLayout(graph);
   const values = new Map<string, Value>();
   const parameters = [...graph.inputs].map(([name, width], i) => {

@@ -1,5 +1,6 @@
 /** Prints a shading graph as WGSL. */
 
+import { BUDGET } from "./budget.ts";
 import type { FrameLayout } from "./frame.ts";
 import type { Graph } from "./graph.ts";
 import { type Language, WGSL } from "./language.ts";
@@ -45,6 +46,8 @@ export interface WgslOptions {
   readonly lights?: number;
   /** Whether the text is for fragments, which know how far a picture is minified; else pictures are read at level 0. */
   readonly fragment?: boolean;
+  /** Most characters of the text; those of the default budget unless given. */
+  readonly maxText?: number;
 }
 
 /** Width of a texture of numbers. */
@@ -63,7 +66,14 @@ export function printWgsl(graph: Graph, options: WgslOptions): WgslProgram {
   const { name, group = 0, binding = 0, textures = false, lights = 1 } = options;
   const language = options.fragment ? FRAGMENT : WGSL;
   const placement = options.weights === "inline" ? "inline" : "table";
-  const { printer, frame, parameters, outputs } = printProgram(graph, language, name, placement, false);
+  const { printer, frame, parameters, outputs } = printProgram(
+    graph,
+    language,
+    name,
+    placement,
+    false,
+    options.maxText ?? BUDGET.text,
+  );
   const bind = (at: number, text: string) => `@group(${group}) @binding(${at}) var${text};`;
   const weights = printer.full.texels ? weightsOf(`${name}_texels`, binding, printer.full.concat(), textures) : null;
   const slot = textures && lights > 1 ? `${name}_slot` : null;

@@ -1,5 +1,6 @@
 /** Reads probe volumes (`format/PROBES.md`): checks everything, and makes of it the words that shaders read. */
 
+import { FormatError } from "../checks.ts";
 import { expanded } from "./tables.ts";
 import { RECORDS } from "./weights.ts";
 
@@ -34,7 +35,7 @@ const MOMENTS = 260;
 const MAGIC = "LWPROBES";
 const MOST_PROBES = 1 << 22;
 
-class ProbeFileError extends Error {
+class ProbeFileError extends FormatError {
   constructor(expected: string) {
     super(`probes: damaged file, expected ${expected}; bake it again`);
   }

@@ -13,12 +13,13 @@ const stride = (channels: number) => (channels <= 2 ? channels : 4 * Math.ceil(c
 
 /** The rows of a buffer as texels. */
 export function rowTable(printer: Printer, buffer: StoredBuffer): Table {
-  return printer.table([buffer], buffer.type === "float16", () => {
+  const channels = buffer.shape.at(-1)!;
+  const step = stride(channels);
+  const rows = buffer.data.length / channels;
+  const texels = Math.ceil((rows * step) / 4);
+  return printer.table([buffer], buffer.type === "float16", texels, () => {
     const values = valuesOf(buffer);
-    const channels = buffer.shape.at(-1)!;
-    const step = stride(channels);
-    const rows = values.length / channels;
-    const out = new Float32Array(4 * Math.ceil((rows * step) / 4));
+    const out = new Float32Array(4 * texels);
     for (let row = 0; row < rows; row++) {
       for (let c = 0; c < channels; c++) out[row * step + c] = values[row * channels + c]!;
     }

@@ -35,6 +35,11 @@ function printInline(use: Use, printer: Printer, out: Value, a: Value, language:
   }
 }
 
+/** Texels of a layer's weights. */
+function layerSize({ outputs, inputs, experts }: ReturnType<typeof sizes>): number {
+  return experts * Math.ceil(outputs / 4) * (1 + 4 * Math.ceil(inputs / 4));
+}
+
 /** [experts][blocks of outputs][bias, then a column per input, padded to a multiple of four], as texels. */
 function layerTexels(use: Use): Float32Array {
   const { outputs, inputs, experts } = sizes(use);
@@ -63,7 +68,7 @@ function printTable(
   index?: Value,
 ): void {
   const half = use.buffer.weights!.type === "float16" && use.buffer.bias!.type === "float16";
-  const table = printer.table([use.buffer.weights!, use.buffer.bias!], half, () => layerTexels(use));
+  const table = printer.table([use.buffer.weights!, use.buffer.bias!], half, layerSize(sizes(use)), () => layerTexels(use));
   const { experts } = sizes(use);
   const a = printer.indexable(given);
   const row = 1 + 4 * a.blocks;
