@@ -27,7 +27,7 @@ test: test-python test-web
 
 # Everything: the tests marked slow as well (long fuzzing, kills).
 test-all:
-	$(MAKE) test PYTEST_MARKS=
+	LIGHTWELL_LONG_TESTS=1 $(MAKE) test PYTEST_MARKS=
 
 # pytest's 5 is "no test selected": a file of slow tests only.
 test-python: $(VENV)/.installed-test web/node_modules/.installed

@@ -46,6 +46,8 @@ class Limits:
     """Meshes placed in the world: each node with a mesh, each instance of an instanced node."""
     lights: int = 10_000
     """Lights of a scene other than emissive meshes."""
+    work: int = 100_000
+    """Operations per pixel of all learned fields of an asset (format/FORMAT.md, *Budget*)."""
     seconds: float = 300.0
     """Seconds that reading the document may take; checked between its parts."""
 

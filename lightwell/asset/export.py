@@ -21,6 +21,7 @@ from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.files import write_atomically
+from lightwell.graph.budget import graph_work
 from lightwell.graph.pictures import encode
 from lightwell.limits import Limits
 
@@ -78,6 +79,8 @@ def export_field(
         "weights": weights or ("inline" if small else "table"),
         "bounds": bounds,
     }
+    # The budget is that of the asset, which has been checked.
+    request["work"] = graph_work(entry.graph)
     answer = json.loads(run_exporter(json.dumps(request)))
     if "error" in answer:
         raise ValueError(f"export: field '{entry.name}': {answer['error']}")

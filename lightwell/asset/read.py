@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +14,10 @@ from lightwell.asset.pictures import decoded_texels, image_index
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.asset.schema import validate
 from lightwell.limits import Budget, Limits
+
+if TYPE_CHECKING:
+    from lightwell.graph import Graph
+    from lightwell.graph.budget import GraphBudget
 
 # Members of a buffer that say where its numbers are; the rest is the graph's own.
 CARRIERS = ("accessor", "texture", "mips")
@@ -42,8 +47,9 @@ def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[Fi
 
 
 def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
-    from lightwell.graph import Graph
+    from lightwell.graph.budget import BUDGET, graph_work
 
+    allowed = replace(BUDGET, work=int(budget.limits.work))
     extensions = document.get("extensions")
     extension = extensions.get(EXTENSION) if isinstance(extensions, dict) else None
     if extension is None:
@@ -54,7 +60,8 @@ def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[li
     for entry in extension["fields"]:
         budget.check_time(f"field '{entry['name']}'")
         try:
-            graph = _graph(Graph, entry["graph"], document, binary)
+            graph = _graph(entry["graph"], document, binary, allowed)
+            budget.charge("work", graph_work(graph), "its fields")
         except ValueError as error:
             raise ValueError(f"field '{entry['name']}': {error}") from error
         fields.append(FieldEntry(entry["name"], entry["role"], graph, entry.get("variable")))
@@ -77,13 +84,13 @@ def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: Budg
                 budget.check_picture(width, height, where)
 
 
-def _graph(kind: Any, entry: dict[str, Any], document: dict[str, Any], binary: bytes) -> Any:
-    from lightwell.graph import OUTPUT_WIDTHS
+def _graph(entry: dict[str, Any], document: dict[str, Any], binary: bytes, budget: GraphBudget) -> Graph:
+    from lightwell.graph import OUTPUT_WIDTHS, Graph
 
     buffers = entry.get("buffers", {})
     arrays = {name: _stored(document, binary, name, buffer) for name, buffer in buffers.items()}
     bare = {name: {k: v for k, v in buffer.items() if k not in CARRIERS} for name, buffer in buffers.items()}
-    graph = kind.from_json({**entry, "buffers": bare}, arrays)
+    graph = Graph.from_json({**entry, "buffers": bare}, arrays, budget)
     for name, expected in OUTPUT_WIDTHS.items():
         if name in graph.outputs and (width := graph.widths[graph.outputs[name]]) != expected:
             raise ValueError(f"its output '{name}' has width {width}, expected {expected}")

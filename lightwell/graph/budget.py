@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Budget:
+class GraphBudget:
     """Limits of the work of a graph."""
 
     work: int = 100_000
-    """Per pixel: multiply-adds, components of values, numbers read from tables; four times the largest network baked."""
+    """Per pixel: multiply-adds, components of values, numbers read from tables; four times the largest preset."""
     work_per_frame: int = 1_000_000
     """The same for the ``per_frame`` nodes, once a frame."""
     live: int = 2_048
@@ -30,11 +30,11 @@ class Budget:
     """Characters of a shader's text."""
 
 
-BUDGET = Budget()
+BUDGET = GraphBudget()
 
 
 def work_of(node: Node, use: Use, width: int) -> int:
-    """Count one evaluation of a node: multiply-adds, the widest value that it touches, numbers that it reads from tables."""
+    """Count a node: multiply-adds, the widest value that it touches, numbers that it reads from tables."""
     op = OPS[node.op]
     table = next(iter(use.buffers.values()), None)
     fetched = op.fetches(use) * table.shape[-1] if table is not None else 0
@@ -70,7 +70,7 @@ def live_numbers(graph: Graph) -> int:
     return most
 
 
-def check_budget(graph: Graph, budget: Budget = BUDGET) -> None:
+def check_budget(graph: Graph, budget: GraphBudget = BUDGET) -> None:
     """Refuse a graph that asks for more than a budget.
 
     Raises:

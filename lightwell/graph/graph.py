@@ -20,7 +20,7 @@ from lightwell.graph.ops import OPS, Parameter, Use
 from lightwell.graph.ops.op import MAX_ELEMENTS, MAX_MACS, MAX_NODES, MAX_WIDTH
 
 if TYPE_CHECKING:
-    from lightwell.graph.budget import Budget
+    from lightwell.graph.budget import GraphBudget
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
@@ -142,7 +142,7 @@ class Graph:
         return to_json(self)
 
     @staticmethod
-    def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: Budget | None = None) -> Graph:
+    def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: GraphBudget | None = None) -> Graph:
         """Read what ``to_json`` wrote, or what a stranger wrote: anything wrong is a one-line ``ValueError``.
 
         ``budget``: what the graph may ask for, by default ``lightwell.graph.budget.BUDGET``.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.graph.budget import BUDGET, Budget, check_budget
+from lightwell.graph.budget import BUDGET, GraphBudget, check_budget
 from lightwell.graph.buffers import TYPES, Buffer
 from lightwell.graph.graph import MAX_INPUTS, NAME, Graph, Node
 from lightwell.graph.ops import OPS, Op, Parameter
@@ -123,7 +123,7 @@ def _node_json(node: Node) -> dict[str, Any]:
     return out | ({"per_frame": True} if node.per_frame else {})
 
 
-def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: Budget = BUDGET) -> Graph:
+def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: GraphBudget = BUDGET) -> Graph:
     """Check and read a document that stays within a budget.
 
     ``arrays`` holds the stored numbers of each buffer, of any shape of the right size.

@@ -2,11 +2,11 @@
  * The exporter of the command line: one function from JSON to JSON, which `lightwell export` runs. Built into
  * `lightwell/graph/exporter.js`, so that there is one printer for the web and for the command line.
  *
- * Request: { graph, arrays: { buffer: base64 }, pictures: { buffer: mips }, options }. Answer: { text, tables: [{ …, data: base64 }],
+ * Request: { graph, arrays: { buffer: base64 }, pictures: { buffer: mips }, options, work }. Answer: { text, tables: [{ …, data: base64 }],
  * pictures: { uniform: buffer } } or { error }. It must run in a bare JavaScript engine: no DOM, no Node.
  */
 
-import { readGraph, type StoredBuffer } from "../runtime/src/graph/index.ts";
+import { budgetOf, readGraph, type StoredBuffer } from "../runtime/src/graph/index.ts";
 import { type ExportOptions, exportShader } from "../runtime/src/export.ts";
 
 const ARRAYS = { float32: Float32Array, float16: Uint16Array, int8: Int8Array, uint8: Uint8Array } as const;
@@ -17,6 +17,8 @@ interface Request {
   readonly arrays: Record<string, string>;
   readonly pictures: Record<string, number>;
   readonly options: ExportOptions;
+  /** Work per pixel that the graph may ask for; that of the default budget unless given. */
+  readonly work?: number;
 }
 
 function decode(text: string): ArrayBuffer {
@@ -44,7 +46,7 @@ function encode(data: ArrayBufferView): string {
   return parts.join("");
 }
 
-function answer({ graph: document, arrays, pictures, options }: Request): unknown {
+function answer({ graph: document, arrays, pictures, options, work }: Request): unknown {
   const names = new Map<StoredBuffer, string>();
   const buffers = new Map<string, StoredBuffer>();
   for (const [name, form] of Object.entries(document.buffers ?? {})) {
@@ -56,7 +58,7 @@ function answer({ graph: document, arrays, pictures, options }: Request): unknow
     names.set(buffer, name);
     buffers.set(name, buffer);
   }
-  const shader = exportShader(readGraph(document, buffers), options);
+  const shader = exportShader(readGraph(document, buffers, budgetOf(work === undefined ? {} : { work })), options);
   return {
     text: shader.text,
     tables: shader.tables.map((table) => ({ ...table, data: encode(table.data) })),

@@ -9,7 +9,7 @@ import type { Shaders } from "./target.ts";
 import type { Job, Report } from "./worker.ts";
 
 /** Longest time for one file, and most memory of a worker. */
-const HANG_SECONDS = 10;
+const HANG_SECONDS = "10";
 const MEBIBYTES = 2048;
 const HEAP_MEBIBYTES = 1024;
 const MAX_FAILURES = 50;
@@ -43,9 +43,10 @@ class Campaign {
   readonly seed: number;
   readonly until: number;
   private readonly worker: string;
+  private readonly hangSeconds: number;
 
-  constructor(worker: string, seed: number, until: number) {
-    [this.worker, this.seed, this.until] = [worker, seed, until];
+  constructor(worker: string, seed: number, until: number, hangSeconds: number) {
+    [this.worker, this.seed, this.until, this.hangSeconds] = [worker, seed, until, hangSeconds];
   }
 
   /** Run mutants of a format, `first` to `last` − 1 of each kind, in as many processes as it takes. */
@@ -76,7 +77,7 @@ class Campaign {
       };
       const watch = () => {
         clearTimeout(timer);
-        timer = setTimeout(() => stop("hangs", `no end within ${HANG_SECONDS} s`), 1000 * HANG_SECONDS);
+        timer = setTimeout(() => stop("hangs", `no end within ${this.hangSeconds} s`), 1000 * this.hangSeconds);
       };
       watch();
       child.on("exit", (code, signal) => stop("crashes", `worker ended: ${signal ?? code}`));
@@ -129,10 +130,11 @@ export async function main(worker: string, argv: readonly string[]): Promise<voi
       kinds: { type: "string", default: Object.keys(MUTATORS).join() },
       first: { type: "string", default: "0" },
       shaders: { type: "string" },
+      "hang-seconds": { type: "string", default: HANG_SECONDS },
       "self-test": { type: "boolean", default: false },
     },
   });
-  const campaign = new Campaign(worker, Number(values.seed), Date.now() + 1000 * Number(values.seconds));
+  const campaign = new Campaign(worker, Number(values.seed), Date.now() + 1000 * Number(values.seconds), Number(values["hang-seconds"]));
   const first = Number(values.first);
   const kinds = values.kinds.split(",") as Kind[];
   const formats = values["self-test"] ? [] : (values.formats.split(",") as Format[]);

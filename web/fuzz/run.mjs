@@ -1,6 +1,6 @@
 /**
  * Fuzzes the readers of the web runtime: node web/fuzz/run.mjs [--mutants N] [--seed S] [--seconds T] [--formats glb,lwp,lwsp]
- * [--kinds bits,…] [--first N] [--shaders FILE]. Mutants are per kind of damage and format. Prints one JSON object:
+ * [--kinds bits,…] [--first N] [--shaders FILE] [--hang-seconds T]. Mutants are per kind of damage and format. Prints one JSON object:
  * { mutants, accepted, refused, crashes, hangs, too_much_memory, silent_nan, uncaught, seed, refused_by_kind, failures }.
  * The exit code is 0 when it ran, whatever it found.
  */

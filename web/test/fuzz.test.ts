@@ -81,6 +81,6 @@ describe.each(SEEDS)("seed %i", (seed) => {
 });
 
 it("a mutant that hangs, dies or is uncaught is counted", async () => {
-  const { stdout } = await run(process.execPath, [entry, "--self-test"]);
+  const { stdout } = await run(process.execPath, [entry, "--self-test", "--hang-seconds", "3"]);
   expect(JSON.parse(stdout)).toMatchObject({ mutants: 3, hangs: 1, crashes: 1, uncaught: 1 });
 }, 60_000);

@@ -16,7 +16,9 @@ import {
 import type { FieldRecord } from "./extension.ts";
 import {
   evaluateFrame,
+  FRAME_UNIFORM_LIMIT,
   type FrameUniform,
+  frameLayout,
   type GlslProgram,
   type Graph,
   only,
@@ -44,6 +46,7 @@ export class FieldProgram {
   readonly name: string;
   readonly uniforms: Record<string, IUniform> = {};
   readonly placement: WeightPlacement;
+  private readonly share: number;
   private program: GlslProgram;
   /** Values of the declared light that the field is evaluated for; shared with the lamps. */
   private lights: readonly Vector3[] = [];
@@ -55,8 +58,16 @@ export class FieldProgram {
   private readonly textures = new Map<string, DataTexture>();
   private readonly pictures: readonly Texture[];
 
-  constructor(record: FieldRecord, name: string, outputs: readonly string[], placement: WeightPlacement) {
+  /** `share`: vectors that per-frame values may take of the uniforms; beyond it they are a texture. */
+  constructor(
+    record: FieldRecord,
+    name: string,
+    outputs: readonly string[],
+    placement: WeightPlacement,
+    share = FRAME_UNIFORM_LIMIT,
+  ) {
     this.record = record;
+    this.share = share;
     this.graph = only(record.graph, ...outputs);
     this.name = name;
     this.placement = placement;
@@ -102,6 +113,18 @@ export class FieldProgram {
   get code(): string {
     const size = `[ ${this.lamps} ]`;
     return `uniform vec3 ${this.name}_light${size};\nuniform vec3 ${this.name}_gain${size};\n${this.program.code}`;
+  }
+
+  /** Textures that the program reads. */
+  get samplers(): number {
+    const { textures, pictures, frame } = this.program;
+    return textures.length + pictures.size + (frame?.kind === "texture" ? 1 : 0);
+  }
+
+  /** Uniform vectors of the program. */
+  get uniformVectors(): number {
+    const { frame } = this.program;
+    return 2 * this.lamps + (frame?.kind === "array" ? frame.blocks * this.lamps : 0);
   }
 
   /** Type of the GLSL value that `call` yields. */
@@ -169,7 +192,8 @@ export class FieldProgram {
   }
 
   private print(lights: number): GlslProgram {
-    const program = printGlsl(this.graph, { name: this.name, weights: this.placement, lights });
+    const frameTexture = lights * frameLayout(this.graph).blocks > this.share;
+    const program = printGlsl(this.graph, { name: this.name, weights: this.placement, lights, frameTexture });
     if (program.frame) this.addFrame(program.frame);
     return program;
   }

@@ -16,9 +16,11 @@ import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { inlineLimit } from "./device.ts";
 import type { FieldRecord } from "./extension.ts";
 import { FieldProgram, type WeightPlacement } from "./field-program.ts";
+import { FRAME_UNIFORM_LIMIT } from "./graph/index.ts";
 import { HalfResolution, upsampledFinish } from "./half-resolution.ts";
 import { createLamp, type Lamp } from "./lamp.ts";
 import { type LoadedLight, learnedLight } from "./loader.ts";
+import { checkMaterials } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
 import { removeLights } from "./own-lights.ts";
 import { SEGMENT_OUTPUTS, segmentFinish } from "./segments.ts";
@@ -96,6 +98,7 @@ export class LearnedScene {
         name,
         outputs,
         options.weights ?? (record.graph.macs <= limit ? "inline" : "texture"),
+        Math.floor(FRAME_UNIFORM_LIMIT / fields.length),
       );
     this.fields = fields.map((record, i) => print(record, `lightwellField${i}`, ["radiance"]));
     const segmented = fields.find((record) => record.graph.outputs.has("segment"));
@@ -103,6 +106,7 @@ export class LearnedScene {
     this.wardrobe = this.createWardrobe(`${scenes++}`);
     this.wardrobe.wear("learned");
     this.followLamps();
+    checkMaterials(this.root, this.fields, this.lamps.length, options.renderer?.capabilities);
   }
 
   /** Whether any field is the light of the scene's own emitters. */
@@ -205,6 +209,7 @@ export class LearnedScene {
   /**
    * Compile the shaders of a look without holding up the page: until this resolves, the scene is drawn as before, or with
    * direct light alone. The renderer must be set to the target that will be drawn into; `scene` holds `root` and all lights.
+   * Rejects with a `FormatError` when the materials ask for more textures or uniforms than the renderer offers.
    */
   async compile(renderer: WebGLRenderer, scene: Scene, camera: Camera, look = this.look): Promise<void> {
     this.look = {
@@ -213,6 +218,7 @@ export class LearnedScene {
     };
     const wanted = this.look;
     const compilation = ++this.compilations;
+    checkMaterials(this.root, this.fields, this.lamps.length, renderer.capabilities);
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
     if (renderer.extensions.has("KHR_parallel_shader_compile")) {
       // The compilation of all that is worn starts at once; only the waiting is asynchronous.

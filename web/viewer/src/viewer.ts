@@ -1,6 +1,6 @@
 /** The viewer without its controls: what is loaded, what is shown, and when a frame is drawn. */
 
-import { type FieldProgram, type Lamp, type LearnedScene, rendererName } from "lightwell";
+import { type FieldProgram, FormatError, type Lamp, type LearnedScene, rendererName } from "lightwell";
 import { Box3, type DataTexture, Vector3, type WebGLRenderer } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { CameraRig, overview } from "./camera-rig.ts";
@@ -424,7 +424,13 @@ export class Viewer extends Emitter<ViewerEvents> {
     const look = { half: this.half, segments: this.mode === "experts" };
     const compilation = ++this.compilations;
     this.preparing = true;
-    await this.stage.compile(this.presenter.pipeline.total, this.rig.camera, look);
+    try {
+      await this.stage.compile(this.presenter.pipeline.total, this.rig.camera, look);
+    } catch (error) {
+      if (!(error instanceof FormatError)) throw error;
+      // More than the device offers: direct light alone is drawn.
+      this.say(error.message);
+    }
     if (this.learned !== learned || compilation !== this.compilations) return;
     this.preparing = false;
     this.presenter.truth.comparison = null;
