@@ -1,7 +1,7 @@
 """The server of `view` under load: an honest request beside 500 half-open connections.
 
-    python benchmarks/servers.py            rows of results/reliability.json
-    python benchmarks/servers.py --quick    prints them only
+python benchmarks/servers.py            rows of results/reliability.json
+python benchmarks/servers.py --quick    prints them only
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from lightwell.exr import ExrError, decode_parts, read_header
 from lightwell.exr.header import parse_header
 from lightwell.exr.worker import decode
 from lightwell.isolated import Worker, WorkerError
-from lightwell.lens import exr
+from lightwell.lens import exr, frames
 from lightwell.lens.errors import LensError
 from lightwell.limits import Limits
 
@@ -213,3 +213,10 @@ def test_mutated_files_are_read_or_refused_in_one_line(tmp_path, worker, seed):
             assert "\n" not in str(error)
             outcomes.add("refused")
     assert outcomes == {"read", "refused"}
+
+
+def test_pixels_that_are_not_finite_are_noted(tmp_path):
+    planes = _planes(np.float32)
+    planes["G"][3, 4], planes["Z"][5, 6], planes["Z"][7, 8] = np.nan, np.nan, np.inf
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(tmp_path / "a.exr"))
+    assert frames.read(tmp_path / "a.exr").notes[-1] == "2 pixels with NaN or infinite colour or NaN depth are left out"

@@ -183,6 +183,7 @@ def read(
             f"lens: depth is {depth.shape[1]}x{depth.shape[0]}, the picture {rgba.shape[1]}x{rgba.shape[0]}"
         )
     notes = [f"colour {colour_name}", f"depth {depth_name} ({kind})"]
+    notes += _not_finite(rgba, depth)
     motion_kind = _motion_kind(motion_name)
     if motion is not None:
         notes.append(f"motion {motion_name} ({motion_kind})")
@@ -192,6 +193,12 @@ def read(
     if bad.any():
         notes.append(f"{int(bad.sum())} pixels have numbers that are not finite")
     return _on_display(FrameFile(rgba, depth, motion, kind, motion_kind, window, display, notes=notes))
+
+
+def _not_finite(rgba: np.ndarray, depth: np.ndarray) -> list[str]:
+    """A note on pixels that ``apply`` leaves out; a depth of infinity is the sky."""
+    count = int((~np.isfinite(rgba).all(-1) | np.isnan(depth)).sum())
+    return [f"{count} pixels with NaN or infinite colour or NaN depth are left out"] if count else []
 
 
 def _kind(name: str) -> str:
