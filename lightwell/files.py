@@ -116,15 +116,6 @@ def load_arrays(
         raise ValueError(f"{path}: {cure} ({_reason(error)})") from error
 
 
-def load_array(path: str | Path, cure: str) -> np.ndarray:
-    """Read the array of an .npy, without pickle; raises as ``load_arrays``."""
-    try:
-        # A mapping compares the shape with the length of the file before memory is asked for.
-        return np.array(np.load(path, mmap_mode="r" if os.path.getsize(path) else None, allow_pickle=False))
-    except (*DAMAGED, AttributeError) as error:
-        raise ValueError(f"{path}: {cure} ({_reason(error)})") from error
-
-
 def _check_members(path: str | Path, limits: Limits) -> None:
     """Compare the members of an .npz with limits and with their shapes, before memory is asked for."""
     budget = limits.budget(Path(path).name)

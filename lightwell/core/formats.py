@@ -64,6 +64,8 @@ class ColumnsFormat:
 
     def read(self, path: Path) -> Arrays:
         head = json.loads((path / COLUMNS_HEAD).read_text())
+        if not isinstance(head, dict) or any(Path(name).name != name for name in head):
+            raise ValueError(f"{path}: {COLUMNS_HEAD} does not name columns")
         return {name: _column(path / f"{name}.npy", *facts) for name, facts in head.items()}
 
 

@@ -243,7 +243,7 @@ def _read(path: Path, format: Format[T]) -> Any:
         value = format.read(path)
     except FileNotFoundError:
         return ABSENT
-    except DAMAGED as error:
+    except (*DAMAGED, AttributeError, RecursionError) as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         LOG.warning("store: '%s' is damaged and is made again (%s)", path, reason)
         _delete(path)

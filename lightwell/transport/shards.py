@@ -1,23 +1,24 @@
 """Frozen training samples on disk: light-major shards that resume after a kill and end with the same bytes.
 
-A folder holds ``manifest.json`` (what was asked for) and a folder ``shard_00000`` ... per shard with one ``.npy`` file
-per column and ``counts.json``. A shard is written under a temporary name and renamed: what has its name is whole.
-In a shard, ``points_per_light`` consecutive rows share a light, so that a network of the light runs once per light.
+A folder holds ``manifest.json`` (what was asked for) and a store of shards (``core.store``). The name of a shard is a
+hash of the manifest and its number: one that was made for something else is never read. In a shard,
+``points_per_light`` consecutive rows share a light, so that a network of the light runs once per light.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from lightwell.files import flush, load_array, write_atomically
+from lightwell.core import formats
+from lightwell.core.keys import Key, key
+from lightwell.core.store import Store
+from lightwell.files import write_atomically
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
@@ -29,7 +30,7 @@ from lightwell.transport.samples import Query, Samples, SurfacePoints
 from lightwell.transport.surface import SurfaceDraw, draw_surface
 
 # Layout of the folder; readers refuse others.
-VERSION = 1
+VERSION = 2
 # Finding points that see air costs as much as tracing their light, so that this many shards draw their points from one
 # pool of POOL_SIZE shards' points. Lights and paths are fresh in every shard.
 POOL_SHARDS, POOL_SIZE = 8, 2
@@ -104,11 +105,11 @@ def generate(
         check_manifest(folder, wanted)
     else:
         write_atomically(folder / "manifest.json", json.dumps(wanted, indent=2, sort_keys=True))
-    total = PathReport()
+    total, store = PathReport(), Store(folder, limit=None)
     for index in range(shards):
-        if not _shard(folder, index).exists():
-            _write_shard(folder, index, *(make or make_shard)(scene, variable, lights_fn, settings, index))
-        counts = json.loads((_shard(folder, index) / "counts.json").read_text())
+        made = lambda k=index: _stored(*(make or make_shard)(scene, variable, lights_fn, settings, k))  # noqa: E731
+        found = store.get(shard_key(wanted, index), made, formats.COLUMNS)
+        counts = json.loads(found["counts"].tobytes())
         for name in asdict(total):
             setattr(total, name, getattr(total, name) + counts["paths"][name])
         if progress is not None:
@@ -195,37 +196,51 @@ def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int 
     shards   Read the first so many; default all.
     """
     folder = Path(folder)
-    _read_manifest(folder, scene_digest(scene) if scene is not None else None)
-    found = sorted(p for p in folder.glob("shard_*") if not p.name.endswith(".tmp"))
-    if len(found) < (shards or 1):
+    found = _read_manifest(folder, scene_digest(scene) if scene is not None else None)
+    store, parts = Store(folder, limit=None), []
+    while shards is None or len(parts) < shards:
+        part = store.find(shard_key(found, len(parts)), formats.COLUMNS)
+        if part is None:
+            break
+        parts.append(_checked(part, folder))
+    if len(parts) < (shards or 1):
         raise ValueError(
-            f"samples: '{folder}' holds {len(found)} of {shards or 1} shards; run generate() again to resume"
+            f"samples: '{folder}' holds {len(parts)} of {shards or 1} shards; run generate() again to resume"
         )
-    parts = [_read_shard(shard) for shard in found[:shards]]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
     return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
 
 
-def _read_shard(folder: Path) -> dict[str, np.ndarray]:
-    """The columns of one shard; ``ValueError`` names the file that is damaged and the cure."""
-    columns: dict[str, np.ndarray] = {}
+def shard_key(manifest: dict, index: int) -> Key:
+    """The name of a shard in the store of its folder."""
+    return key("samples.shard", VERSION, manifest=manifest, index=index)
+
+
+def _stored(columns: dict[str, np.ndarray], counts: dict) -> dict[str, np.ndarray]:
+    """Columns and counts of a shard as they lie on disk."""
+    kinds = {name: np.uint32 if values.dtype.kind in "ui" else np.float32 for name, values in columns.items()}
+    found = {name: np.ascontiguousarray(values, kinds[name]) for name, values in columns.items()}
+    return found | {"counts": np.frombuffer(json.dumps(counts, sort_keys=True).encode(), np.uint8)}
+
+
+def _checked(columns: dict[str, np.ndarray], folder: Path) -> dict[str, np.ndarray]:
+    """The columns that make samples; ``ValueError`` names what is wrong and the cure."""
     rows = None
     for name, (shape, kind) in COLUMNS.items():
-        path = folder / f"{name}.npy"
-        values = load_array(path, f"a damaged shard of samples; delete '{folder}' and run generate() again")
+        values = columns.get(name, np.zeros(()))
         rows = len(values) if rows is None and values.ndim else rows
         expected = (rows, *shape)
         if values.shape != expected or values.dtype != kind:
             raise ValueError(
-                f"samples: '{path}' is {values.dtype} {values.shape}, expected {np.dtype(kind)} {expected}; "
-                f"delete '{folder}' and run generate() again"
+                f"samples: '{name}' of a shard in '{folder}' is {values.dtype} {values.shape}, "
+                f"expected {np.dtype(kind)} {expected}; delete the folder and run generate() again"
             )
         if name not in MAY_BE_NAN and not np.isfinite(values).all():
             raise ValueError(
-                f"samples: '{path}' holds numbers that are not finite; delete '{folder}' and run generate() again"
+                f"samples: '{name}' of a shard in '{folder}' holds numbers that are not finite; "
+                "delete the folder and run generate() again"
             )
-        columns[name] = values
     return columns
 
 
@@ -288,20 +303,3 @@ def default_lights(scene: Scene, variable: Variable) -> LightsFn:
     from lightwell.scenes.placing import sample_lights
 
     return lambda count, seed: sample_lights(scene, variable, count, seed)
-
-
-def _shard(folder: Path, index: int) -> Path:
-    return folder / f"shard_{index:05d}"
-
-
-def _write_shard(folder: Path, index: int, columns: dict[str, np.ndarray], counts: dict) -> None:
-    temporary = _shard(folder, index).with_suffix(".tmp")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
-    for name, values in columns.items():
-        kind = np.uint32 if values.dtype.kind in "ui" else np.float32
-        np.save(temporary / f"{name}.npy", np.ascontiguousarray(values, kind))
-    (temporary / "counts.json").write_text(json.dumps(counts, indent=2, sort_keys=True))
-    for file in temporary.iterdir():
-        flush(file)
-    os.replace(temporary, _shard(folder, index))

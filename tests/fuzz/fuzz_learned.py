@@ -181,12 +181,14 @@ def checkpoints() -> list[Case]:
 
 def shards() -> list[Case]:
     """Folders of two shards of samples; each case changes another of its files."""
-    from lightwell.transport.shards import ShardSettings
+    from lightwell.core.formats import COLUMNS
+    from lightwell.core.store import Store
+    from lightwell.transport.shards import VERSION, ShardSettings, shard_key
 
     samples = _import("fields", "made_up").make_samples(64, 5)
     settings = ShardSettings(lights=4, points_per_light=8)
     manifest = {
-        "version": 1,
+        "version": VERSION,
         "scene": "room",
         "digest": "0" * 64,
         "settings_hash": "1" * 64,
@@ -199,10 +201,11 @@ def shards() -> list[Case]:
             part = slice(32 * index, 32 * index + 32)
             columns = {name: getattr(samples.query, name) for name in type(samples.query).__dataclass_fields__}
             columns |= {name: getattr(samples, name) for name in ("half_a", "half_b", "weight", "shape")}
-            for name, values in columns.items():
-                path = Path(folder) / "x.npy"
-                np.save(path, values[part])
-                files[f"shard_{index:05d}/{name}.npy"] = path.read_bytes()
-            files[f"shard_{index:05d}/counts.json"] = b'{"paths": {}, "rejection": {}}'
-    changed = ["manifest.json", *(f"shard_00001/{name}.npy" for name in ("position", "half_a", "weight", "shape"))]
+            columns = {name: values[part] for name, values in columns.items()}
+            columns["counts"] = np.frombuffer(b'{"paths": {}, "rejection": {}}', np.uint8)
+            Store(folder).put(shard_key(manifest, index), columns, COLUMNS)
+        files |= {p.relative_to(folder).as_posix(): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
+    columns = ("position.npy", "half_a.npy", "weight.npy", "shape.npy", "columns.json")
+    second = f"samples.shard/{shard_key(manifest, 1).digest}.columns"
+    changed = ["manifest.json", *(f"{second}/{name}" for name in columns)]
     return [Case(files, ".", name) for name in changed]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from lightwell.core.store import Store
 from lightwell.transport import radiance
 from lightwell.transport.collect import collect, join
 from lightwell.transport.interactions import interaction
@@ -42,9 +44,11 @@ def test_an_interrupted_run_ends_with_the_same_bytes(cornell, roaming, tmp_path)
     with pytest.raises(Killed):
         run(cornell, roaming, tmp_path / "killed", progress=kill)
     # As a kill within a shard leaves it: a temporary folder with a part of the files.
-    (tmp_path / "killed" / "shard_00002.tmp").mkdir()
-    (tmp_path / "killed" / "shard_00002.tmp" / "half_a.npy").write_bytes(b"half a file")
+    part = tmp_path / "killed" / "samples.shard" / ".0123.columns.1.1.part"
+    part.mkdir()
+    (part / "half_a.npy").write_bytes(b"half a file")
     resumed = run(cornell, roaming, tmp_path / "killed")
+    Store(tmp_path / "killed").sweep(age=0)
     assert contents(tmp_path / "whole") == contents(tmp_path / "killed")
     assert report == resumed and report.paths == 3 * 128 * 4
 
@@ -82,8 +86,34 @@ def test_refusals(cornell, roaming, tmp_path):
         load_samples(tmp_path, shards=2)
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "version": 99}))
-    with pytest.raises(ValueError, match="version 99, expected 1"):
+    with pytest.raises(ValueError, match="version 99, expected 2"):
         load_samples(tmp_path)
+
+
+def test_a_damaged_shard_is_made_again(cornell, roaming, tmp_path, caplog):
+    run(cornell, roaming, tmp_path / "whole", shards=2)
+    run(cornell, roaming, tmp_path / "damaged", shards=2)
+    column = next((tmp_path / "damaged").glob("samples.shard/*/half_a.npy"))
+    data = bytearray(column.read_bytes())
+    data[-3] ^= 1
+    column.write_bytes(data)
+    run(cornell, roaming, tmp_path / "damaged", shards=2)
+    assert "is damaged and is made again" in caplog.text
+    assert contents(tmp_path / "whole") == contents(tmp_path / "damaged")
+
+
+def test_a_shard_of_another_run_is_never_read(cornell, roaming, tmp_path):
+    """Two runs once wrote into one folder: the samples of the second were trained on as if they were the first's."""
+    run(cornell, roaming, tmp_path / "mine", shards=2)
+    run(cornell, roaming, tmp_path / "other", shards=2, seed=6)
+    mine = load_samples(tmp_path / "mine")
+    for path in (tmp_path / "mine" / "samples.shard").iterdir():
+        shutil.rmtree(path)
+    shutil.copytree(tmp_path / "other" / "samples.shard", tmp_path / "mine" / "samples.shard", dirs_exist_ok=True)
+    with pytest.raises(ValueError, match="holds 0 of 2 shards"):
+        load_samples(tmp_path / "mine", shards=2)
+    run(cornell, roaming, tmp_path / "mine", shards=2)
+    assert np.array_equal(load_samples(tmp_path / "mine").query.position, mine.query.position)
 
 
 def test_samples_without_a_finite_path_weigh_nothing(monkeypatch, cornell, roaming):
