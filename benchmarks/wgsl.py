@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from lightwell.graph import Graph
+from lightwell.graph import Graph, graph_to_json
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -50,7 +50,7 @@ def available() -> str:
 
 def wgsl(graph: Graph, light: np.ndarray, weights: Literal["storage", "inline"] = "storage") -> Program:
     """The program of the graph's output ``radiance`` for a frame with the light at ``light`` [3]."""
-    document, arrays = replace(graph, outputs={"radiance": graph.outputs["radiance"]}).to_json()
+    document, arrays = graph_to_json(replace(graph, outputs={"radiance": graph.outputs["radiance"]}))
     job = {
         "graph": document,
         "arrays": {name: array.reshape(-1).astype(float).tolist() for name, array in arrays.items()},

@@ -21,6 +21,7 @@ from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.files import write_atomically
+from lightwell.graph import graph_to_json
 from lightwell.graph.budget import graph_work
 from lightwell.graph.pictures import encode
 from lightwell.limits import Limits
@@ -112,7 +113,7 @@ def _named(fields: list[FieldEntry], name: str, path: Path) -> FieldEntry:
 
 def _request(entry: FieldEntry, document: dict[str, Any]) -> dict[str, Any]:
     """The graph and its numbers, pictures apart."""
-    graph, arrays = entry.graph.only("radiance").to_json()
+    graph, arrays = graph_to_json(entry.graph.only("radiance"))
     stored = next(f for f in document["extensions"][EXTENSION]["fields"] if f["name"] == entry.name)["graph"]
     declared = stored.get("buffers", {})
     pictures = {name: declared[name].get("mips", 0) for name in graph["buffers"] if "texture" in declared[name]}

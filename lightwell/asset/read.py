@@ -85,12 +85,12 @@ def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: Budg
 
 
 def _graph(entry: dict[str, Any], document: dict[str, Any], binary: bytes, budget: GraphBudget) -> Graph:
-    from lightwell.graph import OUTPUT_WIDTHS, Graph
+    from lightwell.graph import OUTPUT_WIDTHS, graph_from_json
 
     buffers = entry.get("buffers", {})
     arrays = {name: _stored(document, binary, name, buffer) for name, buffer in buffers.items()}
     bare = {name: {k: v for k, v in buffer.items() if k not in CARRIERS} for name, buffer in buffers.items()}
-    graph = Graph.from_json({**entry, "buffers": bare}, arrays, budget)
+    graph = graph_from_json({**entry, "buffers": bare}, arrays, budget)
     for name, expected in OUTPUT_WIDTHS.items():
         if name in graph.outputs and (width := graph.widths[graph.outputs[name]]) != expected:
             raise ValueError(f"its output '{name}' has width {width}, expected {expected}")

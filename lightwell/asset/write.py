@@ -128,7 +128,9 @@ def extension_json(
 
 def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:
     """The graph's own JSON with an accessor or a texture beside every buffer."""
-    graph, arrays = field.graph.to_json()
+    from lightwell.graph import graph_to_json
+
+    graph, arrays = graph_to_json(field.graph)
     buffers = {}
     for name, entry in graph["buffers"].items():
         if name not in field.pictures:

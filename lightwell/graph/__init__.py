@@ -18,4 +18,6 @@ from lightwell.graph.graph import Node as Node
 from lightwell.graph.ops import OPS as OPS
 from lightwell.graph.quantise import pack_indices as pack_indices
 from lightwell.graph.quantise import quantise as quantise
+from lightwell.graph.serial import graph_from_json as graph_from_json
+from lightwell.graph.serial import graph_to_json as graph_to_json
 from lightwell.graph.serial import schema as schema

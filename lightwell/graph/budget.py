@@ -34,7 +34,16 @@ BUDGET = GraphBudget()
 
 
 def work_of(node: Node, use: Use, width: int) -> int:
-    """Count a node: multiply-adds, the widest value that it touches, numbers that it reads from tables."""
+    """Count the work of a node: multiply-adds, the widest value that it touches, numbers that it reads from tables.
+
+    Args:
+        node: The node.
+        use: Its parameters and buffers.
+        width: Components of its value.
+
+    Returns:
+        Operations per evaluation.
+    """
     op = OPS[node.op]
     table = next(iter(use.buffers.values()), None)
     fetched = op.fetches(use) * table.shape[-1] if table is not None else 0
@@ -42,13 +51,24 @@ def work_of(node: Node, use: Use, width: int) -> int:
 
 
 def graph_work(graph: Graph, per_frame: bool = False) -> int:
-    """Sum up the work of a graph per pixel, or of its ``per_frame`` nodes."""
+    """Sum up the work of a graph.
+
+    Args:
+        graph: Graph to count.
+        per_frame: Count the nodes that run once a frame instead of those of a pixel.
+
+    Returns:
+        Operations per pixel, or per frame.
+    """
     pairs = [(node, use) for node, use in zip(graph.nodes, graph.uses) if node.per_frame == per_frame]
     return sum(work_of(node, use, graph.widths[node.id]) for node, use in pairs)
 
 
 def live_numbers(graph: Graph) -> int:
     """Count the components that a pixel needs at the same time; what is evaluated once a frame lies elsewhere.
+
+    Args:
+        graph: Graph to count.
 
     Returns:
         The largest number over all nodes, each value rounded up to a multiple of four as shaders store it.
@@ -72,6 +92,10 @@ def live_numbers(graph: Graph) -> int:
 
 def check_budget(graph: Graph, budget: GraphBudget = BUDGET) -> None:
     """Refuse a graph that asks for more than a budget.
+
+    Args:
+        graph: Graph to count.
+        budget: What it may ask for.
 
     Raises:
         ValueError: What it asks for, the limit, and the cure, in one line.

@@ -52,11 +52,19 @@ class Buffer:
         return values
 
     def values(self) -> np.ndarray:
-        """Dequantised float32 array, read-only."""
+        """Return the stored numbers as they are read, dequantised.
+
+        Returns:
+            [...] float32, of the stored shape, read-only.
+        """
         return self._values
 
     def row_scale(self) -> np.ndarray:
-        """The scale, shaped to multiply the stored array."""
+        """Return the step of each stored number.
+
+        Returns:
+            float32 scalar, or an array that broadcasts against the stored one.
+        """
         if self.scale is None or self.scale.size == 1:
             return np.float32(1 if self.scale is None else self.scale.ravel()[0])
         leading = leading_axes(self.shape, self.scale.size)
@@ -64,7 +72,15 @@ class Buffer:
 
 
 def leading_axes(shape: tuple[int, ...], count: int) -> int:
-    """How many leading axes ``count`` scales cover (1 or 2), or 0 when they fit neither."""
+    """Find the axes that a list of scales belongs to.
+
+    Args:
+        shape: Shape of the stored array.
+        count: Number of scales.
+
+    Returns:
+        1 or 2 for one scale per index of the first axis or of the first two; 0 when ``count`` fits neither.
+    """
     for axes in (1, 2):
         if len(shape) >= axes and int(np.prod(shape[:axes], dtype=np.int64)) == count:
             return axes
@@ -72,10 +88,21 @@ def leading_axes(shape: tuple[int, ...], count: int) -> int:
 
 
 def pack(values: np.ndarray, type: str, *, per_row: bool = True) -> Buffer:
-    """Store float32 values as ``type``, rounding to nearest; integer types choose the step from the range.
+    """Store float32 values in a smaller type, rounded to nearest.
 
-    ``int8`` is symmetric, ``uint8`` runs from the least to the greatest value. ``per_row`` gives every output row of
-    [out, in] or [experts, out, in] weights a step of its own (int8 only).
+    Integer types take their step from the range of the values: ``int8`` is symmetric about zero, ``uint8`` runs from
+    the least to the greatest value.
+
+    Args:
+        values: [...] numbers.
+        type: "float32", "float16", "int8" or "uint8".
+        per_row: Give every output row of [out, in] or [experts, out, in] weights a step of its own (``int8`` only).
+
+    Returns:
+        The buffer.
+
+    Raises:
+        ValueError: The type is unknown, or a magnitude exceeds the range of float16.
     """
     values = np.asarray(values, np.float32)
     if type == "float32":

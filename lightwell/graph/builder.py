@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,17 +21,37 @@ class Builder:
     >>> h = b.activate(b.linear(e, np.zeros((16, 24)), np.zeros(16)), "silu")
     >>> graph = b.build(radiance=b.linear(h, np.zeros((3, 16)), np.zeros(3)))
 
-    Every op of the registry is a method: inputs first, then parameters by name. Arrays (or ``Buffer`` objects) given to
-    buffer parameters become buffers. ``per_frame=True`` and ``name=`` go to any of them.
+    Every op of the registry is a method: inputs first, then parameters in the order of the registry or by name.
+    Arrays (or ``Buffer`` objects) given to buffer parameters become buffers. Any of them takes ``per_frame=True`` and
+    ``name=``.
     """
 
-    def __init__(self, **inputs: int):
+    def __init__(self, **inputs: int) -> None:
+        """Start a graph.
+
+        Args:
+            **inputs: Name to width of each input.
+        """
         self._inputs = inputs
         self._buffers: dict[str, Buffer] = {}
         self._nodes: list[Node] = []
 
     def node(self, op: str, *inputs: str, name: str | None = None, per_frame: bool = False, **params: Any) -> str:
-        """Add a node; array-valued buffer parameters are stored as buffers of their own."""
+        """Add a node; arrays given to buffer parameters are stored as buffers of their own.
+
+        Args:
+            op: Name of a registered op.
+            *inputs: Names of graph inputs or earlier nodes.
+            name: Name of the value; None: the next free one of n0, n1, …
+            per_frame: Whether it depends on frame inputs only and runs once a frame.
+            **params: Parameters of the op by name.
+
+        Returns:
+            Name of the value.
+
+        Raises:
+            ValueError: No op of that name is registered.
+        """
         if op not in OPS:
             raise ValueError(f"graph: expected an op of {', '.join(sorted(OPS))}, found '{op}'; choose one of them")
         taken = {node.id for node in self._nodes} | set(self._inputs)
@@ -46,7 +68,15 @@ class Builder:
         return name
 
     def buffer(self, values: np.ndarray | Buffer, name: str | None = None) -> str:
-        """Add a buffer (float32 unless a ``Buffer`` is given); one that was added before is shared."""
+        """Add a buffer; one that was added before under no name is shared.
+
+        Args:
+            values: [...] numbers, stored as float32, or a ``Buffer``.
+            name: Name of the buffer; None: the next of w0, w1, …
+
+        Returns:
+            Name of the buffer.
+        """
         if name is None:
             for known, buffer in self._buffers.items():
                 if buffer is values:
@@ -56,94 +86,28 @@ class Builder:
         return name
 
     def build(self, **outputs: str) -> Graph:
-        """Check everything and return the graph whose outputs are the given values."""
+        """Check everything and make the graph.
+
+        Args:
+            **outputs: Name of each output to the name of the value that it returns.
+
+        Returns:
+            The graph.
+        """
         return Graph(dict(self._inputs), dict(self._buffers), tuple(self._nodes), outputs)
 
-    def concat(self, *inputs, **options) -> str:
-        return self.node("concat", *inputs, **options)
+    def __getattr__(self, op: str) -> Callable[..., str]:
+        """Every op of the registry as a method: inputs first, then parameters in the order of the op's list."""
+        if op not in OPS:
+            raise AttributeError(f"Builder has no method '{op}', and no op of that name is registered")
+        return partial(self._op, op)
 
-    def slice(self, a, start, width, **options) -> str:
-        return self.node("slice", a, start=start, width=width, **options)
-
-    def affine(self, a, scale, offset, **options) -> str:
-        return self.node("affine", a, scale=scale, offset=offset, **options)
-
-    def add(self, a, b, **options) -> str:
-        return self.node("add", a, b, **options)
-
-    def subtract(self, a, b, **options) -> str:
-        return self.node("subtract", a, b, **options)
-
-    def multiply(self, a, b, **options) -> str:
-        return self.node("multiply", a, b, **options)
-
-    def scale(self, a, factor, **options) -> str:
-        return self.node("scale", a, factor=factor, **options)
-
-    def dot(self, a, b, **options) -> str:
-        return self.node("dot", a, b, **options)
-
-    def length(self, a, **options) -> str:
-        return self.node("length", a, **options)
-
-    def normalize(self, a, **options) -> str:
-        return self.node("normalize", a, **options)
-
-    def reflect(self, n, v, **options) -> str:
-        return self.node("reflect", n, v, **options)
-
-    def log(self, a, epsilon, **options) -> str:
-        return self.node("log", a, epsilon=epsilon, **options)
-
-    def reciprocal(self, a, epsilon, **options) -> str:
-        return self.node("reciprocal", a, epsilon=epsilon, **options)
-
-    def clamp(self, a, low=0.0, high=1.0, **options) -> str:
-        return self.node("clamp", a, low=low, high=high, **options)
-
-    def frequency(self, a, octaves, **options) -> str:
-        return self.node("frequency", a, octaves=octaves, **options)
-
-    def oneblob(self, a, bins, **options) -> str:
-        return self.node("oneblob", a, bins=bins, **options)
-
-    def sh(self, d, degree, **options) -> str:
-        return self.node("sh", d, degree=degree, **options)
-
-    def grid(self, p, buffer, **options) -> str:
-        return self.node("grid", p, buffer=buffer, **options)
-
-    def texture(self, uv, buffer, **options) -> str:
-        return self.node("texture", uv, buffer=buffer, **options)
-
-    def hashgrid(self, p, buffer, levels, base, growth, entries_log2, **options) -> str:
-        layout = dict(levels=levels, base=base, growth=growth, entries_log2=entries_log2)
-        return self.node("hashgrid", p, buffer=buffer, **layout, **options)
-
-    def nearest(self, p, buffer, **options) -> str:
-        return self.node("nearest", p, buffer=buffer, **options)
-
-    def rows(self, index, buffer, **options) -> str:
-        return self.node("rows", index, buffer=buffer, **options)
-
-    def tree(self, a, nodes, depth, **options) -> str:
-        return self.node("tree", a, nodes=nodes, depth=depth, **options)
-
-    def top2(self, g, **options) -> str:
-        return self.node("top2", g, **options)
-
-    def linear(self, a, weights, bias, index=None, **options) -> str:
-        inputs = (a,) if index is None else (a, index)
-        return self.node("linear", *inputs, weights=weights, bias=bias, **options)
-
-    def matvec(self, matrix, a, rows, **options) -> str:
-        return self.node("matvec", matrix, a, rows=rows, **options)
-
-    def activate(self, a, function, **options) -> str:
-        return self.node("activate", a, function=function, **options)
-
-    def select(self, c, a, b, **options) -> str:
-        return self.node("select", c, a, b, **options)
-
-    def blend(self, t, a, b, **options) -> str:
-        return self.node("blend", t, a, b, **options)
+    def _op(self, op: str, *values: Any, index: str | None = None, **options: Any) -> str:
+        """Tell inputs from parameters; the optional input of ``linear`` comes last or is named ``index``."""
+        least, names = OPS[op].arity[0], list(OPS[op].parameters)
+        if not names:
+            return self.node(op, *values, **options)
+        end = least + len(names)
+        optional = values[end:] if index is None else (index,)
+        params = dict(zip(names, values[least:end], strict=False))
+        return self.node(op, *values[:least], *(v for v in optional if v is not None), **params, **options)

@@ -24,6 +24,11 @@ class Compiled:
     """The op, its use with uploaded buffers, and the node, in evaluation order."""
 
     def __init__(self, graph: Graph):
+        """Upload and pack the weights.
+
+        Args:
+            graph: Graph to evaluate.
+        """
         self.graph = graph
         self.steps = []
         for node, use in zip(graph.nodes, graph.uses):
@@ -42,14 +47,30 @@ class Compiled:
         return {name: list(unpack(values, packed, value)) for name, value in self.graph.outputs.items()}
 
     def components(self, inputs: Mapping[str, Any]) -> dict[str, list]:
-        """The inputs as lists of floats; raises ``ValueError`` when one is missing or of the wrong width."""
+        """Read the inputs of the graph from what a caller passes.
+
+        Args:
+            inputs: Name of each input to its Dr.Jit floats: a sequence, a vector, or a tensor [C, N].
+
+        Returns:
+            Name of each input to a list of C floats of width N or 1.
+        """
         return {name: _components(self.graph, inputs, name) for name in self.graph.inputs}
 
     @staticmethod
     def step(
         op: Op, use: Use, node: Node, read: Callable[[str], list], values: dict[str, list], packed: dict[str, Any]
     ) -> None:
-        """Evaluate one node: into ``packed`` as a cooperative vector, or into ``values`` as a list of floats."""
+        """Evaluate one node.
+
+        Args:
+            op: What the node does.
+            use: Its parameters, with uploaded buffers.
+            node: The node.
+            read: Returns the components of a value by its name.
+            values: Name to components of the values so far; the result is added here ...
+            packed: ... or, where the op computes with cooperative vectors, here.
+        """
         if not op.packed(use):
             values[node.id] = op.drjit(use, *(read(name) for name in node.inputs))
             return
@@ -79,14 +100,29 @@ def _components(graph: Graph, inputs: Mapping[str, Any], name: str) -> list:
 
 
 def unpack(values: dict[str, list], packed: dict[str, Any], name: str) -> list:
-    """The components of a value, out of its cooperative vector if need be."""
+    """Return the components of a value, taken out of its cooperative vector where it is in one.
+
+    Args:
+        values: Name to components; the result is added.
+        packed: Name to cooperative vector.
+        name: Name of the value.
+
+    Returns:
+        C Dr.Jit floats.
+    """
     if name not in values:
         values[name] = list(packed[name])
     return values[name]
 
 
 def settle(values: dict[str, list], packed: dict[str, Any], frame: list[str]) -> None:
-    """Evaluate the per-frame values now, if they are single numbers, so that no pixel computes them again."""
+    """Evaluate per-frame values at once where they are single numbers, so that no pixel computes them again.
+
+    Args:
+        values: Name to components.
+        packed: Name to cooperative vector; those of evaluated values are removed.
+        frame: Names of the per-frame values.
+    """
     from lightwell.backend import dr
 
     components = [component for name in frame for component in unpack(values, packed, name)]
@@ -97,10 +133,25 @@ def settle(values: dict[str, list], packed: dict[str, Any], frame: list[str]) ->
 
 
 def compile(graph: Graph) -> Compiled:
-    """Upload and pack the weights of a graph for Dr.Jit."""
+    """Upload and pack the weights of a graph for Dr.Jit.
+
+    Args:
+        graph: Graph to evaluate.
+
+    Returns:
+        A callable that adds the graph to the kernel of its caller.
+    """
     return Compiled(graph)
 
 
 def evaluate_drjit(graph: Graph, inputs: Mapping[str, Any]) -> dict[str, list]:
-    """Evaluate once: as ``compile(graph)(inputs)``. Keep the compiled graph where it is called more than once."""
+    """Evaluate a graph once with Dr.Jit. Keep ``compile(graph)`` where it is called more than once.
+
+    Args:
+        graph: Graph to evaluate.
+        inputs: Name of each input to its Dr.Jit floats: a sequence, a vector, or a tensor [C, N].
+
+    Returns:
+        Name of each output to a list of C floats.
+    """
     return compile(graph)(inputs)

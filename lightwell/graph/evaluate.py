@@ -11,7 +11,18 @@ from lightwell.graph.ops import OPS
 
 
 def evaluate(graph: Graph, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Outputs of the graph at N points: inputs name -> [N, C], outputs name -> [N, C], all float32."""
+    """Evaluate a graph at N points with NumPy. This defines what a graph means.
+
+    Args:
+        graph: Graph to evaluate.
+        inputs: Name of each input to its values, [N, C] or [1, C].
+
+    Returns:
+        Name of each output to its values, [N, C] float32.
+
+    Raises:
+        ValueError: An input has another number of points than the others.
+    """
     values = {name: _input(graph, inputs, name) for name in graph.inputs}
     points = max(len(value) for value in values.values())
     for name, value in values.items():

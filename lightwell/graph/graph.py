@@ -11,16 +11,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lightwell.graph.buffers import Buffer, leading_axes
 from lightwell.graph.ops import OPS, Parameter, Use
 from lightwell.graph.ops.op import MAX_ELEMENTS, MAX_MACS, MAX_NODES, MAX_WIDTH
-
-if TYPE_CHECKING:
-    from lightwell.graph.budget import GraphBudget
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
@@ -94,17 +91,29 @@ class Graph:
 
     @cached_property
     def macs(self) -> int:
-        """Multiply-adds per pixel in ``linear``, ``matvec`` and ``dot``."""
+        """Count the multiply-adds per pixel in ``linear``, ``matvec`` and ``dot``.
+
+        Returns:
+            Multiply-adds of the nodes that are not per-frame.
+        """
         return self._total("macs", False)
 
     @cached_property
     def macs_per_frame(self) -> int:
-        """Multiply-adds once a frame."""
+        """Count the multiply-adds that run once a frame.
+
+        Returns:
+            Multiply-adds of the per-frame nodes.
+        """
         return self._total("macs", True)
 
     @cached_property
     def fetches(self) -> int:
-        """Table entries read per pixel by ``texture``, ``grid`` and ``hashgrid``."""
+        """Count the entries of tables and trees that are read per pixel.
+
+        Returns:
+            Entries.
+        """
         return self._total("fetches", False)
 
     @property
@@ -118,7 +127,14 @@ class Graph:
         return sum(buffer.array.size for buffer in self.buffers.values())
 
     def only(self, *outputs: str) -> Graph:
-        """The part of the graph that these outputs need: fewer nodes, buffers and inputs, the same values."""
+        """Cut the graph down to what some outputs need.
+
+        Args:
+            *outputs: Names of outputs to keep.
+
+        Returns:
+            A graph of fewer nodes, buffers and inputs whose outputs have the same values.
+        """
         for name in outputs:
             if name not in self.outputs:
                 _fail("outputs", f"one of {', '.join(self.outputs)}", _brief(name), "name an output of the graph")
@@ -134,23 +150,6 @@ class Graph:
             nodes,
             {name: self.outputs[name] for name in outputs},
         )
-
-    def to_json(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """The JSON of ``format/FORMAT.md`` and the stored arrays by buffer name."""
-        from lightwell.graph.serial import to_json
-
-        return to_json(self)
-
-    @staticmethod
-    def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: GraphBudget | None = None) -> Graph:
-        """Read what ``to_json`` wrote, or what a stranger wrote: anything wrong is a one-line ``ValueError``.
-
-        ``budget``: what the graph may ask for, by default ``lightwell.graph.budget.BUDGET``.
-        """
-        from lightwell.graph.budget import BUDGET
-        from lightwell.graph.serial import from_json
-
-        return from_json(document, arrays, budget or BUDGET)
 
 
 def _fail(where: str, expected: str, found: str, cure: str) -> None:

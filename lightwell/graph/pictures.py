@@ -34,23 +34,51 @@ class Picture:
     """Mip level up to which no texel mixes places that do not lie together."""
 
     def buffer(self, level: int = 0) -> Buffer:
-        """The graph's buffer: what every reader decodes; at a level of the mip chain, what a viewer far away reads."""
+        """Decode the picture into a buffer of a graph.
+
+        Args:
+            level: Level of the mip chain, as a viewer far away reads it; 0: full size.
+
+        Returns:
+            [H / 2^level, W / 2^level, 3] bytes with a step of 1/255.
+        """
         return Buffer(minified(self.texels, level), "uint8", BYTE)
 
     @cached_property
     def texels(self) -> np.ndarray:
-        """[H, W, 3] uint8."""
+        """Decode the picture.
+
+        Returns:
+            [H, W, 3] uint8.
+        """
         return decoded(self.data)
 
     def level(self, far: int, size: int) -> int:
-        """The level that is read where an atlas of edge ``size`` is read at level ``far``."""
+        """Find the level of this picture that goes with a level of an atlas.
+
+        Args:
+            far: Level at which the atlas is read.
+            size: Texels along an edge of the atlas.
+
+        Returns:
+            Level from 0 to ``mips``.
+        """
         return int(np.clip(far - round(np.log2(size / len(self.texels))), 0, self.mips))
 
 
 def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
-    """[H, W, 3] uint8 → Picture. ``codec``: png, webp (lossless), jpegQ or webpQ with a quality of 1 … 100.
+    """Encode texels; no colour profile, no gamma, no alpha: the numbers are data.
 
-    No colour profile, no gamma, no alpha: the numbers are data.
+    Args:
+        texels: [H, W, 3] uint8.
+        codec: "png", "webp" (lossless), or "jpegQ" and "webpQ" with a quality Q of 1 to 100.
+        mips: Mip level up to which no texel mixes places that do not lie together.
+
+    Returns:
+        The picture.
+
+    Raises:
+        ValueError: The texels are not [H, W, 3] bytes, or the codec is unknown.
     """
     if texels.dtype != np.uint8 or texels.ndim != 3 or texels.shape[2] != 3:
         raise ValueError(f"picture: expected uint8 [height, width, 3], found {texels.dtype} {list(texels.shape)}")
@@ -70,13 +98,28 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
 
 
 def decoded(data: bytes) -> np.ndarray:
-    """[H, W, 3] uint8 of an encoded picture, as every browser decodes it."""
+    """Decode a PNG, WebP or JPEG file as every browser does.
+
+    Args:
+        data: The bytes of the file.
+
+    Returns:
+        [H, W, 3] uint8.
+    """
     with Image.open(io.BytesIO(data), formats=FORMATS) as image:
         return np.asarray(image.convert("RGB"))
 
 
 def minified(texels: np.ndarray, level: int) -> np.ndarray:
-    """[H / 2^m, W / 2^m, C] uint8: means of 2 x 2 texels, rounded at every level as GPUs do."""
+    """Compute a level of a mip chain: means of 2 × 2 texels, rounded at every level as GPUs do.
+
+    Args:
+        texels: [H, W, C] uint8 with edges that are multiples of 2^level.
+        level: How often to halve, ≥ 0.
+
+    Returns:
+        [H / 2^level, W / 2^level, C] uint8.
+    """
     for _ in range(level):
         height, width, channels = texels.shape
         mean = texels.reshape(height // 2, 2, width // 2, 2, channels).mean(axis=(1, 3))
@@ -85,6 +128,16 @@ def minified(texels: np.ndarray, level: int) -> np.ndarray:
 
 
 def seen_from_afar(graph: Graph, pictures: Mapping[str, Picture], size: int, level: int) -> Graph:
-    """The graph as it is evaluated where an atlas of edge ``size`` is read at a level of the mip chain."""
+    """Replace the pictures of a graph by levels of their mip chains, as a viewer far away reads them.
+
+    Args:
+        graph: Graph of a light map.
+        pictures: Buffer name to picture.
+        size: Texels along an edge of the atlas.
+        level: Level at which the atlas is read.
+
+    Returns:
+        The graph with smaller buffers.
+    """
     far = {name: p.buffer(p.level(level, size)) for name, p in pictures.items() if name in graph.buffers}
     return replace(graph, buffers={**graph.buffers, **far})

@@ -17,12 +17,20 @@ FLOAT16_EXACT = 2048
 
 
 def quantise(graph: Graph, type: str = "float16", *, per_row: bool = True) -> Graph:
-    """The same graph with smaller buffers, rounded to nearest.
+    """Round the buffers of a graph to a smaller type.
 
-    ``float16`` halves everything. ``int8`` stores weights with a symmetric step per output row (``per_row=False``: one
-    step a buffer) and tables with one step; biases stay float16, because they are few and their rounding does not
-    average out. What must not be rounded is not: the nodes of a ``tree`` stay as they are, and a table of indices
-    (whole numbers, read by ``rows`` or ``nearest``) takes the smallest type that holds each of them.
+    ``float16`` halves everything. ``int8`` stores weights with a symmetric step per output row and tables with one
+    step; biases stay float16, because they are few and their rounding does not average out. The nodes of a ``tree``
+    stay as they are, and a table of indices (whole numbers, read by ``rows`` or ``nearest``) takes the smallest type
+    that holds each of them.
+
+    Args:
+        graph: Graph to round.
+        type: "float32", "float16", "int8" or "uint8".
+        per_row: False: one step for each buffer instead of one for each row of weights.
+
+    Returns:
+        The graph with new buffers.
     """
     biases = {use.params["bias"] for use in graph.uses if "bias" in use.params}
     tables = {use.params["buffer"] for use in graph.uses if "buffer" in use.params}
@@ -56,7 +64,14 @@ def _indices(graph: Graph) -> set[str]:
 
 
 def pack_indices(values: np.ndarray) -> Buffer:
-    """Store whole numbers without loss: as bytes where their range allows, else as float16, else as float32."""
+    """Store whole numbers without loss: as bytes where their range allows, else as float16, else as float32.
+
+    Args:
+        values: [...] whole numbers.
+
+    Returns:
+        The buffer.
+    """
     low, high = float(values.min()), float(values.max())
     if high - low <= UINT8_STEPS:
         return Buffer((values - np.float32(low)).astype(np.uint8), "uint8", np.float32(1), low)

@@ -47,7 +47,11 @@ def _op_schema(op: Op) -> dict[str, Any]:
 
 @cache
 def schema() -> dict[str, Any]:
-    """JSON schema of a graph, from the registered ops."""
+    """Build the JSON schema of a graph from the registered ops.
+
+    Returns:
+        A JSON schema (draft 2020-12).
+    """
     node = {
         "type": "object",
         "properties": {
@@ -96,8 +100,15 @@ def schema() -> dict[str, Any]:
     }
 
 
-def to_json(graph: Graph) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The JSON document and the stored arrays by buffer name."""
+def graph_to_json(graph: Graph) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Write a graph as JSON.
+
+    Args:
+        graph: Graph to write.
+
+    Returns:
+        The document of ``format/FORMAT.md``, and the stored arrays by buffer name.
+    """
     document = {
         "version": VERSION,
         "inputs": dict(graph.inputs),
@@ -123,10 +134,16 @@ def _node_json(node: Node) -> dict[str, Any]:
     return out | ({"per_frame": True} if node.per_frame else {})
 
 
-def from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: GraphBudget = BUDGET) -> Graph:
-    """Check and read a document that stays within a budget.
+def graph_from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: GraphBudget = BUDGET) -> Graph:
+    """Check a JSON document and make its graph.
 
-    ``arrays`` holds the stored numbers of each buffer, of any shape of the right size.
+    Args:
+        document: Parsed JSON of ``format/FORMAT.md``, from anyone.
+        arrays: Buffer name to its stored numbers, of any shape of the right size.
+        budget: What the graph may ask for.
+
+    Returns:
+        The graph.
     """
     _check_schema(document)
     buffers = {name: _read_buffer(name, spec, arrays) for name, spec in document["buffers"].items()}

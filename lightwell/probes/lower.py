@@ -41,7 +41,8 @@ def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = Non
     tables = _Tables.of(volume, light)
     h, cells = volume.lattice.spacing, np.array(volume.lattice.cells)
     y = b.add("position", b.scale("normal", float(volume.offset * h)))
-    unit_place = b.clamp(b.affine(y, (1 / (h * cells)).tolist(), (-volume.lattice.origin / (h * cells)).tolist()))
+    edges = h * cells
+    unit_place = b.clamp(b.affine(y, (1 / edges).tolist(), (-volume.lattice.origin / edges).tolist()), 0.0, 1.0)
     low = b.nearest(unit_place, b.buffer(tables.cells, "cells"))
     f = b.subtract(b.affine(unit_place, cells.tolist(), [0.0] * 3), low)
     total, z = _sum(b, volume, tables, low, f, volume.lattice.shape, b.buffer(tables.nodes, "nodes"))
@@ -68,7 +69,7 @@ def _with_bricks(b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f
     fine, z, inner = _sum(
         b, volume, tables, low, at, (side,) * 3, b.buffer(tables.fine, "fine.nodes"), b.scale(brick, float(side**3))
     )
-    t = b.clamp(b.scale(z, 1 / TAKES_OVER))
+    t = b.clamp(b.scale(z, 1 / TAKES_OVER), 0.0, 1.0)
     smooth = b.multiply(b.multiply(t, t), b.affine(t, [-2.0], [3.0]))
     m = b.multiply(smooth, inner)
     rest = b.affine(m, [-1.0], [1.0])
@@ -118,11 +119,11 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, ha
             # A place of a block of the sharp grid is one of the smooth grid, the sides apart.
             at = b.scale(b.slice(node, 1, 3), f.smooth / f.sharp)
             smooth = b.activate(_block(b, tables.smooth, f.smooth, at, u, "smooth"), "sigmoid")
-            raw = b.multiply(b.clamp(raw), b.scale(smooth, 1 / FULL))
-    rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]))
+            raw = b.multiply(b.clamp(raw, 0.0, 1.0), b.scale(smooth, 1 / FULL))
+    rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]), 0.0, 1.0)
     if isinstance(FUNCTIONS[volume.function], Bare):
         # Φ / hat, but for probes that trust their whole cube: their record, number 1, holds ρ.
-        open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]))
+        open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]), 0.0, 1.0)
         inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), 1e-9)
         rest = b.multiply(b.affine(open_, [-1.0], [1.0]), inverse)
         rho = b.multiply(rho, b.add(rest, open_))

@@ -14,7 +14,7 @@ from lightwell.fields.cells import Cells, light_bins, signature
 from lightwell.fields.examples import Examples
 from lightwell.fields.inputs import Inputs
 from lightwell.fields.lattice import Gate, Lattice
-from lightwell.graph import Graph, evaluate
+from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.transport.samples import Query, Samples
 
 EXPERTS, STEPS = 6, 240
@@ -207,7 +207,7 @@ def test_what_ships_is_what_was_learned(fit):
     split = fit.gate(query)
     assert (out["segment"][:, 0] == split.first).mean() > 0.999
     assert np.allclose(out["overlap"][:, 0], split.share, atol=1e-3)
-    again = Graph.from_json(*graph.to_json())
+    again = graph_from_json(*graph_to_json(graph))
     assert (evaluate(again, query_inputs(query))["radiance"] == out["radiance"]).all()
 
 

@@ -7,7 +7,7 @@ import pytest
 from made_up import SETUP, make_query, make_samples, relative_error
 
 from lightwell.fields import FIELDS, FieldSetup, query_inputs
-from lightwell.graph import Graph, evaluate
+from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.transport.samples import Samples
 
 NAMES = [name for name in ("tree", "kdtree", "experts", "hard-mixture") if name in FIELDS]
@@ -69,8 +69,8 @@ def test_full_precision_ships_exactly(fitted, case):
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 def test_the_file_holds_it(fitted, case):
     graph = fitted[case].lower()
-    document, arrays = graph.to_json()
-    again = Graph.from_json(document, arrays)
+    document, arrays = graph_to_json(graph)
+    again = graph_from_json(document, arrays)
     query = query_inputs(make_query(100, 6))
     assert (evaluate(again, query)["radiance"] == evaluate(graph, query)["radiance"]).all()
 

@@ -6,11 +6,15 @@ import contextlib
 import functools
 import io
 import json
+import sys
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
 from fuzz_seeds import Case, _import, _written, png, single
 
 VARIABLE = {
@@ -75,8 +79,9 @@ def _graph():
 
 def assets() -> list[Case]:
     """Baked assets: a network, graphs of the test vectors, a light map in pictures."""
+    from format_vectors import cases
+
     from lightwell.asset import FieldEntry, write_glb
-    from lightwell.graph.vectors import cases
 
     graphs = [_graph(), cases()["network_factored"][0]]
     found = []

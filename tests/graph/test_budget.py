@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lightwell.graph import Graph
+from lightwell.graph import graph_from_json
 from lightwell.graph.budget import BUDGET, check_budget, graph_work, live_numbers
 from lightwell.limits import Limits
 
@@ -23,7 +23,7 @@ def _graph(nodes, radiance="y", buffers=None, inputs=None, budget=BUDGET):
         "nodes": nodes,
         "outputs": {"radiance": radiance},
     }
-    return Graph.from_json(document, buffers or {}, budget)
+    return graph_from_json(document, buffers or {}, budget)
 
 
 def _held(count, budget=BUDGET):
@@ -46,7 +46,7 @@ def test_vectors_are_within_the_budget():
         vector = json.loads(path.read_text())
         types = {name: spec["type"] for name, spec in vector["graph"]["buffers"].items()}
         arrays = {name: np.asarray(vector["arrays"][name], types[name]) for name in types}
-        graph = Graph.from_json(vector["graph"], arrays)
+        graph = graph_from_json(vector["graph"], arrays)
         assert graph.macs <= graph_work(graph) <= BUDGET.work
 
 

@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from format_vectors import FOLDER, SCHEMA_FILE, cases, document, random_tree, schema_text
 
 from lightwell.backend import dr, mi
 from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
 from lightwell.graph.ops.linear import MANY_EXPERTS
-from lightwell.graph.vectors import FOLDER, SCHEMA_FILE, cases, document, random_tree, schema_text
 
 CASES = cases()
 # The contract: evaluators agree to this, relative to max(1, |value|).
@@ -91,7 +91,7 @@ def test_files_are_up_to_date(name):
     stored = json.loads((FOLDER / f"{name}.json").read_text())
     fresh = json.loads(json.dumps(document(name, *CASES[name])))
     outputs, expected = stored.pop("outputs"), fresh.pop("outputs")
-    assert stored == fresh, "run 'python -m lightwell.graph.vectors'"
+    assert stored == fresh, "run 'python tools/format_vectors.py'"
     for key, value in expected.items():
         assert error(np.array(outputs[key]["data"]), np.array(value["data"])) < 1e-5
 
@@ -100,7 +100,7 @@ def test_files_are_these_and_small():
     files = list(FOLDER.glob("*.json"))
     assert {path.stem for path in files} == set(CASES)
     assert sum(path.stat().st_size for path in files) < 1_000_000
-    assert SCHEMA_FILE.read_text() == schema_text(), "run 'python -m lightwell.graph.vectors'"
+    assert SCHEMA_FILE.read_text() == schema_text(), "run 'python tools/format_vectors.py'"
 
 
 def test_frequency_is_exact_at_high_octaves():

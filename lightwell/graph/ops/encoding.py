@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -101,8 +102,18 @@ SH_3 = (
 )
 
 
-def sh_components(x, y, z, degree: int) -> list:
-    """The degree² harmonics of bands 0 … degree-1 in the direction (x, y, z); for NumPy and Dr.Jit arrays alike."""
+def sh_components(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
+    """Evaluate real spherical harmonics in a direction; for NumPy and Dr.Jit arrays alike.
+
+    Args:
+        x: [N] first component of unit directions.
+        y: [N] second component.
+        z: [N] third component.
+        degree: Number of bands, 1 to 4.
+
+    Returns:
+        degree² arrays [N], band by band.
+    """
     out = [0 * x + SH_0]
     if degree > 1:
         out += [-SH_1 * y, SH_1 * z, -SH_1 * x]

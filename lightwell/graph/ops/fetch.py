@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, register
@@ -10,8 +13,16 @@ from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, 
 MAX_SIDE = 4096
 
 
-def table_width(dimensions: int, kind: str):
-    """Width rule of a table that is read at a point: its channels."""
+def table_width(dimensions: int, kind: str) -> Callable[[Use], int]:
+    """Make the width rule of a table that is read at a point: as wide as the table has channels.
+
+    Args:
+        dimensions: Axes of the table without the channels, the width of the point.
+        kind: What the table is called in messages.
+
+    Returns:
+        The rule, a function of the use of an op.
+    """
 
     def width(use: Use) -> int:
         expect_width(use, 0, dimensions, "coordinates")
@@ -45,8 +56,15 @@ def _numpy_interpolate(use: Use, p: np.ndarray) -> np.ndarray:
     return out
 
 
-def upload_table(use: Use):
-    """The numbers of `buffer`, flat, for Dr.Jit."""
+def upload_table(use: Use) -> dict[str, Any]:
+    """Upload the numbers of the parameter ``buffer`` for Dr.Jit.
+
+    Args:
+        use: Use of the op.
+
+    Returns:
+        "table" to the flat array.
+    """
     from lightwell.backend import dr, mi
 
     table = mi.Float(use.values("buffer").ravel())
@@ -78,8 +96,17 @@ def _drjit_interpolate(use: Use, p):
     return out
 
 
-def gather_row(table, row, channels: int) -> list:
-    """Read ``channels`` neighbouring floats of a flat table, at ``row * channels``, in as few loads as it allows."""
+def gather_row(table: Any, row: Any, channels: int) -> list[Any]:
+    """Read neighbouring floats of a flat table in as few loads as their number allows.
+
+    Args:
+        table: Flat Dr.Jit array of rows.
+        row: Dr.Jit index of the row, [N].
+        channels: Floats of a row.
+
+    Returns:
+        ``channels`` Dr.Jit floats, [N] each.
+    """
     from lightwell.backend import dr, mi
 
     packets = {4: mi.Vector4f, 2: mi.Vector2f}

@@ -33,7 +33,17 @@ class Level:
 
 
 def levels(count: int, base: float, growth: float, entries_log2: int) -> list[Level]:
-    """Layout of a hash grid: which lattice each level has and where its entries lie."""
+    """Lay out the levels of a hash grid (Müller et al. 2022).
+
+    Args:
+        count: Number of levels, ≥ 1.
+        base: Cells along an edge of the first level.
+        growth: Factor of the cells from level to level, ≥ 1.
+        entries_log2: Logarithm of the most entries of a level; a level of more vertices is hashed.
+
+    Returns:
+        Vertices along an edge, entries and offset of each level.
+    """
     out, offset, size = [], 0, float(base)
     for _ in range(count):
         # The slack makes a size that is meant to be whole, such as 16 · 1.26ⁿ = 32, whole in every language.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.fetch import gather_row, table_width, upload_table
@@ -21,12 +23,28 @@ def _rows_width(use: Use) -> int:
 
 
 def rounded_index(index: np.ndarray, count: int) -> np.ndarray:
-    """Which of ``count`` things an index means: rounded half up, clamped to what there is. [N, 1] -> [N]."""
+    """Round indices half up and clamp them to what there is.
+
+    Args:
+        index: [N, 1] indices.
+        count: Number of things, ≥ 1.
+
+    Returns:
+        [N] int64 in 0 … count − 1.
+    """
     return np.clip(np.floor(index[:, 0] + np.float32(0.5)), 0, count - 1).astype(np.int64)
 
 
-def drjit_rounded_index(index, count: int):
-    """As ``rounded_index``, for a Dr.Jit float."""
+def drjit_rounded_index(index: Any, count: int) -> Any:
+    """Round indices half up and clamp them to what there is, with Dr.Jit.
+
+    Args:
+        index: Dr.Jit float, [N].
+        count: Number of things, ≥ 1.
+
+    Returns:
+        Dr.Jit unsigned integers in 0 … count − 1, [N].
+    """
     from lightwell.backend import dr, mi
 
     return mi.UInt32(dr.clip(dr.floor(index + 0.5), 0, count - 1))

@@ -58,11 +58,28 @@ class Use:
         return self.params[name]
 
     def values(self, name: str) -> np.ndarray:
-        """Dequantised float32 array of the buffer that a parameter names."""
+        """Return the dequantised numbers of a buffer.
+
+        Args:
+            name: Parameter that names the buffer.
+
+        Returns:
+            [...] float32, of the stored shape.
+        """
         return self.buffers[name].values()
 
     def expect(self, condition: bool, expected: str, found: str, cure: str) -> None:
-        """Raise the one-line error of this node unless the condition holds."""
+        """Raise the one-line error of this node unless a condition holds.
+
+        Args:
+            condition: What must be true.
+            expected: What was expected, in words.
+            found: What was found.
+            cure: What the reader can do.
+
+        Raises:
+            ValueError: The condition is false.
+        """
         if not condition:
             raise ValueError(f"graph: node '{self.id}': expected {expected}, found {found}; {cure}")
 
@@ -105,7 +122,17 @@ OPS: dict[str, Op] = {}
 
 
 def register(op: Op) -> Op:
-    """Add an op to the registry. Its name must be new."""
+    """Add an op to the registry.
+
+    Args:
+        op: The op; its name must be new.
+
+    Returns:
+        The same op.
+
+    Raises:
+        ValueError: An op of that name is registered already.
+    """
     if op.name in OPS:
         raise ValueError(f"graph: op '{op.name}' is registered twice; give the new one another name")
     OPS[op.name] = op
@@ -113,24 +140,52 @@ def register(op: Op) -> Op:
 
 
 def same_width(use: Use) -> int:
-    """Width rule: as wide as the first input."""
+    """Return the width of the first input: the width rule of ops that work on each component.
+
+    Args:
+        use: Use of an op.
+
+    Returns:
+        Components of the value.
+    """
     return use.widths[0]
 
 
 def one(use: Use) -> int:
-    """Width rule: a single component, of inputs of equal width."""
+    """Return 1: the width rule of ops that make one number of inputs of equal width.
+
+    Args:
+        use: Use of an op.
+
+    Returns:
+        Components of the value.
+    """
     use.expect(len(set(use.widths)) == 1, "inputs of equal width", f"{list(use.widths)}", "concat or slice one of them")
     return 1
 
 
 def expect_width(use: Use, position: int, width: int, meaning: str) -> None:
-    """Require input ``position`` to have the given width."""
+    """Require an input to have a width; raise the error of the node otherwise.
+
+    Args:
+        use: Use of an op.
+        position: Which input, from 0.
+        width: Components that it must have.
+        meaning: What the input is, in words.
+    """
     found = use.widths[position]
     use.expect(found == width, f"{meaning} of width {width}", f"width {found}", "slice the input or feed another one")
 
 
 def broadcast_width(use: Use) -> int:
-    """Width rule of two operands of which one may have a single component."""
+    """Return the width of two operands of which one may have a single component.
+
+    Args:
+        use: Use of an op.
+
+    Returns:
+        Components of the value.
+    """
     a, b = use.widths
     use.expect(a == b or 1 in (a, b), "operands of equal width or of width 1", f"{a} and {b}", "concat or slice one")
     return max(a, b)

@@ -1,6 +1,6 @@
 """Test vectors: graphs, inputs and outputs that every runtime must reproduce.
 
-``python -m lightwell.graph.vectors`` writes `format/graph.schema.json` from the registered ops and
+``python tools/format_vectors.py`` writes `format/graph.schema.json` from the registered ops and
 `format/vectors/*.json` from the NumPy evaluator. A vector holds
 ``{"name", "graph", "arrays": {buffer: numbers as stored}, "inputs": {name: {"shape", "data"}}, "outputs": ...}``;
 float16 buffers hold the numbers themselves, which their 16 bits represent exactly.
@@ -23,9 +23,9 @@ from lightwell.graph.ops import OPS
 from lightwell.graph.ops.activate import FUNCTIONS
 from lightwell.graph.ops.hashgrid import levels
 from lightwell.graph.quantise import quantise
-from lightwell.graph.serial import schema
+from lightwell.graph.serial import graph_to_json, schema
 
-FORMAT = Path(__file__).parents[2] / "format"
+FORMAT = Path(__file__).parents[1] / "format"
 FOLDER = FORMAT / "vectors"
 SCHEMA_FILE = FORMAT / "graph.schema.json"
 POINTS = 24
@@ -342,7 +342,7 @@ def _tensor(array: np.ndarray) -> dict[str, Any]:
 
 def document(name: str, graph: Graph, inputs: dict[str, np.ndarray]) -> dict[str, Any]:
     """What the file of one vector holds."""
-    shape, arrays = graph.to_json()
+    shape, arrays = graph_to_json(graph)
     return {
         "name": name,
         "graph": shape,
