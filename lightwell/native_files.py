@@ -1,6 +1,6 @@
 """Files that only native code can read, read in a worker process (``lightwell.isolated``) by Mitsuba.
 
-The readers of EXR, HDR, PFM, BMP and TGA pictures, of serialized meshes and of measured BSDFs are native code that
+The readers of EXR, HDR and PFM pictures, of serialized meshes and of measured BSDFs are native code that
 cannot be trusted with a damaged file. In the worker a crash is one line for the user.
 """
 

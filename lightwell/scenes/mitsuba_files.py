@@ -22,10 +22,14 @@ from lightwell.scenes.mitsuba_paths import Folders
 
 # Bytes of a picture's beginning that tell its format, and what a worker may take at least and per byte of the file.
 HEAD, LEAST_MEMORY, MEMORY_PER_BYTE = 16, 1 << 30, 64
-# Magic bytes → format; Mitsuba's readers of PNG and JPEG are libraries that hold, the others read in a worker.
-IN_PROCESS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG"}
+# First bytes of PNG and JPEG: Mitsuba may open these, because the libraries that it reads them with hold.
+BY_MITSUBA = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
+# First bytes of BMP and PPM, which Pillow decodes, and of what Mitsuba decodes in a worker: EXR, HDR, PFM.
+BY_PILLOW = (b"BM", b"P5", b"P6")
 EXR = b"\x76\x2f\x31\x01"
-IN_WORKER = (EXR, b"#?", b"PF", b"Pf", b"P5", b"P6", b"BM")
+BY_WORKER = (EXR, b"#?", b"PF", b"Pf")
+# Pillow's modes of 8 bits a channel, and the one to convert to.
+MODES = {"1": "L", "L": "L", "P": "RGB", "RGB": "RGB", "RGBA": "RGBA", "LA": "LA"}
 # A TGA file has no magic bytes.
 TGA = ".tga"
 # Header of a volume grid: magic, version, type (1: float32), size, channels.
@@ -48,12 +52,20 @@ class Files:
         self._folders, self._budget, self._warn = folders, budget, warn
         self._checked: dict[tuple[str, Path, str], str] = {}
         self._sized: set[Path] = set()
+        self._worker: Worker | None = None
+        self._memory = 0
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.missing: set[str] = set()
         """Names, as handed on to Mitsuba, of files that do not exist."""
         self.pictures: dict[str, tuple[np.ndarray, bool]] = {}
         """Decoded pixels [height, width, channels] of the file names that Mitsuba must not open, and whether they are
         sRGB-encoded."""
+
+    def close(self) -> None:
+        """End the worker process."""
+        if self._worker is not None:
+            self._worker.stop()
+            self._worker = None
 
     def find(self, name: str, element: Element) -> Path | None:
         """The file, or None; SceneError (by ``Folders``) where it must not be read."""
@@ -135,10 +147,12 @@ class Files:
         with path.open("rb") as stream:
             head = stream.read(HEAD)
         what = f"line {element.line}: picture '{path.name}'"
-        if any(head.startswith(magic) for magic in IN_PROCESS):
-            width, height = _size(path, element)
-            self._budget.check_picture(width, height, what)
-        elif any(head.startswith(magic) for magic in IN_WORKER) or path.suffix.lower() == TGA:
+        if head.startswith(BY_MITSUBA):
+            self._budget.check_picture(*_size(path, element), what)
+        elif head.startswith(BY_PILLOW) or path.suffix.lower() == TGA:
+            self._budget.check_picture(*_size(path, element), what)
+            self.pictures[str(path)] = _decoded(path, element), True
+        elif head.startswith(BY_WORKER):
             if head.startswith(EXR):
                 self._check_exr(path, element)
             most = 16 * self._budget.limits.picture_texels
@@ -188,12 +202,14 @@ class Files:
             )
 
     def _ask(self, path: Path, request: Arrays, most_bytes: int, element: Element) -> Arrays:
-        """Let a worker process read the file; a request of its own for each, so that a crash spoils nothing else."""
+        """Let the worker process read the file."""
         memory = max(LEAST_MEMORY, MEMORY_PER_BYTE * path.stat().st_size)
-        seconds = self._budget.limits.seconds
+        if self._worker is None or memory > self._memory:
+            self.close()
+            seconds = self._budget.limits.seconds
+            self._worker, self._memory = Worker("lightwell.native_files:answer", seconds=seconds, memory=memory), memory
         try:
-            with Worker("lightwell.native_files:answer", seconds=seconds, memory=memory) as worker:
-                return worker.ask({**request, "path": np.array(str(path))}, most_bytes)
+            return self._worker.ask({**request, "path": np.array(str(path))}, most_bytes)
         except (WorkerDied, WorkerError) as error:
             raise element.fail(
                 f"'{path.name}' cannot be read ({' '.join(str(error).split())[:200]}); export it again"
@@ -214,6 +230,22 @@ def _size(path: Path, element: Element) -> tuple[int, int]:
         raise element.fail(
             f"'{path.name}' is no picture ({' '.join(str(error).split())[:120]}); save it again"
         ) from None
+
+
+def _decoded(path: Path, element: Element) -> np.ndarray:
+    """[height, width, channels] uint8 of a picture that Pillow reads."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
+            with PillowImage.open(path) as picture:
+                if picture.mode not in MODES:
+                    raise ValueError(f"its mode is {picture.mode}, expected 8 bits a channel")
+                pixels = np.array(picture.convert(MODES[picture.mode]))
+    except Exception as error:  # as in ``_size``
+        raise element.fail(
+            f"'{path.name}' cannot be read ({' '.join(str(error).split())[:120]}); save it as a PNG"
+        ) from None
+    return pixels.reshape(*pixels.shape[:2], -1)
 
 
 def _finite(word: str) -> bool:

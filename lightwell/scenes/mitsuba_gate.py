@@ -61,7 +61,10 @@ def gate(path: Path, allowed: Sequence[str | PathLike[str]], budget: Budget, war
     folders = Folders(path.parent, allowed)
     document = read_document(path, folders, budget, Upgrade(warn))
     files = Files(folders, budget, warn)
-    _Checker(document.root, files, budget, warn).check()
+    try:
+        _Checker(document.root, files, budget, warn).check()
+    finally:
+        files.close()
     return Gated(*written(document), files, document.files)
 
 

@@ -89,7 +89,7 @@ class Graph:
         try:
             made = mi.PluginManager.instance().create_object(props)
             expanded = made.expand() if hasattr(made, "expand") else []
-        except RuntimeError as error:
+        except (RuntimeError, UnicodeDecodeError) as error:
             raise SceneError(
                 f"scene '{self.path.name}': '{node.name}' ({node.plugin}) cannot be made "
                 f"({self._one_line(error)}); correct the element"
