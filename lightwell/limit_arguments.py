@@ -1,4 +1,4 @@
-"""``--limit`` and ``--scene-unit``, options of verbs that read files. Cheap to import, so that help is instant."""
+"""``--limit``, ``--scene-unit`` and ``--allow-path``, options of verbs that read files. Cheap to import."""
 
 from __future__ import annotations
 
@@ -32,6 +32,18 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         metavar="UNIT",
         help=f"length of one unit in a glTF scene: {', '.join(UNITS)}, or a number of metres (default: %(default)s)",
     )
+    parser.add_argument(
+        "--allow-path",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="a folder beside the scene's own whose files a Mitsuba scene may name (repeatable)",
+    )
+
+
+def allow_paths(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """The folders that ``--allow-path`` names."""
+    return tuple(arguments.allow_path)
 
 
 def limits(arguments: argparse.Namespace) -> Limits:
@@ -40,8 +52,12 @@ def limits(arguments: argparse.Namespace) -> Limits:
 
 
 def scene_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Arguments ``limits`` and ``unit`` of ``lightwell.scenes.load``."""
-    return {"limits": limits(arguments), "unit": metres_per_unit(arguments.scene_unit)}
+    """Arguments ``limits``, ``unit`` and ``allow_paths`` of ``lightwell.scenes.load``."""
+    return {
+        "limits": limits(arguments),
+        "unit": metres_per_unit(arguments.scene_unit),
+        "allow_paths": allow_paths(arguments),
+    }
 
 
 def metres_per_unit(text: str) -> float:

@@ -44,7 +44,7 @@ def compare_fields(settings: CompareSettings, progress: Progress | None = None) 
     A field that cannot be trained is left out and named under ``failed``. Raises ValueError for what the user can cure.
     """
     progress = progress or Progress(quiet=True)
-    scene = load(settings.scene, limits=settings.limits, unit=settings.unit)
+    scene = load(settings.scene, limits=settings.limits, unit=settings.unit, allow_paths=settings.allow_paths)
     check_output(settings.out)
     variable = declare(settings.vary, scene)
     sample_lights(scene, variable, 1, settings.seed)  # refuses a box without air before any work is done

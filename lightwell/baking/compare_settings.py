@@ -81,6 +81,8 @@ class CompareSettings:
     """What the scene's file may ask for."""
     unit: float = 1.0
     """Metres per unit of length of a glTF file."""
+    allow_paths: tuple[str, ...] = ()
+    """Folders beside its own whose files a Mitsuba scene may name."""
     force: bool = False
     """Overwrite files in the output folder that lightwell did not write."""
 
@@ -98,6 +100,6 @@ class CompareSettings:
     def as_bake(self, choice: FieldChoice) -> BakeSettings:
         """The bake that would learn one of the fields from as many samples."""
         shared = ("scene", "out", "budget", "vary", "seed", "paths", "lights_per_shard", "views", "view_size")
-        shared += ("limits", "unit")
+        shared += ("limits", "unit", "allow_paths")
         counts = {"steps": self.steps, "shards": self.shards}
         return BakeSettings(field=choice.field, preset=choice.preset, **{k: getattr(self, k) for k in shared}, **counts)

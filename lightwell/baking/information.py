@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from lightwell.limits import Limits
 
 
-def describe(path: str, *, limits: Limits | None = None, unit: float = 1.0) -> dict[str, Any]:
+def describe(
+    path: str, *, limits: Limits | None = None, unit: float = 1.0, allow_paths: Sequence[str] = ()
+) -> dict[str, Any]:
     """Facts about OUT, an asset with learned light, or any scene that can be loaded.
 
-    ``limits`` and ``unit`` are those of ``lightwell.scenes.load``.
+    ``limits``, ``unit`` and ``allow_paths`` are those of ``lightwell.scenes.load``.
     """
     target = Path(path)
     if (target / "scene.glb").is_file():
@@ -20,7 +23,7 @@ def describe(path: str, *, limits: Limits | None = None, unit: float = 1.0) -> d
         from lightwell.asset.info import info
 
         return info(target, limits)
-    return _scene_facts(path, limits, unit)
+    return _scene_facts(path, limits=limits, unit=unit, allow_paths=allow_paths)
 
 
 def _is_baked(path: Path) -> bool:
@@ -29,10 +32,10 @@ def _is_baked(path: Path) -> bool:
     return EXTENSION.encode() in path.read_bytes()
 
 
-def _scene_facts(path: str, limits: Limits | None, unit: float) -> dict[str, Any]:
+def _scene_facts(path: str, **options: Any) -> dict[str, Any]:
     from lightwell.scenes import load
 
-    scene = load(path, limits=limits, unit=unit)
+    scene = load(path, **options)
     low, high = scene.bounds.round(3).tolist()
     return {
         "scene": scene.name,

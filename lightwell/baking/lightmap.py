@@ -139,7 +139,7 @@ def bake_lightmap(settings: BakeSettings, progress: Progress | None = None) -> d
 
 def _scene(settings: BakeSettings, progress: Progress) -> tuple[Scene, str]:
     """The scene, with a light where it has none and none was declared, and what was done."""
-    scene = load(settings.scene, limits=settings.limits, unit=settings.unit)
+    scene = load(settings.scene, limits=settings.limits, unit=settings.unit, allow_paths=settings.allow_paths)
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
         raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
     check_output(settings.out)

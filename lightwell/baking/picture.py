@@ -39,10 +39,11 @@ def render_picture(
     seed: int = 0,
     limits: Limits | None = None,
     unit: float = 1.0,
+    allow_paths: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Path-trace and write ``out``; returns what was rendered. Without ``intensity`` the exposure is automatic.
 
-    ``limits`` and ``unit`` are those of ``lightwell.scenes.load``.
+    ``limits``, ``unit`` and ``allow_paths`` are those of ``lightwell.scenes.load``.
     """
     width, height = parse_size(size)
     if out.suffix.lower() not in (".png", ".exr"):
@@ -51,7 +52,7 @@ def render_picture(
         raise ValueError(f"render: --intensity {intensity} is not a light; give a positive number of candela")
     if spp < 1:
         raise ValueError(f"render: --spp {spp} is not a positive number of paths")
-    loaded = load(scene, limits=limits, unit=unit)
+    loaded = load(scene, limits=limits, unit=unit, allow_paths=allow_paths)
     view = _camera(loaded, camera)
     variable = declare((), loaded)
     place = parse_point(light) if light else initial_light(loaded, variable, view)

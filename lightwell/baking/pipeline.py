@@ -38,7 +38,7 @@ def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, 
 
         return bake_lightmap(settings, progress)
     starter(settings.field, settings.preset)
-    scene = load(settings.scene, limits=settings.limits, unit=settings.unit)
+    scene = load(settings.scene, limits=settings.limits, unit=settings.unit, allow_paths=settings.allow_paths)
     check_output(settings.out)
     _check_geometry(scene)
     variable = declare(settings.vary, scene)

@@ -104,6 +104,8 @@ class BakeSettings:
     """What the scene's file may ask for."""
     unit: float = 1.0
     """Metres per unit of length of a glTF file."""
+    allow_paths: tuple[str, ...] = ()
+    """Folders beside its own whose files a Mitsuba scene may name."""
 
     def __post_init__(self) -> None:
         """Name the field; refuse counts that mean nothing, by the name of their option."""

@@ -18,7 +18,6 @@ from lightwell.cache.live_commands import Command, parse_command
 from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
-from lightwell.limits import Limits
 from lightwell.scenes import load
 from lightwell.scenes.mitsuba_textures import linear_to_srgb8
 from lightwell.scenes.scene import Camera
@@ -36,8 +35,9 @@ CLOSER, FARTHEST, GAINS = 5.0, 1e3, (1e-6, 1e6)
 class LiveScene:
     """A Mitsuba scene with one sensor, and what can be moved in it."""
 
-    def __init__(self, source: str, size: int, *, limits: Limits | None = None, unit: float = 1.0) -> None:
-        loaded = load(source, limits=limits, unit=unit)
+    def __init__(self, source: str, size: int, **options: Any) -> None:
+        """``options`` are those of ``lightwell.scenes.load``."""
+        loaded = load(source, **options)
         self.name = loaded.name
         content: dict[str, Any] = {"type": "scene"}
         for k, shape in enumerate(loaded.mi.shapes()):

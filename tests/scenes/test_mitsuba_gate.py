@@ -388,3 +388,13 @@ def test_an_exr_file_is_checked_before_its_worker_decodes_it(tmp_path):
     windows = struct.pack("<4i", 0, 0, 7, 7), struct.pack("<4i", 0, 0, 16000, 16000)
     (tmp_path / "huge.exr").write_bytes(data.replace(*windows))
     assert "--limit picture_texels" in refused(saved(tmp_path, texture("huge.exr")))
+
+
+@pytest.mark.parametrize("verb", ["bake", "demo", "render", "live", "info", "compare"])
+def test_every_verb_that_loads_a_scene_can_allow_folders(verb):
+    from lightwell import limit_arguments
+    from lightwell.cli import _parser
+
+    needed = {"bake": ["a.xml", "-o", "x"], "render": ["a.xml", "-o", "x.png"], "demo": []}.get(verb, ["a.xml"])
+    arguments = _parser().parse_args([verb, *needed, "--allow-path", "one", "--allow-path", "two"])
+    assert limit_arguments.scene_options(arguments)["allow_paths"] == ("one", "two")
