@@ -44,7 +44,26 @@ class TwoSidedArea(mi.Emitter):
         return f"TwoSidedArea[{self.radiance}]"
 
 
+class TexturedArea(TwoSidedArea):
+    """An area light with a picture that shines to its front, sampled evenly over its surface.
+
+    Mitsuba's own ``area`` samples in proportion to the picture, for which it intersects the unwrapped mesh; with more
+    calls than one in a path tracer, Dr.Jit then writes one function twice into the program and LLVM ends the process
+    ("invalid redefinition of function").
+    """
+
+    def eval(self, si, active=True):
+        return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, self.radiance.eval(si, active), 0)
+
+    def eval_direction(self, it, ds, active=True):
+        return dr.select(dr.dot(ds.d, ds.n) < 0, super().eval_direction(it, ds, active), 0)
+
+    def to_string(self):
+        return f"TexturedArea[{self.radiance}]"
+
+
 mi.register_emitter("lightwell_two_sided_area", TwoSidedArea)
+mi.register_emitter("lightwell_textured_area", TexturedArea)
 
 
 def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
@@ -56,7 +75,8 @@ def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
     else:
         pixels = linear_pixels(texture.image, factor)
         radiance, mean = bitmap(pixels, texture), pixels.mean(axis=(0, 1), dtype=np.float64)
-    kind = "lightwell_two_sided_area" if material.double_sided else "area"
+    one_sided = "area" if texture is None else "lightwell_textured_area"
+    kind = "lightwell_two_sided_area" if material.double_sided else one_sided
     return mi.load_dict({"type": kind, "radiance": radiance}), tuple(float(c) for c in mean)
 
 

@@ -41,8 +41,6 @@ def read_material(place: Place, textures: Textures, warn: Callable[[str], None])
     if material.unlit and max(material.emissive) > 0:
         lost.append("it is unlit, so that its emission is what it looks like and no light")
         material = replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None)
-    if "occlusionTexture" in place:
-        lost.append("its occlusion texture is ignored, the path tracer makes occlusion itself")
     ignored = sorted(n for n in _material_extensions(place) if n not in READ)
     lost += [f"{n} is ignored" for n in ignored]
     for what in lost:

@@ -12,12 +12,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import qmc
 
 if TYPE_CHECKING:
     from .scene import Scene
 
 # The light keeps this part of its box's longest edge away from every surface: nearer, the indirect light is singular.
 CLEARANCE = 0.025
+# Of a box, the part that must be free air before a light keeps its distance from surfaces; twice what placing asks for.
+LEAST_AIR = 0.04
+# Points at which a box is tried, and how often the distance is halved.
+PROBES, HALVINGS = 512, 8
 
 # Elevation that an arc of half a turn (sunrise to sunset) reaches in its middle, degrees: noon of a temperate summer.
 NOON_ELEVATION = 60.0
@@ -210,13 +215,35 @@ def _vector(values: Sequence[float]) -> Vector:
 def default_variable(scene: Scene) -> PointLight:
     """A point light that may go anywhere in the scene's air: its bounds, drawn in by the clearance.
 
-    The clearance is 2.5 % of the box's longest edge. Along an edge too short for that (a flat scene) the box keeps the
-    middle half. Which of its points are free air is decided when lights are placed.
+    The clearance is 2.5 % of the box's longest edge, but at most an eighth of the scene's shortest. Along an edge too
+    short for that (a flat scene) the box keeps the middle half. Which of its points are free air is decided when lights
+    are placed.
     """
     low, high = scene.bounds
     inset = np.minimum(CLEARANCE * scene.extent, (high - low) / 4)
     low, high = low + inset, high - inset
-    return PointLight(_vector(low), _vector(high), clearance=CLEARANCE * float((high - low).max()))
+    clearance, shortest = CLEARANCE * float((high - low).max()), float((scene.bounds[1] - scene.bounds[0]).min())
+    if shortest > 0:
+        clearance = min(clearance, shortest / 8)
+    return PointLight(_vector(low), _vector(high), clearance=clearance)
+
+
+def _fitting_clearance(scene: Scene, default: PointLight) -> float:
+    """Distance that a light keeps from surfaces when neither it nor the box was declared, metres.
+
+    Long scenes have low rooms: the default is halved until a part ``LEAST_AIR`` of the box is free air. A box without
+    any free air keeps the default; placing lights in it then says why it cannot.
+    """
+    from lightwell.scenes.free_air import free_air
+
+    first, low, high = default.clearance, np.array(default.low), np.array(default.high)
+    points = low + qmc.Sobol(3, scramble=True, seed=0).random(PROBES) * (high - low)
+    air = free_air(scene)
+    for halving in range(HALVINGS):
+        clearance = first / 2**halving
+        if air.accepts(points, clearance).mean() >= LEAST_AIR:
+            return clearance
+    return first
 
 
 def declare(texts: Sequence[str], scene: Scene) -> Variable:
@@ -253,6 +280,8 @@ def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -
     default = default_variable(scene)
     box = given.get("position", (*default.low, *default.high))
     _check_place(box, scene, name)
+    if not given.keys() & {"position", "clearance"}:
+        given = {**given, "clearance": (_fitting_clearance(scene, default),)}
     edge = max(b - a for a, b in zip(box[:3], box[3:]))
     clearance = given.get("clearance", (CLEARANCE * edge,))[0]
     radius = given.get("radius", (0.0,))[0]

@@ -1,6 +1,7 @@
 """Declaring, sampling and storing what may move."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -129,9 +130,15 @@ def test_the_default_box_of_a_flat_scene_has_a_volume():
 def test_declarations_complete_each_other():
     light = declare(["lamp.position=box(1,0,1,2,1,2)", "lamp.radius=0.2", "lamp.intensity=5"], ROOM)
     assert light == PointLight((1, 0, 1), (2, 1, 2), 0.2, 0.2, "lamp")
-    assert declare(["lamp.radius=0.01"], ROOM).low == default_variable(ROOM).low
-    assert declare([], ROOM) == default_variable(ROOM)
+    assert declare(["lamp.radius=0.01", "lamp.clearance=0.1"], ROOM).low == default_variable(ROOM).low
+    assert declare(["light.clearance=0.1"], ROOM) == replace(default_variable(ROOM), clearance=0.1)
     assert declare(["noon.direction=arc(90,10,270,10)"], ROOM) == sun_arc(90, 10, 270, 10, "noon")
+
+
+def test_the_default_clearance_fits_into_low_rooms():
+    hall = SimpleNamespace(bounds=np.array([[0.0, 0, 0], [140, 4, 80]]), extent=140.0, vary=())
+    assert default_variable(hall).clearance == 0.5
+    assert default_variable(ROOM).clearance == pytest.approx(0.025 * (4 - 2 * 0.1))
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ def _limited() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not HOSTILE.is_dir(), reason="../shared/hostile is not here")
 @pytest.mark.parametrize("row", _rows(), ids=lambda row: row["file"])
 def test_it_ends_as_expected(row, tmp_path):

@@ -1,0 +1,202 @@
+"""glTF files that are hostile or imperfect: limits refuse before memory is taken, repairable faults are warnings."""
+
+import numpy as np
+import pytest
+from gltf_builder import SQUARE, SQUARE_INDICES, SQUARE_UV, Builder
+
+from lightwell.limits import Limits
+from lightwell.scenes import SceneError, load
+
+
+def refused(path, **limits) -> str:
+    with pytest.raises(SceneError) as caught:
+        load(path, limits=Limits(**limits))
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def square(**primitive) -> Builder:
+    file = Builder()
+    file.mesh(uv=SQUARE_UV, **primitive)
+    return file
+
+
+# ------------------------------------------------------------------ limits
+
+
+@pytest.mark.parametrize("count", [10**8, 10**12])
+def test_an_accessor_without_bytes_is_counted(tmp_path, count):
+    file = square()
+    for accessor in file.json["accessors"]:
+        accessor.update(count=count)
+        del accessor["bufferView"]
+    assert "--limit vertices=" in refused(file.save(tmp_path))
+
+
+def test_indices_of_instances_are_counted(tmp_path):
+    file = square()
+    file.json["nodes"] = [{"mesh": 0} for _ in range(400)]
+    assert "--limit indices=" in refused(file.save(tmp_path), indices=2399)
+    load(file.save(tmp_path), limits=Limits(indices=2400))
+
+
+def test_gpu_instances_are_counted_before_they_are_read(tmp_path):
+    file = square()
+    places = file.add("accessors", {"componentType": 5126, "count": 10**9, "type": "VEC3"})
+    file.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": places}}}
+    assert "--limit instances=" in refused(file.save(tmp_path))
+
+
+def test_a_picture_counts_once_and_its_size_before_it_is_decoded(tmp_path):
+    file = Builder()
+    texture = file.texture(np.full((32, 64, 3), 200))
+    image = file.add("images", dict(file.json["images"][0]))
+    other = file.add("textures", {"source": image})
+    used = {"baseColorTexture": texture, "metallicRoughnessTexture": {"index": other}}
+    file.mesh(uv=SQUARE_UV, material=file.add("materials", {"pbrMetallicRoughness": used, "normalTexture": texture}))
+    path = file.save(tmp_path)
+    load(path, limits=Limits(texels=32 * 64))
+    assert "image 0: 2048 texels" in refused(path, texels=32 * 64 - 1)
+    assert "picture_edge" in refused(path, picture_edge=63)
+
+
+def test_many_nodes_are_joined_into_few_meshes(tmp_path):
+    file = square()
+    file.json["nodes"] = [
+        {"mesh": 0, "translation": [3 * i, 0, 0], "scale": [1 - 2 * (i % 2), 1, 1]} for i in range(5000)
+    ]
+    scene = load(file.save(tmp_path))
+    (mesh,) = scene.meshes
+    assert len(mesh.indices) == 10_000 and mesh.uv0.shape == (20_000, 2)
+    assert scene.bounds.tolist() == [[-1, -1, 0], [3 * 4999 + 1, 1, 0]]
+    # Mirrored copies keep their front.
+    a, b, c = (mesh.positions[mesh.indices[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
+def test_lack_of_memory_is_one_line(tmp_path, monkeypatch):
+    def fail(*args):
+        raise MemoryError
+
+    monkeypatch.setattr("lightwell.scenes.gltf.load_gltf", fail)
+    assert "needs more memory than this machine has" in refused(square().save(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda j: j.update(extensionsUsed=[[]]),
+        lambda j: j.update(extensionsRequired=[{}]),
+        lambda j: j["nodes"][0].update(name=[]),
+        lambda j: j["nodes"][0].update(extensions=[]),
+        lambda j: j["nodes"][0].update(mesh=[0]),
+        lambda j: j["meshes"][0]["primitives"][0].update(attributes=["POSITION"]),
+        lambda j: j["meshes"][0]["primitives"][0].update(material={}),
+        lambda j: j["accessors"][0].update(type=["VEC3"]),
+        lambda j: j["accessors"][0].update(componentType={}),
+        lambda j: j["accessors"][0].update(normalized="yes"),
+        lambda j: j.update(nodes={"0": {}}),
+    ],
+)
+def test_wrong_types_are_one_line(tmp_path, change):
+    file = square(material=0)
+    file.add("materials", {})
+    file.bytes()
+    change(file.json)
+    text = refused(file.save(tmp_path))
+    assert text.startswith("scene 'room.glb': ")
+
+
+# ------------------------------------------------------------------ repairs
+
+
+def test_normals_that_are_not_finite_become_those_of_the_triangles(tmp_path):
+    normals = np.float32([[0, 0, 1]] * 4)
+    normals[2] = np.nan
+    scene = load(square(normals=normals).save(tmp_path))
+    np.testing.assert_allclose(scene.meshes[0].normals, [[0, 0, 1]] * 4, atol=1e-6)
+    assert "mesh 0 primitive 0: 1 of 4 NORMAL are not finite numbers; those of the triangles are used" in scene.warnings
+
+
+def test_a_node_without_size_stands_as_its_animation_shows_it(tmp_path):
+    file = square()
+    file.mesh()
+    file.json["nodes"][0].update(name="horn", scale=[0, 0, 0])
+    times, scales = file.accessor(np.float32([0, 1, 2])), file.accessor(np.float32([[0, 0, 0], [2, 2, 2], [9, 9, 9]]))
+    channel = {"sampler": 0, "target": {"node": 0, "path": "scale"}}
+    file.add("animations", {"channels": [channel], "samplers": [{"input": times, "output": scales}]})
+    scene = load(file.save(tmp_path))
+    assert scene.bounds.tolist() == [[-2, -2, 0], [2, 2, 0]]
+    assert any(w.startswith("nodes horn: have scale 0 at rest; they stand as") for w in scene.warnings)
+
+
+def test_gpu_instances_are_placed(tmp_path):
+    file = square()
+    places = file.accessor(np.float32([[0, 0, 0], [10, 0, 0]]))
+    turns = file.accessor(np.float32([[0, 0, 0, 1], [0, 0, 1, 0]]))
+    sizes = file.accessor(np.float32([[1, 1, 1], [3, 3, 3]]))
+    attributes = {"TRANSLATION": places, "ROTATION": turns, "SCALE": sizes}
+    file.json["nodes"][0].update(
+        translation=[0, 5, 0], extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    )
+    scene = load(file.save(tmp_path))
+    assert scene.bounds.tolist() == [[-1, 2, 0], [13, 8, 0]]
+
+
+def test_ktx2_and_missing_pictures_are_warnings(tmp_path):
+    file = Builder()
+    ktx = file.add("images", {"bufferView": file.view(bytes.fromhex("ab4b5458203230bb0d0a1a0a") + bytes(64))})
+    gone = file.add("images", {"uri": "gone.ktx2"})
+    textures = [file.add("textures", t) for t in (
+        {"source": ktx}, {"extensions": {"KHR_texture_basisu": {"source": gone}}})]  # fmt: skip
+    pbr = {"baseColorTexture": {"index": textures[0]}, "metallicRoughnessTexture": {"index": textures[1]}}
+    file.json["extensionsRequired"] = ["KHR_texture_basisu"]
+    file.mesh(uv=SQUARE_UV, material=file.add("materials", {"pbrMetallicRoughness": pbr}))
+    warnings = " ".join(load(file.save(tmp_path)).warnings)
+    assert "is a KTX2 picture, which is not read" in warnings
+    assert "its file 'gone.ktx2' is missing" in warnings
+
+
+def test_what_an_unlit_material_shows_is_no_light(tmp_path):
+    file = Builder()
+    material = {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_unlit": {}}}
+    file.mesh(material=file.add("materials", material))
+    scene = load(file.save(tmp_path))
+    assert not scene.has_static_light
+    assert any("its emission is what it looks like and no light" in w for w in scene.warnings)
+
+
+def test_emission_beyond_every_light_is_cut_with_a_warning(tmp_path):
+    file = Builder()
+    file.mesh(material=file.add("materials", {"emissiveFactor": [1e29, 0, 0]}))
+    scene = load(file.save(tmp_path))
+    assert scene.meshes[0].emission == (1e10, 0, 0)
+    assert any("more than any light has" in w for w in scene.warnings)
+
+
+def test_units(tmp_path):
+    file = Builder()
+    file.mesh(SQUARE * 400, SQUARE_INDICES)
+    path = file.save(tmp_path)
+    large = load(path)
+    assert (
+        "the scene is 800 m long; if its file is not in metres, say so with --scene-unit (cm or mm)" in large.warnings
+    )
+    small = load(path, unit=0.01)
+    assert small.extent == pytest.approx(8)
+    assert not any("--scene-unit" in w for w in small.warnings)
+
+
+def test_ignored_attributes_are_told(tmp_path):
+    file = square()
+    extra = file.accessor(np.zeros((4, 2), np.float32))
+    file.json["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_2=extra, TANGENT=extra, _WIND=extra)
+    assert "vertex attributes are ignored: TEXCOORD_2, _WIND" in load(file.save(tmp_path)).warnings
+
+
+def test_a_deep_chain_of_nodes_is_read(tmp_path):
+    file = square()
+    file.json["nodes"] = [{"children": [i + 1]} for i in range(20_000)] + [{"mesh": 0, "name": "leaf"}]
+    assert load(file.save(tmp_path)).meshes[0].name == "leaf"
+    assert "--limit depth=" in refused(tmp_path / "room.glb", depth=1000)
