@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from lightwell import limit_arguments
 from lightwell.store_command import add_folder
 
 SUMMARY = "blur a rendered frame: depth of field and motion blur in one pass"
@@ -27,6 +28,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     _quality(parser.add_argument_group("quality"))
     _channels(parser.add_argument_group("what the file means"))
     _library(parser.add_argument_group("bake and check"))
+    limit_arguments.add_limit(parser)
     add_folder(parser)
     parser.add_argument("--json", action="store_true", help="print what was done as JSON, no progress bars")
 

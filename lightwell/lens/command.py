@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell import limit_arguments
 from lightwell.core.store import user_store
 from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
@@ -143,6 +144,7 @@ def _one(arguments, lens: Lens, source: Path, target: Path, following, number: i
         arguments.depth_file,
         _pair(arguments.depth_range, ",", "--depth-range") if arguments.depth_range else None,
         arguments.layers,
+        limit_arguments.limits(arguments),
     )
     camera, depth, behind = _camera(arguments, frame)
     motion, convention = _motion(arguments, frame, following, convention)
@@ -211,7 +213,9 @@ def _motion(arguments, frame: frames.FrameFile, following: Path | None, conventi
             if following is None:
                 raise LensError("lens: --motion auto compares two frames; give a sequence with --frames A-B")
             convention, _ = conventions.guess_motion(
-                frame.motion, frame.rgba, _aligned(frame, frames.read(following, arguments.view))
+                frame.motion,
+                frame.rgba,
+                _aligned(frame, frames.read(following, arguments.view, limits=limit_arguments.limits(arguments))),
             )
         return convention.pixels(frame.motion, dw, dh), convention
     if words:

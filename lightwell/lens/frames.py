@@ -11,6 +11,7 @@ from lightwell.lens import exr
 from lightwell.lens.camera import Camera
 from lightwell.lens.conventions import DEPTHS, Motion, planar_depth
 from lightwell.lens.errors import LensError
+from lightwell.limits import Limits
 
 # Layers of colour, best first; compared without case, by the last part of the name.
 COLOURS = ("", "combined", "rgba", "rgb", "beauty", "image", "img", "color", "colour", "c")
@@ -156,11 +157,15 @@ def read(
     depth_file: str | Path | None = None,
     depth_range: tuple[float, float] | None = None,
     layers: int = 2,
+    limits: Limits | None = None,
 ) -> FrameFile:
-    """A frame from an EXR (flat, multi-layer, multi-part or deep) or from a PNG with a separate depth file."""
+    """A frame from an EXR (flat, multi-layer, multi-part or deep) or from a PNG with a separate depth file.
+
+    ``limits`` bound what each EXR may ask for.
+    """
     path = Path(path)
     if path.suffix.lower() == ".exr":
-        found = exr.read(path, view)
+        found = exr.read(path, view, limits)
         if found.deep:
             return _deep_frame(found, layers)
         rgba, colour_name = _colour(found.names, path)
@@ -172,7 +177,7 @@ def read(
         window = display = (0, 0, width, height)
         names, motion, motion_name, colour_name = {}, None, "", path.name
     if depth_file is not None:
-        depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range)
+        depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range, limits)
     elif not names:
         raise LensError(f"lens: {path} holds no depth; give one with --depth-file DEPTH.exr or DEPTH.png")
     else:
@@ -262,11 +267,11 @@ def _open_image(path: Path, mode: str) -> np.ndarray:
         raise LensError(f"lens: cannot read {path} ({' '.join(str(error).split())}); use EXR or PNG") from None
 
 
-def _depth_file(path, channel, range_) -> tuple[np.ndarray, str, str]:
+def _depth_file(path, channel, range_, limits) -> tuple[np.ndarray, str, str]:
     """Depth from a file of its own. A PNG holds shares of a range: ``near,far`` are the depths of black and white."""
     path = Path(path)
     if path.suffix.lower() == ".exr":
-        found = exr.read(path)
+        found = exr.read(path, limits=limits)
         names = found.names
         if channel is None and len(names) == 1:
             channel = next(iter(names))
