@@ -1,4 +1,4 @@
-"""What runs here, and what to do when something does not."""
+"""Checks of the installation for ``lightwell doctor``: what works, and what to do about what does not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,14 @@ class Check:
 
 
 def version_of(package: str) -> str:
-    """Installed version of a distribution, or 'missing'."""
+    """Look up the installed version of a distribution.
+
+    Args:
+        package: Name of the distribution, as pip knows it.
+
+    Returns:
+        The version, or "missing".
+    """
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -31,7 +38,11 @@ def version_of(package: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that can change a number."""
+    """Collect the versions of all software that can change a numeric result.
+
+    Returns:
+        Package name → version or "missing"; ``python`` is the interpreter's.
+    """
     packages = (
         "lightwell",
         "mitsuba",
@@ -46,7 +57,11 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> str:
-    """The machine in a few words."""
+    """Describe the machine in a few words.
+
+    Returns:
+        Operating system, architecture and number of cores, for example "Linux x86_64, 8 cores".
+    """
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
 
 
@@ -99,12 +114,21 @@ def _disk_check() -> Check:
 
 
 def checks() -> list[Check]:
-    """All findings, the most important first."""
+    """Run all checks of the installation.
+
+    Returns:
+        One result per check, the most important first.
+    """
     python_ok = sys.version_info >= (3, 10)
     python = Check("python", python_ok, platform.python_version(), "lightwell needs Python >= 3.10")
     return [python, *_backend_checks(), _viewer_check(), _denoiser_check(), _disk_check()]
 
 
 def report() -> dict:
-    """Everything as JSON-ready data."""
+    """Collect the machine, versions and checks as JSON-serialisable data.
+
+    Returns:
+        A dictionary with keys ``machine`` (text), ``versions`` (name → version) and ``checks`` (list of the fields of
+        ``Check``).
+    """
     return {"machine": machine(), "versions": versions(), "checks": [asdict(check) for check in checks()]}

@@ -1,4 +1,4 @@
-"""Files that are either whole or absent: written under a temporary name, flushed to the disk, then renamed."""
+"""Atomic file writes (temporary name, flush to disk, rename) and checked reading of .npz files."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lightwell.limits import Limits
 
 Arrays = dict[str, np.ndarray]
 
-# No array file that lightwell writes unpacks to more.
+# Largest unpacked size of an array file that lightwell writes, bytes.
 MOST_ARRAY_BYTES = 1 << 32
 
-# What a reader can do about the failures that happen in practice.
+# What the user can do about common failures.
 CURES = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
     errno.EDQUOT: "your disk quota is used up; free some space or choose another folder",
@@ -36,7 +36,7 @@ CURES = {
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 
-# Everything that numpy.load raises at damaged bytes, besides what it means to raise.
+# Errors that numpy.load raises over damaged files, intended and not.
 DAMAGED = (
     OSError,
     ValueError,
@@ -56,10 +56,20 @@ DAMAGED = (
 
 @contextmanager
 def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to; renamed to ``path`` at the end, removed on a failure.
+    """Provide a temporary name beside a file; on success it is renamed to the file, on failure it is removed.
 
-    Flushed to the disk before the rename, so that a power cut leaves the old file or the new one. An ``OSError`` gets a
-    one-line message: what, where, and the cure. ``suffix``: how the temporary name ends, for writers that look at it.
+    The data are flushed to the disk before the rename, so that a power cut leaves either the old file or the new one.
+
+    Args:
+        path: File to write.
+        suffix: End of the temporary name, for writers that infer the format from it.
+
+    Yields:
+        The temporary name.
+
+    Raises:
+        OSError: An error of the system; its one-line message says what failed, where, and the cure.
+        BaseException: Any other error of the calling code, unchanged.
     """
     path = Path(path)
     # The process id keeps two bakes into the same folder from writing the same temporary file.
@@ -70,14 +80,23 @@ def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
         os.replace(temporary, path)
     except OSError as error:
         _remove(temporary)
-        raise explained(error, f"write '{path}'") from error
+        error = explained(error, f"write '{path}'")
+        raise error
     except BaseException:
         _remove(temporary)
         raise
 
 
 def write_atomically(path: str | Path, data: bytes | str) -> int:
-    """Write ``data`` (text as UTF-8) to ``path`` and return its length in bytes; see ``whole_file``."""
+    """Write a file so that it is either complete or absent; see ``whole_file``.
+
+    Args:
+        path: File to write.
+        data: Contents; text is encoded as UTF-8.
+
+    Returns:
+        Length of the file, bytes.
+    """
     raw = data.encode() if isinstance(data, str) else data
     with whole_file(path) as temporary:
         temporary.write_bytes(raw)
@@ -85,7 +104,13 @@ def write_atomically(path: str | Path, data: bytes | str) -> int:
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: bool = False) -> None:
-    """Named arrays as one .npz."""
+    """Write named arrays to an .npz file, atomically.
+
+    Args:
+        path: File to write.
+        arrays: Name → array of any shape.
+        compressed: Compress the arrays (deflate).
+    """
     with whole_file(path) as temporary, open(temporary, "wb") as stream:
         (np.savez_compressed if compressed else np.savez)(stream, **arrays)
 
@@ -95,15 +120,18 @@ def load_arrays(
     cure: str = "not a checkpoint; delete it and bake without --resume",
     limits: Limits | None = None,
 ) -> Arrays:
-    """Read all arrays of an .npz, without pickle.
+    """Read all arrays of an .npz file, without pickle.
 
     Args:
         path: The file.
-        cure: What the message says of a file that is none.
-        limits: What it may unpack to; default ``MOST_ARRAY_BYTES``.
+        cure: Text of the error message for a file that is damaged or of another kind.
+        limits: Limits on the unpacked size; default ``MOST_ARRAY_BYTES`` of decoded bytes.
+
+    Returns:
+        Name → array.
 
     Raises:
-        ValueError: The file is damaged, or unpacks to more; one line.
+        ValueError: The file is damaged, or exceeds a limit; one line.
         FileNotFoundError: There is no such file.
     """
     try:
@@ -117,7 +145,7 @@ def load_arrays(
 
 
 def _check_members(path: str | Path, limits: Limits) -> None:
-    """Compare the members of an .npz with limits and with their shapes, before memory is asked for."""
+    """Compare the members of an .npz with limits and with their shapes, before memory is allocated."""
     budget = limits.budget(Path(path).name)
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
@@ -131,23 +159,38 @@ def _check_members(path: str | Path, limits: Limits) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """The first words of an error, on one line."""
+    """Return the beginning of an error's message, on one line."""
     return " ".join(str(error).split())[:120]
 
 
 def flush(path: Path) -> None:
-    """Wait until the disk has the file."""
+    """Wait until a file's data are on the disk.
+
+    Args:
+        path: An existing file.
+    """
     with open(path, "rb+") as file:
         os.fsync(file.fileno())
 
 
 def make_folder(path: str | Path) -> Path:
-    """Create a folder and those above it unless it exists; a failure is an ``OSError`` that names the cure."""
+    """Create a folder and its missing parents; an existing folder is left as it is.
+
+    Args:
+        path: The folder.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OSError: An error of the system; its one-line message names the cure.
+    """
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise explained(error, f"create the folder '{path}'") from error
+        error = explained(error, f"create the folder '{path}'")
+        raise error
     return path
 
 
@@ -159,7 +202,15 @@ def _remove(path: Path) -> None:
 
 
 def explained(error: OSError, attempt: str) -> OSError:
-    """Return an error of the same type whose one-line message says what was attempted, the reason and the cure."""
+    """Make a copy of an error whose one-line message says what was attempted, the reason and the cure.
+
+    Args:
+        error: Error of the system.
+        attempt: What failed, as an infinitive: ``write 'out.glb'``.
+
+    Returns:
+        An error of the same type and ``errno``.
+    """
     cure = CURES.get(error.errno or 0, "choose another folder")
     reason = error.strerror or type(error).__name__
     return type(error)(error.errno, f"cannot {attempt}: {reason}; {cure}")

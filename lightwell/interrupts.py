@@ -1,4 +1,4 @@
-"""Ctrl-C that stays Ctrl-C, whatever native code makes of it."""
+"""Detect Ctrl-C even where native code replaces ``KeyboardInterrupt`` by another error."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from types import FrameType
 
 
 class Interrupts:
-    """Notes that Ctrl-C was pressed; use as a context around a command.
+    """Records that Ctrl-C was pressed; use as a context manager around a command.
 
-    Native code that calls Python back may turn ``KeyboardInterrupt`` into an error of its own. Then ``received`` tells
-    that the error is an interrupt. A second Ctrl-C after the context has ended stops the process at once.
+    Native code that calls back into Python may turn ``KeyboardInterrupt`` into an error of its own; ``received`` then
+    says that the error is an interrupt. A second Ctrl-C after the context has ended stops the process at once.
     """
 
     received = False
@@ -24,7 +24,7 @@ class Interrupts:
 
     def __exit__(self, *_: object) -> None:
         if self._ours:
-            # The process is about to end: what it still tidies up must not print a traceback.
+            # The process is about to end; a second Ctrl-C during its clean-up must not print a traceback.
             signal.signal(signal.SIGINT, signal.SIG_DFL if self.received else self._before)
 
     def _note(self, number: int, frame: FrameType | None) -> None:

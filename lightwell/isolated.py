@@ -1,10 +1,10 @@
-"""A process of its own for native code that may crash, hang or take too much memory over a file from somewhere else.
+"""Run native code that may crash, hang or use too much memory on an untrusted file in a separate process.
 
 The worker process imports one function, ``module:name``, and answers requests with it: named arrays in, named arrays
-out. Messages carry no pickled objects, so a worker whose memory was damaged cannot run code in the process that asks.
+out. Messages carry no pickled objects, so a worker whose memory was damaged cannot run code in the calling process.
 
-    with Worker("lightwell.exr_decode:decode", seconds=30, memory=1 << 30) as worker:
-        arrays = worker.ask({"path": np.array("frame.exr")}, most_bytes=1 << 28)
+    with Worker("lightwell.exr.worker:decode", seconds=30, memory=1 << 30) as worker:
+        arrays = worker.ask({"path": np.array("frame.exr"), ...}, most_bytes=1 << 28)
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ IDLE_MEMORY = 1 << 30
 
 
 class WorkerDied(RuntimeError):
-    """The worker process crashed, or was ended because of its time or its answer's size; the text says which."""
+    """The worker process crashed, or was killed because it exceeded its time or answer size; the text says which."""
 
 
 class WorkerError(ValueError):
-    """The function in the worker raised; the text is its message on one line."""
+    """The function in the worker process raised an error; the text is its message on one line."""
 
 
 class Worker:
-    """A process that answers requests with one function; use as a context. It starts at the first request.
+    """A process that answers requests with one function; use as a context manager. It starts at the first request.
 
-    After a death the next request starts a new process.
+    After the process has died, the next request starts a new one.
 
     Args:
         function: ``module:name`` of a function that takes and returns named arrays.
-        seconds: Time limit of one request, the start of the process included.
-        memory: Bytes that a request may take beyond an idle process (where the system can limit it: Linux, macOS).
+        seconds: Time limit of one request, including the start of the process.
+        memory: Bytes that a request may use beyond an idle process (where the system can limit it: Linux, macOS).
     """
 
     def __init__(self, function: str, *, seconds: float, memory: int) -> None:
@@ -67,7 +67,7 @@ class Worker:
         """Send a request and wait for its answer.
 
         Args:
-            request: Named arrays of booleans, numbers, text or bytes.
+            request: Name → array of any shape, of booleans, numbers, text or bytes.
             most_bytes: Largest answer that is read, bytes.
 
         Returns:
@@ -75,7 +75,8 @@ class Worker:
 
         Raises:
             WorkerDied: The process crashed, took too long, or its answer is larger than ``most_bytes``.
-            WorkerError: The function raised.
+            WorkerError: The function raised an error.
+            BaseException: The calling thread was interrupted; the process is ended first.
         """
         process = self._process or self._start()
         assert process.stdin is not None and process.stdout is not None
@@ -99,14 +100,14 @@ class Worker:
                 raise WorkerDied(f"took over {self._seconds:g} s") from None
             raise WorkerDied(_cause(code, error)) from None
         except BaseException:
-            # An answer that is read in part would be taken for the next one.
+            # The rest of a partly read answer would be taken for the next answer.
             self.stop()
             raise
         finally:
             timer.cancel()
 
     def _start(self) -> subprocess.Popen[bytes]:
-        # The same modules as here, wherever they came from.
+        # The other process imports the same modules as this one.
         program = "import sys; sys.path[:] = sys.argv[3:]; from lightwell.isolated import serve; serve(*sys.argv[1:3])"
         self._process = subprocess.Popen(
             [sys.executable, "-c", program, self._function, str(self._memory), *sys.path],
@@ -117,7 +118,11 @@ class Worker:
         return self._process
 
     def stop(self) -> int:
-        """End the process, if there is one; return its exit code, negative for a signal."""
+        """End the process if it is running.
+
+        Returns:
+            Its exit code, negative for a signal; 0 when there is no process.
+        """
         if self._process is None:
             return 0
         process, self._process = self._process, None
@@ -137,7 +142,7 @@ class Worker:
 
 
 def _cause(code: int, error: BaseException) -> str:
-    """Why a worker is gone, in a few words."""
+    """Describe in a few words why a worker process has ended."""
     if code < 0:
         with contextlib.suppress(ValueError):
             return f"crashed, {signal.Signals(-code).name}"
@@ -148,7 +153,16 @@ def _cause(code: int, error: BaseException) -> str:
 
 
 def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray], error: str = "") -> None:
-    """Write a message: the length of a JSON description, the description, the bytes of every array."""
+    """Write a message: the length of a JSON description, the description, the bytes of every array.
+
+    Args:
+        stream: Pipe to write to.
+        arrays: Name → array of any shape.
+        error: Message of an error to send instead of a result; empty for none.
+
+    Raises:
+        TypeError: An array holds elements other than numbers, text or bytes.
+    """
     ready = {name: np.require(value, requirements="C") for name, value in arrays.items()}
     for name, value in ready.items():
         if value.dtype.kind not in KINDS:
@@ -163,10 +177,24 @@ def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray], error: str = "") ->
 
 
 def receive(stream: BinaryIO, most_bytes: int) -> Arrays:
-    """Read a message; ``EOFError`` where it ends early, ``ValueError`` where it is too large or none."""
+    """Read a message that ``send`` has written.
+
+    A stream that ends inside the message raises ``EOFError``.
+
+    Args:
+        stream: Pipe to read from.
+        most_bytes: Largest sum of the arrays' sizes that is accepted, bytes.
+
+    Returns:
+        Name → array.
+
+    Raises:
+        WorkerError: The message carries an error.
+        ValueError: The message is malformed or too large.
+    """
     (length,) = LENGTH.unpack(_exactly(stream, LENGTH.size))
     if length > MOST_DESCRIPTION:
-        raise ValueError("sent an answer that is none")
+        raise ValueError("sent a malformed answer")
     found = json.loads(_exactly(stream, length))
     if found["error"]:
         raise WorkerError(str(found["error"]))
@@ -204,11 +232,16 @@ def _fill(stream: BinaryIO, target: memoryview) -> None:
 
 
 def serve(function: str, memory: str) -> None:
-    """Answer requests on standard input with ``module:name`` until it ends, then leave without tidying up."""
-    # The process that asks ends this one; an interrupt from the keyboard is for it alone.
+    """Answer requests from standard input until it ends, then exit the process without clean-up.
+
+    Args:
+        function: ``module:name`` of the function that answers.
+        memory: Bytes that a request may use beyond an idle process, as a decimal number.
+    """
+    # Ctrl-C is handled by the parent process, which ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    # What native code prints must not get among the answers.
+    # Text that native code prints must not mix with the answers.
     os.dup2(2, 1)
     _limit_memory(int(memory))
     code = 1
@@ -228,7 +261,7 @@ def serve(function: str, memory: str) -> None:
 
 
 def _requests(stream: BinaryIO) -> Iterator[Arrays]:
-    """Requests until the stream ends; they come from our own process, so their size is not limited."""
+    """Yield requests until the stream ends; they come from the parent process, so their size is not limited."""
     while True:
         try:
             yield receive(stream, sys.maxsize)
@@ -237,7 +270,7 @@ def _requests(stream: BinaryIO) -> Iterator[Arrays]:
 
 
 def _limit_memory(memory: int) -> None:
-    """Limit the address space and write no core files, where the system can."""
+    """Limit the address space and disable core files, where the system supports it."""
     try:
         import resource
     except ImportError:

@@ -1,12 +1,13 @@
-"""How much a file may ask for: one record of limits, and a budget that is charged before memory is allocated.
+"""Limits on what an input file may request, and a budget that is charged before memory is allocated.
 
     limits = Limits.parse(["vertices=5e7"])              # --limit vertices=5e7
     budget = limits.budget("scene 'room.glb'")
-    budget.charge("vertices", count, "mesh 3")           # sums up over the whole document
-    budget.check("picture_edge", width, "image 2")       # one thing alone
+    budget.charge("vertices", count, "mesh 3")           # added up over the whole document
+    budget.check("picture_edge", width, "image 2")       # one value alone
 
-A small file can describe a scene that no machine holds. Readers of every format count what a document asks for with one
-``Budget`` and stop with one line before they allocate; ``--limit NAME=VALUE`` raises a limit for a trusted file.
+A small file can describe a scene that no machine can hold. The readers of every format count what a document requests
+in one ``Budget`` and stop with a one-line error before they allocate; ``--limit NAME=VALUE`` raises a limit for a
+trusted file.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NoReturn
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one document may ask for, all its files together.
+    """Limits for one document and all the files that it names.
 
     The defaults allow a scene of 5 million triangles that share no vertex, with 64 textures of 4096 x 4096 texels.
     """
@@ -59,10 +61,16 @@ class Limits:
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> Limits:
-        """Read limits from texts ``NAME=VALUE``; what is not named keeps its default.
+        """Parse limits written as ``NAME=VALUE``; limits that are not named keep their default.
+
+        Args:
+            texts: For example ``["vertices=5e7", "seconds=60"]``; values are > 0.
+
+        Returns:
+            The limits.
 
         Raises:
-            ValueError: A text is not of this form, or names no limit.
+            ValueError: A text does not have this form, names no limit, or its value is not a number above 0.
         """
         changed: dict[str, float] = {}
         for text in texts:
@@ -79,14 +87,22 @@ class Limits:
         return replace(cls(), **changed)
 
     def budget(self, where: str, error: type[ValueError] = ValueError) -> Budget:
-        """Start counting for one document. ``where`` begins its messages, ``error`` is what a breach raises."""
+        """Start counting for one document.
+
+        Args:
+            where: Beginning of the budget's messages, for example ``scene 'room.glb'``.
+            error: Type of the error that an exceeded limit raises.
+
+        Returns:
+            A budget of which nothing is used.
+        """
         return Budget(self, where, error)
 
 
 NAMES = tuple(field.name for field in fields(Limits))
 DEFAULT_LIMITS = Limits()
 
-# How messages call what is counted.
+# Wording of messages for fields whose name alone is unclear.
 _CALLED = {
     "file_bytes": "bytes in files",
     "decoded_bytes": "bytes when unpacked",
@@ -97,51 +113,90 @@ _CALLED = {
 
 
 class Budget:
-    """Counts what one document asks for; a breach is one line that names file, thing, limit and cure."""
+    """Counts what one document requests.
 
-    def __init__(self, limits: Limits, where: str, error: type[ValueError] = ValueError):
+    An exceeded limit raises a one-line error with the file, the part, the limit and the cure.
+    """
+
+    def __init__(self, limits: Limits, where: str, error: type[ValueError] = ValueError) -> None:
+        """Start counting.
+
+        Args:
+            limits: The limits.
+            where: Beginning of the messages.
+            error: Type of the error that an exceeded limit raises.
+        """
         self.limits, self.where = limits, where
         self._error = error
         self._spent = dict.fromkeys(NAMES, 0)
         self._begin = time.monotonic()
 
     def charge(self, name: str, amount: int, what: str = "") -> None:
-        """Add ``amount`` to a sum over the document; call this before the memory is allocated.
+        """Add an amount to a sum over the document; call this before the memory is allocated.
+
+        A sum above its limit raises the error type of the budget.
 
         Args:
-            name: A field of ``Limits``.
-            amount: ≥ 0.
-            what: The part of the document that asks, for the message; default the document itself.
-
-        Raises:
-            ValueError: The sum is above the limit (or the subclass that the budget was made with).
+            name: Name of a field of ``Limits``.
+            amount: Amount to add, ≥ 0, in the unit of the field.
+            what: Part of the document that requests it, for the message; empty for the document itself.
         """
         self._spent[name] += amount
         self.check(name, self._spent[name], what)
 
     def check(self, name: str, amount: float, what: str = "") -> None:
-        """Compare one thing with its limit, without adding it up; raises as ``charge``."""
+        """Compare one value with its limit, without adding it to a sum.
+
+        A value above the limit raises the error type of the budget, ``ValueError`` by default.
+
+        Args:
+            name: Name of a field of ``Limits``.
+            amount: The value, in the unit of the field.
+            what: Part of the document that requests it, for the message; empty for the document itself.
+        """
         limit = getattr(self.limits, name)
         if amount > limit:
-            place = f"{self.where}: {what}" if what else self.where
-            called = _CALLED.get(name, name)
-            raise self._error(
-                f"{place}: {_shown(amount)} {called}, more than the limit of {_shown(limit)}; make it smaller or raise "
-                f"the limit of a file that you trust with --limit {name}={_rounded_up(amount):g}"
-            )
+            self._exceeded(name, amount, limit, what)
+
+    def _exceeded(self, name: str, amount: float, limit: float, what: str) -> NoReturn:
+        place = f"{self.where}: {what}" if what else self.where
+        called = _CALLED.get(name, name)
+        raise self._error(
+            f"{place}: {_shown(amount)} {called}, more than the limit of {_shown(limit)}; make it smaller or raise "
+            f"the limit of a file that you trust with --limit {name}={_rounded_up(amount):g}"
+        )
 
     def check_picture(self, width: int, height: int, what: str) -> None:
-        """Check one picture's size and add its texels, before it is decoded; raises as ``charge``."""
+        """Check the size of a picture and add its texels to their sum, before the picture is decoded.
+
+        An exceeded limit raises the error type of the budget.
+
+        Args:
+            width: Texels.
+            height: Texels.
+            what: Name of the picture, for the message.
+        """
         self.check("picture_edge", max(width, height), what)
         self.check("picture_texels", width * height, what)
         self.charge("texels", width * height, what)
 
     def check_time(self, what: str = "") -> None:
-        """Stop when reading has taken too long; raises as ``charge``."""
+        """Compare the time since the budget was made with its limit, which raises the error type of the budget.
+
+        Args:
+            what: Part of the document that is being read, for the message.
+        """
         self.check("seconds", time.monotonic() - self._begin, what)
 
     def spent(self, name: str) -> int:
-        """The sum so far."""
+        """Return the sum of all amounts charged so far.
+
+        Args:
+            name: Name of a field of ``Limits``.
+
+        Returns:
+            The sum, in the unit of the field.
+        """
         return self._spent[name]
 
 
@@ -150,6 +205,6 @@ def _shown(amount: float) -> str:
 
 
 def _rounded_up(amount: float) -> float:
-    """The next number with two digits, so that the value in a message is one that works."""
+    """Round up to two significant digits, so that the value suggested in a message is sufficient."""
     step = 10 ** max(math.floor(math.log10(amount)) - 1, 0)
     return math.ceil(amount / step) * step

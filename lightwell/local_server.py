@@ -1,7 +1,8 @@
-"""HTTP on the loopback interface, for the pages of ``view`` and ``live``.
+"""HTTP server on the loopback interface, for the pages of ``view`` and ``live``.
 
-Waitress speaks HTTP: it holds connections in one thread, parses requests strictly and runs the application in a fixed
-number of threads. Added here: a deadline for requests, a bound on clients, who may ask, the headers of every answer.
+Waitress handles HTTP: it keeps all connections in one thread, parses requests strictly and runs the application in a
+fixed number of threads. This module adds a time limit for requests, a limit on connections, a check of the request's
+origin, and the security headers of every answer.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ LEAST_GZIP, MOST_GZIP = 1024, 1 << 25
 GZIP_LEVEL = 5
 BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 10\r\nContent-Length: 0\r\n\r\n"
 
-# Scripts written into a page; the policy names their hashes, so that no other inline script runs.
+# Inline scripts of a page; the policy lists their hashes, so that no other inline script runs.
 SCRIPT = re.compile(rb"<script\b[^>]*>(.*?)</script", re.DOTALL | re.IGNORECASE)
 POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'{hashes}; style-src 'self' 'unsafe-inline'; "
@@ -60,7 +61,7 @@ HEADERS = (
 
 @dataclass(frozen=True)
 class Request:
-    """What an application is asked."""
+    """A request, as an application receives it."""
 
     method: str
     path: str
@@ -72,25 +73,41 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an application answers."""
+    """An application's answer to a request."""
 
     status: int
     kind: str = "text/plain; charset=utf-8"
     """MIME type."""
     body: BinaryIO = field(default_factory=io.BytesIO)
-    """Read from where it stands."""
+    """Read from its current position."""
     length: int = 0
     """Bytes of the body."""
     headers: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def of(cls, status: int, data: bytes, kind: str = "text/plain; charset=utf-8") -> Answer:
-        """An answer with a body in memory."""
+        """Make an answer with a body in memory.
+
+        Args:
+            status: HTTP status code.
+            data: The body.
+            kind: MIME type.
+
+        Returns:
+            The answer.
+        """
         return cls(status, kind, io.BytesIO(data), len(data))
 
     @classmethod
     def page(cls, data: bytes) -> Answer:
-        """An HTML page, in which only the scripts that are written into it run."""
+        """Make an answer with an HTML page whose content security policy allows only the page's own inline scripts.
+
+        Args:
+            data: The page, UTF-8.
+
+        Returns:
+            The answer, with status 200.
+        """
         hashes = (hashlib.sha256(s.replace(b"\r\n", b"\n")).digest() for s in SCRIPT.findall(data))
         named = "".join(sorted({f" 'sha256-{base64.b64encode(h).decode()}'" for h in hashes}))
         policy = (("Content-Security-Policy", POLICY.format(hashes=named)),)
@@ -101,11 +118,11 @@ Application = Callable[[Request], Answer]
 
 
 class LocalServer:
-    """An application on 127.0.0.1; use as a context. It answers from the moment it is made.
+    """Runs an application on 127.0.0.1; use as a context manager. It answers requests as soon as it is made.
 
     Args:
-        application: Answers requests, in one of several threads.
-        port: Port, 0 for any free one.
+        application: Answers requests; called from several threads.
+        port: Port, 0 to 65535; 0 for any free one.
         verb: The verb of the command line, for messages.
 
     Raises:
@@ -115,7 +132,7 @@ class LocalServer:
     def __init__(self, application: Application, port: int, verb: str) -> None:
         if not 0 <= port < 1 << 16:
             raise ValueError(f"{verb}: port {port} cannot be opened; choose one from 0 to 65535 with --port")
-        # What it logs is about malformed requests and clients that have left.
+        # Waitress logs malformed requests and closed connections; neither concerns the user.
         logging.getLogger("waitress").addHandler(logging.NullHandler())
         logging.getLogger("waitress").propagate = False
         # Waitress's table of open connections, by number.
@@ -150,7 +167,7 @@ class LocalServer:
 
 
 class _Channel(HTTPChannel):
-    """A connection whose request must be complete in time, however slowly it trickles in."""
+    """A connection whose request must be complete within the time limit, also when it arrives slowly byte by byte."""
 
     _began = 0.0
 
@@ -165,12 +182,12 @@ class _Channel(HTTPChannel):
 
 
 class _Server(TcpWSGIServer):
-    """Waitress with a bound on clients."""
+    """Waitress with a limit on the number of connections."""
 
     channel_class = _Channel
 
     def handle_accept(self) -> None:
-        """Accept all that wait: between two looks at the listening socket lies a look at every connection."""
+        """Accept all waiting connections at once, because Waitress polls every connection between two calls."""
         try:
             for _ in range(BACKLOG):
                 accepted = self.accept()
@@ -186,14 +203,14 @@ class _Server(TcpWSGIServer):
             pass  # the client has left, or no file is free
 
     def maintenance(self, now: float) -> None:
-        """Close connections that have not moved for a while, those with an answer that nobody reads too."""
+        """Close connections that were idle for too long, and those whose answer the client does not read."""
         for channel in self.active_channels.values():
             if channel.last_activity < now - SECONDS:
                 channel.will_close = True
 
 
 def _refuse(client: socket.socket) -> None:
-    """Tell a client that there are too many."""
+    """Tell a client that there are too many connections."""
     with client, contextlib.suppress(OSError):
         client.setblocking(False)
         client.send(BUSY)
@@ -201,7 +218,7 @@ def _refuse(client: socket.socket) -> None:
 
 
 class _Gate:
-    """The WSGI application around an ``Application``: who may ask, and the headers of every answer."""
+    """The WSGI application around an ``Application``: checks the origin of requests and adds the headers of answers."""
 
     def __init__(self, application: Application, server: LocalServer) -> None:
         self._application, self._server = application, server
@@ -242,7 +259,7 @@ class _Gate:
             return Answer.of(500, f"the request failed ({type(error).__name__})".encode())
 
     def _may_ask(self, environ: Mapping[str, Any]) -> bool:
-        """Whether the page itself asks: not a site whose name resolves to this machine, not one that links here."""
+        """Whether the request comes from the served page, not from another site that names or links to this machine."""
         names = {f"{host}:{self._server.port}" for host in (LOOPBACK, "localhost")}
         origins = {f"http://{name}" for name in names}
         if self._server.port == 80:
@@ -256,7 +273,7 @@ def _is_text(kind: str) -> bool:
 
 
 def _takes_gzip(accepted: str) -> bool:
-    """Whether a header Accept-Encoding names gzip, without q=0."""
+    """Whether a header Accept-Encoding allows gzip."""
     for part in accepted.lower().split(","):
         name, _, weight = part.partition(";")
         if name.strip() in ("gzip", "*"):

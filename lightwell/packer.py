@@ -1,9 +1,9 @@
-"""Charts, cut and packed by xatlas in a process of its own.
+"""Cut meshes into charts and pack charts into an atlas with xatlas, in a separate process.
 
-xatlas 0.0.11 must not run in ours: it works on a mesh in a thread while it is given the next one and moves the list of
-meshes under that thread, which crashes once in a few hundred atlases, and an atlas that is freed may wait for its own
-threads for ever, once in ten thousand. So the other process gives every mesh that is cut an atlas to itself, frees
-none, and ends without tidying up; a mesh on which it crashes nevertheless is an error here, not our end.
+xatlas 0.0.11 must not run in the main process: it works on a mesh in a thread while the next one is added and moves
+the list of meshes under that thread, which crashes about once in a few hundred atlases; and freeing an atlas may wait
+for its own threads for ever, about once in ten thousand. Therefore the other process gives every mesh that is cut an
+atlas of its own, frees none, and exits without clean-up; a crash over a mesh is reported as an error here.
 
 Notation: meshes of V vertices and K triangles; messages are npz archives behind their length in bytes.
 """
@@ -23,36 +23,36 @@ from typing import BinaryIO
 import numpy as np
 
 Flat = tuple[np.ndarray, np.ndarray]
-# Threads that one process may collect, as no atlas is freed; at least so many atlases.
+# Threads that one process may accumulate, because no atlas is freed; least number of atlases per process.
 THREADS, LEAST_ATLASES = 2048, 32
-# How often a request is made, the second time of a new process.
+# Attempts per request; the second one uses a new process.
 ATTEMPTS = 2
 SIZE = struct.Struct("<Q")
 
 
 @dataclass(frozen=True)
 class Packing:
-    """Charts laid out side by side."""
+    """Charts packed into one atlas."""
 
     width: int
     height: int
     """Texels."""
     squares: int
-    """How many atlases the charts needed."""
+    """Number of atlases that the charts needed."""
     charts: int
     meshes: tuple[Flat, ...]
     """Points [V, 2] float32 in texels and corners [K, 3] uint32 of every mesh."""
 
     @property
     def extent(self) -> float:
-        """Texels along the longer edge; infinite where one square was not enough."""
+        """Texels along the longer edge; infinite where one atlas was not enough."""
         return max(self.width, self.height) if self.squares == 1 else np.inf
 
 
 class Packer:
-    """A process that cuts and packs; use as a context.
+    """A process that cuts and packs; use as a context manager.
 
-    Errors: ``ValueError`` where the process dies, twice, over what it was given.
+    Its methods raise ``ValueError`` where the process dies twice over the same request.
     """
 
     def __init__(self) -> None:
@@ -66,10 +66,14 @@ class Packer:
         self._stop()
 
     def cut(self, meshes: Sequence[Flat], texels: float) -> tuple[list[Flat], int]:
-        """Charts of meshes, each by itself, laid out flat, and how many there are.
+        """Cut meshes into charts and flatten each mesh by itself.
 
-        meshes   Positions [V, 3] float32 and corners [K, 3] uint32.
-        texels   Per unit of the positions; what comes back is in texels.
+        Args:
+            meshes: Positions [V, 3] float32 and corners [K, 3] uint32 of every mesh.
+            texels: Texels per unit of the positions, > 0.
+
+        Returns:
+            Points [V', 2] float32 in texels and corners [K, 3] uint32 of every mesh; number of charts of all meshes.
         """
         flat, charts = [], 0
         for start in range(0, len(meshes), self._most):
@@ -80,8 +84,16 @@ class Packer:
         return flat, charts
 
     def pack(self, charts: Sequence[Flat], pad: int, brute: bool) -> Packing:
-        """Charts, points [V, 2] float32 in texels, side by side with ``pad`` texels between them; ``brute``: try all
-        places for each."""
+        """Pack charts into one atlas.
+
+        Args:
+            charts: Points [V, 2] float32 in texels and corners [K, 3] uint32 of every chart.
+            pad: Texels between charts, ≥ 0.
+            brute: Try every position for each chart, which is slower and packs more tightly.
+
+        Returns:
+            The packed charts.
+        """
         return self._ask(charts, {"task": "pack", "pad": pad, "brute": brute}, 1)
 
     @property
@@ -112,7 +124,7 @@ class Packer:
         )
 
     def _start(self) -> subprocess.Popen:
-        # The same modules as here, wherever they came from.
+        # The other process imports the same modules as this one.
         program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.packer import serve; serve()"
         self._process = subprocess.Popen(
             [sys.executable, "-c", program, *sys.path],
@@ -124,7 +136,7 @@ class Packer:
         return self._process
 
     def _stop(self) -> int:
-        """End the process; its exit code."""
+        """End the process and return its exit code."""
         if self._process is None:
             return 0
         process, self._process, self._atlases = self._process, None, 0
@@ -139,7 +151,12 @@ class Packer:
 
 
 def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a message."""
+    """Write a message: the length of an npz archive and the archive.
+
+    Args:
+        stream: Pipe to write to.
+        arrays: Name → array of any shape.
+    """
     body = io.BytesIO()
     np.savez(body, **arrays)
     stream.write(SIZE.pack(body.tell()))
@@ -148,7 +165,14 @@ def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def receive(stream: BinaryIO) -> dict[str, np.ndarray] | None:
-    """Read a message; None where the stream ends before its end."""
+    """Read a message that ``send`` has written.
+
+    Args:
+        stream: Pipe to read from.
+
+    Returns:
+        Name → array; None where the stream ends before the message is complete.
+    """
     head = stream.read(SIZE.size)
     if len(head) < SIZE.size:
         return None
@@ -164,8 +188,8 @@ def receive(stream: BinaryIO) -> dict[str, np.ndarray] | None:
 
 
 def serve() -> None:
-    """Answer requests on standard input until it ends, then leave at once: the atlases are not freed."""
-    # An interrupted parent closes the pipe; nobody needs to read of it twice.
+    """Answer requests from standard input until it ends, then exit without clean-up: the atlases are not freed."""
+    # Ctrl-C reaches both processes; the parent reports it and closes the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

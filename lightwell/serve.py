@@ -1,4 +1,4 @@
-"""Serves a baked folder on the loopback interface, and nothing else."""
+"""``lightwell view``: serve a baked folder on the loopback interface."""
 
 from __future__ import annotations
 
@@ -24,7 +24,17 @@ RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 
 
 def checked_folder(out: str) -> Path:
-    """The folder of a bake; ValueError in one line when it is not one."""
+    """Check that a folder holds a bake.
+
+    Args:
+        out: Output folder of a bake.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: The folder has no ``index.html``; one line.
+    """
     folder = Path(out)
     if not (folder / "index.html").is_file():
         raise ValueError(f"view: '{out}' has no index.html; name a folder that 'lightwell bake … -o {out}' has written")
@@ -32,20 +42,27 @@ def checked_folder(out: str) -> Path:
 
 
 def open_server(folder: Path, port: int = 0) -> LocalServer:
-    """Serve ``folder`` on 127.0.0.1; port 0 takes any free one.
+    """Serve a folder on 127.0.0.1. A port that cannot be opened raises ``ValueError``.
 
-    Raises:
-        ValueError: The port cannot be opened.
+    Args:
+        folder: Folder to serve.
+        port: Port, 0 to 65535; 0 takes any free one.
+
+    Returns:
+        The running server; close it, or use it as a context manager.
     """
     return LocalServer(files_of(folder), port, "view")
 
 
 def view(out: str, port: int = 0, browser: bool = True) -> None:
-    """Serve until interrupted; open the page in the default browser when there is one.
+    """Serve a baked folder until Ctrl-C, which raises ``KeyboardInterrupt``.
 
-    Raises:
-        KeyboardInterrupt: The user pressed Ctrl-C; there is no other end.
-        ValueError: ``out`` is no folder of a bake, or the port cannot be opened.
+    A folder without a bake, or a port that cannot be opened, raises ``ValueError``.
+
+    Args:
+        out: Output folder of a bake.
+        port: Port, 0 to 65535; 0 takes any free one.
+        browser: Open the page in the default browser when there is one.
     """
     with open_server(checked_folder(out), port) as server:
         print(f"{server.url}  (Ctrl-C ends)", flush=True)
@@ -55,7 +72,14 @@ def view(out: str, port: int = 0, browser: bool = True) -> None:
 
 
 def files_of(folder: Path) -> Application:
-    """The application that answers with the files of a folder: no hidden ones, no listings, no links out of it."""
+    """Make an application that serves the files of a folder: no hidden files, listings, or links out of the folder.
+
+    Args:
+        folder: Folder to serve.
+
+    Returns:
+        The application; it answers GET and HEAD.
+    """
     root = folder.resolve()
 
     def answer(request: Request) -> Answer:
@@ -84,7 +108,7 @@ def _nothing() -> Answer:
 
 
 def _file(path: Path, asked: str) -> Answer:
-    """The answer with a file, or with the range of it that is asked for."""
+    """Return the answer with a file, or with the requested byte range of it."""
     kind = TYPES.get(path.suffix.lower(), OTHER_TYPE)
     if kind.startswith("text/html"):
         return Answer.page(path.read_bytes())
@@ -103,10 +127,15 @@ def _file(path: Path, asked: str) -> Answer:
 
 
 def parse_range(asked: str, size: int) -> tuple[int, int] | None:
-    """First and last byte that a header Range asks for of ``size`` bytes.
+    """Parse the HTTP header Range for a file.
+
+    Args:
+        asked: Value of the header; empty for none.
+        size: Length of the file, bytes.
 
     Returns:
-        None where the whole file is to be sent; a first byte after the last where the range lies outside the file.
+        First and last byte; None where the whole file is to be sent; a first byte after the last where the range lies
+        outside the file.
     """
     match = RANGE.fullmatch(asked.strip())
     first, last = match.groups() if match else ("", "")

@@ -1,7 +1,8 @@
-"""EXR files from anywhere: the header is checked here, the pixels are decoded in a process of their own.
+"""EXR files from untrusted sources: the header is checked in this process, the pixels are decoded in a separate one.
 
-from lightwell.exr import read_parts
-parts = read_parts(path, Limits().budget(f"lens: {path}"))
+from lightwell.exr import decode_parts, read_header
+parts = read_header(path, Limits().budget(f"lens: {path}"))
+pixels = decode_parts(path, parts, range(len(parts)), seconds=60)
 """
 
 from lightwell.exr.chunks import read_header as read_header

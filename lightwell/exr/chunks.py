@@ -1,4 +1,4 @@
-"""The checks of an EXR file before it is decoded: windows against limits, chunks against the file's length."""
+"""Checks of an EXR file before it is decoded: data windows against limits, chunk sizes against the file's length."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import numpy as np
 from lightwell.exr.header import CHUNK_LINES, MOST_HEADER, PIXEL_BYTES, ExrError, Header, Part, parse_header
 from lightwell.limits import Budget
 
-# Bytes that an entry of the table takes; those of the numbers that follow the coordinates of a chunk.
+# Bytes of an entry of the chunk offset table, and of the sizes that follow the coordinates of a flat or deep chunk.
 OFFSET, FLAT_SIZE, DEEP_SIZES = 8, 4, 24
-# A compressed chunk is no longer than a raw one, for codecs with a header of their own by no more than this, bytes.
+# Bytes by which a compressed chunk may be longer than a raw one (codecs with a header of their own).
 CODEC_OVERHEAD = 1 << 16
-
-
 # Memory that OpenEXR for Python takes for each pixel of a deep channel beside its samples: an array object, bytes.
 DEEP_PIXEL = 120
 
@@ -22,16 +20,14 @@ DEEP_PIXEL = 120
 def read_header(path: str | Path, budget: Budget) -> tuple[Part, ...]:
     """Read and check the headers of a file and its chunk offset tables.
 
+    A damaged file raises ``ExrError``; an exceeded limit raises the error type of ``budget``.
+
     Args:
         path: An existing file.
         budget: Charged with file bytes, texels and decoded bytes (float32 channels, deep samples).
 
     Returns:
         The parts, in the order of the file.
-
-    Raises:
-        ExrError: The file is damaged or no EXR.
-        ValueError: A limit is exceeded (the class that ``budget`` raises).
     """
     size = Path(path).stat().st_size
     budget.charge("file_bytes", size)
@@ -50,13 +46,20 @@ def _charge(part: Part, budget: Budget) -> None:
 
 
 def memory_of(part: Part) -> int:
-    """Bytes of a part's decoded channels, without the samples of deep ones."""
+    """Compute the memory of a part's decoded channels, without the samples of deep ones.
+
+    Args:
+        part: A part from ``read_header``.
+
+    Returns:
+        Bytes.
+    """
     each = DEEP_PIXEL if part.deep else np.dtype(np.float32).itemsize
     return each * part.window[2] * part.window[3] * len(part.channels)
 
 
 def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None:
-    """Check the tables, which follow the header, of a file of ``size`` bytes."""
+    """Check the chunk offset tables, which follow the header, of a file of ``size`` bytes."""
     at = header.length
     end = at + OFFSET * sum(part.chunks for part in header.parts)
     if end > size:
@@ -66,7 +69,7 @@ def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None
         offsets = data[at : at + OFFSET * part.chunks].view("<u8")
         at += OFFSET * part.chunks
         if not offsets.all():
-            raise ExrError("it was not written to its end")
+            raise ExrError("it was not written completely")
         lead = 4 * header.multipart
         head = lead + (16 if part.tiles else 4) + (DEEP_SIZES if part.deep else FLAT_SIZE)
         if (offsets < end).any() or (offsets > size - head).any():
@@ -78,7 +81,7 @@ def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None
 
 
 def _check_lengths(part: Part, heads: np.ndarray, left: np.ndarray, budget: Budget) -> None:
-    """``heads`` [C, bytes] begin the chunks; ``left`` [C] is what the file holds after them, bytes."""
+    """Check the chunks' sizes: ``heads`` [C, n] are their first bytes, ``left`` [C] the bytes after these."""
     if part.deep:
         table, packed, unpacked = heads[:, -DEEP_SIZES:].copy().view("<u8").T
         # Sizes over the file's length would wrap around in a sum.
@@ -90,7 +93,7 @@ def _check_lengths(part: Part, heads: np.ndarray, left: np.ndarray, budget: Budg
     if (packed > left).any():
         raise ExrError("the file ends early: a chunk reaches past its end")
     if (packed <= 0).any() or (packed > _raw_bytes(part) + CODEC_OVERHEAD).any():
-        raise ExrError("a chunk has a length that is none")
+        raise ExrError("a chunk has an invalid length")
 
 
 def _raw_bytes(part: Part) -> int:

@@ -1,4 +1,4 @@
-"""The pixels of an EXR file, decoded by OpenEXR in a process of its own."""
+"""Decode the pixels of an EXR file with OpenEXR in a separate process."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lightwell.exr.chunks import memory_of
 from lightwell.exr.header import ExrError, Part
 from lightwell.isolated import Arrays, Worker, WorkerDied, WorkerError
 
-# Copies of the pixels that decoding holds at most: OpenEXR's planes, ours, and those of compression.
+# Most copies of the pixels that decoding holds: OpenEXR's planes, float32 arrays, compression buffers.
 COPIES = 4
-# Bytes that the answer may take beyond its pixels: counts of deep samples, names.
+# Bytes of the answer beside its pixels: counts of deep samples, names.
 OVERHEAD = 1 << 24
 
 
@@ -37,10 +37,10 @@ def decode_parts(path: str | Path, parts: Sequence[Part], wanted: Sequence[int],
         path: The file.
         parts: All its parts, from ``read_header``.
         wanted: Indices of the parts to return.
-        seconds: Time limit.
+        seconds: Time limit, > 0.
 
     Returns:
-        The wanted parts, in their order.
+        The wanted parts, in the order of ``wanted``.
 
     Raises:
         ExrError: The pixels are damaged, or the package OpenEXR is missing.
@@ -62,7 +62,7 @@ def decode_parts(path: str | Path, parts: Sequence[Part], wanted: Sequence[int],
 
 
 def _decoded(index: int, part: Part, answer: Arrays) -> DecodedPart:
-    """One part of the worker's answer; ``ExrError`` where a channel or its shape is not what the header promises."""
+    """Return one part of the worker's answer; raise ``ExrError`` where a channel is missing or has another shape."""
     _, _, width, height = part.window
     flat, deep = {}, {}
     for channel in part.channels:

@@ -1,4 +1,4 @@
-"""The header of an EXR file, checked without decoding anything.
+"""Parse and check the header of an EXR file without decoding pixels.
 
 Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html. Notation: a part of W x H pixels in C chunks.
 """
@@ -13,7 +13,8 @@ MAGIC, VERSION = 20000630, 2
 # Flags of the version field.
 TILED, LONG_NAMES, DEEP, MULTIPART = 0x200, 0x400, 0x800, 0x1000
 KNOWN_FLAGS = TILED | LONG_NAMES | DEEP | MULTIPART
-# Bytes of all headers, of a name; numbers of attributes, parts and channels. OpenEXR itself limits only names (255).
+# Largest accepted: bytes of all headers and of a name; numbers of attributes, parts and channels.
+# OpenEXR itself limits only names (255).
 MOST_HEADER, MOST_NAME, MOST_ATTRIBUTES, MOST_PARTS, MOST_CHANNELS = 1 << 24, 255, 4096, 256, 1024
 # Largest coordinate of a window, as in OpenEXR (INT_MAX / 2).
 MOST_COORDINATE = 1 << 30
@@ -29,7 +30,7 @@ Window = tuple[int, int, int, int]
 
 
 class ExrError(ValueError):
-    """The file is damaged or no EXR; the text is the cause, without the file's name."""
+    """The file is damaged or not an EXR file; the text is the cause, without the file's name."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Header:
-    """All that stands before the chunk offset tables."""
+    """Everything before the chunk offset tables."""
 
     parts: tuple[Part, ...]
     multipart: bool
@@ -93,16 +94,19 @@ def parse_header(data: bytes, size: int) -> Header:
     """Parse the headers of all parts.
 
     Args:
-        data: The file's first bytes, ``MOST_HEADER`` of them or all.
-        size: Bytes of the file.
+        data: The file's first bytes: ``MOST_HEADER`` of them, or the whole file when it is shorter.
+        size: Length of the file, bytes.
+
+    Returns:
+        The headers of all parts and their length in bytes.
 
     Raises:
-        ExrError: The file is damaged or no EXR.
+        ExrError: The file is damaged or not an EXR file.
     """
     reader = _Reader(data, size)
     magic, version = reader.numbers("<iI") if size >= 8 else (0, 0)
     if magic != MAGIC:
-        raise ExrError("it does not begin as an EXR file")
+        raise ExrError("it is not an EXR file")
     if version & 0xFF != VERSION or version & ~0xFF & ~KNOWN_FLAGS:
         raise ExrError(f"version field {version:#x} is unknown")
     multipart = bool(version & MULTIPART)
@@ -116,7 +120,7 @@ def parse_header(data: bytes, size: int) -> Header:
 
 
 class _Reader:
-    """Bytes from the beginning of a file; what is asked beyond their end is an ``ExrError``."""
+    """Reads values from the first bytes of a file; reading past their end raises ``ExrError``."""
 
     def __init__(self, data: bytes, size: int) -> None:
         self._data, self._size, self.at = data, size, 0
@@ -134,7 +138,7 @@ class _Reader:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def text(self) -> str:
-        """A name that ends with a zero byte."""
+        """Read a name that ends with a zero byte."""
         end = self._data.find(b"\0", self.at, self.at + MOST_NAME + 1)
         if end < 0:
             at_end = len(self._data) - self.at <= MOST_NAME
@@ -154,7 +158,7 @@ def _decoded(raw: bytes) -> str:
 
 
 def _headers(reader: _Reader, multipart: bool) -> Iterator[Attributes]:
-    """The attributes of every part."""
+    """Yield the attributes of every part."""
     count = 0
     while attributes := _attributes(reader):
         count += 1
@@ -168,7 +172,7 @@ def _headers(reader: _Reader, multipart: bool) -> Iterator[Attributes]:
 
 
 def _attributes(reader: _Reader) -> Attributes:
-    """Name → (type, value) until an empty name."""
+    """Read attributes, name → (type, value), until an empty name."""
     found: Attributes = {}
     while name := reader.text():
         kind = reader.text()
@@ -182,20 +186,20 @@ def _attributes(reader: _Reader) -> Attributes:
 
 
 def _value(attributes: Attributes, name: str, kind: str, form: str) -> tuple:
-    """The numbers of an attribute that must be there."""
+    """Return the numbers of a required attribute."""
     if name not in attributes:
         raise ExrError(f"attribute '{name}' is missing")
     found, raw = attributes[name]
     if found != kind or len(raw) != struct.calcsize(form):
-        raise ExrError(f"attribute '{name}' is no {kind}")
+        raise ExrError(f"attribute '{name}' is not of type {kind}")
     return struct.unpack(form, raw)
 
 
 def _text(attributes: Attributes, name: str) -> str:
-    """A text attribute; empty where it is absent."""
+    """Return a text attribute; empty where it is absent."""
     kind, raw = attributes.get(name, ("string", b""))
     if kind != "string":
-        raise ExrError(f"attribute '{name}' is no string")
+        raise ExrError(f"attribute '{name}' is not of type string")
     return _decoded(raw)
 
 
@@ -238,14 +242,14 @@ def _same_count(attributes: Attributes, count: int) -> None:
 def _window(attributes: Attributes, name: str) -> Window:
     x0, y0, x1, y1 = _value(attributes, name, "box2i", "<4i")
     if x1 < x0 or y1 < y0 or min(x0, y0) < -MOST_COORDINATE or max(x1, y1) > MOST_COORDINATE:
-        raise ExrError(f"{name} ({x0}, {y0}) to ({x1}, {y1}) is no window")
+        raise ExrError(f"{name} ({x0}, {y0}) to ({x1}, {y1}) is not a window")
     return x0, y0, x1 - x0 + 1, y1 - y0 + 1
 
 
 def _channels(attributes: Attributes) -> tuple[Channel, ...]:
     kind, raw = attributes.get("channels", ("", b""))
     if kind != "chlist":
-        raise ExrError("attribute 'channels' is missing or no chlist")
+        raise ExrError("attribute 'channels' is missing or not of type chlist")
     reader, found = _Reader(raw, len(raw)), []
     while name := reader.text():
         pixel_type, _linear, x, y = reader.numbers("<iI2i")
@@ -277,7 +281,7 @@ def _chunk_count(window: Window, compression: int, tiles: Tiles | None) -> int:
         return across[0] * down[0]
     if tiles.levels == 2:
         return sum(across) * sum(down)
-    # Both edges go on to the level at which the longer one is 1.
+    # Mipmap levels continue until the longer edge is 1.
     count = max(len(across), len(down))
     across, down = across + [1] * (count - len(across)), down + [1] * (count - len(down))
     return sum(a * b for a, b in zip(across, down))

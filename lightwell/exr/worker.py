@@ -1,4 +1,4 @@
-"""What the decoding process runs: OpenEXR over a file whose header has been checked."""
+"""The function that the decoding process runs: OpenEXR on a file whose header has been checked."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ import numpy as np
 
 from lightwell.isolated import Arrays
 
-# Threads that decode chunks; each takes address space, which is limited.
+# Threads that decode chunks; each needs part of the limited address space.
 THREADS = 4
 
 
 def decode(request: Arrays) -> Arrays:
-    """Decode the parts with the indices ``parts`` of the file ``path``, which has ``count`` of them.
+    """Decode parts of a file.
+
+    Args:
+        request: ``path``, the file; ``parts`` [n] int64, indices of the parts to decode; ``count``, the number of parts
+            of the file.
 
     Returns:
         ``INDEX/flat/CHANNEL`` [height, width] float32 of flat channels; ``INDEX/counts/CHANNEL`` [height, width] int32
         and ``INDEX/samples/CHANNEL`` [n] float32 of deep ones.
 
     Raises:
-        ValueError: OpenEXR cannot read the file, or gives up on a part.
+        ValueError: OpenEXR cannot read the file, or skips a damaged part.
     """
     import OpenEXR
 
     found: Arrays = {}
     parts = OpenEXR.File(str(request["path"]), separate_channels=True, num_threads=THREADS).parts
-    # OpenEXR leaves a part out whose pixels it cannot read.
+    # OpenEXR skips a part whose pixels it cannot read.
     if len(parts) != int(request["count"]):
         raise ValueError("OpenEXR finds a damaged chunk")
     for index in request["parts"].tolist():
