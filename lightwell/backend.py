@@ -6,11 +6,15 @@ variant is chosen once and before anything else happens.
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 # The variants lightwell knows, best first. Both are RGB, single precision and differentiable.
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
@@ -99,4 +103,20 @@ ACTIVE = _select()
 import drjit as dr  # noqa: E402  (the variant must be chosen first)
 import mitsuba as mi  # noqa: E402
 
-__all__ = ["ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "cure", "dr", "mi"]
+__all__ = ["ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "cure", "dr", "freeze", "mi"]
+
+# Dr.Jit 1.5 records and replays frozen functions in one thread at a time: replays in two threads end with "determining
+# size of variable" or with wrong numbers.
+_ONE_AT_A_TIME = threading.RLock()
+
+
+def freeze(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Return ``dr.freeze(function, **options)`` that threads call one after the other."""
+    frozen = dr.freeze(function, **options)
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        with _ONE_AT_A_TIME:
+            return frozen(*arguments)
+
+    return call

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -48,6 +50,15 @@ def test_the_quick_radiance_cache_benchmark_prints_rows_and_writes_nothing():
     before = results.read_bytes() if results.exists() else None
     text = _run("benchmarks/radiance_cache.py", "--quick", "--only", "equal,frame,lag,gpu")
     assert "equal time: geometric mean of the five scenes" in text and "light switch" in text and "GPU" in text
+    assert (results.read_bytes() if results.exists() else None) == before
+
+
+@pytest.mark.slow
+def test_the_quick_kill_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/reliability.json"
+    before = results.read_bytes() if results.exists() else None
+    text = _run("benchmarks/kills.py", "--quick", "--seed", "1")
+    assert "kill -9, sequence: ends with the bytes of the uninterrupted run" in text and "measured 2 of 2" in text
     assert (results.read_bytes() if results.exists() else None) == before
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,15 +13,22 @@ from lightwell.files import load_arrays, save_arrays
 from lightwell.transport.irradiance import Irradiance
 from lightwell.transport.mapped import MappedQuery
 
+LOG = logging.getLogger("lightwell.bake")
 QUERY = tuple(MappedQuery.__dataclass_fields__)
 EYES = ("half_a", "half_b", "weight")
 LIGHT = ("half_a", "half_b", "direction", "wrong")
 
 
 def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of ``path``, or those that ``make`` makes, written by a temporary name and a rename."""
+    """The arrays of ``path``, or those that ``make`` makes, written by a temporary name and a rename.
+
+    Those of a damaged file are made again, with a note.
+    """
     if path.exists():
-        return load_arrays(path)
+        try:
+            return load_arrays(path, "damaged, and made again")
+        except ValueError as error:
+            LOG.warning("bake: %s", error)
     made = make()
     save_arrays(path, made)
     return made

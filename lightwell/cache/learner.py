@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, freeze, mi
 from lightwell.cache.model import Model, Tensors
 from lightwell.cache.settings import CacheSettings
 from lightwell.networks.device import tensors
@@ -158,7 +158,7 @@ def _frozen_step(model: Model, count: int, cap: float) -> Any:
         told = mi.Point2f(dr.detach(total), residual)
         return *_updated(values, average, moments, gradients, rate, new, old), told
 
-    return dr.freeze(step)
+    return freeze(step)
 
 
 def _updated(values, average, moments, gradients, rate, new, old):

@@ -26,7 +26,6 @@ ROUGH = {"roughconductor", "roughdielectric", "roughplastic", "plastic", "princi
          "hair"}  # fmt: skip
 # Share of values that may be no numbers before a material is refused.
 MOST_BROKEN = 0.01
-_warned: set[str] = set()
 
 
 @dataclass(frozen=True)
@@ -138,8 +137,8 @@ def _roughness(bsdf: Any) -> float:
     known = SMOOTH | DIFFUSE | ROUGH | {"twosidedbrdf", "maskbsdf", "bumpmap", "normalmap", "blend",
                                         "smoothconductor",
                                         "smoothdielectric", "smoothdiffuse", "smoothplastic"}  # fmt: skip
-    if not alphas and name not in known and has(mi.BSDFFlags.GlossyReflection) and name not in _warned:
-        _warned.add(name)
+    if not alphas and name not in known and has(mi.BSDFFlags.GlossyReflection):
+        # Python shows a warning of one text once.
         warnings.warn(f"nrc: roughness of the BSDF plugin '{name}' is unknown; {DEFAULT_ALPHA} is taken", stacklevel=2)
     return float(np.mean(shares)) if shares else 0.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lightwell.backend import dr, mi
+from lightwell.backend import freeze, mi
 
 # After so many refusals a function is traced for good.
 MOST_REFUSALS = 3
@@ -20,6 +20,8 @@ class Recorded:
     A recording is of one scene and is thrown away when another one comes: materials of a scene that is gone give their
     numbers to those of the next, and a recording would call the wrong ones. The last scene is held for that.
 
+    The last scene is known to all recordings of the process, because so are the numbers of materials.
+
     Recording is refused while materials of another scene are alive in the process and have nested ones (masks, blends):
     virtual calls could reach them, and they are not among the arguments.
     """
@@ -30,7 +32,7 @@ class Recorded:
     """How many times that changed."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.function, self.frozen = function, dr.freeze(function, warn_after=EXPECTED)
+        self.function, self.frozen = function, freeze(function, warn_after=EXPECTED)
         self.refusals, self.recorded = 0, -1
 
     def __call__(self, *arguments: Any) -> Any:
@@ -51,5 +53,5 @@ class Recorded:
         if Recorded.scene is not scene:
             Recorded.scene, Recorded.turn = scene, Recorded.turn + 1
         if self.recorded != Recorded.turn:
-            self.frozen = dr.freeze(self.function, warn_after=EXPECTED)
+            self.frozen = freeze(self.function, warn_after=EXPECTED)
             self.recorded, self.refusals = Recorded.turn, 0

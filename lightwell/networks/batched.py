@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, freeze, mi
 from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.grouped import Runs
@@ -225,7 +225,7 @@ def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int
         values, moments = update(values, shaped(settings, gradients, values), moments, rate)
         return values, moments, dr.block_sum(dr.detach(part).array, batch * mlp.sizes[-1]) / (batch * mlp.sizes[-1])
 
-    return dr.freeze(step)
+    return freeze(step)
 
 
 def _batch_rows(first: Any, count: Any, start: Any, batch: int) -> tuple[Any, Any]:

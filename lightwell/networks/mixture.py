@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, freeze, mi
 from lightwell.networks.batched import initial_batch, shaped, take_rows
 from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.device import tensor, tensors
@@ -172,7 +172,7 @@ def recorded_step(
             moved[part], after[part] = update(values[part], gradient, moments[part], rate)
         return moved, after, sums, squares, dr.sum(mean * w) / batch
 
-    return dr.freeze(step)
+    return freeze(step)
 
 
 def _run(start: Any, batch: int, rows: int, repeat: int = 1) -> Any:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, freeze, mi
 from lightwell.files import Arrays, save_arrays
 from lightwell.networks.checkpoint import counters, read_checkpoint, taking_up
 from lightwell.networks.losses import LOSSES
@@ -277,7 +277,7 @@ def frozen_step(
         values, moments = update(values, _shaped(settings, gradients, values), moments, rate)
         return values, moments, dr.detach(loss)
 
-    return dr.freeze(step)
+    return freeze(step)
 
 
 def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
