@@ -1,4 +1,4 @@
-"""Transport, the truth: surface points, path-traced radiance, G-buffers and training samples."""
+"""Light transport: surface points, path-traced reference radiance, G-buffers and training samples."""
 
 from lightwell.transport.adaptive import refine as refine
 from lightwell.transport.air import Rejection as Rejection

@@ -1,4 +1,4 @@
-"""Where a fit is still wrong: new samples where the residual is large (specification 2.4).
+"""Adaptive sampling: new samples where the residual of a fit is large (specification 2.4).
 
 A field is fitted, its squared relative residual is measured on fresh samples, and the next round takes half of its
 samples area-uniformly and half with the density
@@ -6,8 +6,8 @@ samples area-uniformly and half with the density
     p(x, l) ∝ sqrt(r(cell of x, cell of l)),   r = mean of (f - a)(f - b) / (f² + ε²)
 
 f the prediction, a and b the two half means of a sample: (f - a)(f - b) is the squared residual minus the variance of
-the Monte Carlo mean, so noise alone draws no samples. Cells are (object, cube of space) and cubes of light positions; a
-cell with few samples leans on its object.
+the Monte Carlo mean, so noise alone draws no samples. Cells are (object, cube of space) and cubes of light positions;
+the mean of a cell is averaged with that of its object, so that a cell with few samples is close to its object.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Predict = Callable[[Query], np.ndarray]
 
 # Cubes along the scene's longest edge, and along each axis of the light's box.
 SPACE_CELLS, LIGHT_CELLS = 24, 4
-# A cell's residual is averaged with this many imaginary samples of what it belongs to.
+# A cell's residual is averaged with that of its object (or of the scene), counted as this many samples.
 PRIOR_SAMPLES = 4.0
-# ε of the relative residual: this share of the mean radiance (ε₂ = 0.05 in a unit of four means; specification 3.1).
+# ε of the relative residual, as a share of the mean radiance (ε₂ = 0.05 in units of four means; specification 3.1).
 EPSILON = 0.2
 # Share of new samples that stay area-uniform.
 UNIFORM_SHARE = 0.5
@@ -41,7 +41,7 @@ POOL, LIGHT_POOL = 2, 4096
 
 @dataclass(frozen=True)
 class ResidualDensity:
-    """Root mean square relative residual by cell; look it up with a call."""
+    """Root mean square relative residual by cell; call it to look values up."""
 
     origin: np.ndarray
     """[3] corner of the first cube of space."""
@@ -59,11 +59,28 @@ class ResidualDensity:
     """[cells + 1, LIGHT_CELLS³] ... and their √r by light cell; the last row is unused."""
 
     def __call__(self, position: np.ndarray, shape: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """√r at [N] surface points with their lights."""
+        """Look up the density at surface points with their lights.
+
+        Args:
+            position: [N, 3] points, metres.
+            shape: [N] indices of their meshes.
+            light: [N, 3] positions of the light, metres (directions of a sun).
+
+        Returns:
+            [N] √r.
+        """
         return self.table(position, shape)[np.arange(len(position)), self.light_cell(light)]
 
     def table(self, position: np.ndarray, shape: np.ndarray) -> np.ndarray:
-        """[N, LIGHT_CELLS³] √r at surface points, for every light cell."""
+        """Look up the density at surface points, for every light cell.
+
+        Args:
+            position: [N, 3] points, metres.
+            shape: [N] indices of their meshes.
+
+        Returns:
+            [N, LIGHT_CELLS³] √r.
+        """
         key = space_key(position, shape, self.origin, self.size)
         row = np.searchsorted(self.space_keys, key)
         known = self.space_keys[np.minimum(row, len(self.space_keys) - 1)] == key
@@ -71,27 +88,61 @@ class ResidualDensity:
         return np.where(known[:, None], self.roots[np.where(known, row, -1)], whole)
 
     def light_cell(self, light: np.ndarray) -> np.ndarray:
-        """[N] index of the light cell of each light."""
+        """Find the light cell of each light.
+
+        Args:
+            light: [N, 3] positions of the light, metres (directions of a sun).
+
+        Returns:
+            [N] indices in [0, LIGHT_CELLS³).
+        """
         cell = np.clip(((light - self.light_low) / self.light_size).astype(int), 0, LIGHT_CELLS - 1)
         return (cell[:, 0] * LIGHT_CELLS + cell[:, 1]) * LIGHT_CELLS + cell[:, 2]
 
 
 def space_key(position: np.ndarray, shape: np.ndarray, origin: np.ndarray, size: float) -> np.ndarray:
-    """[N] int64 name of the (object, cube of space) cell of each point."""
+    """Compute a number that names the (object, cube of space) cell of each point.
+
+    Args:
+        position: [N, 3] points, metres.
+        shape: [N] indices of their meshes.
+        origin: [3] corner of the first cube, metres.
+        size: Edge of a cube, metres, > 0.
+
+    Returns:
+        [N] int64 keys.
+    """
     side = SPACE_CELLS + 1
     cell = np.clip(((position - origin) / size).astype(np.int64), 0, SPACE_CELLS)
     return ((shape.astype(np.int64) * side + cell[:, 0]) * side + cell[:, 1]) * side + cell[:, 2]
 
 
 def relative_residual(prediction: np.ndarray, samples: Samples) -> np.ndarray:
-    """[N] squared relative residual minus its Monte Carlo variance; single values may be negative."""
+    """Compute the squared relative residual of a prediction, minus its Monte Carlo variance.
+
+    Args:
+        prediction: [N, 3] predicted radiance.
+        samples: N samples with two independent half means.
+
+    Returns:
+        [N] mean over the channels; single values may be negative.
+    """
     epsilon = EPSILON * float(np.average(samples.radiance.mean(axis=1), weights=samples.weight))
     f = np.asarray(prediction, np.float64)
     return ((f - samples.half_a) * (f - samples.half_b) / (f * f + epsilon * epsilon)).mean(axis=1)
 
 
 def residual_density(scene: Scene, samples: Samples, prediction: np.ndarray) -> ResidualDensity:
-    """The density of new samples from the residual of a prediction [N, 3] at samples."""
+    """Measure the density of new samples from the residual of a prediction.
+
+    Args:
+        scene: Scene of the samples.
+        samples: N fresh samples.
+        prediction: [N, 3] predicted radiance at them.
+
+    Returns:
+        The density, averaged by cell.
+    """
     r = relative_residual(prediction, samples)
     position, light = (np.asarray(a, np.float64) for a in (samples.query.position, samples.query.light))
     origin, size = scene.bounds[0], scene.extent / SPACE_CELLS
@@ -111,7 +162,7 @@ def residual_density(scene: Scene, samples: Samples, prediction: np.ndarray) -> 
 
 
 def _shrunk(r: np.ndarray, cell: np.ndarray, cells: int, prior: np.ndarray) -> np.ndarray:
-    """[cells] mean of r per cell, averaged with the prior, never negative."""
+    """Compute the mean of r per cell [cells], averaged with the prior, never negative."""
     total, count = np.bincount(cell, r, cells), np.bincount(cell, minlength=cells)
     return np.maximum((total + PRIOR_SAMPLES * prior) / (count + PRIOR_SAMPLES), 0.0)
 
@@ -127,13 +178,22 @@ def refine(
     lights_fn: Callable[[int, int], np.ndarray] | None = None,
     is_open: bool | None = None,
 ) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
-    """Where to take ``count`` new samples: points, lights [count, 3] and weights [count] (1 / relative density).
+    """Choose where new samples are taken: half of them uniformly, half where a fit has a large residual.
 
-    samples     Fresh samples (not those of the fit), on which ``predict`` is judged.
-    lights_fn   (count, seed) -> lights; None: ``sample_lights`` of the variable.
+    Pass the three results on to ``collect``; a loss with these weights estimates the same mean as uniform samples do.
 
+    Args:
+        scene: Scene to sample.
+        variable: The declared light.
+        samples: Fresh samples (not those of the fit), on which ``predict`` is measured.
+        predict: The fitted field.
+        count: Number of new samples, ≥ 1.
+        seed: Seed of points, lights and choices.
+        lights_fn: Takes (count, seed) and returns lights [count, 3]; None: ``sample_lights`` of the variable.
+        is_open: Outdoor scene; None: measured.
 
-    Pass the three on to ``collect``; a loss with these weights keeps the meaning of the uniform one.
+    Returns:
+        Points, lights [count, 3], and weights [count] (1 / relative density).
     """
     density = residual_density(scene, samples, predict(samples.query))
     point_seed, light_seed, mix_seed = (int(s) for s in np.random.SeedSequence([seed, 3]).generate_state(3))
@@ -145,14 +205,25 @@ def refine(
 def mixture(
     scene: Scene, density: ResidualDensity, pool: SurfaceDraw, lights: np.ndarray, count: int, seed: int
 ) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
-    """``count`` samples in light-major order: runs of count / len(lights) rows share a light.
+    """Draw samples in light-major order: runs of count / len(lights) rows share a light.
 
-    Half of the lights as offered and half where the mean residual of their cell is large; under each light half of the
-    points as the pool offers them and half by the density; weights 1 / density of it all.
+    Half of the lights are taken as offered and half where the mean residual of their cell is large; for each light half
+    of the points are taken as the pool offers them and half by the density.
+
+    Args:
+        scene: Scene to sample.
+        density: Residual by cell.
+        pool: P points to choose from.
+        lights: [L, 3] lights to choose from.
+        count: Number of samples, ≥ 1.
+        seed: Seed of the choices.
+
+    Returns:
+        Points, lights [count, 3] float32, and weights [count] float32 (1 / density of the whole mixture).
     """
     rng = np.random.default_rng(seed)
     table = density.table(frames(scene, pool.points)[0], pool.points.shape)  # [P, cells]
-    # Odds of a point: its weight undoes the floors of the pool, so that 1 means area-uniform.
+    # Probability of a point: its weight compensates for the floors of the pool, so that 1 means area-uniform.
     share = (pool.weight / pool.weight.sum())[:, None]
     of_cell = (table * share).sum(axis=0)
     cell = density.light_cell(lights)
@@ -171,7 +242,7 @@ def mixture(
 
 
 def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: float) -> np.ndarray:
-    """[count] indices: a share ``adaptive`` of them by the odds, the others evenly."""
+    """Choose indices [count]: a share ``adaptive`` of them by the odds, the others evenly."""
     by_odds = rng.random(count) < adaptive
     total = np.cumsum(odds)
     index = np.resize(rng.permutation(len(odds)), count)
@@ -180,7 +251,7 @@ def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: fl
 
 
 def _points(rng: np.random.Generator, odds: np.ndarray, cell: np.ndarray, adaptive: float) -> np.ndarray:
-    """[N] points of the pool for rows whose light lies in ``cell`` [N]; odds [P, cells] of the adaptive share."""
+    """Choose points of the pool [N] for rows with light cells ``cell`` [N]; odds [P, cells] of the adaptive share."""
     point = np.resize(rng.permutation(len(odds)), len(cell))
     by_odds = rng.random(len(cell)) < adaptive
     for c in np.unique(cell[by_odds]):

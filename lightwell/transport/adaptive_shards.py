@@ -1,4 +1,4 @@
-"""Shards of the adaptive stage: samples where a fit is still wrong, in the format of all other shards."""
+"""Shards of the adaptive stage: samples where the residual of a fit is large, in the format of all other shards."""
 
 from __future__ import annotations
 
@@ -28,13 +28,21 @@ MOST_JUDGED = 1 << 18
 
 
 class AdaptiveShards:
-    """Makes shards half of whose samples lie where a fit misses the samples that are known.
+    """Makes shards in which half of the samples lie where a fit has a large residual at the known samples.
 
-    The fit is judged once, when the first shard is made: on samples that it was trained on, which a network of a few
-    thousand weights cannot memorise.
+    The residual is measured once, when the first shard is made: on samples that the fit was trained on, which a network
+    of a few thousand weights cannot memorise.
     """
 
     def __init__(self, scene: Scene, known: Samples, predict: Predict, *, own_light: bool = False) -> None:
+        """Prepare shards for one scene and one fit.
+
+        Args:
+            scene: Scene to sample.
+            known: Samples on which the residual is measured.
+            predict: The fitted field.
+            own_light: Gather the light of the scene's own emitters instead of the declared light's.
+        """
         self._scene, self._known, self._predict, self._own_light = scene, known[:MOST_JUDGED], predict, own_light
 
     @cached_property
@@ -44,7 +52,7 @@ class AdaptiveShards:
     def __call__(
         self, scene: Scene, variable: Variable, lights_fn: LightsFn | None, settings: ShardSettings, index: int
     ) -> tuple[dict[str, np.ndarray], dict]:
-        """As ``make_shard``."""
+        """Make one shard, as ``make_shard`` does."""
         mix_seed, light_seed, path_seed = shard_seeds(settings, ADAPTIVE_STREAM + index)
         pool = surface_pool(scene, settings, index // POOL_SHARDS)
         lights = (lights_fn or default_lights(scene, variable))(settings.lights, light_seed)

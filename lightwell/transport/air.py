@@ -1,6 +1,6 @@
-"""Which points see air: the rejection of surfaces that nothing can light or look at.
+"""Rejection of surface points that no light can reach or no camera can see, because they lie inside solids or walls.
 
-Everything here is independent of the paths: short rays from the points, counted and thrown away.
+All tests trace short rays from the points; none depends on the paths of the samples.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from lightwell.transport.tables import shape_index, shape_lookup, tables
 
 # Cosine-distributed rays per point (specification 2.5).
 RAYS = 32
-# Largest share of rays that may first meet the wrong side of a surface.
+# Largest share of rays that may first meet a side of a surface that cannot border on air.
 WRONG_SHARE = 0.25
 # Share of rays that meet something nearer than TOUCH x extent when a point is covered by another surface.
 COVERED_SHARE = 0.95
 TOUCH = 1e-3
-# Surfaces nearer than this x extent lie in the same plane: some rounding errors of single precision.
+# Surfaces nearer than this x extent lie in the same plane: a few rounding errors of single precision.
 SAME_PLANE = 3e-6
 # Surfaces that a parity ray passes at most.
 CROSSINGS = 32
@@ -42,27 +42,31 @@ LAUNCH = 1 << 21
 
 @dataclass
 class Rejection:
-    """Why candidate points were dropped; counts add up over calls."""
+    """Numbers of candidate points that were dropped, by reason; counts add up over calls."""
 
     candidates: int = 0
     covered: int = 0
-    """Something touches the surface there."""
+    """Another surface touches the point."""
     back_faces: int = 0
-    """More than a quarter of the view is the inside of solids or surfaces that neither reflect nor transmit."""
+    """More than a quarter of the hemisphere is the inside of solids or surfaces that neither reflect nor transmit."""
     inside: int = 0
     """The point lies inside closed geometry, or on a side that has no BSDF."""
     outside: int = 0
     """The point is on the outside of a room."""
     unreachable: int = 0
-    """No walk of light from there finds a camera, a lamp or the sky (``lightwell.transport.reach``)."""
+    """No random walk from the point finds a camera, a lamp or the sky (``lightwell.transport.reach``)."""
 
     @property
     def dropped(self) -> int:
-        """All of them."""
+        """Points dropped for any reason."""
         return self.covered + self.back_faces + self.inside + self.outside + self.unreachable
 
     def add(self, other: Rejection) -> None:
-        """Add the counts of another run."""
+        """Add the counts of another run.
+
+        Args:
+            other: Counts to add; not changed.
+        """
         for f in fields(self):
             setattr(self, f.name, getattr(self, f.name) + getattr(other, f.name))
 
@@ -82,10 +86,17 @@ def reject(
     seed: int = 0,
     report: Rejection | None = None,
 ) -> np.ndarray:
-    """[N] bool: whether a point, on the side of its view, sees air (specification 2.5).
+    """Test whether points can be lit and seen from the side of their view (specification 2.5).
 
-    is_open   Outdoor scene: keep sides that see nothing but the sky. None: measure (see ``room``).
-    report    Counts of what was dropped, by reason.
+    Args:
+        scene: Scene of the points.
+        points: N points.
+        is_open: Outdoor scene: keep sides that see nothing but the sky. None: measured, see ``room``.
+        seed: Seed of the test rays.
+        report: Receives the counts of dropped points, by reason.
+
+    Returns:
+        [N] bool, True for points to keep.
     """
     is_open = not room(scene) if is_open is None else is_open
     rows = np.flatnonzero(own_side(scene, points, frames(scene, points)[2]))
@@ -103,7 +114,7 @@ def reject(
     for reason, mask in reasons.items():
         setattr(found, reason, getattr(found, reason) + int((mask & keep[rows]).sum()))
         keep[rows[mask]] = False
-    # The walks are for those that passed: a hidden side is the most expensive to tell.
+    # Random walks are the most expensive test: they run only for points that passed the others.
     rows = np.flatnonzero(keep)
     hidden = rows[~reached(scene, points[rows], _witnesses(scene), is_open, seed)]
     keep[hidden] = False
@@ -118,12 +129,19 @@ WITNESSES = Derived[np.ndarray]("transport.witnesses")
 
 
 def room(scene: Scene) -> bool:
-    """Whether the scene is a room rather than an outdoor place: most rays from points within it meet a surface."""
+    """Decide whether a scene is a room rather than an outdoor place: most rays from points within it meet a surface.
+
+    Args:
+        scene: Scene to test; the answer is kept with it.
+
+    Returns:
+        True for a room.
+    """
     return scene.cache.get(IS_ROOM, lambda: _escape_share(scene) < ROOM_ESCAPE)
 
 
 def _escape_share(scene: Scene) -> float:
-    """Share of rays that leave the scene from points in the inner 80 % of its bounds."""
+    """Measure the share of rays that leave the scene from points in the inner 80 % of its bounds."""
     lane = dr.arange(mi.UInt32, ROOM_POINTS * ROOM_RAYS)
     rng = random_streams(mi.UInt32(0), lane // ROOM_RAYS, mi.UInt32(0))
     low, high = (mi.ScalarPoint3f(list(b)) for b in scene.bounds)
@@ -135,7 +153,7 @@ def _escape_share(scene: Scene) -> float:
 
 
 def _witnesses(scene: Scene) -> np.ndarray:
-    """[K, 3] cameras and lamps that stand in the air: at most half of what they see are wrong sides."""
+    """Return [K, 3] cameras and lamps that stand in the air: at most half of their rays meet wrong sides."""
     return scene.cache.get(WITNESSES, lambda: _checked_witnesses(scene))
 
 
@@ -153,7 +171,14 @@ def _checked_witnesses(scene: Scene) -> np.ndarray:
 
 
 def air_sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
-    """Per mesh, whether its front and its back are sides that air can touch."""
+    """List the sides of meshes that can border on air.
+
+    Args:
+        scene: Scene with M meshes.
+
+    Returns:
+        [M] front and [M] back, on the device.
+    """
     t = tables(scene)
     front = (t.front & (t.air != -1)) | t.transmissive
     back = (t.back & (t.air != 1)) | t.transmissive
@@ -185,13 +210,25 @@ def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray,
 
 
 def _viewed(si, device: DevicePoints, row) -> mi.Vector3f:
-    """Geometric normal on the viewer's side."""
+    """Return the geometric normal on the viewer's side."""
     view = dr.gather(mi.Vector3f, device.view, row)
     return mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
 
 
-def right_side(scene: Scene, sides, pi, ray) -> mi.Bool:
-    """Whether a ray met a side that air can touch."""
+def right_side(
+    scene: Scene, sides: tuple[mi.Bool, mi.Bool], pi: mi.PreliminaryIntersection3f, ray: mi.Ray3f
+) -> mi.Bool:
+    """Test whether rays met a side that can border on air.
+
+    Args:
+        scene: Scene that was traced.
+        sides: Result of ``air_sides``.
+        pi: Intersections of the rays.
+        ray: The rays.
+
+    Returns:
+        One value per ray; undefined for rays that met nothing.
+    """
     si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
     mesh = shape_index(shape_lookup(scene), pi.shape)
     front = dr.gather(mi.Bool, sides[0], mesh, pi.is_valid())
@@ -200,9 +237,15 @@ def right_side(scene: Scene, sides, pi, ray) -> mi.Bool:
 
 
 def own_side(scene: Scene, points: SurfacePoints, normals: np.ndarray) -> np.ndarray:
-    """[N] bool: whether the viewed side can be lit at all: it has a BSDF and is not the inside of a closed mesh.
+    """Test whether the viewed side of points can be lit at all: it has a BSDF and is not the inside of a closed mesh.
 
-    normals   [N, 3] geometric normals on the front of the triangles.
+    Args:
+        scene: Scene of the points.
+        points: N points.
+        normals: [N, 3] geometric normals on the front of the triangles.
+
+    Returns:
+        [N] bool.
     """
     t = tables(scene)
     front = (normals * points.view).sum(-1) > 0
@@ -211,7 +254,7 @@ def own_side(scene: Scene, points: SurfacePoints, normals: np.ndarray) -> np.nda
 
 
 def _inside(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray]:
-    """[N] bool, twice: inside a solid (rays along +n and -n both leave it), and face to face with another surface."""
+    """Test [N] whether points lie in a solid (rays along +n and -n leave it), and whether another surface touches."""
     device = DevicePoints(points)
     row = dr.arange(mi.UInt32, len(points))
     si = gather_interaction(scene, device, row)
@@ -228,7 +271,7 @@ def _inside(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray
 
 @dr.syntax
 def _face_to_face(geometry, lookup, p, n, shape, triangle, reach):
-    """Whether a triangle of the opposite direction lies in the same plane: two bodies that touch."""
+    """Test whether a triangle with the opposite normal lies in the same plane: two bodies that touch."""
     found = dr.full(mi.Bool, False, dr.width(p))
     ray = mi.Ray3f(p + reach * n, -n)
     ray.maxt = 2 * reach
@@ -249,7 +292,7 @@ def _face_to_face(geometry, lookup, p, n, shape, triangle, reach):
 
 @dr.syntax
 def _leaving(geometry, lookup, volume, origin, d):
-    """Number of solids that a ray leaves minus those that it enters."""
+    """Count the solids that a ray leaves minus those that it enters."""
     count = mi.Int32(0)
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(d))
     crossed = mi.UInt32(0)

@@ -1,4 +1,4 @@
-"""What a camera sees: G-buffers, truth at the pixel centres, and plain path-traced pictures.
+"""Images of a camera: G-buffers, reference radiance at the pixel centres, and path-traced images.
 
 Notation: H x W pixels, row-major, first row at the top.
 """
@@ -30,11 +30,11 @@ from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import shape_index, shape_lookup
 
-# Surfaces that let light straight through with more than this share are cut away, as a rasteriser does (glTF MASK).
+# Surfaces with a larger null transmission than this are cut away, as a rasteriser does (glTF MASK).
 CUTOUT = 0.5
 # Cut-away surfaces that a camera ray passes at most.
 CUTOUTS = 16
-# Places in each pixel of the guides of a denoiser.
+# Samples per pixel of the guides of a denoiser.
 GUIDE_SAMPLES = 4
 
 
@@ -48,7 +48,7 @@ class Truth(TypedDict):
     indirect_a: np.ndarray
     """Indirect radiance at the pixel centre, mean over the first half of the paths."""
     indirect_b: np.ndarray
-    """... over the second, independent half."""
+    """Mean over the second, independent half."""
     direct: np.ndarray
     """Direct radiance of the declared light at the pixel centre."""
     emission: np.ndarray
@@ -58,9 +58,17 @@ class Truth(TypedDict):
 def gbuffer(
     scene: Scene, camera: Camera, width: int, height: int, seed: int | None = None
 ) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
-    """Points seen through each pixel, whether there is one [H*W], and emission seen directly [H*W, 3].
+    """Find the surface points that a camera sees, one per pixel.
 
-    seed   None: through the pixel centres; else a random place in each pixel.
+    Args:
+        scene: Scene to look at.
+        camera: Pinhole camera.
+        width: Pixels of a row.
+        height: Rows.
+        seed: None: rays through the pixel centres; else through a random place in each pixel.
+
+    Returns:
+        H * W points, a mask [H * W] of the pixels that show a surface, and emission seen directly [H * W, 3] float32.
     """
     pixel = dr.arange(mi.UInt32, width * height)
     offset = mi.Point2f(0.5)
@@ -93,12 +101,25 @@ def truth_image(
     max_depth: int = MAX_DEPTH,
     report: PathReport | None = None,
 ) -> Truth:
-    """Direct and indirect radiance at the surface points of the pixel centres, for a white light of 1 cd (1 lx).
+    """Render the reference: direct and indirect radiance at the surface points of the pixel centres.
 
-    A field evaluated at the same points is compared like with like: nothing is filtered.
+    The declared light is white, 1 cd (a sun: 1 lx). Nothing is filtered, so that a field evaluated at the same points
+    is compared without differences in antialiasing.
 
-    light   [3] position of the declared light (direction to the sun).
-    paths   Paths per pixel, even; each half gets half of them.
+    Args:
+        scene: Scene to look at.
+        camera: Pinhole camera.
+        light: [3] position of the declared light, metres (direction to the sun).
+        variable: What the declared light is.
+        width: Pixels of a row.
+        height: Rows.
+        paths: Paths per pixel, even; each half gets half of them.
+        seed: Seed of the paths.
+        max_depth: Longest path, 2 = direct light only.
+        report: Receives the path counts.
+
+    Returns:
+        Images [H, W, 3] float32, the points and their mask.
     """
     points, mask, emission = gbuffer(scene, camera, width, height)
     seen = np.flatnonzero(mask)
@@ -149,7 +170,19 @@ def guide_images(
 def static_image(
     scene: Scene, camera: Camera, width: int, height: int, paths: int, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Light of the scene's own emitters at the pixel centres, without emission seen directly: two halves [H, W, 3]."""
+    """Render the light of the scene's own emitters at the pixel centres, without emission seen directly.
+
+    Args:
+        scene: Scene to look at.
+        camera: Pinhole camera.
+        width: Pixels of a row.
+        height: Rows.
+        paths: Paths per pixel, even; each half gets half of them.
+        seed: Seed of the paths.
+
+    Returns:
+        Two independent half means [H, W, 3] float32.
+    """
     points, mask, _ = gbuffer(scene, camera, width, height)
     images = np.zeros((2, height * width, 3), np.float32)
     images[:, mask] = static(scene, points[np.flatnonzero(mask)], paths, seed)
@@ -172,12 +205,24 @@ def total_image(
     with_static: bool = False,
     max_depth: int = MAX_DEPTH,
 ) -> np.ndarray:
-    """A path-traced picture [H, W, 3] float32: emission + direct + indirect light, antialiased with a box filter.
+    """Render a path-traced image: emission, direct and indirect light, antialiased with a box filter.
 
-    light         [3] position of the declared light (direction to the sun); it shines ``intensity * color``.
-    variable      What the declared light is; None: there is none.
-    spp           Paths per pixel.
-    with_static   Let the scene's own emitters shine too.
+    Args:
+        scene: Scene to look at.
+        camera: Pinhole camera.
+        light: [3] position of the declared light, metres (direction to the sun).
+        variable: What the declared light is; None: there is none.
+        width: Pixels of a row.
+        height: Rows.
+        spp: Paths per pixel, ≥ 1.
+        seed: Seed of the paths.
+        intensity: Intensity of the declared light, cd (lx for a sun).
+        color: Its linear sRGB colour.
+        with_static: Let the scene's own emitters shine too.
+        max_depth: Longest path, 2 = direct light only.
+
+    Returns:
+        [H, W, 3] float32 linear radiance.
     """
     pixels = width * height
     tint = upload(mi.Color3f, intensity * np.asarray([color]))
@@ -204,7 +249,18 @@ def total_image(
 
 
 def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offset: mi.Point2f) -> mi.Ray3f:
-    """Pinhole rays through pixels at ``offset`` in [0, 1)² from their top left corner."""
+    """Make pinhole rays through places in pixels.
+
+    Args:
+        camera: Pinhole camera.
+        width: Pixels of a row.
+        height: Rows.
+        pixel: Row-major number of the pixel of each ray.
+        offset: Place in the pixel from its top left corner, in [0, 1)².
+
+    Returns:
+        World-space rays with unit directions.
+    """
     forward = np.subtract(camera.target, camera.position, dtype=np.float64)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, camera.up)
@@ -221,7 +277,7 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
 
 @dr.syntax
 def _first_surface(geometry, ray):
-    """The first surface that is not cut away, and the ray that finds it."""
+    """Find the first surface that is not cut away, and the ray that meets it."""
     ray = mi.Ray3f(ray)
     pi = geometry.ray_intersect_preliminary(ray, coherent=True)
     passed = mi.UInt32(0)

@@ -25,13 +25,25 @@ def collect(
     rr_depth: int = RR_DEPTH,
     report: PathReport | None = None,
 ) -> Samples:
-    """Samples at N points, each lit by its own light: ``indirect`` and ``make_query`` together.
+    """Trace samples at points, each lit by its own light: ``indirect`` and ``make_query`` together.
 
-    light      [N, 3] or [3].
-    weight     [N] of the points (``SurfaceDraw.weight``); default 1.
-    own_light  Gather the light of the scene's own emitters (``static``) instead; the declared light is off.
+    A sample none of whose paths is finite is kept, so that rows keep their order, with radiance 0 and weight 0.
 
-    A sample none of whose paths is finite is kept, so that the layout holds, with radiance 0 and weight 0.
+    Args:
+        scene: Scene to trace.
+        variable: The declared light.
+        points: N points.
+        light: [N, 3] or [3] positions of the light, metres (directions of a sun).
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the paths.
+        weight: [N] weights of the points (``SurfaceDraw.weight``); None: 1.
+        own_light: Gather the light of the scene's own emitters (``static``) instead; the declared light is off.
+        max_depth: Longest path, 2 = direct light only.
+        rr_depth: Depth from which Russian roulette may end a path.
+        report: Receives the path counts.
+
+    Returns:
+        N samples.
     """
     options = {"max_depth": max_depth, "rr_depth": rr_depth, "report": report}
     if own_light:
@@ -50,7 +62,14 @@ def collect(
 
 
 def join(parts: list[Samples]) -> Samples:
-    """One ``Samples`` of several, in order."""
+    """Join samples, in order.
+
+    Args:
+        parts: At least one set of samples.
+
+    Returns:
+        All rows in one ``Samples``.
+    """
     rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("half_a", "half_b", "weight", "shape")}
     query = type(parts[0].query)
     columns = {name: np.concatenate([getattr(p.query, name) for p in parts]) for name in query.__dataclass_fields__}

@@ -1,7 +1,8 @@
-"""Final gather: radiance that leaves surfaces towards eyes, from a light map of what arrives everywhere else.
+"""Final gather: radiance that leaves surfaces towards cameras, from a light map of the irradiance everywhere else.
 
 A path ends where it meets a surface whose light is known, L = ρ E' (Ward et al. 1988; Jensen's final gather, 2001), so
-that little more than the directions of its first bounce is left as noise. Notation: N points, n texels along an edge.
+that the noise is little more than that of the directions of its first bounce. Notation: N points, n texels along an
+edge, E' = irradiance / π.
 """
 
 from __future__ import annotations
@@ -30,13 +31,21 @@ from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
-# Surfaces as rough as this look nearly the same from everywhere unless they are metals: what arrives says enough for
-# the second hit of a path, where the eye is not.
+# Surfaces as rough as this, unless they are metals, have nearly view-independent radiance: the irradiance is enough for
+# the second hit of a path, which the camera does not see.
 ROUGH, METAL = 0.4, 0.5
 
 
 def settled(material: Material, matte: bool) -> bool:
-    """Whether ρ E' says what a path that meets this surface needs to know."""
+    """Decide whether ρ E' replaces the radiance of a surface for paths that meet it.
+
+    Args:
+        material: Material of the surface.
+        matte: Whether its radiance is view-independent.
+
+    Returns:
+        True where a path may end there.
+    """
     rough = material.roughness >= ROUGH and material.metallic <= METAL and material.metallic_roughness_texture is None
     layers = material.clearcoat or material.transmission or material.delta
     return material.alpha_mode == "OPAQUE" and not layers and (matte or rough)
@@ -44,7 +53,7 @@ def settled(material: Material, matte: bool) -> bool:
 
 @dataclass
 class KnownLight:
-    """E' on an atlas, on the device."""
+    """A light map of E' = irradiance / π on an atlas, on the device."""
 
     size: mi.UInt32
     """n."""
@@ -55,7 +64,7 @@ class KnownLight:
     stored: mi.Bool
     """[2 * T] sides whose light is known."""
     gloss: mi.Float
-    """[M] what a surface reflects beside its diffuse reflectance."""
+    """[M] reflectance of a surface beside its diffuse reflectance."""
     first: mi.UInt32
     """[M] first triangle of each mesh."""
     triangles: int
@@ -65,7 +74,17 @@ class KnownLight:
 
     @staticmethod
     def of(scene: Scene, atlas: Atlas, image: np.ndarray, matte: np.ndarray) -> KnownLight:
-        """image [n, n, 3] E'; matte [M] bool: meshes that look the same from everywhere."""
+        """Upload a light map.
+
+        Args:
+            scene: Scene with M meshes.
+            atlas: Atlas of n x n texels.
+            image: [n, n, 3] E'.
+            matte: [M] bool: meshes with view-independent radiance.
+
+        Returns:
+            The light map, with the sides at which paths may end.
+        """
         t = tables(scene)
         known = np.array([settled(scene.materials[m.material], bool(b)) for m, b in zip(scene.meshes, matte)], bool)
         stored = (atlas.chart >= 0) & known[t.mesh_of]
@@ -81,8 +100,20 @@ class KnownLight:
             shape_lookup(scene),
         )
 
-    def find(self, si, place, ray, active) -> tuple[mi.Bool, mi.Spectrum]:
-        """Whether the light that leaves a hit is known, and how much it is; ``place``: barycentric weights."""
+    def find(
+        self, si: mi.SurfaceInteraction3f, place: mi.Point2f, ray: mi.Ray3f, active: mi.Bool
+    ) -> tuple[mi.Bool, mi.Spectrum]:
+        """Look up the light that leaves the hits of rays.
+
+        Args:
+            si: Surface interactions.
+            place: Barycentric weights of the second and third vertex.
+            ray: Rays that found them.
+            active: Lanes to look up.
+
+        Returns:
+            Whether the light is known, and the radiance.
+        """
         mesh = shape_index(self.meshes, si.shape)
         back = dr.dot(si.n, ray.d) > 0
         row = dr.gather(mi.UInt32, self.first, mesh, active) + si.prim_index + dr.select(back, self.triangles, 0)
@@ -91,7 +122,7 @@ class KnownLight:
         return found, reflectance * self._read(place, row, found)
 
     def _read(self, place, row, active) -> mi.Spectrum:
-        """E' of a hit, bilinear."""
+        """Read E' at a hit, bilinearly filtered."""
         a, b, c = (
             mi.Point2f(*(dr.gather(mi.Float, self.uv, row * 6 + (2 * k + axis), active) for axis in (0, 1)))
             for k in range(3)
@@ -111,11 +142,25 @@ class KnownLight:
 def gathered(
     scene: Scene, points: SurfacePoints, light: KnownLight, paths: int, seed: int, max_depth: int = MAX_DEPTH
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As ``static``: radiance leaving points towards their views, two independent half means [2, N, 3]; and two of E'
-    by the same paths, a control variate: L + a (E' − what these paths saw of it) has the mean of L and, where a is the
-    diffuse albedo, little more noise than the reflections.
+    """Gather radiance leaving points towards their views, as ``static`` does, ending paths at known light.
 
-    Biased by what E' has lost, and by the eye's place at rough surfaces that are seen in reflections.
+    The same paths also estimate E', a control variate: L + a (E' − the paths' estimate of it) has the mean of L and,
+    where a is the diffuse albedo, little more noise than the reflections. The result is biased by the error of the
+    light map, and by ignoring the view direction at rough surfaces that are seen in reflections.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: Known light.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the paths.
+        max_depth: Longest path, 2 = direct light only.
+
+    Returns:
+        Radiance and E', each as two independent half means [2, N, 3] float32.
+
+    Raises:
+        ValueError: ``paths`` is odd or below 2.
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
@@ -131,7 +176,7 @@ def gathered(
 
 
 def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count: int, half: int) -> np.ndarray:
-    """[count, 2, 6] means of both halves: radiance and E'."""
+    """Trace one launch; returns means of both halves [count, 2, 6]: radiance and E'."""
     seed, max_depth, rr_depth, size = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
@@ -150,9 +195,9 @@ def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count
 
 @dr.syntax
 def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
-    """One path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known.
+    """Trace one path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known.
 
-    Returns the radiance, and what the same directions see of E': f cos / p replaced by cos / (π p).
+    Returns the radiance, and the estimate of E' with the same directions: f cos / p replaced by cos / (π p).
     """
     ctx = mi.BSDFContext()
 
@@ -175,7 +220,7 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         Le, hit_pdf = source.hit(scene, prev, si, ray, delta_prev, active)
         arriving += dr.select(active, β * power_heuristic(pdf_prev, hit_pdf) * Le, 0)
 
-        # ------------------------- Known light: the end -------------------------
+        # --------------------- End of the path at known light ---------------------
 
         active_next = active & si.is_valid() & (depth + 1 < max_depth)
         found, light = known.find(si, pi.prim_uv, ray, active_next)
@@ -210,10 +255,10 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
 
 
 def _first_vertex(ctx, scene, si, source, rng, lobe, direction):
-    """Emitter sampling at the query point, and the direction in which the path leaves.
+    """Sample the emitters at the query point, and the direction in which the path leaves.
 
-    Returns direct light (radiance, and E' of it), what multiplies the light from the sampled direction (for radiance,
-    and cos / (π p) for E'), the ray, its origin, its density, whether it is a delta lobe's, and its index.
+    Returns direct light (radiance and E'), the weights of the light from the sampled direction (for radiance, and
+    cos / (π p) for E'), the ray, its origin, its density, whether a delta lobe chose it, and its index of refraction.
     """
     bsdf = si.bsdf()
     coverage = _coverage(si, bsdf)

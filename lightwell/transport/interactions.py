@@ -1,6 +1,8 @@
-"""Points on the surfaces of a scene: rebuilt exactly from (mesh, triangle, barycentric, view), without a ray."""
+"""Surface interactions of given points: rebuilt exactly from (mesh, triangle, barycentric, view), without a ray."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,16 @@ from lightwell.transport.tables import tables
 
 
 def gather_interaction(scene: Scene, points: DevicePoints, row: mi.UInt32) -> mi.SurfaceInteraction3f:
-    """The surface interactions of some rows of points that already live on the device."""
+    """Rebuild the surface interactions of points that are on the device.
+
+    Args:
+        scene: Scene of the points.
+        points: N points on the device.
+        row: Rows to gather, in [0, N).
+
+    Returns:
+        One interaction per row.
+    """
     pi = dr.zeros(mi.PreliminaryIntersection3f, dr.width(row))
     pi.valid, pi.t = mi.Bool(True), mi.Float(0)
     shape = dr.gather(mi.UInt32, points.shape, row)
@@ -27,24 +38,44 @@ def gather_interaction(scene: Scene, points: DevicePoints, row: mi.UInt32) -> mi
 
 
 class DevicePoints:
-    """``SurfacePoints`` uploaded to the device, from which kernels gather their rows."""
+    """``SurfacePoints`` on the device, from which kernels gather rows."""
 
     def __init__(self, points: SurfacePoints):
+        """Upload points.
+
+        Args:
+            points: N points.
+        """
         self.shape = mi.UInt32(np.asarray(points.shape, np.uint32))
         self.triangle = mi.UInt32(np.asarray(points.triangle, np.uint32))
         self.barycentric = upload(mi.Point2f, points.barycentric)
         self.view = upload(mi.Vector3f, points.view)
 
 
-def upload(kind, array: np.ndarray):
-    """A Dr.Jit vector of type ``kind`` from [N, C] rows."""
+def upload(kind: Any, array: np.ndarray) -> Any:
+    """Make a Dr.Jit vector of NumPy rows.
+
+    Args:
+        kind: Dr.Jit or Mitsuba vector type with C components, e.g. ``mi.Vector3f``.
+        array: [N, C] numbers.
+
+    Returns:
+        A vector of type ``kind`` with N lanes, single precision.
+    """
     return kind(np.ascontiguousarray(np.asarray(array, np.float32).T))
 
 
 def interaction(scene: Scene, points: SurfacePoints) -> mi.SurfaceInteraction3f:
-    """The surface interactions of points, exact from triangle and barycentric weights; no ray is traced.
+    """Rebuild the surface interactions of points from triangle and barycentric weights; no ray is traced.
 
     A view on the back of a triangle gives ``si.wi.z < 0``, which is what two-sided BSDFs expect.
+
+    Args:
+        scene: Scene of the points.
+        points: N points.
+
+    Returns:
+        N interactions.
     """
     tables(scene)
     return gather_interaction(scene, DevicePoints(points), dr.arange(mi.UInt32, len(points)))

@@ -1,6 +1,7 @@
-"""Diffuse light that arrives at surface points: what an ordinary light map stores.
+"""Irradiance at surface points: what a light map stores.
 
-E' = (1 / π) ∫ L(ω) max(n · ω, 0) dω, so that a Lambertian surface shows albedo · E'. Notation: N points.
+E' = (1 / π) ∫ L(ω) max(n · ω, 0) dω = irradiance / π, so that a Lambertian surface has radiance albedo · E'.
+Notation: N points.
 """
 
 from __future__ import annotations
@@ -32,30 +33,43 @@ from lightwell.transport.tables import tables
 
 @dataclass(frozen=True)
 class Irradiance:
-    """What arrives at N points on the side of their views."""
+    """Irradiance / π at N points on the side of their views."""
 
     half_a: np.ndarray
     """[N, 3] E' by the first half of the paths."""
     half_b: np.ndarray
-    """[N, 3] ... by the second, independent half."""
+    """[N, 3] E' by the second, independent half."""
     direction: np.ndarray
     """[N, 3] mean of luminance times direction, over pi: its length over the luminance of E' is at most 1."""
     wrong: np.ndarray
-    """[N] share of cosine-distributed rays that first meet a side that air cannot touch."""
+    """[N] share of cosine-distributed rays that first meet a side that cannot border on air."""
 
     @property
     def mean(self) -> np.ndarray:
-        """[N, 3] both halves."""
+        """[N, 3] mean of both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
     @property
     def valid(self) -> np.ndarray:
-        """[N] bool: at most a quarter of the hemisphere is insides and backs."""
+        """[N] bool: at most a quarter of the hemisphere shows sides that cannot border on air."""
         return self.wrong <= WRONG_SHARE
 
 
 def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
-    """E' of the scene's own emitters, direct and indirect; ``paths`` is even."""
+    """Estimate irradiance / π from the scene's own emitters, direct and indirect, by path tracing.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the paths.
+
+    Returns:
+        Two independent half means, the mean direction, and the share of rays that meet insides.
+
+    Raises:
+        ValueError: ``paths`` is odd or below 2.
+    """
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     tables(scene)
@@ -72,7 +86,7 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
 
 
 def _launch(scene: Scene, device, sides, settings, start: int, count: int, half: int) -> np.ndarray:
-    """[count, 2, 7] sums over the paths of each half: E', luminance times direction, wrong first hits."""
+    """Trace one launch; returns [count, 2, 7] sums by half: E', luminance times direction, wrong first hits."""
     seed, max_depth, rr_depth, size = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
@@ -91,9 +105,9 @@ def _launch(scene: Scene, device, sides, settings, start: int, count: int, half:
 
 
 def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
-    """One estimate of E' at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
+    """Estimate E' once at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
     source, geometry = Emitters(), scene.mi
-    # ------------------- The side that is asked for -------------------
+    # ----------------- Normals on the requested side ------------------
     flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
     normal = mi.Vector3f(si.sh_frame.n)
     normal *= dr.select(dr.dot(normal, flat) < 0, -1.0, 1.0)

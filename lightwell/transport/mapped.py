@@ -1,4 +1,4 @@
-"""Queries that know where on a light map they lie."""
+"""Queries with texture coordinates of a light map."""
 
 from __future__ import annotations
 
@@ -19,13 +19,23 @@ class MappedQuery(Query):
     """A query with the second texture coordinates of an atlas."""
 
     uv1: np.ndarray
-    """[N, 2]."""
+    """[N, 2] texture coordinates in the atlas, in [0, 1]."""
     shading_normal: np.ndarray
-    """[N, 3] unit, bent by the normal maps of the materials."""
+    """[N, 3] unit shading normal with the normal maps of the materials."""
 
 
 def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.ndarray | None = None) -> MappedQuery:
-    """The named inputs of a light map's graph at N points."""
+    """Make the named inputs of a light map's graph.
+
+    Args:
+        scene: Scene of the points.
+        atlas: Atlas of the light map.
+        points: N points.
+        light: [N, 3] or [3] positions of the declared light; None: zeros.
+
+    Returns:
+        N rows of inputs.
+    """
     query = make_query(scene, points, np.zeros(3, np.float32) if light is None else light)
     uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
     columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}

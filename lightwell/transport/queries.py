@@ -1,4 +1,4 @@
-"""From surface points to what a field may know of them."""
+"""Inputs of a field at surface points: position, normal, view, light and material."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ SHORTEST_NORMAL = 1e-6
 
 
 def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
-    """The named inputs of a shading graph at N points. ``light`` is [N, 3] or [3]."""
+    """Make the named inputs of a shading graph.
+
+    Args:
+        scene: Scene of the points.
+        points: N points.
+        light: [N, 3] or [3] positions of the light, metres (directions of a sun).
+
+    Returns:
+        N rows of inputs.
+    """
     from lightwell.scenes.materials import surface_lookup
 
     reflectance, roughness, metallic = surface_lookup(scene, points.shape, points.triangle, points.barycentric)
@@ -35,14 +44,28 @@ def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Row-wise dot product, [N, 1]."""
+    """Compute dot products by row.
+
+    Args:
+        a: [..., C] vectors.
+        b: [..., C] vectors.
+
+    Returns:
+        [..., 1] products.
+    """
     return (a * b).sum(-1, keepdims=True)
 
 
 def frames(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, unit interpolated vertex normals (geometric where a mesh has none) and unit geometric normals.
+    """Interpolate positions and normals at points.
 
-    Each is [N, 3] float32; geometric normals are on the front of the triangles.
+    Args:
+        scene: Scene of the points.
+        points: N points.
+
+    Returns:
+        Positions, unit interpolated vertex normals (geometric where a mesh has none) and unit geometric normals on the
+        front of the triangles; [N, 3] float32 each.
     """
     position, normal, flat = np.zeros((3, len(points), 3), np.float32)
     for index in np.unique(points.shape):

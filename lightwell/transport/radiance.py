@@ -1,12 +1,12 @@
-"""Radiance queries: what leaves a surface point towards the eye, path-traced with a light of its own for every point.
+"""Radiance queries: path-traced radiance leaving surface points towards the camera, with one light position per point.
 
 Notation: N points, P paths per half. One lane is one path; two independent halves of P paths belong to each point.
 
-What a path does: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the
-power heuristic. Without light rays it is Mitsuba's ``path``, from which it differs only in starting on a surface and in
-the light. Its value is that of ``path`` minus ``direct``.
+Algorithm: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the power
+heuristic. Without light rays it is Mitsuba's ``path``, except that paths start on a surface and that the light is not
+part of the scene. Its value is that of ``path`` minus ``direct``.
 
-What it cannot do: find a point light or the sun through glass or by a mirror (zero-measure paths: caustics are missing,
+Not supported: light of a point light or the sun through glass or by a mirror (zero-measure paths: caustics are missing;
 give the light a radius); participating media; polarisation. Shadow rays stop at every surface, alpha masks included, as
 in ``path``.
 
@@ -24,7 +24,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.samples import SurfacePoints
-from lightwell.transport.sources import Emitters, declared
+from lightwell.transport.sources import Emitters, Source, declared
 from lightwell.transport.tables import tables
 
 # Longest path, counted as Mitsuba does (2 = direct light). In a closed room of albedo 0.8 longer ones hold 0.1 %.
@@ -33,12 +33,12 @@ MAX_DEPTH = 32
 RR_DEPTH = 5
 # Largest survival probability of the roulette; Mitsuba's path integrator.
 RR_MAX = 0.95
-# Lanes of one launch: large enough to fill the machine, small enough for a few hundred megabytes.
+# Lanes of one launch: enough to use all cores, few enough for some hundred megabytes.
 LAUNCH = 1 << 20
 
 
-# Vertices of a path, from the query point on, that are joined to a light ray's end: all of them. Beside emitter
-# sampling alone it costs half as much time again and leaves a third of the variance (Cornell box, light anywhere).
+# Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
+# emitter sampling alone it takes 1.5 times as long and has a third of the variance (Cornell box, light anywhere).
 CONNECTIONS = MAX_DEPTH
 # Number of the random stream that shifts the lattice of first bounces; paths have lower ones.
 LATTICE_STREAM = 1 << 31
@@ -47,7 +47,7 @@ ONE_MINUS_EPSILON = 1 - 2.0**-24
 
 @dataclass
 class PathReport:
-    """What a radiance query did; pass one in to read it afterwards. Counts add up over calls."""
+    """Path counts of radiance queries; pass one in to read it afterwards. Counts add up over calls."""
 
     paths: int = 0
     """Paths traced."""
@@ -59,35 +59,37 @@ class PathReport:
 
 @dr.syntax
 def trace(
-    scene,
-    si,
-    source,
-    rng,
-    first,
-    max_depth,
-    rr_depth,
+    scene: mi.Scene,
+    si: mi.SurfaceInteraction3f,
+    source: Source,
+    rng: mi.PCG32,
+    first: tuple[mi.Float, mi.Point2f, mi.Point2f],
+    max_depth: mi.UInt32,
+    rr_depth: mi.UInt32,
     include_direct: bool,
     connections: int = CONNECTIONS,
     see_through: bool = True,
-):
-    r"""Radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one unidirectional path per lane.
+) -> mi.Spectrum:
+    """Estimate the radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one path per lane.
 
-    Parameters
-      scene           Mitsuba scene: the geometry and BSDFs.
-      si              Surface interactions where the paths start.
-      source          ``lightwell.transport.sources``: declared light (per lane) or the scene's emitters.
-      rng             PCG32, one stream per lane.
-      first           (number, 2D point, 2D point) in [0, 1) that choose the lobe and the direction of the first bounce
-                      and the direction of the light ray: see ``independent`` and ``stratified``.
-      max_depth       Longest path in Mitsuba's count (2 = direct light only); opaque.
-      rr_depth        Depth from which Russian roulette may end a path; opaque.
-      include_direct  Count light that reaches ``si`` from the source in a straight line. Otherwise paths that find the
-                      source at their first bounce are dropped, and emitter sampling starts at the second vertex.
-      connections     So many vertices, from the query point on, are joined to the surface that one ray from a point
-                      light meets: it finds the bright spot that a light near a wall makes. 0: as Mitsuba's ``path``.
+    Args:
+        scene: Mitsuba scene: the geometry and BSDFs.
+        si: Surface interactions where the paths start.
+        source: Declared light (per lane) or the scene's emitters.
+        rng: PCG32, one stream per lane.
+        first: (number, 2D point, 2D point) in [0, 1) that choose the lobe and the direction of the first bounce and the
+            direction of the light ray: see ``independent`` and ``stratified``.
+        max_depth: Longest path in Mitsuba's count (2 = direct light only); opaque.
+        rr_depth: Depth from which Russian roulette may end a path; opaque.
+        include_direct: Count light that reaches ``si`` from the source in a straight line. Otherwise paths that find
+            the source at their first bounce are dropped, and emitter sampling starts at the second vertex.
+        connections: Number of vertices, from the query point on, that are connected to the surface that one ray from a
+            point light meets: it samples the bright spot next to a light near a wall. 0: as Mitsuba's ``path``.
+        see_through: Where ``si`` lies on a blended surface (alpha), include what is seen through it, by its coverage.
+            Off: the light of the surface alone, as if its coverage were 1; a rasteriser blends it itself.
 
-      see_through     Where ``si`` lies on a blended surface (alpha), count what is seen through it, by its coverage.
-                      Off: the light of the surface alone, as if it covered all; a rasteriser blends it itself.
+    Returns:
+        One estimate of the radiance per lane.
     """
     ctx = mi.BSDFContext()
 
@@ -115,7 +117,7 @@ def trace(
         # ------------------ Emitter sampling, and next direction ------------------
 
         active_next = active & si.is_valid() & (depth + 1 < max_depth)
-        # A light ray could have found this vertex too, if the one before it was joined to light vertices.
+        # A light ray could have found this vertex too, if the one before it was connected to light vertices.
         both = (depth <= connections) & ~bsdf_delta_prev
         by_bsdf = bsdf_pdf_prev * dr.abs(dr.dot(si.n, ray.d)) / dr.square(si.t)
         rays = (both, by_bsdf) if source.emits and connections > 0 else None
@@ -143,7 +145,7 @@ def trace(
 
 
 def _first_vertex(ctx, scene, si, source, rng, first, max_depth, include_direct, connections, see_through):
-    """Light at the query point, and the direction in which the path leaves.
+    """Sample the light at the query point, and the direction in which the path leaves.
 
     Returns radiance, the end of the light ray (None without), the BSDF sample, its throughput and its density.
     """
@@ -160,9 +162,9 @@ def _first_vertex(ctx, scene, si, source, rng, first, max_depth, include_direct,
 
 
 def _next_vertex(ctx, scene, si, bsdf, source, rng, active, rays):
-    """Light from the source at a later vertex, and the direction in which the path goes on.
+    """Sample the source at a later vertex, and the direction in which the path continues.
 
-    rays   Which lanes light rays could have found, and their density per area by the BSDF; None where there are none.
+    ``rays``: lanes that light rays could have found, and their density per area by the BSDF; None without light rays.
 
     Returns radiance (without the throughput up to here), the BSDF sample and its weight.
     """
@@ -180,8 +182,21 @@ def _next_vertex(ctx, scene, si, bsdf, source, rng, active, rays):
     return dr.select(seen, mis * value * em_weight, 0), sample, weight
 
 
-def roulette(β, η, depth, rr_depth, rng) -> tuple[mi.Spectrum, mi.Bool]:
-    """Russian roulette by the throughput, from a depth on: (throughput of those who go on, who goes on)."""
+def roulette(
+    β: mi.Spectrum, η: mi.Float, depth: mi.UInt32, rr_depth: mi.UInt32, rng: mi.PCG32
+) -> tuple[mi.Spectrum, mi.Bool]:
+    """Play Russian roulette by the throughput, from a depth on.
+
+    Args:
+        β: Throughput of each path.
+        η: Product of its indices of refraction.
+        depth: Surfaces left behind.
+        rr_depth: Depth from which a path may end.
+        rng: PCG32, one stream per lane.
+
+    Returns:
+        Throughput of the paths that continue, and which do.
+    """
     survival = dr.minimum(dr.max(β) * dr.square(η), RR_MAX)
     plays = depth >= rr_depth
     alive = (dr.max(β) != 0) & (~plays | (rng.next_float32() < survival))
@@ -189,21 +204,21 @@ def roulette(β, η, depth, rr_depth, rng) -> tuple[mi.Spectrum, mi.Bool]:
 
 
 def _light_density(source, si) -> mi.Float:
-    """Density per area at which light rays meet the surface at ``si``."""
+    """Compute the density per area at which light rays meet the surface at ``si``."""
     offset = source.position - si.p
     distance2 = dr.squared_norm(offset)
     return dr.inv_four_pi * dr.abs(dr.dot(si.n, offset)) * dr.rsqrt(distance2) / distance2
 
 
 def _coverage(si, bsdf) -> mi.Float:
-    """Share of light that a blended surface stops: its alpha, 1 for all others."""
+    """Compute the share of light that a surface stops: its alpha where it is blended, else 1."""
     blended = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     alpha = 1 - bsdf.eval_null_transmission(si, blended).x
     return dr.select(blended & (alpha > 0), alpha, 1)
 
 
 def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
-    """Light that reaches ``si`` from the light vertex ``z``, weighed against BSDF sampling, which could find z too."""
+    """Connect ``si`` to the light vertex ``z``, with the MIS weight against BSDF sampling, which could find z too."""
     ctx = mi.BSDFContext()
     offset = z.p - si.p
     distance2 = dr.squared_norm(offset)
@@ -221,20 +236,37 @@ def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
     return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
 
 
-def independent(rng) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
-    """Random numbers of the first bounce, drawn afresh for every path."""
+def independent(rng: mi.PCG32) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
+    """Draw the random numbers of the first bounce independently for every path.
+
+    Args:
+        rng: PCG32, one stream per lane.
+
+    Returns:
+        (number, 2D point, 2D point) in [0, 1), as ``trace`` takes them.
+    """
     return rng.next_float32(), _next_2d(rng), _next_2d(rng)
 
 
-# Steps of the lattice: powers of the root of x⁴ = x + 1 (Roberts 2018), by which every pair of axes is filled evenly;
-# the plastic number's for the lobe.
+# Steps of the lattice: powers of the root of x⁴ = x + 1 (Roberts 2018), which distribute every pair of axes evenly; for
+# the lobe, the plastic number.
 STEPS, LOBE_STEP = tuple(1.2207440846057596**-k for k in (1, 2, 3)), 0.7548776662466927
 
 
-def stratified(rng, k: mi.UInt32, count: mi.UInt32) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
-    """Random numbers of the first bounce of path ``k`` of ``count``, even over their cube: a lattice, shifted as a
-    whole by ``rng``, which must draw the same for all ``count`` paths (Cranley & Patterson 1976). Each path alone is
-    uniform, so the mean stays unbiased."""
+def stratified(rng: mi.PCG32, k: mi.UInt32, count: mi.UInt32) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
+    """Draw the random numbers of the first bounce of one of several paths, evenly distributed over all of them.
+
+    The numbers are points of a lattice that is shifted as a whole (Cranley & Patterson 1976). Each path alone is
+    uniform, so the mean stays unbiased.
+
+    Args:
+        rng: PCG32 that draws the same numbers for all ``count`` paths.
+        k: Number of the path, in [0, count).
+        count: Number of paths.
+
+    Returns:
+        (number, 2D point, 2D point) in [0, 1), as ``trace`` takes them.
+    """
     lobe, direction, light = rng.next_float32(), _next_2d(rng), _next_2d(rng)
     # k times a step, modulo 1, in integers: exact for every k.
     first, second, third, of_lobe = (
@@ -253,20 +285,37 @@ def _next_2d(rng) -> mi.Point2f:
     return mi.Point2f(x, rng.next_float32())
 
 
-def power_heuristic(pdf_a, pdf_b) -> mi.Float:
-    """Power heuristic: weight of a sample drawn with density ``pdf_a`` that ``pdf_b`` could have drawn too."""
+def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
+    """Compute the power heuristic: weight of a sample drawn with one density that another could have drawn too.
+
+    Args:
+        pdf_a: Density with which the sample was drawn.
+        pdf_b: The other density, of the same measure.
+
+    Returns:
+        Weight in [0, 1]; 0 where it is not finite.
+
+    Reference: Veach, *Robust Monte Carlo Methods for Light Transport Simulation*, 1997, § 9.2.4.
+    """
     a2 = dr.square(pdf_a)
     weight = a2 / dr.fma(pdf_b, pdf_b, a2)
     return dr.select(dr.isfinite(weight), weight, 0)
 
 
-def interaction_at(si) -> mi.Interaction3f:
-    """The part of a surface interaction that emitter densities need."""
+def interaction_at(si: mi.SurfaceInteraction3f) -> mi.Interaction3f:
+    """Reduce a surface interaction to what emitter densities need.
+
+    Args:
+        si: Surface interactions.
+
+    Returns:
+        Interactions with the same position, normal, time and wavelengths.
+    """
     return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
 
 
 def _light_sample(scene, si, bsdf, source, rng, coverage) -> mi.Spectrum:
-    """Direct light of the source at ``si``: one emitter sample with its MIS weight."""
+    """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight."""
     wo_world, weight, pdf, delta, shadow = source.sample(scene, si, _next_2d(rng), mi.Bool(True))
     visible = (dr.max(weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     visible &= ~scene.ray_test(shadow, visible)
@@ -276,7 +325,16 @@ def _light_sample(scene, si, bsdf, source, rng, coverage) -> mi.Spectrum:
 
 
 def random_streams(seed: mi.UInt32, point: mi.UInt32, path: mi.UInt32) -> mi.PCG32:
-    """One random number stream per (seed, point, path): what a path draws does not depend on how work is chunked."""
+    """Make one random number stream per (seed, point, path); a path's numbers do not depend on how work is divided.
+
+    Args:
+        seed: Seed, 32 bits.
+        point: Number of the point of each lane.
+        path: Number of the path of each lane.
+
+    Returns:
+        PCG32 with one stream per lane.
+    """
     a, b = mi.sample_tea_32(point, seed)
     c, d = mi.sample_tea_32(a ^ path, b)
     return mi.PCG32(1, mi.UInt64(c), mi.UInt64(d))
@@ -295,12 +353,24 @@ def indirect(
     connections: int = CONNECTIONS,
     report: PathReport | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indirect radiance leaving ``points`` towards their views, for a white light of 1 cd (1 lx for a sun).
+    """Trace the indirect radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
-    light     [N, 3] position of the declared point light (direction to the sun), one per point.
-    paths     Paths per point, even; each half gets ``paths / 2``.
-    connections  See ``trace``.
-    returns   Two independent means, [N, 3] float32 each. The scene's own emitters do not shine.
+    The scene's own emitters do not shine.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: [N, 3] or [3] positions of the declared light, metres (directions to the sun).
+        variable: What the declared light is.
+        paths: Paths per point, even, ≥ 2; each half gets ``paths / 2``.
+        seed: Seed of the paths.
+        max_depth: Longest path, 2 = direct light only.
+        rr_depth: Depth from which Russian roulette may end a path.
+        connections: Vertices that are connected to light rays, see ``trace``.
+        report: Receives the path counts.
+
+    Returns:
+        Two independent means, [N, 3] float32 each; NaN where no path of a half is finite.
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
     positions = upload(mi.Vector3f, light)
@@ -321,9 +391,19 @@ def direct(
     *,
     report: PathReport | None = None,
 ) -> np.ndarray:
-    """Direct radiance leaving ``points`` towards their views, for a white light of 1 cd (1 lx): [N, 3].
+    """Trace the direct radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
-    For a light without radius the value is exact whatever the number of paths.
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: [N, 3] or [3] positions of the declared light, metres (directions to the sun).
+        variable: What the declared light is.
+        paths: Paths per point, even, ≥ 2; without a radius the light needs no more than 2.
+        seed: Seed of the paths.
+        report: Receives the path counts.
+
+    Returns:
+        [N, 3] float32; exact for a light without radius.
     """
     positions = upload(mi.Vector3f, np.broadcast_to(np.asarray(light, np.float32), (len(points), 3)))
 
@@ -344,7 +424,21 @@ def static(
     rr_depth: int = RR_DEPTH,
     report: PathReport | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance leaving ``points`` from the scene's own emitters, direct and indirect; not their own emission."""
+    """Trace radiance leaving points from the scene's own emitters, direct and indirect, without the points' own
+    emission.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        paths: Paths per point, even, ≥ 2; each half gets ``paths / 2``.
+        seed: Seed of the paths.
+        max_depth: Longest path, 2 = direct light only.
+        rr_depth: Depth from which Russian roulette may end a path.
+        report: Receives the path counts.
+
+    Returns:
+        Two independent means, [N, 3] float32 each; zero in a scene without emitters.
+    """
     if not scene.has_static_light:
         zero = np.zeros((len(points), 3), np.float32)
         return zero, zero.copy()
@@ -352,7 +446,7 @@ def static(
 
 
 def _means(scene, points, source, paths, seed, max_depth, rr_depth, include_direct, report, connections=CONNECTIONS):
-    """Both half means of all points, launch by launch."""
+    """Compute both half means of all points, launch by launch."""
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     tables(scene)

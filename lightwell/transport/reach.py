@@ -1,7 +1,8 @@
-"""Which sides light can reach: random walks from the points towards places that are known to lie in the air.
+"""Sides that light can reach: random walks from points towards places that are known to lie in the air.
 
-Walls of real models have two skins, cushions are hollow and nearly closed: no rule of orientation tells their hidden
-sides. A walk does: it bounces diffusely and at every vertex looks for a witness (a camera, a lamp, the open sky).
+Walls of real models have two faces, cushions are hollow and nearly closed: the orientation of triangles alone does not
+identify their hidden sides. A walk bounces diffusely and at every vertex tests the visibility of a place that is known
+to lie in the air (a camera, a lamp, the open sky), called a witness.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from lightwell.transport.radiance import random_streams
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
-# Walks per point before it counts as unreachable, and bounces per walk. Points in plain view need one or two bounces.
+# Walks per point before it counts as unreachable, and bounces per walk. Most visible points need one or two bounces.
 WALKS, BOUNCES = 16, 6
 # Shadow rays end this share of their length before the witness.
 SHORT = 1e-3
@@ -25,7 +26,14 @@ OFF_SURFACE = 1e-3
 
 
 def witnesses(scene: Scene) -> np.ndarray:
-    """[K, 3] places in the air: cameras, punctual lights, and points before emissive surfaces."""
+    """List places in the air: cameras, punctual lights, and points in front of emissive surfaces.
+
+    Args:
+        scene: Scene to read.
+
+    Returns:
+        [K, 3] float32 positions, metres.
+    """
     places = [np.asarray(c.position, np.float32) for c in scene.cameras]
     places += [np.asarray(l.position, np.float32) for l in scene.lights if l.kind != "directional"]
     for index, mesh in enumerate(scene.meshes):
@@ -43,9 +51,17 @@ def witnesses(scene: Scene) -> np.ndarray:
 
 
 def reached(scene: Scene, points: SurfacePoints, places: np.ndarray, is_open: bool, seed: int) -> np.ndarray:
-    """[N] bool: whether some walk from the viewed side finds one of the places [K, 3] or, outdoors, the upper sky.
+    """Test whether some walk from the viewed side of points finds one of the places or, outdoors, the upper sky.
 
-    All True when there is nothing to look for.
+    Args:
+        scene: Scene of the points.
+        points: N points.
+        places: [K, 3] places in the air, metres.
+        is_open: Outdoor scene: the upper hemisphere of the sky counts as a place.
+        seed: Seed of the walks.
+
+    Returns:
+        [N] bool; all True when there is no place to find.
     """
     if not len(points) or (not len(places) and not is_open):
         return np.ones(len(points), bool)
@@ -64,7 +80,7 @@ def reached(scene: Scene, points: SurfacePoints, places: np.ndarray, is_open: bo
 
 @dr.syntax
 def _walk(geometry, lookup, glass, known, number, sky, start, start_n, rng):
-    """One lane walks for one point, again and again until something is found."""
+    """Walk from each point, one lane per point, until a place is found or the walks are used up."""
     o, n = mi.Point3f(start), mi.Vector3f(start_n)  # Current vertex and normal on the walker's side
     found = dr.full(mi.Bool, False, dr.width(start))
     walks, bounces = mi.UInt32(0), mi.UInt32(0)
@@ -90,7 +106,7 @@ def _walk(geometry, lookup, glass, known, number, sky, start, start_n, rng):
         clear = dr.gather(mi.Bool, glass, shape_index(lookup, pi.shape), active & pi.is_valid())
         through = clear & (rng.next_float32() < 0.5)
         n_next = mi.Vector3f(si.n) * dr.select((dr.dot(si.n, ray.d) < 0) ^ through, 1, -1)
-        # Begin again where a walk has got lost.
+        # Start a new walk where one has escaped or is too long.
         bounces += 1
         lost = escaped | (bounces >= BOUNCES)
         walks += dr.select(lost, 1, 0)

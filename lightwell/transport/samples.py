@@ -1,4 +1,4 @@
-"""The records that cross from the path tracer to the fields. N samples; NumPy float32 unless said otherwise."""
+"""Records that the path tracer hands to the fields. N samples; NumPy float32 unless said otherwise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """N points on the surfaces of a scene, named by triangle so that they can be rebuilt exactly."""
+    """N points on the surfaces of a scene, identified by triangle so that they can be rebuilt exactly."""
 
     shape: np.ndarray
     """[N] uint32, index into ``Scene.meshes``."""
@@ -18,7 +18,7 @@ class SurfacePoints:
     barycentric: np.ndarray
     """[N, 2] weights of the triangle's second and third vertex."""
     view: np.ndarray
-    """[N, 3] unit direction from the point to the eye; its side of the surface is the side that is seen."""
+    """[N, 3] unit direction from the point to the camera; its side of the surface is the side that is seen."""
 
     def __len__(self) -> int:
         return len(self.shape)
@@ -29,7 +29,7 @@ class SurfacePoints:
 
 @dataclass(frozen=True)
 class Query:
-    """What a field may know of N surface points: the named inputs of a shading graph (see format/FORMAT.md).
+    """Inputs of a field at N surface points: the named inputs of a shading graph (see format/FORMAT.md).
 
     The arrays may be NumPy [N, C] or, inside Dr.Jit code, tensors [C, N].
     """
@@ -39,15 +39,15 @@ class Query:
     normal: np.ndarray
     """[N, 3] unit interpolated vertex normal on the viewer's side (no normal map)."""
     view: np.ndarray
-    """[N, 3] unit, from the point to the eye."""
+    """[N, 3] unit, from the point to the camera."""
     light: np.ndarray
     """[N, 3] position of the declared point light, or unit direction to the declared sun."""
     reflectance: np.ndarray
     """[N, 3] base colour + 0.04 (1 - metallic), at least 1e-3: what the learned value is multiplied by."""
     roughness: np.ndarray
-    """[N, 1] glTF roughness."""
+    """[N, 1] glTF roughness in [0, 1]."""
     metallic: np.ndarray
-    """[N, 1]."""
+    """[N, 1] glTF metalness in [0, 1]."""
 
     def __len__(self) -> int:
         return len(self.position)

@@ -1,8 +1,8 @@
-"""Frozen training samples on disk: light-major shards that resume after a kill and end with the same bytes.
+"""Training samples on disk: light-major shards; an interrupted run resumes, and ends with the same bytes.
 
-A folder holds ``manifest.json`` (what was asked for) and a store of shards (``core.store``). The name of a shard is a
-hash of the manifest and its number: one that was made for something else is never read. In a shard,
-``points_per_light`` consecutive rows share a light, so that a network of the light runs once per light.
+A folder holds ``manifest.json`` (the request) and a store of shards (``core.store``). The name of a shard is a hash of
+the manifest and its number: one that was made for another request is never read. In a shard, ``points_per_light``
+consecutive rows share a light, so that a network of the light is evaluated once per light.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from lightwell.transport.surface import SurfaceDraw, draw_surface
 
 # Layout of the folder; readers refuse others.
 VERSION = 2
-# Finding points that see air costs as much as tracing their light, so that this many shards draw their points from one
-# pool of POOL_SIZE shards' points. Lights and paths are fresh in every shard.
+# Finding points that border on air takes as long as tracing their light, so that this many shards draw their points
+# from one pool of POOL_SIZE shards' points. Every shard has its own lights and paths.
 POOL_SHARDS, POOL_SIZE = 8, 2
-# Pools that a scene keeps: those of both roles, area-uniform and adaptive shards.
+# Pools that a scene keeps: those of area-uniform and of adaptive shards.
 POOLS = Derived[SurfaceDraw]("transport.surface_pools", most=4)
 
 # Columns that make samples: shape of a row and type.
@@ -45,7 +45,7 @@ COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
     "weight": ((), np.float32),
     "shape": ((), np.uint32),
 }
-# NaN where none of a sample's paths gave a number; fits drop those rows and count them.
+# NaN where none of a sample's paths is finite; fits drop those rows and count them.
 MAY_BE_NAN = ("half_a", "half_b")
 
 LightsFn = Callable[[int, int], np.ndarray]
@@ -57,7 +57,7 @@ Make = Callable[..., tuple[dict[str, np.ndarray], dict]]
 
 @dataclass(frozen=True)
 class ShardSettings:
-    """What decides the bytes of a shard, besides the scene and the variable."""
+    """Settings that, with the scene and the variable, determine the bytes of a shard."""
 
     paths: int = 64
     """Paths per sample, both halves together; even."""
@@ -89,13 +89,23 @@ def generate(
     settings: ShardSettings | None = None,
     make: Make | None = None,
 ) -> PathReport:
-    """Write the shards that ``folder`` lacks; ``load_samples`` reads them. Same scene and settings: same bytes.
+    """Make the shards that a folder lacks; ``load_samples`` reads them. Same scene and settings: same bytes.
 
-    lights_fn   Where the light stands; None: ``sample_lights`` of the variable.
-    make        Makes one shard; None: ``make_shard`` (area-uniform).
-    progress    Called with (shards ready, shards) after each.
-    settings    Sizes and depths; its paths and seed give way to the arguments.
-    returns     Path counts of all shards, those written earlier included.
+    Args:
+        scene: Scene to sample.
+        variable: The declared light.
+        lights_fn: Takes (count, seed) and returns positions of the light [count, 3]; None: ``sample_lights`` of the
+            variable.
+        folder: Folder of the shards, made if it does not exist.
+        shards: Number of shards that the folder holds afterwards.
+        paths: Paths per sample, even, ≥ 2.
+        seed: Seed of points, lights and paths.
+        progress: Called with (shards ready, shards) after each.
+        settings: Sizes and depths; ``paths`` and ``seed`` replace its own.
+        make: Makes one shard; None: ``make_shard`` (area-uniform).
+
+    Returns:
+        Path counts of all shards, those written earlier included.
     """
     settings = replace(settings or ShardSettings(), paths=paths, seed=seed)
     folder = Path(folder)
@@ -126,9 +136,19 @@ def make_shard(
     *,
     own_light: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict]:
-    """The columns of one shard and its counts; depends on nothing but its arguments, so any machine may make it.
+    """Make the columns of one shard and its counts; the result depends on the arguments alone.
 
-    own_light   Gather the light of the scene's own emitters instead of the declared light's.
+    Args:
+        scene: Scene to sample.
+        variable: The declared light.
+        lights_fn: Takes (count, seed) and returns positions of the light [count, 3]; None: ``sample_lights`` of the
+            variable.
+        settings: Sizes, depths and seed.
+        index: Number of the shard, ≥ 0.
+        own_light: Gather the light of the scene's own emitters instead of the declared light's.
+
+    Returns:
+        Columns by name, [settings.size, ...] each, and counts of paths and of dropped points.
     """
     seed, light_seed, path_seed = shard_seeds(settings, index)
     pool = surface_pool(scene, settings, index // POOL_SHARDS)
@@ -142,7 +162,16 @@ def make_shard(
 
 
 def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceDraw:
-    """Pool ``number`` of surface points, shared by area-uniform and adaptive shards; kept with the scene."""
+    """Draw a pool of surface points, shared by area-uniform and adaptive shards; the scene keeps it.
+
+    Args:
+        scene: Scene to sample.
+        settings: Sizes and seed.
+        number: Number of the pool, ≥ 0.
+
+    Returns:
+        POOL_SIZE times the points of a shard.
+    """
 
     def draw() -> SurfaceDraw:
         seed = int(np.random.SeedSequence([settings.seed, number, 1]).generate_state(1)[0])
@@ -152,7 +181,15 @@ def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceD
 
 
 def shard_seeds(settings: ShardSettings, index: int) -> tuple[int, int, int]:
-    """Seeds of the points, the lights and the paths of one shard."""
+    """Derive the seeds of the points, the lights and the paths of one shard.
+
+    Args:
+        settings: Settings with the seed of all shards.
+        index: Number of the shard, ≥ 0.
+
+    Returns:
+        Three seeds of 32 bits.
+    """
     return tuple(int(s) for s in np.random.SeedSequence([settings.seed, index]).generate_state(3))
 
 
@@ -168,7 +205,22 @@ def shard_columns(
     *,
     own_light: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict]:
-    """Trace the points of a shard; returns its columns and counts."""
+    """Trace the points of a shard.
+
+    Args:
+        scene: Scene to trace.
+        variable: The declared light.
+        points: N points.
+        light: [N, 3] positions of the light, metres (directions of a sun).
+        weight: [N] weights of the points.
+        settings: Paths and depths.
+        seed: Seed of the paths.
+        rejection: Counts of the points that were dropped.
+        own_light: Gather the light of the scene's own emitters instead of the declared light's.
+
+    Returns:
+        Columns by name, [N, ...] each, and counts of paths and of dropped points.
+    """
     report = PathReport()
     depths = {"max_depth": settings.max_depth, "rr_depth": settings.rr_depth}
     samples = collect(
@@ -191,9 +243,18 @@ def shard_columns(
 
 
 def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int | None = None) -> Samples:
-    """The samples of a folder, shard by shard. With a scene, one that was made for another scene is refused.
+    """Read the samples of a folder, shard by shard.
 
-    shards   Read the first so many; default all.
+    Args:
+        folder: Folder that ``generate`` has written.
+        scene: Scene that the shards must have been made for; None: not checked.
+        shards: Number of shards to read, from the first; None: all.
+
+    Returns:
+        The samples, in the order of the shards.
+
+    Raises:
+        ValueError: The folder holds fewer shards, is damaged or was made for another scene.
     """
     folder = Path(folder)
     found = _read_manifest(folder, scene_digest(scene) if scene is not None else None)
@@ -213,19 +274,27 @@ def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int 
 
 
 def shard_key(manifest: dict, index: int) -> Key:
-    """The name of a shard in the store of its folder."""
+    """Compute the key of a shard in the store of its folder.
+
+    Args:
+        manifest: Manifest of the folder.
+        index: Number of the shard, ≥ 0.
+
+    Returns:
+        The key.
+    """
     return key("samples.shard", VERSION, manifest=manifest, index=index)
 
 
 def _stored(columns: dict[str, np.ndarray], counts: dict) -> dict[str, np.ndarray]:
-    """Columns and counts of a shard as they lie on disk."""
+    """Convert columns and counts of a shard to the arrays that are stored."""
     kinds = {name: np.uint32 if values.dtype.kind in "ui" else np.float32 for name, values in columns.items()}
     found = {name: np.ascontiguousarray(values, kinds[name]) for name, values in columns.items()}
     return found | {"counts": np.frombuffer(json.dumps(counts, sort_keys=True).encode(), np.uint8)}
 
 
 def _checked(columns: dict[str, np.ndarray], folder: Path) -> dict[str, np.ndarray]:
-    """The columns that make samples; ``ValueError`` names what is wrong and the cure."""
+    """Check the columns that make samples; a ``ValueError`` names the defect and the cure."""
     rows = None
     for name, (shape, kind) in COLUMNS.items():
         values = columns.get(name, np.zeros(()))
@@ -245,14 +314,31 @@ def _checked(columns: dict[str, np.ndarray], folder: Path) -> dict[str, np.ndarr
 
 
 def manifest(scene: Scene, variable: Variable, settings: ShardSettings) -> dict:
-    """What is written beside the shards."""
+    """Describe the request that shards are made for.
+
+    Args:
+        scene: Scene to sample.
+        variable: The declared light.
+        settings: Sizes, depths and seed.
+
+    Returns:
+        JSON-compatible object, written beside the shards.
+    """
     body = {"variable": asdict(variable), "settings": asdict(settings)}
     digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
     return {"version": VERSION, "scene": scene.name, "digest": scene_digest(scene), "settings_hash": digest, **body}
 
 
 def check_manifest(folder: Path, wanted: dict) -> None:
-    """Raise when the shards in a folder were not made for this scene, variable and settings."""
+    """Check that the shards in a folder were made for a request.
+
+    Args:
+        folder: Folder with a manifest.
+        wanted: Manifest of the request.
+
+    Raises:
+        ValueError: The scene, the variable or the settings differ, or the manifest is damaged.
+    """
     found = _read_manifest(folder, wanted["digest"])
     if found["settings_hash"] != wanted["settings_hash"]:
         old, new = ({**m["settings"], **m["variable"]} for m in (found, wanted))
@@ -263,7 +349,14 @@ def check_manifest(folder: Path, wanted: dict) -> None:
 
 
 def scene_digest(scene: Scene) -> str:
-    """``Scene.digest``, or a hash of the geometry for scenes made in memory."""
+    """Identify a scene by its content.
+
+    Args:
+        scene: Scene to identify.
+
+    Returns:
+        ``Scene.digest``, or a SHA-256 of name and geometry for a scene made in memory.
+    """
     if scene.digest:
         return scene.digest
     digest = hashlib.sha256(scene.name.encode())
@@ -299,7 +392,15 @@ def _read_manifest(folder: Path, digest: str | None) -> dict:
 
 
 def default_lights(scene: Scene, variable: Variable) -> LightsFn:
-    """``sample_lights`` of the variable."""
+    """Make the function that samples positions of a declared light.
+
+    Args:
+        scene: Scene that the light stands in.
+        variable: The declared light.
+
+    Returns:
+        ``sample_lights`` of the variable, as a function of (count, seed).
+    """
     from lightwell.scenes.placing import sample_lights
 
     return lambda count, seed: sample_lights(scene, variable, count, seed)

@@ -1,21 +1,28 @@
-"""The declared light inside the path tracer: point, sphere or sun, one position per lane, and the scene's emitters.
+"""Light sources of the path tracer: point, sphere or sun, one position per lane, and the scene's own emitters.
 
-Every source offers the two halves of multiple importance sampling (Veach 1997, chapter 9):
+Every source offers the two techniques of multiple importance sampling (Veach 1997, chapter 9):
 
-* ``sample(si, u)``: a direction towards the light; returns (wo [world], weight = Le / pdf, pdf, delta, shadow ray).
-* ``hit(prev, si, ray, delta_prev)``: the radiance that a BSDF-sampled ray finds, with the density ``sample`` gives it.
+* ``sample(scene, si, u, active)``: a direction towards the light; returns (wo [world], weight = Le / pdf, pdf, delta,
+  shadow ray).
+* ``hit(scene, prev, si, ray, delta_prev, active)``: the radiance that a BSDF-sampled ray finds, with the density with
+  which ``sample`` would have chosen its direction.
 
 Sources are not frozen: Dr.Jit carries them through its loops and assigns their fields.
 
-The declared light is not part of the scene's geometry: it blocks no ray, so that lights add up exactly.
+The declared light is not part of the scene's geometry: it blocks no ray, so that the light of several sources adds up
+exactly.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.variables import PointLight, Variable
+
+LightSample: TypeAlias = tuple[Any, Any, Any, Any, Any]
+"""Direction [world], weight = Le / pdf, pdf, whether the pdf is a delta function, shadow ray; Dr.Jit values."""
 
 
 @dataclass
@@ -26,12 +33,29 @@ class Point:
     hits = False  # a ray cannot find it
     emits = True  # it can send a ray
 
-    def emit(self, u) -> mi.Ray3f:
-        """A ray in a direction that is uniform on the sphere."""
+    def emit(self, u: mi.Point2f) -> mi.Ray3f:
+        """Make a ray from the light in a direction that is uniform on the sphere.
+
+        Args:
+            u: 2D points in [0, 1)².
+
+        Returns:
+            One ray per lane.
+        """
         return mi.Ray3f(self.position, mi.warp.square_to_uniform_sphere(u))
 
-    def sample(self, scene, si, u, active):
-        """Toward the light: irradiance at normal incidence is 1 / distance²."""
+    def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
+        """Sample the direction to the light; the irradiance at normal incidence is 1 / distance².
+
+        Args:
+            scene: Mitsuba scene, not used.
+            si: Surface interactions to light.
+            u: 2D points in [0, 1)², not used.
+            active: Active lanes, not used.
+
+        Returns:
+            Direction [world], weight, density 1, whether it is a delta density (it is), and the shadow ray.
+        """
         offset = self.position - si.p
         distance2 = dr.squared_norm(offset)
         weight = mi.Spectrum(dr.select(distance2 > 0, dr.rcp(distance2), 0))
@@ -46,8 +70,18 @@ class Sun:
     hits = False
     emits = False
 
-    def sample(self, scene, si, u, active):
-        """Toward the sun: irradiance at normal incidence is 1."""
+    def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
+        """Return the direction to the sun; the irradiance at normal incidence is 1.
+
+        Args:
+            scene: Mitsuba scene, not used.
+            si: Surface interactions to light.
+            u: 2D points in [0, 1)², not used.
+            active: Active lanes, not used.
+
+        Returns:
+            Direction [world], weight, density 1, whether it is a delta density (it is), and the shadow ray.
+        """
         return self.direction, mi.Spectrum(1), mi.Float(1), mi.Bool(True), si.spawn_ray(self.direction)
 
 
@@ -74,8 +108,19 @@ class Sphere:
         t = along - dr.sqrt(dr.maximum(inside2, 0))
         return t, (inside2 > 0) & (t > 0)
 
-    def sample(self, scene, si, u, active):
-        """Uniform in the cone under which the sphere is seen."""
+    def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
+        """Sample a direction uniformly in the cone under which the sphere is seen.
+
+        Args:
+            scene: Mitsuba scene, not used.
+            si: Surface interactions to light.
+            u: 2D points in [0, 1)².
+            active: Active lanes, not used.
+
+        Returns:
+            Direction [world], weight, density per solid angle (0 inside the sphere), whether it is a delta density (it
+            is not), and the shadow ray.
+        """
         one_minus_cos, outside = self._solid_angle(si.p)
         drop = u.x * one_minus_cos
         sin_theta = dr.safe_sqrt(drop * (2 - drop))
@@ -87,8 +132,28 @@ class Sphere:
         weight = mi.Spectrum(dr.select(outside, self._radiance() / pdf, 0))
         return d, weight, pdf, mi.Bool(False), si.spawn_ray_to(si.p + d * dr.maximum(t, 0))
 
-    def hit(self, scene, prev, si, ray, delta_prev, active):
-        """Radiance found by a BSDF-sampled ray that meets the sphere before anything else."""
+    def hit(
+        self,
+        scene: mi.Scene,
+        prev: mi.Interaction3f,
+        si: mi.SurfaceInteraction3f,
+        ray: mi.Ray3f,
+        delta_prev: mi.Bool,
+        active: mi.Bool,
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        """Find the radiance of rays that meet the sphere before anything else.
+
+        Args:
+            scene: Mitsuba scene, not used.
+            prev: Interactions that the rays come from.
+            si: Surface interactions that the rays found.
+            ray: Rays, chosen by BSDF sampling.
+            delta_prev: Whether a delta lobe chose the ray.
+            active: Active lanes, not used.
+
+        Returns:
+            Radiance, and the density with which ``sample`` chooses the direction (0 after a delta lobe).
+        """
         t, found = self._entry(ray.o, ray.d)
         one_minus_cos, outside = self._solid_angle(prev.p)
         found &= outside & (t < si.t)
@@ -101,26 +166,68 @@ class Sphere:
 
 @dataclass
 class Emitters:
-    """The emitters that stand in the Mitsuba scene: area lights, environment, punctual lights."""
+    """The emitters in the Mitsuba scene: area lights, environment, punctual lights."""
 
     hits = True
     emits = False
 
-    def sample(self, scene, si, u, active):
-        """Mitsuba's own emitter sampling, the shadow test left to the caller."""
+    def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
+        """Sample a direction to an emitter, as Mitsuba does; the caller traces the shadow ray.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions to light.
+            u: 2D points in [0, 1)².
+            active: Active lanes.
+
+        Returns:
+            Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
+        """
         ds, weight = scene.sample_emitter_direction(si, u, False, active)
         ray = si.spawn_ray_to(ds.p)
         return ds.d, dr.select(ds.pdf > 0, weight, 0), ds.pdf, ds.delta, ray
 
-    def hit(self, scene, prev, si, ray, delta_prev, active):
-        """Emission at the surface (or environment) that the ray found."""
+    def hit(
+        self,
+        scene: mi.Scene,
+        prev: mi.Interaction3f,
+        si: mi.SurfaceInteraction3f,
+        ray: mi.Ray3f,
+        delta_prev: mi.Bool,
+        active: mi.Bool,
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        """Evaluate the emission of the surface (or environment) that rays found.
+
+        Args:
+            scene: Mitsuba scene.
+            prev: Interactions that the rays come from.
+            si: Surface interactions that the rays found.
+            ray: Rays, chosen by BSDF sampling; not used.
+            delta_prev: Whether a delta lobe chose the ray.
+            active: Active lanes.
+
+        Returns:
+            Radiance, and the density with which ``sample`` chooses the direction (0 after a delta lobe).
+        """
         ds = mi.DirectionSample3f(scene, si, prev)
         pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev)
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
 
 
+Source: TypeAlias = Point | Sun | Sphere | Emitters
+"""Anything that the path tracer can sample."""
+
+
 def declared(variable: Variable, light: mi.Vector3f) -> Point | Sphere | Sun:
-    """The source that a variable declares, at the given per-lane positions (directions for a sun)."""
+    """Make the source that a variable declares.
+
+    Args:
+        variable: The declared light.
+        light: Its position in every lane, metres (direction to a sun).
+
+    Returns:
+        A sun, a sphere for a radius above 0, else a point.
+    """
     if variable.kind == "sun":
         return Sun(dr.normalize(light))
     if isinstance(variable, PointLight) and variable.radius > 0:

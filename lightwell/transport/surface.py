@@ -1,4 +1,4 @@
-"""Where samples are taken: area-uniform over all sides of surfaces that see air, with a floor per object.
+"""Sampling of surface points: area-uniform over all sides that border on air, with a least number per object.
 
 Notation: N points asked for, C candidates, M meshes, T triangles.
 """
@@ -17,16 +17,16 @@ from lightwell.transport.queries import dot, frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
 
-# Points that every visible object gets at least (specification 2.2), of a whole training set.
+# Least number of points of every visible object in a training set (specification 2.2).
 FLOOR = 512
 # Largest share of the points that floors may take.
 FLOOR_SHARE = 0.25
-# Candidates of one round are at most this many; rounds before the sampler gives up.
+# Largest number of candidates of one round; rounds after which the sampler stops with an error.
 ROUND, ROUNDS = 1 << 17, 64
 # Candidates without a single accepted point after which a surface counts as invisible.
 HOPELESS = 1 << 12
-# Rounds that fill up floors; an object is given this many times the candidates that it seems to need, and candidates
-# for an acceptance of at least LEAST_RATE.
+# Rounds that fill up floors; the candidates of an object are this many times the number that its acceptance rate asks
+# for, and the rate counts as at least LEAST_RATE.
 FLOOR_ROUNDS, SPARE, LEAST_RATE = 4, 1.25, 1 / 64
 # Of the views of glossy materials, this share is distributed by projected area (cosine), the rest uniformly.
 PROJECTED_SHARE = 0.5
@@ -34,13 +34,13 @@ PROJECTED_SHARE = 0.5
 
 @dataclass(frozen=True)
 class SurfaceDraw:
-    """Sampled points and what is needed to interpret them."""
+    """Sampled points, with weights and areas."""
 
     points: SurfacePoints
     weight: np.ndarray
     """[N] 1 / (density relative to area-uniform sampling of the visible sides)."""
     visible_area: np.ndarray
-    """[M] estimated area of the sides that see air, square metres (a sheet seen from both sides counts twice)."""
+    """[M] estimated area of the sides that border on air, m² (a sheet seen from both sides counts twice)."""
     rejection: Rejection = field(default_factory=Rejection)
 
 
@@ -53,7 +53,19 @@ def sample_surface(
     is_open: bool | None = None,
     report: Rejection | None = None,
 ) -> SurfacePoints:
-    """``draw_surface`` for those who need only the points; ``report`` receives the counts of the rejection."""
+    """Draw surface points without their weights, as ``draw_surface`` does.
+
+    Args:
+        scene: Scene to sample.
+        count: Number of points, ≥ 1.
+        seed: Seed of the points.
+        floor: Points per visible object at least.
+        is_open: Outdoor scene; None: measured.
+        report: Receives the counts of dropped candidates, by reason.
+
+    Returns:
+        ``count`` points.
+    """
     return draw_surface(scene, count, seed, floor=floor, is_open=is_open, report=report).points
 
 
@@ -67,11 +79,19 @@ def draw_surface(
     report: Rejection | None = None,
     only: np.ndarray | None = None,
 ) -> SurfaceDraw:
-    """``count`` points, area-uniform over all sides that see air; the same seed gives the same points.
+    """Draw points, area-uniform over all sides that border on air; the same seed gives the same points.
 
-    only      [M] bool: meshes that are drawn from; None: all.
-    floor     Points per visible object at least (as far as they fit in a quarter of the count); weights undo it.
-    is_open   Outdoor scene; None: measured (``lightwell.transport.air.room``).
+    Args:
+        scene: Scene with M meshes.
+        count: Number of points, ≥ 1.
+        seed: Seed of the points.
+        floor: Points per visible object at least (as far as they fit in a quarter of the count); weights compensate.
+        is_open: Outdoor scene; None: measured (``lightwell.transport.air.room``).
+        report: Receives the counts of dropped candidates, by reason.
+        only: [M] bool: meshes to draw from; None: all.
+
+    Returns:
+        ``count`` points with weights, in random order.
     """
     report = Rejection() if report is None else report
     area = tables(scene).mesh_area
@@ -102,7 +122,7 @@ def _with_floor(points: SurfacePoints, source: _Candidates, floor: int) -> Surfa
 
 
 def _donor_odds(shape: np.ndarray, spare: np.ndarray) -> np.ndarray:
-    """Odds of being replaced: an object gives in proportion to what it has above the floor."""
+    """Compute the odds of being replaced: in proportion to the points that an object has above the floor."""
     odds = spare / np.bincount(shape)[shape]
     return odds / odds.sum()
 
@@ -113,17 +133,17 @@ def _join(parts: list[SurfacePoints]) -> SurfacePoints:
 
 
 class _Candidates:
-    """An endless, seeded supply of accepted points on chosen meshes."""
+    """A seeded stream of accepted points on chosen meshes."""
 
     def __init__(self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None):
         meshes, area = len(scene.meshes), tables(scene).mesh_area
         self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report
         self.accepted, self.tried = np.zeros((2, meshes), np.int64)
-        self._calls = 0  # gives every request numbers of its own
+        self._calls = 0  # Requests so far: each has random numbers of its own
 
     def take(self, count: int) -> SurfacePoints:
-        """``count`` accepted points, area-uniform over everything."""
+        """Draw ``count`` accepted points, area-uniform over all chosen meshes."""
         numbers = self._numbers()
         parts, have, tried = [], 0, 0
         for _ in range(ROUNDS):
@@ -140,7 +160,7 @@ class _Candidates:
         )
 
     def take_each(self, need: np.ndarray) -> SurfacePoints:
-        """``need`` [M] accepted points of each object, fewer of objects that hardly see air."""
+        """Draw ``need`` [M] accepted points of each object, fewer of objects where few candidates are accepted."""
         need = np.where(self.area > 0, need, 0)
         numbers, parts = self._numbers(), [_nothing()]
         for _ in range(FLOOR_ROUNDS):
@@ -155,14 +175,14 @@ class _Candidates:
         return _join(parts)
 
     def _numbers(self):
-        """A scrambled Sobol sequence of its own for every request."""
+        """Make a scrambled Sobol sequence, another one for every request."""
         from scipy.stats import qmc
 
         self._calls += 1
         return qmc.Sobol(7, scramble=True, rng=np.random.default_rng([self.seed, 0, self._calls]))
 
     def _round(self, numbers, size: float, mass: np.ndarray) -> SurfacePoints:
-        """Accepted ones of about ``size`` candidates."""
+        """Draw about ``size`` candidates; returns the accepted ones."""
         size = 1 << (int(np.clip(size, 256, ROUND)) - 1).bit_length()
         points = candidates(self.scene, numbers.random(size), mass)
         keep = reject(self.scene, points, is_open=self.is_open, seed=self.seed, report=self.report)
@@ -172,7 +192,7 @@ class _Candidates:
 
 
 def _first_of_each(shape: np.ndarray, need: np.ndarray) -> np.ndarray:
-    """Rows of the first ``need`` points of each object."""
+    """Find the rows of the first ``need`` points of each object."""
     order = np.argsort(shape, kind="stable")
     rank = np.arange(len(shape)) - np.searchsorted(shape[order], shape[order])
     return np.sort(order[rank < need[shape[order]]])
@@ -184,14 +204,20 @@ def _nothing() -> SurfacePoints:
 
 
 def candidates(scene: Scene, u: np.ndarray, mass: np.ndarray | None = None) -> SurfacePoints:
-    """Points on random sides from uniform numbers [C, 7]; nothing rejected yet.
+    """Place points on random sides of triangles; none is rejected yet.
 
-    mass   [M] share of each object, within which points are area-uniform; None: its area.
+    Args:
+        scene: Scene with M meshes.
+        u: [C, 7] uniform numbers in [0, 1).
+        mass: [M] share of each object, within which points are area-uniform; None: its area.
+
+    Returns:
+        C points with random views.
     """
     t = tables(scene)
     per_area = np.ones(len(t.mesh_area)) if mass is None else mass / np.maximum(t.mesh_area, 1e-300)
     cdf = np.cumsum(t.area * per_area[t.mesh_of])
-    # Not beyond the last triangle that has any share, however the sums round.
+    # Rounding of the sums must not select a triangle after the last one with a share.
     triangle = np.searchsorted(cdf, np.minimum(u[:, 0] * cdf[-1], np.nextafter(cdf[-1], 0)), side="right")
     shape = t.mesh_of[triangle]
     root = np.sqrt(u[:, 1])
@@ -207,7 +233,7 @@ def candidates(scene: Scene, u: np.ndarray, mass: np.ndarray | None = None) -> S
 
 
 def _views(scene: Scene, points: SurfacePoints, side: np.ndarray, u: np.ndarray, projected: np.ndarray) -> np.ndarray:
-    """Unit directions over the hemisphere of the interpolated normal, on the given side of the triangle."""
+    """Draw unit directions over the hemisphere of the interpolated normal, on the given side of the triangle."""
     _, smooth, flat = frames(scene, points)
     flat = flat * side
     normal = np.where(dot(smooth, flat) < 0, -smooth, smooth)
@@ -215,14 +241,14 @@ def _views(scene: Scene, points: SurfacePoints, side: np.ndarray, u: np.ndarray,
     radius, angle = np.sqrt(np.maximum(1 - z * z, 0)), 2 * np.pi * u[:, 1:2]
     tangent, bitangent = _tangents(normal)
     view = radius * (np.cos(angle) * tangent + np.sin(angle) * bitangent) + z * normal
-    # Beneath the triangle's own plane: mirrored back above it.
+    # Directions below the triangle's plane are mirrored above it.
     depth = dot(view, flat)
     view = np.where(depth < 0, view - 2 * depth * flat, view)
     return (view / np.linalg.norm(view, axis=-1, keepdims=True)).astype(np.float32)
 
 
 def _tangents(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors at right angles to unit normals and to each other (Duff et al. 2017)."""
+    """Compute two unit vectors orthogonal to unit normals and to each other (Duff et al. 2017)."""
     sign = np.copysign(1.0, n[:, 2])
     a = -1 / (sign + n[:, 2])
     b = n[:, 0] * n[:, 1] * a

@@ -1,4 +1,4 @@
-"""What the transport kernels need of a scene, worked out once: areas, closed solids and one-sided materials.
+"""Tables of a scene for the transport kernels: areas, closed solids and one-sided materials; built once per scene.
 
 Notation: M meshes, T triangles of all meshes together. The *front* of a triangle is the side to which its geometric
 normal (counter-clockwise vertices) points.
@@ -17,13 +17,13 @@ from lightwell.scenes.scene_cache import Derived
 
 # Vertices nearer than this share of a mesh's extent are one vertex when asking whether the mesh is closed.
 WELD = 1e-5
-# A closed mesh around this share of all other surface is the shell of a room.
+# A closed mesh that contains this share of the area of all other meshes is the shell of a room.
 SHELL_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class SceneTables:
-    """Per-mesh and per-triangle facts. Arrays are NumPy; the rays read them through ``dr.gather``."""
+    """Properties per mesh and per triangle. Arrays are NumPy; kernels read them through ``dr.gather``."""
 
     area: np.ndarray
     """[T] float64, square metres."""
@@ -55,7 +55,14 @@ SHAPE_LOOKUP = Derived[Any]("transport.shape_lookup")
 
 
 def tables(scene: Scene) -> SceneTables:
-    """The tables of a scene, built on first use and kept with it."""
+    """Return the tables of a scene, built on first use and kept with it.
+
+    Args:
+        scene: Scene with one Mitsuba shape per mesh.
+
+    Returns:
+        The tables.
+    """
     return scene.cache.get(TABLES, lambda: _build(scene))
 
 
@@ -90,7 +97,7 @@ def _bsdf_flags(bsdf) -> int:
 
 
 def _orientation(mesh: Mesh) -> int:
-    """+1 (normals outwards) or -1 when triangles run along every edge both ways, that is a closed mesh; else 0."""
+    """Return +1 (normals outwards) or -1 for a closed mesh, whose edges occur once in each direction; else 0."""
     extent = float(np.ptp(mesh.positions, axis=0).max())
     key = np.round(mesh.positions.astype(np.float64) / max(extent * WELD, 1e-30)).astype(np.int64)
     _, welded = np.unique(key, axis=0, return_inverse=True)
@@ -108,7 +115,7 @@ def _orientation(mesh: Mesh) -> int:
 
 
 def _is_shell(scene: Scene, index: int, orientation: int) -> bool:
-    """Whether a closed mesh is the shell of a room (air inside): alone with inward normals, or around all the rest."""
+    """Test whether a closed mesh is the shell of a room: alone with inward normals, or around the other meshes."""
     others = [m for i, m in enumerate(scene.meshes) if i != index]
     if orientation == 0 or not others:
         return orientation < 0
@@ -123,7 +130,14 @@ def _is_shell(scene: Scene, index: int, orientation: int) -> bool:
 
 
 def shape_lookup(scene: Scene) -> mi.UInt32:
-    """For ``shape_index``: mesh indices by Dr.Jit's instance number."""
+    """Return the mesh indices by Dr.Jit's instance number, for ``shape_index``.
+
+    Args:
+        scene: Scene with one Mitsuba shape per mesh.
+
+    Returns:
+        [instances] indices on the device.
+    """
     return scene.cache.get(SHAPE_LOOKUP, lambda: _shape_lookup(scene))
 
 
@@ -135,5 +149,13 @@ def _shape_lookup(scene: Scene) -> mi.UInt32:
 
 
 def shape_index(lookup: mi.UInt32, shape: mi.ShapePtr) -> mi.UInt32:
-    """Index into ``scene.meshes`` of the shapes that rays have hit (undefined for rays that hit nothing)."""
+    """Find the meshes that rays have hit.
+
+    Args:
+        lookup: Result of ``shape_lookup``.
+        shape: Shapes that the rays hit.
+
+    Returns:
+        Indices into ``scene.meshes``; undefined for rays that hit nothing.
+    """
     return dr.gather(mi.UInt32, lookup, dr.reinterpret_array(mi.UInt32, shape))

@@ -1,4 +1,4 @@
-"""Which surface point each texel of an atlas stands for.
+"""Surface points of the texels of an atlas.
 
 Notation: n texels along each edge, K texels that lie on a chart, row-major.
 """
@@ -17,10 +17,10 @@ from lightwell.transport.visible import side_points
 
 # Places in a texel where a triangle may cover it: its centre first, then the rest of a lattice of 5 x 5.
 STEPS = (0.5, 0.3, 0.7, 0.1, 0.9)
-# Charts lie in planes this far apart, so that a ray tells which one it has met.
+# Height above the plane of the atlas from which rays are traced.
 HEIGHT = 1.0
 # Points keep this share of the scene's extent away from the edges of their triangle: charts begin at texel centres, and
-# from an edge that two walls share a ray would pass between them.
+# a ray from an edge that two walls share would pass between them.
 CLEARANCE = 2e-4
 
 
@@ -37,7 +37,17 @@ class Texels:
 
 
 def texels(scene: Scene, atlas: Atlas) -> Texels:
-    """Conservative: a texel belongs to the chart whose triangle covers its centre, else any part of a 5 x 5 lattice."""
+    """Find the surface point of each texel, by conservative rasterisation.
+
+    A texel belongs to the chart whose triangle covers its centre, else any part of a 5 x 5 lattice in it.
+
+    Args:
+        scene: Scene that was unwrapped.
+        atlas: Its atlas of n x n texels.
+
+    Returns:
+        K texels with their points and charts.
+    """
     side, triangle = np.nonzero(atlas.chart >= 0)
     flat = _flat_scene(atlas.uv[side, triangle])
     n = atlas.size
@@ -59,7 +69,7 @@ def texels(scene: Scene, atlas: Atlas) -> Texels:
 
 
 def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """[K, 2] barycentric weights of points moved towards the middle where they lie on an edge."""
+    """Move points that lie on an edge towards the middle of their triangle; returns barycentric weights [K, 2]."""
     corners = np.concatenate([mesh.positions[mesh.indices.astype(np.int64)] for mesh in scene.meshes])[triangle]
     corners = corners.astype(np.float64)
     weights = np.concatenate([1 - barycentric.sum(axis=1, keepdims=True), barycentric], axis=1).astype(np.float64)
@@ -67,14 +77,14 @@ def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) 
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     height = area[:, None] / np.maximum(np.linalg.norm(opposite, axis=2), 1e-30)
     wanted = np.minimum(CLEARANCE * scene.extent / np.maximum(height, 1e-30), 1 / 3)
-    # The least share s of the middle with which w + s (1/3 - w) reaches what is wanted of every weight.
+    # The least share s of the middle with which w + s (1/3 - w) reaches the wanted value of every weight.
     share = np.where(weights < wanted, (wanted - weights) / np.maximum(1 / 3 - weights, 1e-9), 0).max(axis=1)
     weights += np.clip(share, 0, 1)[:, None] * (1 / 3 - weights)
     return weights[:, 1:].astype(np.float32)
 
 
 def _flat_scene(uv: np.ndarray):
-    """The triangles [S, 3, 2] of the atlas as a mesh in the plane z = 0."""
+    """Make a mesh of the triangles [S, 3, 2] of the atlas in the plane z = 0."""
     mesh = mi.Mesh("atlas", 3 * len(uv), len(uv))
     corners = np.concatenate([uv.reshape(-1, 2), np.zeros((3 * len(uv), 1), np.float32)], axis=1)
     parameters = mi.traverse(mesh)
@@ -85,7 +95,7 @@ def _flat_scene(uv: np.ndarray):
 
 
 def _met(flat, n: int, texel: np.ndarray, x: float, y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether, and where, rays through a place of some texels meet a triangle of the atlas."""
+    """Trace rays through one place of some texels; returns hits, triangles and barycentric weights."""
     index = mi.UInt32(texel.astype(np.uint32))
     at = mi.Point3f((mi.Float(index % n) + x) / n, (mi.Float(index // n) + y) / n, HEIGHT)
     pi = flat.ray_intersect_preliminary(mi.Ray3f(at, mi.Vector3f(0, 0, -1)))

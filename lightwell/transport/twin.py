@@ -1,10 +1,11 @@
-"""The oracle: indirect radiance by the shortest path tracer that is correct, for tests and for reading first.
+"""Reference estimator for tests: indirect radiance by the shortest correct path tracer. Read this first.
 
 One vertex at a time, plain Python recursion, no multiple importance sampling, no roulette, no loop recording:
 
     L(x, v) = E[ β L'(y, -w) ],   L'(y, v) = f(y, v, to l) cos(θ) V(y, l) / d² + E[ β L'(z, -w) ],   L' = 0 at max_depth
 
-β f·cos/pdf of a BSDF sample in direction w from x; y what the ray meets; V visibility of the light l at distance d.
+β f·cos/pdf of a BSDF sample in direction w from x; y the point that the ray meets; V visibility of the light l at
+distance d.
 """
 
 from __future__ import annotations
@@ -20,7 +21,19 @@ from lightwell.transport.samples import SurfacePoints
 def indirect_twin(
     scene: Scene, points: SurfacePoints, light: np.ndarray, paths: int, seed: int, max_depth: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard error [N, 3] of the indirect radiance from point lights of 1 cd at [N, 3] positions."""
+    """Estimate the indirect radiance from point lights of 1 cd by plain path tracing.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: [N, 3] positions of the light, metres.
+        paths: Paths per point, ≥ 2.
+        seed: Seed of the paths.
+        max_depth: Longest path, 2 = direct light only.
+
+    Returns:
+        Mean and standard error, [N, 3] each.
+    """
     rows = np.repeat(np.arange(len(points)), paths)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, len(rows))
@@ -31,11 +44,11 @@ def indirect_twin(
 
 
 def _scattered(scene, si, light, sampler, depth: int, max_depth: int):
-    """Radiance that one BSDF sample brings to ``si``."""
-    # Choose a direction, look along it.
+    """Estimate the radiance that one BSDF sample adds at ``si``."""
+    # Sample a direction and trace a ray along it.
     sample, β = si.bsdf().sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
     si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)))
-    # Count what the surface there reflects, at most max_depth segments from the eye to the light.
+    # Add the light that the surface there reflects; a path has at most max_depth segments from the camera to the light.
     if depth + 1 >= max_depth:
         return mi.Spectrum(0)
     L = _lit(scene, si, light) + _scattered(scene, si, light, sampler, depth + 1, max_depth)
@@ -43,7 +56,7 @@ def _scattered(scene, si, light, sampler, depth: int, max_depth: int):
 
 
 def _lit(scene, si, light):
-    """Radiance that ``si`` reflects of the point light."""
+    """Compute the radiance of the point light that ``si`` reflects."""
     to_light = light - si.p
     distance2 = dr.squared_norm(to_light)
     value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(to_light * dr.rsqrt(distance2)))

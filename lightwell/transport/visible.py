@@ -1,4 +1,4 @@
-"""Which sides of which triangles can be seen at all: what a light map need not store.
+"""Visible sides of triangles: a light map stores no others.
 
 Notation: T triangles of all meshes behind one another; side 0 is the front (the geometric normal's), side 1 the back.
 """
@@ -14,14 +14,23 @@ from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import candidates
 from lightwell.transport.tables import tables
 
-# Area-uniform points that look for large triangles which are visible in part.
+# Area-uniform points, which find large triangles that are partly visible.
 POINTS = 1 << 14
-# Points on every side for which nothing was found yet, one after the other: its middle.
+# Barycentric weights of further points, one after the other, on every side without a visible point: its middle.
 PLACES = ((1 / 3, 1 / 3),)
 
 
 def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) -> np.ndarray:
-    """[2, T] bool: sides of which some point sees air (``lightwell.transport.air``)."""
+    """Find the sides of triangles on which some point borders on air (``lightwell.transport.air``).
+
+    Args:
+        scene: Scene with T triangles.
+        seed: Seed of the points that are tested.
+        report: Receives the counts of dropped points, by reason.
+
+    Returns:
+        [2, T] bool.
+    """
     from scipy.stats import qmc
 
     t = tables(scene)
@@ -36,7 +45,17 @@ def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) 
 
 
 def side_points(scene: Scene, triangle: np.ndarray, side: np.ndarray, barycentric: np.ndarray) -> SurfacePoints:
-    """Points on triangles [N] of the concatenation, seen along the geometric normal of a side [N]."""
+    """Make points on given sides of triangles, seen along the geometric normal of the side.
+
+    Args:
+        scene: Scene with T triangles.
+        triangle: [N] triangles, in [0, T).
+        side: [N] sides: 0 front, 1 back.
+        barycentric: [N, 2] weights of the second and third vertex.
+
+    Returns:
+        N points.
+    """
     t = tables(scene)
     shape = t.mesh_of[triangle]
     points = SurfacePoints(
@@ -51,7 +70,15 @@ def side_points(scene: Scene, triangle: np.ndarray, side: np.ndarray, barycentri
 
 
 def seen_side(scene: Scene, points: SurfacePoints) -> np.ndarray:
-    """[N] the side that each point's view looks at."""
+    """Find the side that each point's view looks at.
+
+    Args:
+        scene: Scene of the points.
+        points: N points.
+
+    Returns:
+        [N] int64: 0 front, 1 back.
+    """
     return ((frames(scene, points)[2] * points.view).sum(axis=1) < 0).astype(np.int64)
 
 
