@@ -13,6 +13,15 @@ export interface LampEvents {
   say(message: string): void;
 }
 
+/** Where a lamp is and how it shines. */
+export interface LampState {
+  /** Number of the declared light that it is a lamp of. */
+  readonly variable: number;
+  readonly value: Vector3;
+  readonly intensity: number;
+  readonly color: Color;
+}
+
 /** Moves, tints, adds and removes lamps; numbers count the declared lamps first. */
 export class LampDesk {
   private readonly stage: Stage;
@@ -76,6 +85,30 @@ export class LampDesk {
     while (this.all.length > this.declared) this.stage.learned?.removeLamp(this.all.length - 1);
     if (this.all.length < before) this.events.relamped();
     this.stage.resetLamps();
+  }
+
+  /** All lamps as they are now. */
+  states(): readonly LampState[] {
+    const variables = this.stage.learned?.variables ?? [];
+    return this.all.map((lamp) => ({
+      variable: Math.max(0, variables.indexOf(lamp.variable)),
+      value: lamp.value.clone(),
+      intensity: lamp.intensity,
+      color: lamp.color.clone(),
+    }));
+  }
+
+  /** Bring back lamps that `states` told of. */
+  restore(states: readonly LampState[]): void {
+    const before = this.all.length;
+    for (const [index, state] of states.entries()) {
+      if (index >= this.all.length) this.stage.learned?.addLamp(state.variable);
+      const lamp = this.all[index];
+      lamp?.move(state.value);
+      lamp?.color.copy(state.color);
+      if (lamp) lamp.intensity = state.intensity;
+    }
+    if (this.all.length !== before) this.events.relamped();
   }
 
   private get declared(): number {

@@ -106,6 +106,8 @@ async function applyOptions(viewer: Viewer): Promise<void> {
   }
   applyLights(viewer);
   if (options.mode) viewer.setMode(options.mode);
+  // What the learned light adds is what a visitor should see first.
+  else if (options.ui && viewer.fields.length > 0) viewer.setMode("split");
   if (viewer.view !== null && viewer.page.views[viewer.view]?.reference) await viewer.reference(viewer.view);
   await viewer.prepared();
   viewer.renderOnce();

@@ -11,7 +11,7 @@ export const MODE_TEXTS: Record<Mode, { label: string; key: string; hint: string
   difference: { label: "Difference", key: "3", hint: "Relative error of the learned picture" },
   direct: { label: "Direct", key: "4", hint: "Direct light and emission alone" },
   indirect: { label: "Indirect", key: "5", hint: "The learned light alone" },
-  split: { label: "Split", key: "6", hint: "Reference or light map to the left, learned to the right" },
+  split: { label: "Split", key: "6", hint: "Direct light, reference or light map to the left, learned to the right" },
   experts: { label: "Experts", key: "7", hint: "Which part of the learned light shades each point" },
   lightmap: { label: "Light map", key: "8", hint: "An ordinary light map in place of the learned light" },
 };
@@ -28,7 +28,6 @@ export interface Material {
 export function canShow(mode: Mode, { hasExperts, hasLightmaps, hasReferences }: Material): boolean {
   if (mode === "experts") return hasExperts;
   if (mode === "lightmap") return hasLightmaps;
-  if (mode === "split") return hasReferences || hasLightmaps;
   return hasReferences || (mode !== "reference" && mode !== "difference");
 }
 

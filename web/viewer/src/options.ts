@@ -2,7 +2,7 @@
 
 import { readLights, type LightOption } from "./light-options.ts";
 import { MODES, type Mode } from "./modes.ts";
-import type { Against } from "./presenter.ts";
+import { AGAINST, type Against } from "./presenter.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** What `?size=640x360&mode=learned&view=0&ui=0&tonemap=agx…` may say; absent means the page's default. */
@@ -44,7 +44,7 @@ export function readOptions(search: string): Options {
     page: query.get("page"),
     size: readSize(query.get("size")),
     mode: oneOf(query.get("mode"), MODES),
-    against: oneOf(query.get("against"), ["reference", "lightmap"] as const),
+    against: oneOf(query.get("against"), AGAINST),
     view: readNumber(query.get("view"), 0, 10_000),
     ui: query.get("ui") !== "0",
     toneMapping: oneOf(query.get("tonemap"), TONE_MAPPINGS),

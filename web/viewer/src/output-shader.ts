@@ -5,6 +5,9 @@ import { TONE_MAPPING_TEXTS, type ToneMappingName } from "./tone-mapping.ts";
 /** Values of the uniform `show`. */
 export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4, beside: 5 } as const;
 
+/** Edge of the tiles over which the difference is averaged, in pixels of the reference: its noise is no error. */
+export const DIFFERENCE_TILE = 4;
+
 /** Relative errors from 1 % to 100 % are spread over the two arms of the difference scale. */
 export const DIFFERENCE_RANGE = [0.01, 1] as const;
 
@@ -56,11 +59,23 @@ export function outputFragment(toneMapping: ToneMappingName): string {
 
   vec3 differenceColor( vec2 at ) {
     const vec3 luminance = vec3( 0.2126, 0.7152, 0.0722 );
-    // Whole pixels: a mean of errors of both signs would look like no error.
     vec2 size = vec2( textureSize( reference, 0 ) );
-    at = ( floor( at * size ) + 0.5 ) / size;
-    float truth = dot( texture( reference, vec2( at.x, 1.0 - at.y ) ).rgb, luminance );
-    float learned = dot( texture( picture, at ).rgb, luminance );
+    vec2 corner = floor( at * size / float( ${DIFFERENCE_TILE} ) ) * float( ${DIFFERENCE_TILE} );
+    float truth = 0.0;
+    float learned = 0.0;
+    for ( int y = 0; y < ${DIFFERENCE_TILE}; y++ ) {
+      for ( int x = 0; x < ${DIFFERENCE_TILE}; x++ ) {
+        vec2 place = min( corner + vec2( x, y ) + 0.5, size - 0.5 ) / size;
+        truth += dot( texture( reference, vec2( place.x, 1.0 - place.y ) ).rgb, luminance );
+        learned += dot( texture( picture, place ).rgb, luminance );
+      }
+    }
+    truth /= float( ${DIFFERENCE_TILE ** 2} );
+    learned /= float( ${DIFFERENCE_TILE ** 2} );
+    // Where both are nearly black no eye sees a difference: stripes.
+    if ( max( truth, learned ) < floorRadiance ) {
+      return vec3( 0.045 ) + 0.02 * step( 0.5, fract( ( gl_FragCoord.x + gl_FragCoord.y ) / 8.0 ) );
+    }
     return errorColor( ( learned - truth ) / ( truth + floorRadiance ) );
   }
 

@@ -32,7 +32,9 @@ export interface Shown {
 }
 
 /** What the learned picture is held against in split mode. */
-export type Against = "reference" | "lightmap";
+export const AGAINST = ["direct", "reference", "lightmap"] as const;
+
+export type Against = (typeof AGAINST)[number];
 
 /** Whether a frame needs the path-traced picture of a saved view. */
 export function needsReference({ mode, against }: Pick<Shown, "mode" | "against">): boolean {
@@ -65,6 +67,7 @@ export class Presenter {
     const { pipeline, stage, rig } = this;
     const { width, height } = this.renderer.domElement;
     const [w, h] = [width * scale, height * scale];
+    if (shown.mode === "split" && shown.against === "direct") this.renderDirect(shown, w, h);
     const still = shown.stillLight && shown.mode !== "direct";
     const parts = { raster: shown.mode !== "indirect", indirect: shown.mode !== "direct", still };
     stage.prepare(parts, shown.exposure, shown.glowing);
@@ -101,13 +104,20 @@ export class Presenter {
     this.pipeline.dispose();
   }
 
+  /** The scene under direct light alone, beside the learned picture. */
+  private renderDirect({ exposure, glowing }: Shown, width: number, height: number): void {
+    const { pipeline, stage, rig } = this;
+    stage.prepare({ raster: true, indirect: false, still: false }, exposure, glowing);
+    pipeline.renderStage(pipeline.beside, width, height, stage, rig.camera);
+  }
+
   /** Set up what the learned picture is compared with; returns whether its errors are new. */
   private compare(shown: Shown, width: number, height: number): boolean {
     const { pipeline, truth, stage, rig } = this;
     const { mode, view } = shown;
     pipeline.uniforms.show.value = stage.learned?.showsSegments ? SHOW.experts : SHOW.learned;
-    if (mode === "split" && shown.against === "lightmap") {
-      pipeline.renderLightmap(pipeline.beside, width, height, stage, rig.camera);
+    if (mode === "split" && shown.against !== "reference") {
+      if (shown.against === "lightmap") pipeline.renderLightmap(pipeline.beside, width, height, stage, rig.camera);
       pipeline.uniforms.show.value = SHOW.beside;
       return false;
     }

@@ -9,12 +9,12 @@ import { Darkroom } from "./darkroom.ts";
 import { Emitter } from "./emitter.ts";
 import type { ViewerEvents } from "./events.ts";
 import { Exposure } from "./exposure.ts";
-import { LampDesk } from "./lamp-desk.ts";
+import { LampDesk, type LampState } from "./lamp-desk.ts";
 import { LensDesk, type LensHost } from "./lens-desk.ts";
 import { canShow, type Mode, whyNot } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
-import { type Against, needsReference, Presenter } from "./presenter.ts";
+import { AGAINST, type Against, needsReference, Presenter } from "./presenter.ts";
 import type { Picture } from "./readback.ts";
 import { RenderScale } from "./render-scale.ts";
 import { createRenderer, onContextLoss, onShaderError, seen } from "./renderer.ts";
@@ -43,7 +43,7 @@ export class Viewer extends Emitter<ViewerEvents> {
   stillLight = true;
   /** Where the left picture ends in split mode, 0 … 1; and what it is. */
   split = 0.5;
-  against: Against = "reference";
+  against: Against = "direct";
   /** Whether the shaders of the learned light are still being compiled: only direct light is shown. */
   preparing = false;
   /** Whether the learned light is evaluated at half resolution. */
@@ -62,6 +62,8 @@ export class Viewer extends Emitter<ViewerEvents> {
   /** Counts compilations; the last one ends `preparing`. */
   private compilations = 0;
   private userMoved = false;
+  /** The user's lamps while a reference, which has its own, is shown. */
+  private parked: readonly LampState[] | null = null;
   private readonly resizeObserver: ResizeObserver;
 
   constructor(canvas: HTMLCanvasElement, options: Options) {
@@ -155,7 +157,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.title = asset.page.title || asset.name || asset.gltf.scene.name || "Untitled scene";
     this.fileBytes = asset.bytes;
     const learned = this.stage.put(asset, this.options.weights);
-    this.against = this.options.against ?? (this.hasReferences ? "reference" : "lightmap");
+    this.against = this.options.against ?? "direct";
     this.rig.fit(learned.bounds);
     this.goHome();
     if (!learned.hasIndirectLight && !learned.hasStillLight) {
@@ -202,8 +204,11 @@ export class Viewer extends Emitter<ViewerEvents> {
       this.say(whyNot(mode));
       return;
     }
-    if (mode === "split" && !this.hasReferences) this.against = "lightmap";
-    if (needsReference({ mode, against: this.against })) {
+    if (mode === "split" && !this.canHold(this.against)) this.against = "direct";
+    const [needed, needs] = [needsReference(this), needsReference({ mode, against: this.against })];
+    if (needed && !needs) this.returnLamps();
+    if (needs) {
+      if (!needed) this.parked = this.desk.states();
       if (this.view === null || !this.page.views[this.view]?.reference) {
         this.setView(nearestReference(this.page.views, this.rig.camera.position));
       }
@@ -288,10 +293,22 @@ export class Viewer extends Emitter<ViewerEvents> {
 
   /** Choose what is to the left in split mode, if the file has it. */
   setAgainst(against: Against): void {
-    if (against === "reference" ? !this.hasReferences : !this.hasLightmaps) return;
+    if (!this.canHold(against)) return;
+    if (needsReference(this) && against !== "reference") this.returnLamps();
     this.against = against;
     if (this.mode === "split") this.setMode("split");
     else this.changed();
+  }
+
+  /** Go on to the next picture that the file has for the left in split mode. */
+  nextAgainst(): void {
+    const offered = AGAINST.filter((against) => this.canHold(against));
+    this.setAgainst(offered[(offered.indexOf(this.against) + 1) % offered.length]!);
+  }
+
+  /** Whether the file has a picture for the left in split mode. */
+  canHold(against: Against): boolean {
+    return against === "direct" || (against === "reference" ? this.hasReferences : this.hasLightmaps);
   }
 
   say(message: string): void {
@@ -395,12 +412,23 @@ export class Viewer extends Emitter<ViewerEvents> {
     move();
   }
 
+  /** The lamps as the user left them before a reference was shown. */
+  private returnLamps(): void {
+    if (this.parked === null) return;
+    this.desk.restore(this.parked);
+    this.parked = null;
+    this.view = null;
+    this.presenter.truth.comparison = null;
+  }
+
   /** Camera or light no longer agree with a saved view: its reference no longer says anything. */
-  private leaveView(): void {
+  private leaveView(relit = false): void {
     this.view = null;
     this.presenter.truth.comparison = null;
     if (!needsReference(this)) return;
     this.mode = "learned";
+    if (relit) this.parked = null;
+    else this.returnLamps();
     this.say("Path-traced pictures exist for the saved views alone. Back to learned light.");
   }
 
@@ -438,7 +466,7 @@ export class Viewer extends Emitter<ViewerEvents> {
   }
 
   private relit(): void {
-    this.leaveView();
+    this.leaveView(true);
     this.scale.touch();
     this.changed();
   }
@@ -498,6 +526,7 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.presenter.truth.clear();
     this.stage.clear();
     this.view = null;
+    this.parked = null;
     this.preparing = false;
     this.mode = "learned";
   }

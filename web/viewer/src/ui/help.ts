@@ -11,7 +11,7 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["Arrows, Page ↑ ↓", "Move the light when it has focus; Shift: finer"],
   ["+ · −", "Add a lamp, remove the last one; Delete: the one that has focus"],
   ["R", "Learned light at half resolution, or at full"],
-  ["S", "Split against the reference, or against an ordinary light map"],
+  ["S", "Split against direct light, the reference, or an ordinary light map"],
   ["F", "Lens: depth of field; click on what shall be sharp"],
   ["V", "Next saved view"],
   ["H", "Start again"],

@@ -20,7 +20,7 @@ export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
       p: actions.panel,
       l: actions.light,
       h: () => viewer.goHome(),
-      s: () => viewer.setAgainst(viewer.against === "reference" ? "lightmap" : "reference"),
+      s: () => viewer.nextAgainst(),
       f: () => void viewer.lens.set(!viewer.lens.on),
       r: () => viewer.setHalf(!viewer.half),
       "+": () => viewer.desk.add(),

@@ -29,7 +29,13 @@ function createSwatches(viewer: Viewer): HTMLElement {
 
 function createScale(viewer: Viewer): HTMLElement {
   const ticks = el("div", { class: "ticks" }, ...TICKS.map((text) => el("span", {}, text)));
-  const ends = el("div", { class: "ends" }, el("span", {}, "too dark"), el("span", {}, "too bright"));
+  const ends = el(
+    "div",
+    { class: "ends" },
+    el("span", {}, "too dark"),
+    el("span", {}, "stripes: nearly black"),
+    el("span", {}, "too bright"),
+  );
   const legend = el(
     "figure",
     { class: "legend glass", "aria-label": "Relative error, too dark to too bright" },

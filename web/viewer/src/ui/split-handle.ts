@@ -1,4 +1,4 @@
-/** The line between the learned picture and what it is held against: the reference, or an ordinary light map. */
+/** The line between the learned picture and what it is compared with: direct light, the reference, or a light map. */
 
 import type { Viewer } from "../viewer.ts";
 import { el } from "./dom.ts";
@@ -6,11 +6,10 @@ import { el } from "./dom.ts";
 const KEY_STEP = 0.02;
 
 /** Names of the left picture. */
-const LEFT = { reference: "Reference", lightmap: "Light map" } as const;
+const LEFT = { direct: "Direct only", reference: "Reference", lightmap: "Light map" } as const;
 
 export function createSplitHandle(viewer: Viewer): HTMLElement {
-  const toggle = () => viewer.setAgainst(viewer.against === "reference" ? "lightmap" : "reference");
-  const left = el("button", { type: "button", class: "left", onclick: toggle });
+  const left = el("button", { type: "button", class: "left", onclick: () => viewer.nextAgainst() });
   left.addEventListener("pointerdown", (event) => event.stopPropagation());
   const handle = el(
     "div",
@@ -42,8 +41,8 @@ export function createSplitHandle(viewer: Viewer): HTMLElement {
   viewer.on("change", () => {
     handle.hidden = viewer.mode !== "split";
     left.textContent = LEFT[viewer.against];
-    left.disabled = !viewer.hasReferences || !viewer.hasLightmaps;
-    left.title = left.disabled ? "" : "Reference or light map (S)";
+    left.disabled = !viewer.hasReferences && !viewer.hasLightmaps;
+    left.title = left.disabled ? "" : "Direct light, reference or light map (S)";
     handle.style.left = `${100 * viewer.split}%`;
     handle.setAttribute("aria-valuenow", String(Math.round(100 * viewer.split)));
   });
