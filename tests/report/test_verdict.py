@@ -1,0 +1,30 @@
+"""The verdict of a bake in words."""
+
+from lightwell.report.verdict import verdict
+
+GOOD = {"psnr_db": 37.0, "flip": 0.05, "mottle": 0.03, "leak": 0.004}
+
+
+def test_a_good_bake_is_one_word():
+    found = verdict(GOOD, ["a", "b", "c"], [37.0, 36.5, 37.5])
+    assert (found.level, found.text) == ("good", "good")
+
+
+def test_the_worst_figure_decides_and_is_put_in_words():
+    found = verdict({**GOOD, "leak": 0.05, "mottle": 0.06})
+    assert found.level == "poor" and found.text == "poor: dark places glow; --quality best would help"
+    assert verdict({**GOOD, "mottle": 0.06}).text.startswith("fair: smooth surfaces show blotches")
+
+
+def test_a_view_that_is_much_worse_is_named_even_where_the_rest_is_good():
+    found = verdict(GOOD, ["hall", "far bedroom", "bath"], [38.0, 34.0, 37.0], cure="--budget 20m")
+    assert found.text == "good; the view 'far bedroom' is 3 dB worse than the others; --budget 20m would help"
+    assert verdict(GOOD, ["hall", "bath"], [38.0, None]).text == "good"
+
+
+def test_without_indirect_light_nothing_is_judged():
+    assert verdict({"psnr_db": None}).text.startswith("not judged")
+
+
+def test_without_a_cure_none_is_named():
+    assert verdict({**GOOD, "psnr_db": 32.0}, cure="").text.endswith("from the reference")
