@@ -1,11 +1,12 @@
-"""Assigning cells of unequal weight to experts whose load has a floor and a cap: balanced assignment.
+"""Balanced assignment of cells of unequal weight to experts whose load has a lower and an upper limit.
 
-Notation: N cells, M experts, C[c, e] cost of a cell's unit of weight under an expert, w weights. Wanted is
+Notation: N cells, M experts, C[c, e] cost of a cell's unit of weight under an expert, w weights. The problem is
 
     min Σ_c w_c C[c, e(c)]     with     least ≤ Σ_{c : e(c) = e} w_c ≤ most     for every expert e.
 
-Shared between experts, cells make a transport problem, which is a linear programme: its vertices split at most M of the
-N cells, and none when all cells weigh the same. So: solve it exactly, then place the few split cells and repair.
+If cells may be shared between experts, this is a transport problem, which is a linear programme: its vertices split at
+most M of the N cells, and none when all cells have the same weight. It is solved exactly; then each split cell is given
+to one expert, and violated limits are repaired by moving cells.
 """
 
 from __future__ import annotations
@@ -14,21 +15,29 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
 
-# A cell with less than this share at an expert is not there: tolerance of the solver (HiGHS: 1e-7) with a margin.
+# Smaller shares of a cell at an expert count as zero: tolerance of the solver (HiGHS: 1e-7) with a margin.
 LEAST_SHARE = 1e-5
-# Slack of floor and cap, relative to the cap: rounding of the sums.
+# Tolerance of both limits, relative to the upper one: rounding of the sums.
 SLACK = 1e-9
 
 
 def assign_cells(cost: np.ndarray, weight: np.ndarray, least: float, most: float) -> np.ndarray:
-    """[N] int expert of each cell.
+    """Assign each cell to one expert at the least total cost, within the limits on the load.
 
-    cost    [N, M], finite; per unit of weight.
-    weight  [N] > 0.
-    least   Load that every expert must have; ``most`` the load that none may exceed. They hold exactly unless single
-            cells are too heavy for it (a cell above ``most``, or fewer cells than experts).
+    The result is optimal for cells of equal weight, else within the cost of moving M cells. The limits hold exactly
+    unless single cells are too heavy (a cell above ``most``, or fewer cells than experts).
 
-    Optimal for cells of equal weight, else within the cost of moving M cells. ValueError when no shares would do.
+    Args:
+        cost: [N, M] cost per unit of weight, finite.
+        weight: [N] weights, > 0.
+        least: Load that every expert must have at least.
+        most: Load that no expert may exceed.
+
+    Returns:
+        [N] int, the expert of each cell.
+
+    Raises:
+        ValueError: No shares satisfy the limits.
     """
     cost, weight = np.asarray(cost, np.float64), np.asarray(weight, np.float64)
     total, experts = weight.sum(), cost.shape[1]
@@ -47,7 +56,7 @@ def assign_cells(cost: np.ndarray, weight: np.ndarray, least: float, most: float
 
 
 def _whole(weight: np.ndarray, least: float, most: float, experts: int) -> tuple[float, float]:
-    """Floor and cap as whole cells where all weigh the same: the vertices of the transport problem are then whole."""
+    """Round the limits to whole cells where all have the same weight: no vertex of the problem then splits a cell."""
     unit = weight[0]
     if np.any(weight != unit):
         return least, most
@@ -57,9 +66,9 @@ def _whole(weight: np.ndarray, least: float, most: float, experts: int) -> tuple
 
 
 def _transport(cost: np.ndarray, weight: np.ndarray, least: float, most: float) -> np.ndarray:
-    """[N, M] shares of the cells at the experts, a vertex of the optimal ones (dual simplex of HiGHS)."""
+    """Compute [N, M] optimal shares of the cells at the experts, a vertex solution (dual simplex of HiGHS)."""
     cells, experts = cost.shape
-    # In units of the mean weight, so that the solver's absolute tolerances mean the same for all.
+    # In units of the mean weight, so that the solver's absolute tolerances do not depend on the scale.
     unit = weight.mean()
     load = sparse.kron((weight / unit)[None], sparse.eye(experts))
     solution = linprog(
@@ -76,7 +85,7 @@ def _transport(cost: np.ndarray, weight: np.ndarray, least: float, most: float) 
 
 
 def _repaired(expert: np.ndarray, cost: np.ndarray, weight: np.ndarray, least: float, most: float) -> np.ndarray:
-    """Move cells one by one, the cheapest per unit of weight first, until floor and cap hold or no cell can help."""
+    """Move cells one by one, the cheapest per unit of weight first, until the limits hold or no move helps."""
     expert, slack = expert.copy(), SLACK * most
     for _ in range(2 * len(expert)):
         load = np.bincount(expert, weight, cost.shape[1])
@@ -107,8 +116,8 @@ def _cheapest(
     least: float,
     most: float,
 ) -> tuple[int, int] | None:
-    """(cell, new expert) of the cheapest move of one of ``cells`` to one of ``targets`` [M] that leaves its old expert
-    at ``least`` and takes its new one no further than ``most``; None when there is none."""
+    """Find the cheapest move (cell, new expert) of one of ``cells`` to one of ``targets`` [M] that keeps the old expert
+    at ``least`` or above and the new one at ``most`` or below; None when there is none."""
     old = expert[cells]
     extra = cost[cells] - cost[cells, old][:, None]
     allowed = targets & (load + weight[cells, None] <= most) & (load[old] - weight[cells] >= least)[:, None]

@@ -1,8 +1,8 @@
 """A trainable texture in tensor mode, read bilinearly as the shading graph's ``texture`` op reads it.
 
-Notation: B points, H x W texels, C channels. With a quantiser in the loop (noise: Ballé et al. 2017; straight-through
-estimator: Bengio et al. 2013): ``noise`` adds what rounding would add, ``round`` rounds. At a level m of the mip chain
-the texture is read as a viewer far away does: means of 2^m x 2^m texels, bilinear between them.
+Notation: B points, H x W texels, C channels. Quantisation in training (noise: Ballé et al. 2017; straight-through
+estimator: Bengio et al. 2013): ``noise`` adds uniform noise of one rounding step, ``round`` rounds. At level m of the
+mip chain the texture is read at a reduced resolution: means of 2^m x 2^m texels, bilinear between them.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from typing import Any, Literal
 from lightwell.backend import dr, mi
 from lightwell.networks.hashgrid import FIXED_POINT, PACKET, Int64x4, UInt64x4
 
-# Steps of a byte.
+# Quantisation steps of a byte.
 STEPS = 255.0
 
 
 @dataclass(frozen=True)
 class AtlasTexture:
-    """[B, 2] places in [0, 1]² → [B, C] values in [0, 1] of a texture [H * W, C], row 0 at v = 0."""
+    """A texture [H * W, C] with row 0 at v = 0: maps places [B, 2] in [0, 1]² to values [B, C] in [0, 1]."""
 
     height: int
     width: int
     channels: int
     """A multiple of four: texels are read and written in packets."""
     quantiser: Literal["none", "noise", "round", "frozen"] = "none"
-    """'frozen': the texture is already that of the file, and gets no gradient."""
+    """How quantisation is simulated; 'frozen': the texture is already that of the file and gets no gradient."""
     level: int = 0
-    """Of the mip chain; H and W are multiples of 2^level."""
+    """Level of the mip chain; H and W are multiples of 2^level."""
 
     def __post_init__(self) -> None:
         if self.channels % PACKET:
@@ -37,11 +37,19 @@ class AtlasTexture:
             raise ValueError(f"texture: {self.width} x {self.height} texels have no mip level {self.level}")
 
     def __call__(self, table: Any, places: Any) -> Any:
-        """Interpolated texels; differentiable in the table, not in the places."""
+        """Read the texture; differentiable in the table, not in the places."""
         return dr.custom(_Read, self, table, places)
 
     def evaluate(self, table: Any, places: Any) -> Any:
-        """The same without derivatives."""
+        """Read the texture without derivatives.
+
+        Args:
+            table: [H * W, C] texels.
+            places: [B, 2] texture coordinates in [0, 1]².
+
+        Returns:
+            [B, C] interpolated values.
+        """
         count, packets = places.shape[0], self.channels // PACKET
         stored = self._minified(self._stored(table.array))
         total = [mi.Vector4f(0)] * packets
@@ -55,7 +63,15 @@ class AtlasTexture:
         return mi.TensorXf(out, (count, self.channels))
 
     def gradient(self, places: Any, features: Any) -> Any:
-        """[H * W, C] gradient of the table from the gradient [B, C] of the values, summed in any order alike."""
+        """Compute the gradient of the texels; the sum does not depend on the order of its terms.
+
+        Args:
+            places: [B, 2] texture coordinates in [0, 1]².
+            features: [B, C] gradient of the values.
+
+        Returns:
+            [H * W, C] gradient of the table.
+        """
         packets = self.channels // PACKET
         lane = dr.arange(mi.UInt32, places.shape[0]) * packets
         total = dr.zeros(mi.UInt64, (self.height * self.width * self.channels) >> (2 * self.level))
@@ -68,7 +84,7 @@ class AtlasTexture:
         )
 
     def _minified(self, values: Any) -> Any:
-        """Means of 2^level x 2^level texels."""
+        """Average blocks of 2^level x 2^level texels."""
         if self.level == 0:
             return values
         edge, width = 1 << self.level, self.width >> self.level
@@ -84,7 +100,7 @@ class AtlasTexture:
         return total
 
     def _spread(self, gradient: Any) -> Any:
-        """Its adjoint: every texel gets its share of the gradient of the mean that it is in."""
+        """Apply the adjoint of ``_minified``: every texel gets its share of the gradient of its block's mean."""
         if self.level == 0:
             return gradient
         dr.eval(gradient)
@@ -95,7 +111,7 @@ class AtlasTexture:
         return dr.gather(mi.Float, gradient, mean) * (0.25**self.level)
 
     def _stored(self, values: Any) -> Any:
-        """The texture as a reader of the file would see it."""
+        """Simulate the quantisation of the stored texture."""
         if self.quantiser in ("none", "frozen"):
             return values
         if self.quantiser == "noise":
@@ -110,7 +126,7 @@ class AtlasTexture:
         return moved
 
     def _corners(self, places: Any):
-        """(texel, weight) of the four texels round each place."""
+        """Yield (texel, weight) of the four texels around each place."""
         lane = dr.arange(mi.UInt32, places.shape[0])
         low, high, fraction = [], [], []
         width, height = self.width >> self.level, self.height >> self.level

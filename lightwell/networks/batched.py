@@ -1,8 +1,8 @@
-"""Many networks of one shape, trained at once: thousands of leaves or experts are one launch, never a Python loop.
+"""Training of many networks of one shape at once: thousands of networks are one launch instead of a Python loop.
 
 Notation: E networks, B rows of a batch per network, F features. Parameters are those of ``Mlp`` with one more axis in
-front: ``w0 [E, in, out], b0 [E, 1, out], …``. The networks share nothing but the launch: each has its own rows,
-batches, rate, gradient clipping and best weights, so that E of them end as E trained alone.
+front: ``w0 [E, in, out], b0 [E, 1, out], …``. The networks share only the launch: each has its own rows, batches, rate,
+gradient clipping and best weights, so that each ends with the weights of a training on its own.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from lightwell.networks.training import TrainingSettings
 
 # Memory that one launch may take, bytes: more networks are trained in several launches per step.
 MEMORY = 2 << 30
-# Arrays of the size of a layer's output that forward and backward pass keep, by measurement.
+# Arrays of the size of a layer's output that forward and backward pass keep (measured).
 COPIES = 6
-# Up to this many networks are launched as they are; more are padded so that few sizes have to be compiled.
+# Up to this many networks are launched without padding; more are padded so that few sizes have to be compiled.
 EXACT = 16
 
 
@@ -46,20 +46,39 @@ class BatchedSet:
 
     @staticmethod
     def from_numpy(features: np.ndarray, target: np.ndarray, weight: np.ndarray, runs: Runs) -> BatchedSet:
-        """Copy rows that ``sort_into_runs`` has ordered to the device, once."""
+        """Copy rows to the device.
+
+        Args:
+            features: [N, F] inputs, in the order of ``sort_into_runs``.
+            target: [N, 3] targets in unit S.
+            weight: [N] importance weights; scaled to mean 1 in every run.
+            runs: Rows of each network.
+
+        Returns:
+            The rows on the device.
+        """
         mean = np.nan_to_num(runs.mean(weight), nan=1.0)
         scaled = weight / np.maximum(mean, 1e-30)[runs.group]
         return BatchedSet(tensor(features), tensor(target), tensor(scaled[:, None]), runs)
 
 
 def initial_batch(mlp: Mlp, seeds: Sequence[int], bias: float = 0.0) -> dict[str, np.ndarray]:
-    """Initial weights of one network per seed, stacked: the same as ``mlp.initial`` of each."""
+    """Draw initial weights of one network per seed, the same as ``mlp.initial`` of each.
+
+    Args:
+        mlp: Shape of the networks.
+        seeds: E seeds.
+        bias: Initial value of the biases.
+
+    Returns:
+        Stacked weights, [E, ...] each.
+    """
     each = [mlp.initial(int(seed), bias) for seed in seeds]
     return {name: np.stack([weights[name] for weights in each]) for name in each[0]}
 
 
 def _phase(seed: np.ndarray, epoch: np.ndarray) -> np.ndarray:
-    """Random 63-bit numbers from (seed, epoch) without state (SplitMix64, Steele et al. 2014). [E] → [E]."""
+    """Hash (seed, epoch) to random 63-bit numbers (SplitMix64, Steele et al. 2014), [E] → [E]."""
     with np.errstate(over="ignore"):
         z = (seed.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
         z += (epoch.astype(np.uint64) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
@@ -69,10 +88,10 @@ def _phase(seed: np.ndarray, epoch: np.ndarray) -> np.ndarray:
 
 
 class BatchedTrainer:
-    """Trains E networks of the shape ``mlp``; ``seeds`` [E] decide initial weights and batches of each.
+    """Trains E networks of the shape ``mlp``.
 
-    A batch of network e is a run of ``settings.batch`` rows of its own, round the end; a network without rows stays as
-    it is. ``best`` keeps, for each network apart, the weights with the least error given to ``look``.
+    A batch of network e is a run of ``settings.batch`` of its own rows, cyclic; a network without rows keeps its
+    weights. ``best`` holds, for each network separately, the weights with the least error given to ``look``.
     """
 
     def __init__(
@@ -82,7 +101,14 @@ class BatchedTrainer:
         seeds: Sequence[int],
         initial: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """initial: weights to start from instead of random ones, [E, …] arrays."""
+        """Prepare a training.
+
+        Args:
+            mlp: Shape of the networks.
+            settings: Loss, optimiser, batches and rates.
+            seeds: [E] seeds of the initial weights and batches of each network.
+            initial: Weights to start from, [E, ...] arrays; None: random ones.
+        """
         self.mlp, self.settings = mlp, settings
         self.seeds = np.asarray(seeds, np.int64)
         self.steps = 0
@@ -100,12 +126,12 @@ class BatchedTrainer:
         return len(self.seeds)
 
     def _most_at_once(self) -> int:
-        """How many networks fit into ``MEMORY``."""
+        """Compute how many networks fit into ``MEMORY``."""
         per_row = COPIES * sum(self.mlp.sizes) * 4
         return max(MEMORY // (per_row * self.settings.batch), 1)
 
     def _upload(self, arrays: Mapping[str, np.ndarray], begin: int) -> dict[str, Any]:
-        """The networks of one launch as tensors, padded with zeros."""
+        """Upload the networks of one launch as tensors, padded with zeros."""
         return tensors({name: self._slice(value, begin) for name, value in arrays.items()})
 
     def _slice(self, values: np.ndarray, begin: int) -> np.ndarray:
@@ -114,7 +140,7 @@ class BatchedTrainer:
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """Current weights, [E, …] arrays."""
+        """Current weights, [E, ...] arrays."""
         return self._download(self._values)
 
     def _download(self, chunks: list[dict[str, Any]]) -> dict[str, np.ndarray]:
@@ -123,16 +149,16 @@ class BatchedTrainer:
     # ------------------------------------------------------------------ one step
 
     def _starts(self, count: np.ndarray) -> np.ndarray:
-        """[E] place of the next batch within each run; depends on (seed, step, count) alone.
+        """Compute [E] places of the next batch within each run, from (seed, step, count) alone.
 
-        An epoch runs through its rows, which are in random order, from a random phase on.
+        An epoch reads its rows, which are in random order, from a random phase on.
         """
         batches = np.maximum(count // self.settings.batch, 1)
         epoch, position = np.divmod(self.steps, batches)
         return (_phase(self.seeds, epoch) + position * self.settings.batch) % np.maximum(count, 1)
 
     def _rates(self, count: np.ndarray, total: int) -> np.ndarray:
-        """[E] learning rate of each network: an epoch is one pass through *its* rows."""
+        """Compute the learning rate of each network, [E]: an epoch is one pass through its own rows."""
         settings = self.settings
         epoch = self.steps * settings.batch / np.maximum(count, 1)
         rate = SCHEDULES[settings.schedule](settings.rate, self.steps / max(total, 1), epoch, settings.tau)
@@ -140,7 +166,15 @@ class BatchedTrainer:
         return corrected(np.broadcast_to(rate, count.shape), self.steps + 1)
 
     def step(self, data: BatchedSet, total: int) -> list[Any]:
-        """One optimiser step of ``total`` for all networks; returns their losses, left on the device."""
+        """Do one optimiser step of all networks.
+
+        Args:
+            data: Rows on the device.
+            total: Steps of the whole schedule, ≥ 1.
+
+        Returns:
+            Losses of the networks, one array per launch, on the device; see ``losses``.
+        """
         count = data.runs.count
         starts, rates = self._starts(count), self._rates(count, total)
         table = (data.features, data.target, data.weight)
@@ -156,17 +190,35 @@ class BatchedTrainer:
         return losses
 
     def losses(self, device: list[Any]) -> np.ndarray:
-        """[E] losses of a step as NumPy."""
+        """Copy the losses of a step to NumPy.
+
+        Args:
+            device: Result of ``step``.
+
+        Returns:
+            [E] losses.
+        """
         return np.concatenate([np.array(loss) for loss in device])[: len(self)]
 
     def look(self, error: np.ndarray) -> np.ndarray:
-        """Keep the weights of the networks whose error [E] is the least yet; returns which they are."""
+        """Keep the current weights of the networks whose error is the least so far.
+
+        Args:
+            error: [E] validation errors.
+
+        Returns:
+            [E] bool, the networks that improved.
+        """
         return keep_better(self.best, self.best_error, self.parameters, error)
 
     # ------------------------------------------------------------------ checkpoints
 
     def arrays(self) -> Arrays:
-        """Everything that a resumed training needs."""
+        """Collect the state that a resumed training needs.
+
+        Returns:
+            Named arrays.
+        """
         arrays = {"steps": np.array(self.steps, np.int64), "seeds": self.seeds, "best_error": self.best_error}
         arrays |= prefixed("value", self.parameters) | prefixed("best", self.best)
         for k, name in enumerate(("first", "second")):
@@ -174,7 +226,11 @@ class BatchedTrainer:
         return arrays
 
     def restore(self, arrays: Arrays) -> None:
-        """Take up what ``arrays`` gave; the shape and the number of networks must be the same."""
+        """Restore the state of a training of the same shape and number of networks.
+
+        Args:
+            arrays: Result of ``arrays``.
+        """
         check_like(arrays, self.arrays())
         values = under("value", arrays)
         self.steps, self.seeds = int(arrays["steps"]), arrays["seeds"]
@@ -187,7 +243,17 @@ class BatchedTrainer:
 def keep_better(
     best: dict[str, np.ndarray], best_error: np.ndarray, parameters: Mapping[str, np.ndarray], error: np.ndarray
 ) -> np.ndarray:
-    """Replace the best weights and errors [E] of the networks whose error is less, in place; returns which they are."""
+    """Replace the best weights and errors, in place, of the networks whose error is less.
+
+    Args:
+        best: Best weights so far, [E, ...] arrays; changed.
+        best_error: [E] their errors; changed.
+        parameters: Current weights, [E, ...] arrays.
+        error: [E] their errors.
+
+    Returns:
+        [E] bool, the networks that improved.
+    """
     better = np.asarray(error) < best_error
     for name, value in parameters.items():
         best[name][better] = value[better]
@@ -196,7 +262,7 @@ def keep_better(
 
 
 def _padded(count: int) -> int:
-    """The least of 16, 20, 24, 28, 32, 40, 48, … that is not below ``count``; small counts as they are."""
+    """Round up to the next of 16, 20, 24, 28, 32, 40, 48, …; small counts are not changed."""
     if count <= EXACT:
         return count
     step = 1 << (max((count - 1).bit_length() - 3, 0))
@@ -205,9 +271,18 @@ def _padded(count: int) -> int:
 
 @functools.lru_cache(maxsize=256)
 def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int) -> Callable[..., Any]:
-    """One optimiser step of ``networks`` networks as a frozen function (see ``training.frozen_step``, why it is kept).
+    """Record one optimiser step of several networks as a frozen function.
 
-    ``rows``, the length of the table, is part of the key, because a recording serves one length only.
+    Recordings are kept for the life of the process (see ``training.frozen_step``).
+
+    Args:
+        mlp: Shape of the networks.
+        settings: Loss, optimiser and batch size.
+        networks: Number of networks of one launch.
+        rows: Length of the table; a recording serves one length only.
+
+    Returns:
+        Function of (values, moments, table, runs, rate) that returns new values, moments and losses.
     """
     batch = settings.batch
 
@@ -216,7 +291,7 @@ def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int
         x, y, w = (take_rows(a, row, (networks, batch)) for a in table)
         values = {name: mi.TensorXf(value) for name, value in values.items()}
         dr.enable_grad(values)
-        # Rows of networks that have none weigh nothing.
+        # Networks without rows read placeholder rows of weight 0.
         part = LOSSES[settings.loss](mlp(values, x), y) * w * mi.TensorXf(weight, (networks, batch, 1))
         dr.backward(dr.sum(part.array) * (1 / (batch * mlp.sizes[-1])))
         gradients = {name: dr.grad(value) for name, value in values.items()}
@@ -229,7 +304,7 @@ def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int
 
 
 def _batch_rows(first: Any, count: Any, start: Any, batch: int) -> tuple[Any, Any]:
-    """([E·B] row numbers in the table, [E·B] 1 or, for networks without rows, 0)."""
+    """Compute [E·B] row numbers in the table, and [E·B] weights: 1, or 0 for networks without rows."""
     at = dr.arange(mi.UInt32, dr.width(first) * batch)
     network, k = at // batch, at % batch
     own = dr.gather(mi.UInt32, count, network)
@@ -239,7 +314,16 @@ def _batch_rows(first: Any, count: Any, start: Any, batch: int) -> tuple[Any, An
 
 
 def take_rows(table: Any, row: Any, shape: tuple[int, ...]) -> Any:
-    """Rows of a tensor [N, C] as a tensor [*shape, C]; row: UInt32 of prod(shape)."""
+    """Gather rows of a tensor.
+
+    Args:
+        table: [N, C] tensor.
+        row: UInt32 row numbers, as many as ``shape`` has elements.
+        shape: Shape of the result without its last axis.
+
+    Returns:
+        [*shape, C] tensor.
+    """
     width = table.shape[1]
     at = dr.arange(mi.UInt32, dr.width(row) * width)
     source = dr.gather(mi.UInt32, row, at // width) * width + at % width
@@ -247,14 +331,23 @@ def take_rows(table: Any, row: Any, shape: tuple[int, ...]) -> Any:
 
 
 def shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """Gradients with weight decay added, each network's scaled down to the clipping norm and free of NaN."""
+    """Apply weight decay and gradient clipping, for each network separately.
+
+    Args:
+        settings: Decay and clipping norm.
+        gradients: Gradients by name, [E, ...] tensors.
+        values: Weights by name, [E, ...] tensors.
+
+    Returns:
+        Gradients with weight decay added, scaled down to the clipping norm, without NaN.
+    """
     if settings.decay:
         gradients = {k: g + settings.decay * values[k] if k.startswith("w") else g for k, g in gradients.items()}
     if not settings.clip:
         return gradients
     sizes = {name: g.shape[1] * g.shape[2] for name, g in gradients.items()}
     norm = dr.sqrt(sum(dr.block_sum(dr.square(g.array), sizes[name]) for name, g in gradients.items()))
-    # A poisoned batch (NaN or infinite gradient) must not reach the weights.
+    # A batch with a NaN or infinite gradient must not change the weights.
     scale = dr.select(dr.isfinite(norm), dr.minimum(1.0, settings.clip / (norm + 1e-12)), 0.0)
     out = {}
     for name, g in gradients.items():

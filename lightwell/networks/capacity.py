@@ -1,4 +1,4 @@
-"""Assigning samples to experts that have limited room."""
+"""Assignment of samples to experts of limited capacity."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ import numpy as np
 
 
 def assign_within(preference: np.ndarray, capacity: int) -> np.ndarray:
-    """Each sample's most preferred expert that has room; those that prefer it most get in. [N, M] → [N] int.
+    """Assign each sample to its most preferred expert that has capacity left; the highest preferences are served first.
 
-    Every sample is placed; no expert gets more than ``capacity`` samples. Samples that find their expert full ask the
-    next one, with its room that is left: greedy, not optimal, and at most M rounds. Ties go to the lower row.
+    Samples whose expert is full ask their next one, which has its remaining capacity: greedy, not optimal, at most M
+    rounds. Ties go to the lower row.
+
+    Args:
+        preference: [N, M] preference of each sample for each expert.
+        capacity: Largest number of samples of an expert.
+
+    Returns:
+        [N] int, the expert of each sample.
+
+    Raises:
+        ValueError: M experts of this capacity cannot take N samples.
     """
     count, experts = preference.shape
     if capacity * experts < count:
@@ -21,7 +31,7 @@ def assign_within(preference: np.ndarray, capacity: int) -> np.ndarray:
     while len(waiting):
         left[:, room == 0] = -np.inf
         wanted = left[waiting].argmax(axis=1)
-        # Per expert, the keenest first: place of each sample in its expert's queue.
+        # Per expert, by descending preference: place of each sample in its expert's queue.
         order = np.lexsort((waiting, -left[waiting, wanted], wanted))
         queue = np.bincount(wanted, minlength=experts)
         first = np.concatenate([[0], np.cumsum(queue)[:-1]])

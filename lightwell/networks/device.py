@@ -1,7 +1,8 @@
-"""NumPy arrays on the device, so that frozen functions take them as they are.
+"""Copies of NumPy arrays on the device, aligned so that frozen functions accept them without recording again.
 
-Dr.Jit wraps the memory of a NumPy array without copying it, and records a frozen function anew for memory that is
-aligned otherwise. Copies at multiples of ``ALIGNMENT`` bytes all look the same, and nobody can change them later.
+Dr.Jit wraps the memory of a NumPy array without copying it, and records a frozen function again for memory with another
+alignment. Copies at multiples of ``ALIGNMENT`` bytes all have the same alignment, and later changes of the original do
+not reach them.
 """
 
 from __future__ import annotations
@@ -27,17 +28,38 @@ def _aligned(array: np.ndarray, kind: type) -> np.ndarray:
 
 
 def tensor(array: np.ndarray) -> Any:
-    """A float32 tensor of the same shape."""
+    """Copy an array to a float32 tensor.
+
+    Args:
+        array: [...] numbers.
+
+    Returns:
+        Tensor of the same shape.
+    """
     return mi.TensorXf(_aligned(array, np.float32))
 
 
 def integers(array: np.ndarray) -> Any:
-    """[n] numbers of 0 … 2³² − 1 as UInt32."""
+    """Copy integers to the device.
+
+    Args:
+        array: [n] numbers of 0 … 2³² − 1.
+
+    Returns:
+        UInt32 of width n.
+    """
     return mi.UInt32(_aligned(array, np.uint32))
 
 
 def tensors(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Named float32 tensors."""
+    """Copy named arrays to float32 tensors.
+
+    Args:
+        arrays: Arrays [...] by name.
+
+    Returns:
+        Tensors of the same shapes.
+    """
     found = {name: tensor(value) for name, value in arrays.items()}
     dr.eval(found)
     return found

@@ -1,9 +1,10 @@
-"""Factored transport: features of the point, read by a layer that a network of the light writes anew for every light.
+"""Factored transport: features of the point, read by a layer whose weights a network of the light computes.
 
     u = grid(x),   W, b = light network(l),   h = act(W u + b + V g),   f = head(h)
 
-The light network is large and runs once per frame; a pixel pays for the grid, the first layer and the head. Notation:
-B rows, K lights with R rows each (B = K R), U features of the point, G other inputs of a pixel, H hidden units.
+The light network is large and runs once per frame; a pixel evaluates only the grid, the first layer and the head.
+Notation: B rows, K lights with R rows each (B = K R), U features of the point, G other inputs of a pixel, H hidden
+units.
 
 The first layer of the pixel network is emitted as in hypernetworks (Ha, Dai & Le 2017).
 """
@@ -20,8 +21,8 @@ from lightwell.backend import dr, mi
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.mlp import ACTIVATIONS, glorot
 
-# What the light network adds to the layer at first, relative to what it starts from: small, so that training begins
-# from one layer for all lights.
+# Initial scale of the light network's contribution to the layer, relative to the layer's bias: small, so that training
+# starts from one layer for all lights.
 EMITTED_SCALE = 0.3
 
 
@@ -32,7 +33,7 @@ class FactoredNetwork:
 
     grid: HashGrid
     pixel: int
-    """G, inputs of a pixel beside the grid's."""
+    """G, inputs of a pixel besides the grid's."""
     frame: int
     """Inputs of the light network; 0: no light."""
     light_hidden: tuple[int, ...] = (64, 64)
@@ -42,7 +43,7 @@ class FactoredNetwork:
 
     @property
     def emitted(self) -> int:
-        """Numbers that the light network writes: W [U, H] row by row, then b [H]."""
+        """Number of outputs of the light network: W [U, H] row by row, then b [H]."""
         return (self.grid.width + 1) * self.hidden[0]
 
     @property
@@ -56,7 +57,15 @@ class FactoredNetwork:
         return (*self.hidden, 3)
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Weights as in Glorot & Bengio 2010, biases constant, float32."""
+        """Draw initial weights as Glorot & Bengio 2010; biases are constant.
+
+        Args:
+            seed: Seed of the weights.
+            bias: Initial value of the biases.
+
+        Returns:
+            Parameters by name, float32.
+        """
         rng = np.random.default_rng(seed)
         first = glorot(rng, self.grid.width + self.pixel, self.hidden[0])
         start = np.concatenate([first[: self.grid.width].ravel(), np.full(self.hidden[0], bias, np.float32)])
@@ -70,7 +79,7 @@ class FactoredNetwork:
         return parameters
 
     def __call__(self, parameters: Mapping[str, Any], inputs: tuple[Any, Any, Any]) -> Any:
-        """(grid points [B, 3], pixel inputs [B, G], frame inputs [K, F]) → [B, 3], differentiable.
+        """Map (grid points [B, 3], pixel inputs [B, G], frame inputs [K, F]) to [B, 3], differentiably.
 
         Rows k R … (k + 1) R − 1 belong to light k; without a light, frame is not used. Biases enter as
         products: see ``Mlp``.
@@ -91,7 +100,7 @@ class FactoredNetwork:
         return x
 
     def _emit(self, parameters: Mapping[str, Any], frame: Any) -> Any:
-        """[K, emitted] layers of all lights; one for all without a light."""
+        """Compute the emitted layers [K, emitted] of all lights; without a light, one layer for all."""
         if not self.frame:
             return parameters["emit_b"]
         ones, x = _ones(frame.shape[0], 1), frame
@@ -101,7 +110,15 @@ class FactoredNetwork:
         return dr.matmul(x, parameters["emit_w"]) + dr.matmul(ones, parameters["emit_b"])
 
     def evaluate(self, parameters: Mapping[str, np.ndarray], inputs: tuple[np.ndarray, ...]) -> np.ndarray:
-        """The same on NumPy arrays, no gradients."""
+        """Evaluate the network on NumPy arrays, without gradients.
+
+        Args:
+            parameters: Weights by name, shapes [...] as ``initial`` makes them.
+            inputs: Grid points [B, 3], pixel inputs [B, G] and frame inputs [K, F].
+
+        Returns:
+            [B, 3] outputs.
+        """
         tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
         with dr.suspend_grad():
             return np.array(self(tensors, tuple(mi.TensorXf(np.ascontiguousarray(x, np.float32)) for x in inputs)))

@@ -1,4 +1,4 @@
-"""Rows that belong to groups: sorting them into runs, and evaluating one network per group on all of them at once.
+"""Rows that belong to groups: sorting into runs, and evaluation of one network per group in one launch.
 
 Notation: E groups (experts, leaves), N rows, F features, K blocks of V rows each.
 """
@@ -28,18 +28,26 @@ class Runs:
     first: np.ndarray
     """[E] int64, the first row of each group."""
     count: np.ndarray
-    """[E] int64, how many rows it has; may be 0."""
+    """[E] int64, the number of rows of each group; may be 0."""
 
     def __len__(self) -> int:
         return len(self.first)
 
     @property
     def group(self) -> np.ndarray:
-        """[N] int64, the group of each row in table order."""
+        """Group of each row in table order, [N] int64."""
         return np.repeat(np.arange(len(self)), self.count)
 
     def mean(self, values: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-        """[E] (weighted) mean of [N] values in table order; NaN for groups without rows or weight."""
+        """Average values by group.
+
+        Args:
+            values: [N] values in table order.
+            weight: [N] weights; None: 1.
+
+        Returns:
+            [E] means; NaN for groups without rows or weight.
+        """
         weight = np.ones(len(values)) if weight is None else weight
         total = np.bincount(self.group, values * weight, minlength=len(self))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -47,10 +55,15 @@ class Runs:
 
 
 def sort_into_runs(group: np.ndarray, groups: int, seed: Any) -> tuple[np.ndarray, Runs]:
-    """Order that makes every group a contiguous run, randomly permuted inside; rows of group −1 are left out.
+    """Order rows so that every group is a contiguous run, randomly permuted inside.
 
-    group   [N] int, −1 … groups − 1.
-    Returns ([M] row numbers, the runs). The same seed and groups give the same order.
+    Args:
+        group: [N] int group of each row, −1 … groups − 1; rows of group −1 are left out.
+        groups: Number of groups.
+        seed: Seed of the permutation; the same seed and groups give the same order.
+
+    Returns:
+        [M] row numbers, and the runs.
     """
     shuffled = np.random.default_rng(seed).permutation(len(group))
     shuffled = shuffled[group[shuffled] >= 0]
@@ -60,10 +73,16 @@ def sort_into_runs(group: np.ndarray, groups: int, seed: Any) -> tuple[np.ndarra
 
 
 class GroupedRows:
-    """Feature rows on the device, packed into blocks of one group each, to be evaluated by E networks many times."""
+    """Feature rows on the device, in blocks that belong to one group each, for repeated evaluation by E networks."""
 
     def __init__(self, features: np.ndarray, group: np.ndarray, groups: int) -> None:
-        """features [N, F]; group [N] int in 0 … groups − 1, in any order."""
+        """Copy rows to the device.
+
+        Args:
+            features: [N, F] inputs.
+            group: [N] int group of each row, 0 … groups − 1, in any order.
+            groups: Number of groups.
+        """
         self.count = len(features)
         order = np.argsort(group, kind="stable")
         counts = np.bincount(group, minlength=groups)
@@ -76,7 +95,7 @@ class GroupedRows:
         place = start[sorted_group] + np.arange(self.count) - first[sorted_group]
         padded = np.zeros((int(blocks.sum()) * size, features.shape[1]), np.float32)
         padded[place] = features[order]
-        # Where row n of the caller lies among the padded rows.
+        # Place of the caller's row n among the padded rows.
         self._place = np.empty(self.count, np.int64)
         self._place[order] = place
         owner = np.repeat(np.arange(groups), blocks)
@@ -93,7 +112,15 @@ class GroupedRows:
         return int(min(max(1 << (mean.bit_length() - 1), FEWEST_IN_BLOCK), MOST_IN_BLOCK))
 
     def evaluate(self, mlp: Mlp, parameters: Mapping[str, Any]) -> np.ndarray:
-        """[N, out] outputs, each row by the network of its group; parameters [E, …] arrays or tensors."""
+        """Evaluate each row by the network of its group.
+
+        Args:
+            mlp: Shape of the networks.
+            parameters: Weights, [E, ...] arrays or tensors.
+
+        Returns:
+            [N, out] outputs, in the order of the rows.
+        """
         parameters = tensors({name: np.asarray(value) for name, value in parameters.items()})
         out = [np.zeros((0, mlp.sizes[-1]), np.float32)]
         with dr.suspend_grad():
@@ -104,7 +131,7 @@ class GroupedRows:
 
 
 def _pick(table: Any, index: Any) -> Any:
-    """Slices [K, a, b] of a tensor [E, a, b], one per index [K]."""
+    """Gather slices [K, a, b] of a tensor [E, a, b], one per index [K]."""
     _, a, b = table.shape
     at = dr.arange(mi.UInt32, dr.width(index) * a * b)
     owner = dr.gather(mi.UInt32, index, at // (a * b))

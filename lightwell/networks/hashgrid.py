@@ -15,17 +15,17 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.graph.ops.hashgrid import PRIMES, Level, levels
 
-# Gradients are summed as whole numbers of this many parts of one: sums of integers do not depend on their order, so
-# that the same seed gives the same weights; range (± 2^23) and resolution are beyond those of sums of 32-bit floats.
+# Gradients are summed as integers in units of 1 / FIXED_POINT: sums of integers do not depend on their order, so that
+# the same seed gives the same weights; range (± 2^23) and resolution exceed those of sums of 32-bit floats.
 FIXED_POINT = 2.0**40
-# Numbers that are read, and summed, at once.
+# Channels that are read, and summed, at once.
 PACKET = 4
 Int64x4, UInt64x4 = (getattr(sys.modules[mi.Float.__module__], f"Array4{kind}64") for kind in "iu")
 
 
 @dataclass(frozen=True)
 class HashGrid:
-    """[B, 3] points in [0, 1]³ → [B, L · C] features, level-major."""
+    """A multi-resolution hash grid: maps points [B, 3] in [0, 1]³ to features [B, L · C], level-major."""
 
     levels: int = 3
     base: float = 8.0
@@ -43,7 +43,11 @@ class HashGrid:
 
     @cached_property
     def layout(self) -> list[Level]:
-        """Lattices of the levels."""
+        """Lattices of the levels.
+
+        Returns:
+            One record per level, coarse to fine.
+        """
         return levels(self.levels, self.base, self.growth, self.entries_log2)
 
     @property
@@ -53,7 +57,7 @@ class HashGrid:
 
     @property
     def packets(self) -> int:
-        """Packets per entry."""
+        """Packets of four channels per entry."""
         return self.channels // PACKET
 
     @property
@@ -62,21 +66,37 @@ class HashGrid:
         return self.levels * self.channels
 
     def initial(self, rng: np.random.Generator, bound: float = 1e-4) -> np.ndarray:
-        """[entries, C] float32 table, U(±bound): small, because entries that no sample reaches stay as they are."""
+        """Draw an initial table U(±bound): small, because entries that no sample reaches keep these values.
+
+        Args:
+            rng: Random generator.
+            bound: Largest magnitude.
+
+        Returns:
+            [entries, C] float32.
+        """
         return rng.uniform(-bound, bound, (self.entries, self.channels)).astype(np.float32)
 
     def __call__(self, table: Any, points: Any) -> Any:
-        """Interpolated features of [B, 3] points; differentiable in the table, not in the points."""
+        """Interpolate features at [B, 3] points; differentiable in the table, not in the points."""
         return dr.custom(_Encode, self, table, points)
 
     def evaluate(self, table: Any, points: Any) -> Any:
-        """The same without derivatives."""
+        """Interpolate features without derivatives.
+
+        Args:
+            table: [entries, C] tensor.
+            points: [B, 3] points in [0, 1]³.
+
+        Returns:
+            [B, L · C] features.
+        """
         count = points.shape[0]
         total = [mi.Vector4f(0)] * self.packets
         for entry, weight in self._corners(points):
             rows = [dr.gather(mi.Vector4f, table.array, entry * self.packets + k) for k in range(self.packets)]
             total = [t + weight * row for t, row in zip(total, rows)]
-        # One lane per (point, level): its channels lie side by side.
+        # One lane per (point, level): its channels are adjacent.
         lane = dr.arange(mi.UInt32, count * self.levels) * self.packets
         out = dr.empty(mi.Float, count * self.width)
         for packet, value in enumerate(total):
@@ -84,9 +104,17 @@ class HashGrid:
         return mi.TensorXf(out, (count, self.width))
 
     def gradient(self, points: Any, features: Any) -> Any:
-        """[entries, C] gradient of the table from the gradient [B, L · C] of the features."""
+        """Compute the gradient of the table; the sum does not depend on the order of its terms.
+
+        Args:
+            points: [B, 3] points in [0, 1]³.
+            features: [B, L · C] gradient of the features.
+
+        Returns:
+            [entries, C] gradient.
+        """
         lane = dr.arange(mi.UInt32, points.shape[0] * self.levels) * self.packets
-        # Two's complement: negative numbers wrap and wrap back. Packets are ten times faster than single numbers.
+        # Unsigned sums of two's complement numbers are exact. Packets are ten times faster than single numbers.
         total = dr.zeros(mi.UInt64, self.entries * self.channels)
         parts = [dr.gather(mi.Vector4f, features.array, lane + k) * FIXED_POINT for k in range(self.packets)]
         for entry, weight in self._corners(points):
@@ -96,7 +124,7 @@ class HashGrid:
         return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.entries, self.channels))
 
     def _corners(self, points: Any):
-        """(entry, weight) of the eight vertices round each (point, level)."""
+        """Yield (entry, weight) of the eight vertices around each (point, level)."""
         lane = dr.arange(mi.UInt32, points.shape[0] * self.levels)
         point = lane // self.levels
         level = lane - point * self.levels
@@ -117,7 +145,7 @@ class HashGrid:
 
 
 def _by_level(level: Any, values: list[int]) -> Any:
-    """The value of each lane's level, chosen among literals: a table would be an input of frozen functions."""
+    """Select the value of each lane's level among literals: a table would be an input of frozen functions."""
     chosen = mi.UInt32(values[0])
     for number, value in enumerate(values[1:], 1):
         chosen = dr.select(level == number, mi.UInt32(value), chosen)

@@ -5,7 +5,7 @@ With J = ∂f/∂w and the residual r = y − f over the whole set, one step sol
     (JᵀJ + λ diag JᵀJ) δ = Jᵀ r,     w ← w + δ when that lowers ‖r‖²
 
 λ × 0.1 on success, λ × 10 and another try on failure. The products and the Cholesky factor are BLAS and LAPACK in
-float32; a factor that fails is tried once more in float64. Notation: E networks, P weights of each, C outputs.
+float32; a factorisation that fails is repeated in float64. Notation: E networks, P weights of each, C outputs.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
 from lightwell.networks.grouped import Runs
 from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
 
-# P² numbers and P³ operations per network and step: above this a gradient method is the better choice.
+# A step takes P² numbers and P³ operations per network: above this P a gradient method is the better choice.
 MOST_WEIGHTS = 1000
-# Factors of λ, how many tries a step may take, and where λ starts and starts again from zero.
+# Factors of λ, tries of a step, the first λ and the λ that replaces zero.
 SUCCESS, FAILURE, TRIES = 0.1, 10.0, 6
 INITIAL_DAMPING, LEAST_DAMPING = 1e-2, 1e-8
 # A step that lowers the error by less than this share is the last.
 LEAST_GAIN = 1e-6
 # Rows whose Jacobian is in memory at a time.
 ROWS_AT_ONCE = 4096
-# Share of the largest diagonal element of JᵀJ that every weight is given, so that one without influence stays put.
+# Share of the largest diagonal element of JᵀJ that is added to every element, so that weights without influence stay
+# unchanged.
 LEAST_DIAGONAL = 1e-9
 
 # Activation → (function, its derivative written in the function's value).
@@ -46,7 +47,7 @@ _ACTIVATIONS = {
 
 
 class LevenbergMarquardt:
-    """E networks of the shape ``mlp``, each with its own damping λ; those that no step improves are ``done``."""
+    """Trains E networks of the shape ``mlp``, each with its own damping λ; those that no step improves are ``done``."""
 
     def __init__(
         self,
@@ -55,7 +56,17 @@ class LevenbergMarquardt:
         damping: float = INITIAL_DAMPING,
         initial: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """initial: weights to start from, [E, …] arrays; damping: the first λ."""
+        """Prepare a training.
+
+        Args:
+            mlp: Shape of the networks.
+            seeds: E seeds of the initial weights.
+            damping: The first λ, > 0.
+            initial: Weights to start from, [E, ...] arrays; None: random ones.
+
+        Raises:
+            ValueError: A network has too many weights, or an activation has no derivative here.
+        """
         weights = sum(a * b + b for a, b in zip(mlp.sizes, mlp.sizes[1:]))
         if weights > MOST_WEIGHTS:
             raise ValueError(f"levenberg: {weights} weights are too many; use 'adam' above {MOST_WEIGHTS}")
@@ -76,9 +87,16 @@ class LevenbergMarquardt:
         return len(self.done)
 
     def step(self, features: np.ndarray, target: np.ndarray, weight: np.ndarray, runs: Runs) -> np.ndarray:
-        """One step of every network on all of its rows; [E] mean weighted squared error after its last step.
+        """Do one step of every network on all of its rows.
 
-        features [N, F], target [N, C], weight [N], in the order of ``runs``.
+        Args:
+            features: [N, F] inputs, in the order of ``runs``.
+            target: [N, C] targets.
+            weight: [N] weights.
+            runs: Rows of each network.
+
+        Returns:
+            [E] mean weighted squared error after each network's last step.
         """
 
         def one(e: int) -> None:
@@ -110,18 +128,33 @@ class LevenbergMarquardt:
         return before
 
     def look(self, error: np.ndarray) -> np.ndarray:
-        """Keep the weights of the networks whose error [E] is the least yet; returns which they are."""
+        """Keep the current weights of the networks whose error is the least so far.
+
+        Args:
+            error: [E] validation errors.
+
+        Returns:
+            [E] bool, the networks that improved.
+        """
         return keep_better(self.best, self.best_error, self.parameters, error)
 
     # ------------------------------------------------------------------ checkpoints
 
     def arrays(self) -> Arrays:
-        """Everything that a resumed training needs."""
+        """Collect the state that a resumed training needs.
+
+        Returns:
+            Named arrays.
+        """
         own = {"damping": self.damping, "done": self.done, "best_error": self.best_error}
         return prefixed("value", self.parameters) | prefixed("best", self.best) | own
 
     def restore(self, arrays: Arrays) -> None:
-        """Take up what ``arrays`` gave; the shape and the number of networks must be the same."""
+        """Restore the state of a training of the same shape and number of networks.
+
+        Args:
+            arrays: Result of ``arrays``.
+        """
         check_like(arrays, self.arrays())
         self.parameters = {name: value.copy() for name, value in under("value", arrays).items()}
         self.best = {name: value.copy() for name, value in under("best", arrays).items()}
@@ -129,7 +162,16 @@ class LevenbergMarquardt:
 
 
 def forward(mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray) -> list[np.ndarray]:
-    """Values of all layers of one network, input first: [n, width] each."""
+    """Evaluate all layers of one network.
+
+    Args:
+        mlp: Shape of the network.
+        weights: Weights ``w0 [in, out], b0 [1, out], …``.
+        x: [n, in] inputs.
+
+    Returns:
+        Values of the layers, input first, [n, width] each.
+    """
     values = [x]
     for k in range(mlp.layers):
         function, _ = _ACTIVATIONS[mlp.activation if k + 1 < mlp.layers else mlp.output]
@@ -139,7 +181,16 @@ def forward(mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray) -> list[
 
 
 def jacobian(mlp: Mlp, weights: Mapping[str, np.ndarray], values: list[np.ndarray]) -> np.ndarray:
-    """∂f/∂w [C, n, P] by backpropagation; P runs over w0, b0, w1, … row-major; values: those of ``forward``."""
+    """Compute ∂f/∂w by backpropagation.
+
+    Args:
+        mlp: Shape of the network.
+        weights: Weights ``w0 [in, out], b0 [1, out], …``.
+        values: Result of ``forward``, [n, width] each.
+
+    Returns:
+        [C, n, P]; P runs over w0, b0, w1, … row-major.
+    """
     count, outputs = values[-1].shape
     _, derivative = _ACTIVATIONS[mlp.output]
     # δ [C, n, width]: derivative of output c by the sums that enter layer k.
@@ -159,7 +210,18 @@ def jacobian(mlp: Mlp, weights: Mapping[str, np.ndarray], values: list[np.ndarra
 def normal_equations(
     mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray, y: np.ndarray, root: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """(JᵀJ [P, P], Jᵀr [P], mean squared error); every row is scaled by root [n]."""
+    """Sum up the normal equations over rows.
+
+    Args:
+        mlp: Shape of the network.
+        weights: Weights ``w0 [in, out], b0 [1, out], …``.
+        x: [n, in] inputs.
+        y: [n, C] targets.
+        root: [n] factor of every row, the root of its weight.
+
+    Returns:
+        JᵀJ [P, P], Jᵀr [P] and the mean squared error.
+    """
     hessian, gradient, squares = 0.0, 0.0, 0.0
     for begin in range(0, len(x), ROWS_AT_ONCE):
         rows = slice(begin, begin + ROWS_AT_ONCE)
@@ -173,7 +235,16 @@ def normal_equations(
 
 
 def damped_solution(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray | None:
-    """δ [P] of (H + λ diag H) δ = g; None when H is not positive definite even in float64."""
+    """Solve (H + λ diag H) δ = g.
+
+    Args:
+        hessian: [P, P] H, symmetric.
+        gradient: [P] g.
+        damping: λ, ≥ 0.
+
+    Returns:
+        [P] δ, or None when H is not positive definite even in float64.
+    """
     diagonal = np.diag(hessian).astype(np.float64)
     for kind, solve in ((np.float32, lapack.sposv), (np.float64, lapack.dposv)):
         matrix = hessian.astype(kind)
@@ -185,7 +256,7 @@ def damped_solution(hessian: np.ndarray, gradient: np.ndarray, damping: float) -
 
 
 def _add(weights: Mapping[str, np.ndarray], step: np.ndarray) -> dict[str, np.ndarray]:
-    """Weights moved by δ [P], in the order of ``jacobian``."""
+    """Add δ [P], in the order of ``jacobian``, to the weights."""
     moved, begin = {}, 0
     for name, value in weights.items():
         moved[name] = value + step[begin : begin + value.size].reshape(value.shape)

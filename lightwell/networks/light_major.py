@@ -1,4 +1,4 @@
-"""Training rows in light-major order: what depends on the light alone is stored, and computed, once per light."""
+"""Training rows in light-major order: inputs that depend on the light alone are stored and evaluated once per light."""
 
 from __future__ import annotations
 
@@ -20,15 +20,28 @@ class LightMajorSet:
     pixel: Any
     """[N, G] other inputs of a pixel."""
     frame: Any
-    """[K, F] inputs of the light network; F ≥ 1 even where there is none, because empty arrays cannot be recorded."""
+    """[K, F] inputs of the light network; F ≥ 1 even without a light, because empty arrays cannot be recorded."""
     target: Any
     """[N, 3] tensor, unit S."""
     weight: Any
     """[N, 1] importance weights with mean 1."""
 
     @staticmethod
-    def from_numpy(points, pixel, frame, target, weight) -> LightMajorSet:
-        """Copy to the device, once."""
+    def from_numpy(
+        points: np.ndarray, pixel: np.ndarray, frame: np.ndarray, target: np.ndarray, weight: np.ndarray
+    ) -> LightMajorSet:
+        """Copy rows to the device.
+
+        Args:
+            points: [N, 3] places in the grid.
+            pixel: [N, G] other inputs of a pixel.
+            frame: [K, F] inputs of the light network.
+            target: [N, 3] targets in unit S.
+            weight: [N] importance weights.
+
+        Returns:
+            The rows on the device.
+        """
         return LightMajorSet(*(tensor(a) for a in (points, pixel, frame, target, np.reshape(weight, (-1, 1)))))
 
     def __len__(self) -> int:
@@ -36,11 +49,19 @@ class LightMajorSet:
 
     @property
     def grain(self) -> int:
-        """R: batches start and end between lights."""
+        """Rows per light, R: batches start and end between lights."""
         return len(self) // self.frame.shape[0]
 
     def rows(self, start: Any, count: int) -> tuple[tuple[Any, Any, Any], Any, Any]:
-        """``count`` rows from row ``start`` on, round the end: inputs of ``FactoredNetwork``, targets, weights."""
+        """Read a batch of neighbouring rows, cyclic.
+
+        Args:
+            start: First row, a multiple of R; UInt32 of width 1.
+            count: Number of rows, a multiple of R.
+
+        Returns:
+            Inputs of ``FactoredNetwork``, targets [count, 3] and weights [count, 1].
+        """
         points, pixel, target, weight = (
             rows_from(table, start, count) for table in (self.points, self.pixel, self.target, self.weight)
         )
@@ -49,7 +70,15 @@ class LightMajorSet:
 
 
 def light_runs(light: np.ndarray, most: int = 1 << 10) -> int:
-    """Largest power of two R ≤ ``most`` such that every R neighbouring rows of [N, 3] share a light; N a multiple."""
+    """Find the largest power of two R such that every R neighbouring rows share a light.
+
+    Args:
+        light: [N, 3] light of each row.
+        most: Upper limit of R.
+
+    Returns:
+        R; it divides N.
+    """
     changes = np.flatnonzero((light[1:] != light[:-1]).any(axis=1)) + 1
     found = np.gcd.reduce(np.append(changes, len(light))) if len(light) else 1
     run = 1

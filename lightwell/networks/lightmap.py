@@ -1,12 +1,12 @@
-"""The small network of a neural light map: features of the texel and the eye in, light out.
+"""The small network of a neural light map: maps features of the texel and the view direction to radiance.
 
     f = base (1 + g (exp(o₀…₂) − 1)) + g specular exp(o₃…₅),   o = network(textures, inputs)        with a base
     f = gain exp(o),                                           o = network(textures, inputs)        without
 
-Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S; g tells whether
-the eye matters at all, 0 of a Lambertian surface. Textures are read at uv, and at the place of an environment map that
-the mirrored ray meets. Layers may be
-those of a SIREN (Sitzmann et al. 2020), as Nobigi (Triglav 2022) uses them: y = sin(ω (W x + b)) / k + x.
+Notation: B rows; ``base`` is albedo · E', ``specular`` the reflectance that is not diffuse, in unit S; g is the share
+of view-dependent light, 0 for a Lambertian surface. Textures are read at uv, and at the place of an environment map
+that the mirrored view ray meets. Layers may be those of a SIREN (Sitzmann et al. 2020), as Nobigi (Triglav 2022) uses
+them: y = sin(ω (W x + b)) / k + x.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from lightwell.networks.mlp import ACTIVATIONS, glorot
 # Columns of a row before its inputs: uv, base, gain of the second term, g, and the place of the environment map.
 PLACE, BASE, GAIN, GLOSS, MIRROR = slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 9), slice(9, 11)
 HEAD = 11
-# Features start here, half way between the ends of their range, with noise that tells texels apart.
+# Features start in the middle of their range, with noise that makes texels differ.
 START, START_NOISE = 0.5, 0.02
-# What the decoded features run from and to.
+# Range of the decoded features.
 FEATURE_LOW, FEATURE_HIGH = -2.0, 2.0
 # Frequencies of sine layers: of the first one, and of the rest (Nobigi).
 OMEGA_FIRST, OMEGA = 20.0, 30.0
@@ -34,14 +34,18 @@ OMEGA_FIRST, OMEGA = 20.0, 30.0
 
 @dataclass(frozen=True)
 class LightmapNetwork:
-    """Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, all [texels, C]; ``w0, b0`` …
-    layers; ``s0, c0`` … the layers of the first stage; ``u0, v0`` … those that know where a surface lies."""
+    """The network of a neural light map.
+
+    Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, all [texels, C]; ``w0, b0`` …
+    layers; ``s0, c0`` … layers of the first stage; ``u0, v0`` … layers that compute features from the position of a
+    surface.
+    """
 
     texture: AtlasTexture | None
     channels: int
     """Channels of the texture that are used; the others make up a packet of four."""
     inputs: int
-    """Numbers of a row behind its head, at least one."""
+    """Inputs of a row, after its fixed columns; at least one."""
     hidden: tuple[int, ...] = (24, 24)
     activation: str = "relu"
     base: bool = True
@@ -49,21 +53,21 @@ class LightmapNetwork:
     siren: bool = False
     """Sine layers with residuals, as Nobigi's."""
     stage: tuple[int, ...] = ()
-    """Widths of sine layers that make the features from uv, in place of the texture."""
+    """Widths of sine layers that compute the features from uv, instead of the texture."""
     mirrors: tuple[AtlasTexture, ...] = ()
     """Textures of the environment, coarse to fine; all their channels but the packet's last are used."""
     mirror_channels: int = 0
     """Channels of each that are used."""
     surface: tuple[int, ...] = ()
-    """Widths of layers that make the features from what a row knows of its place, in place of the texture."""
+    """Widths of layers that compute the features from known quantities of the place, instead of the texture."""
     rounded: bool = False
     """Whether these features are rounded as their texels will be (straight-through)."""
     about: int = 0
-    """Numbers that a row knows of its place, behind its inputs."""
+    """Known quantities of the place, after the inputs of a row."""
 
     @property
     def outputs(self) -> int:
-        """Numbers that the last layer gives."""
+        """Width of the last layer."""
         return 6 if self.base else 3
 
     @property
@@ -73,7 +77,7 @@ class LightmapNetwork:
 
     @property
     def learned(self) -> int:
-        """Features of a row that textures hold."""
+        """Number of features of a row that textures hold."""
         return self.channels + len(self.mirrors) * self.mirror_channels
 
     @property
@@ -83,11 +87,19 @@ class LightmapNetwork:
 
     @property
     def surface_sizes(self) -> tuple[int, ...]:
-        """Widths of the layers that know where a surface lies."""
+        """Widths of the layers that compute features from the position of a surface."""
         return (self.about, *self.surface, self.channels) if self.surface else ()
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Seeded parameters; the output starts at the base alone, with a faint second term."""
+        """Draw initial parameters; the output starts at the base alone, with a small second term.
+
+        Args:
+            seed: Seed of the parameters.
+            bias: Initial value of the biases.
+
+        Returns:
+            Parameters by name, float32.
+        """
         rng = np.random.default_rng(seed)
         made: dict[str, np.ndarray] = {}
         if self.texture is not None and not self.stage:
@@ -108,7 +120,7 @@ class LightmapNetwork:
         return made
 
     def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
-        """[B, 11 + I + A] rows → [B, 3] radiance in unit S."""
+        """Map rows [B, 11 + I + A] to radiance [B, 3] in unit S."""
         inputs = slice(HEAD, HEAD + self.inputs)
         if self.surface:
             read = [self.made(parameters, rows[:, HEAD + self.inputs :])]
@@ -119,16 +131,24 @@ class LightmapNetwork:
         if not self.base:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
-        # A product, because the gradient of a broadcast is a sum whose order the threads choose.
+        # A product, because the gradient of a broadcast is a sum whose order depends on the threads.
         gloss = dr.matmul(rows[:, GLOSS], dr.full(mi.TensorXf, 1, (1, 3)))
         return rows[:, BASE] * (1 + gloss * (e[:, 0:3] - 1)) + rows[:, GAIN] * gloss * e[:, 3:6]
 
     def _decoded(self, t: Any) -> Any:
-        """Used channels of a texture of the environment, in their range."""
+        """Decode the used channels of a texture of the environment."""
         return FEATURE_LOW + (FEATURE_HIGH - FEATURE_LOW) * t[:, : self.mirror_channels]
 
     def made(self, parameters: Mapping[str, Any], about: Any) -> Any:
-        """[B, channels] decoded features from what is known of places [B, A]."""
+        """Compute the features of places from their known quantities.
+
+        Args:
+            parameters: Parameters by name.
+            about: [B, A] known quantities.
+
+        Returns:
+            [B, channels] decoded features.
+        """
         x, ones = about, dr.full(mi.TensorXf, 1, (about.shape[0], 1))
         for k in range(len(self.surface_sizes) - 1):
             x = dr.matmul(x, parameters[f"u{k}"]) + dr.matmul(ones, parameters[f"v{k}"])
@@ -140,7 +160,15 @@ class LightmapNetwork:
         return x + (nearest - dr.detach(x))
 
     def features(self, parameters: Mapping[str, Any], places: Any) -> Any:
-        """[B, channels] decoded features at places [B, 2], or None."""
+        """Compute or read the features at places in the atlas.
+
+        Args:
+            parameters: Parameters by name.
+            places: [B, 2] texture coordinates in [0, 1]².
+
+        Returns:
+            [B, channels] decoded features, or None for a network without any.
+        """
         if self.stage:
             x, ones = places, dr.full(mi.TensorXf, 1, (places.shape[0], 1))
             for k in range(len(self.stage_sizes) - 1):
@@ -177,13 +205,21 @@ class LightmapNetwork:
         return x
 
     def evaluate(self, parameters: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """The same on NumPy arrays, no gradients."""
+        """Evaluate the network on NumPy arrays, without gradients.
+
+        Args:
+            parameters: Parameters by name, shapes [...] as ``initial`` makes them.
+            rows: [B, C] rows.
+
+        Returns:
+            [B, 3] radiance in unit S.
+        """
         tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
         with dr.suspend_grad():
             return np.array(self(tensors, mi.TensorXf(np.ascontiguousarray(rows, np.float32))))
 
 
 def _sine_weights(rng: np.random.Generator, inputs: int, outputs: int, layer: int) -> np.ndarray:
-    """U(±1/4) of the first layer, U(±√(6 / in) / ω) of the others (Nobigi; Sitzmann et al. 2020)."""
+    """Draw U(±1/4) for the first layer, U(±√(6 / in) / ω) for the others (Nobigi; Sitzmann et al. 2020)."""
     bound = 0.25 if layer == 0 else np.sqrt(6 / inputs) / OMEGA
     return rng.uniform(-bound, bound, (inputs, outputs)).astype(np.float32)

@@ -15,39 +15,89 @@ from lightwell.backend import dr, mi
 # ε of the relative error in unit S (the report's value).
 EPSILON = 1e-2
 
-# ε₂ of ``relative2`` on demodulated targets in unit S, by measurement on the Cornell box.
+# ε₂ of ``relative2`` on demodulated targets in unit S (measured on the Cornell box).
 EPSILON_SQUARED_LOSS = 0.05
 
 
 def l2(f: Any, y: Any) -> Any:
-    """(f − y)²."""
+    """Compute (f − y)².
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
     return dr.square(f - y)
 
 
 def l1(f: Any, y: Any) -> Any:
-    """|f − y|."""
+    """Compute |f − y|.
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
     return dr.abs(f - y)
 
 
 def relative(f: Any, y: Any) -> Any:
-    """|f − y| / (y + ε): biased to the dark on noisy targets; for the faithful presets only."""
+    """Compute |f − y| / (y + ε), whose minimum is darker than the mean of noisy targets; used by the faithful presets
+    only.
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
     return dr.abs(f - y) / (y + EPSILON)
 
 
 def relative_sg(f: Any, y: Any) -> Any:
-    """|f − y| / (f + ε) with no gradient through the denominator."""
+    """Compute |f − y| / (f + ε) with no gradient through the denominator.
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
     return dr.abs(f - y) / (dr.abs(dr.detach(f)) + EPSILON)
 
 
 def relative2(f: Any, y: Any) -> Any:
-    """(f − y)² / (f² + ε₂²) with no gradient through the denominator (as in Noise2Noise, Lehtinen et al. 2018)."""
+    """Compute (f − y)² / (f² + ε₂²) with no gradient through the denominator (as in Noise2Noise, Lehtinen et al. 2018).
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
     return dr.square(f - y) / (dr.square(dr.detach(f)) + EPSILON_SQUARED_LOSS**2)
 
 
 def expected(z: Any, l: Any) -> Any:
-    """p_j l_j with p = softmax(z): what a gate with outputs z expects to lose when expert j loses l_j. Both [..., M].
+    """Compute p_j l_j with p = softmax(z): the terms of the expected loss when a gate chooses expert j with probability
+    p_j.
 
-    The gradient of the sum over j by z, p_j (l_j − Σ_k p_k l_k), is written down: it needs no sums in an unknown order.
+    The gradient with respect to z of the sum over j, p_j (l_j − Σ_k p_k l_k), is written explicitly, so that no sum has
+    an undefined order.
+
+    Args:
+        z: [..., M] outputs of the gate.
+        l: [..., M] loss of each expert.
+
+    Returns:
+        [..., M] terms.
     """
     experts, held, l = z.shape[-1], dr.detach(z).array, dr.detach(l).array
     at = dr.arange(mi.UInt32, dr.width(held)) // experts

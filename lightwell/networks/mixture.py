@@ -1,11 +1,11 @@
-"""Experts and a softmax gate that learn together: the two gaters that the 2013 report tried and gave up.
+"""Experts and a softmax gate that are trained together: the two gates that the 2013 report tried and abandoned.
 
 p_j(x) = softmax_j of the gate's outputs z, l_j = loss of expert j on a sample. ``joint`` minimises the expected loss
 
     L = Σ_j p_j l_j,     ∂L/∂θ_j = p_j ∂l_j/∂θ_j,     ∂L/∂z_j = p_j (l_j − L)
 
 ``multinomial`` draws one expert k ~ p per sample, trains that one, and estimates the gate's gradient by the score
-function (Williams 1992): ∂L/∂z_j ≈ l_k ([j = k] − p_j). Both are written as one surrogate, linear in l and z, with
+function (Williams 1992): ∂L/∂z_j ≈ l_k ([j = k] − p_j). Both are implemented as one surrogate, linear in l and z, with
 coefficients that carry no gradient. Notation: M experts, B rows of a batch.
 """
 
@@ -37,9 +37,9 @@ class MixtureSet:
     """N rows in random order on the device."""
 
     features: Any
-    """[N, F] tensor, what the experts see."""
+    """[N, F] tensor, inputs of the experts."""
     gate_features: Any
-    """[N, G] tensor, what the gate sees."""
+    """[N, G] tensor, inputs of the gate."""
     target: Any
     """[N, 3] tensor, unit S."""
     weight: Any
@@ -47,7 +47,14 @@ class MixtureSet:
 
     @staticmethod
     def from_numpy(*columns: np.ndarray) -> MixtureSet:
-        """Copy rows to the device, once; in the order of the fields."""
+        """Copy rows to the device.
+
+        Args:
+            *columns: Features [N, F], gate features [N, G], targets [N, 3] and weights [N], in this order.
+
+        Returns:
+            The rows on the device.
+        """
         return MixtureSet(*(tensor(a.reshape(len(a), -1)) for a in columns))
 
     def __len__(self) -> int:
@@ -58,6 +65,15 @@ class MixtureTrainer:
     """Trains M experts of the shape ``expert`` and a gate whose last layer is linear, one output per expert."""
 
     def __init__(self, expert: Mlp, gate: Mlp, estimator: Estimator, settings: TrainingSettings, seed: int) -> None:
+        """Prepare a training.
+
+        Args:
+            expert: Shape of each expert.
+            gate: Shape of the gate; the width of its last layer is the number of experts.
+            estimator: How the gradient of the gate is estimated.
+            settings: Loss, optimiser, batches and rates.
+            seed: Seed of weights, batches and draws.
+        """
         self.expert, self.gate, self.estimator, self.settings, self.seed = expert, gate, estimator, settings, seed
         self.steps = 0
         experts = gate.sizes[-1]
@@ -72,11 +88,19 @@ class MixtureTrainer:
 
     @property
     def parameters(self) -> dict[str, dict[str, np.ndarray]]:
-        """Current weights of ``experts`` [M, …] and ``gate`` [1, …]."""
+        """Current weights of ``experts`` [M, ...] and ``gate`` [1, ...]."""
         return {part: {name: np.array(v) for name, v in values.items()} for part, values in self._values.items()}
 
     def step(self, data: MixtureSet, total: int) -> Any:
-        """One optimiser step of ``total``; returns the mean loss, left on the device."""
+        """Do one optimiser step.
+
+        Args:
+            data: Rows on the device.
+            total: Steps of the whole schedule, ≥ 1.
+
+        Returns:
+            The mean loss, on the device.
+        """
         settings, rows = self.settings, len(data)
         batch = min(settings.batch, rows)
         epoch, position = divmod(self.steps, max(rows // batch, 1))
@@ -104,7 +128,11 @@ class MixtureTrainer:
         return loss
 
     def gradient_variance(self) -> float:
-        """E‖g‖² − ‖E g‖² of the gate's gradient over the steps since the last call, which starts a new window."""
+        """Compute the variance of the gate's gradient, E‖g‖² − ‖E g‖², over the steps since the last call.
+
+        Returns:
+            The variance; 0 without a step.
+        """
         if not self._counted:
             return 0.0
         mean = sum(float((np.array(s, np.float64) ** 2).sum()) for s in self._sums.values()) / self._counted**2
@@ -115,7 +143,11 @@ class MixtureTrainer:
     # ------------------------------------------------------------------ checkpoints
 
     def arrays(self) -> Arrays:
-        """Everything that a resumed training needs; taken at the start of a window of ``gradient_variance``."""
+        """Collect the state that a resumed training needs; call it when a window of ``gradient_variance`` starts.
+
+        Returns:
+            Named arrays.
+        """
         arrays: Arrays = {"steps": np.array(self.steps, np.int64)}
         for part, values in self._values.items():
             arrays |= prefixed(f"value.{part}", {name: np.array(v) for name, v in values.items()})
@@ -124,7 +156,11 @@ class MixtureTrainer:
         return arrays
 
     def restore(self, arrays: Arrays) -> None:
-        """Take up what ``arrays`` gave; the shapes must be the same."""
+        """Restore the state of a training of the same shapes.
+
+        Args:
+            arrays: Result of ``arrays``.
+        """
         check_like(arrays, self.arrays())
         self.steps = int(arrays["steps"])
         for part in self._values:
@@ -140,13 +176,27 @@ def _zeros(weights: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def recorded_step(
     expert: Mlp, gate: Mlp, estimator: Estimator, settings: TrainingSettings, batch: int, rows: int
 ) -> Callable[..., Any]:
-    """One step as a frozen function (see ``training.frozen_step``, why it is kept and what its key is)."""
+    """Record one optimiser step as a frozen function.
+
+    Recordings are kept for the life of the process (see ``training.frozen_step``).
+
+    Args:
+        expert: Shape of each expert.
+        gate: Shape of the gate.
+        estimator: How the gradient of the gate is estimated.
+        settings: Loss and optimiser.
+        batch: Rows of a batch.
+        rows: Length of the table; a recording serves one length only.
+
+    Returns:
+        The recorded step.
+    """
     experts, update = gate.sizes[-1], OPTIMISERS[settings.optimiser][0]
 
     def step(values, moments, sums, squares, table, start, rate, stream):
         features, gate_features, target, weight = table
         own = _run(start, batch, rows)
-        # Every expert sees the batch.
+        # Every expert evaluates the whole batch.
         each = _run(start, batch, rows, experts)
         x, y = take_rows(features, each, (experts, batch)), take_rows(target, each, (experts, batch))
         g, w = take_rows(gate_features, own, (1, batch)), take_rows(weight, own, (batch,)).array
@@ -155,7 +205,7 @@ def recorded_step(
         losses = LOSSES[settings.loss](expert(values[EXPERTS], x), y).array
         z = gate(values[GATE], g).array
         of_expert, of_gate, mean = coefficients(estimator, dr.detach(losses), dr.detach(z), batch, experts, stream)
-        # Sample b of expert e lies at (e B + b) 3 + c of the losses, at b M + e of the gate's outputs.
+        # Sample b of expert e is element (e B + b) 3 + c of the losses and element b M + e of the gate's outputs.
         at = dr.arange(mi.UInt32, experts * batch * 3)
         at_sample = (at // 3) % batch
         weight_here = dr.gather(mi.Float, w, at_sample) / (3 * batch)
@@ -176,7 +226,7 @@ def recorded_step(
 
 
 def _run(start: Any, batch: int, rows: int, repeat: int = 1) -> Any:
-    """Row numbers of a batch, round the end, ``repeat`` times over."""
+    """Compute the row numbers of a batch, cyclic, ``repeat`` times."""
     at = start + dr.arange(mi.UInt32, repeat * batch) % batch
     return dr.select(at < rows, at, at - rows)
 
@@ -184,9 +234,18 @@ def _run(start: Any, batch: int, rows: int, repeat: int = 1) -> Any:
 def coefficients(
     estimator: Estimator, losses: Any, z: Any, batch: int, experts: int, stream: Any
 ) -> tuple[Any, Any, Any]:
-    """Factors of expert losses and of gate outputs in the surrogate, [B·M] each, and the expected loss [B].
+    """Compute the factors of expert losses and of gate outputs in the surrogate.
 
-    losses [M·B·3], z [B·M], both without gradient; stream: number that picks the random draws.
+    Args:
+        estimator: How the gradient of the gate is estimated.
+        losses: [M·B·3] losses without gradient.
+        z: [B·M] outputs of the gate without gradient.
+        batch: B.
+        experts: M.
+        stream: Number that selects the random draws.
+
+    Returns:
+        Factors of the losses and of the outputs, [B·M] each, and the expected loss [B].
     """
     at = dr.arange(mi.UInt32, batch * experts)
     sample, expert = at // experts, at % experts
@@ -198,7 +257,7 @@ def coefficients(
     mean = dr.block_sum(p * l, experts)
     if estimator == "joint":
         return p, p * (l - dr.gather(mi.Float, mean, sample)), mean
-    # One expert per sample: the one in whose part of [0, 1) the sample's random number falls.
+    # One expert per sample: the one whose interval of [0, 1) contains the sample's random number.
     below = dr.block_prefix_sum(p, experts, exclusive=True)
     above = dr.select(expert + 1 < experts, dr.gather(mi.Float, below, dr.minimum(at + 1, batch * experts - 1)), 2)
     u = mi.Float(mi.sample_tea_32(stream, sample)[0] >> 8) * 2**-24

@@ -10,7 +10,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 
-# The bounds of the argument of the exponential output: e^6 = 403 units is brighter than any target that is kept.
+# Bounds of the argument of the exponential output: e^6 = 403 units is brighter than any target in the training set.
 EXP_LOW, EXP_HIGH = -12.0, 6.0
 
 
@@ -23,7 +23,7 @@ def _softplus(x: Any) -> Any:
     return dr.maximum(x, 0) + dr.log(1 + dr.exp(-dr.abs(x)))
 
 
-# The functions that the shading graph's ``activate`` knows and that networks here are trained with.
+# Functions of the shading graph's ``activate`` op that networks here are trained with.
 ACTIVATIONS = {
     "identity": lambda x: x,
     "relu": lambda x: dr.maximum(x, 0),
@@ -37,16 +37,25 @@ ACTIVATIONS = {
 
 
 def glorot(rng: np.random.Generator, inputs: int, outputs: int) -> np.ndarray:
-    """[in, out] float32 weights U(±√(6/(in+out))) (Glorot & Bengio 2010)."""
+    """Draw weights U(±√(6/(in+out))) (Glorot & Bengio 2010).
+
+    Args:
+        rng: Random generator.
+        inputs: Width of the input.
+        outputs: Width of the output.
+
+    Returns:
+        [in, out] float32.
+    """
     bound = np.sqrt(6.0 / (inputs + outputs))
     return rng.uniform(-bound, bound, (inputs, outputs)).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class Mlp:
-    """Layers W x + b with one activation inside and one at the end.
+    """A multi-layer perceptron with one activation inside and one at the end.
 
-    Parameters are a dict of tensors ``w0 [in, out], b0 [1, out], w1 …`` so that any optimiser of Dr.Jit takes them.
+    Parameters are a dict of tensors ``w0 [in, out], b0 [1, out], w1 …``, the form that Dr.Jit's optimisers take.
     """
 
     sizes: tuple[int, ...]
@@ -65,7 +74,15 @@ class Mlp:
         return sum(a * b for a, b in zip(self.sizes, self.sizes[1:]))
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Weights as in ``glorot`` and constant biases, float32."""
+        """Draw initial weights as ``glorot``; biases are constant.
+
+        Args:
+            seed: Seed of the weights.
+            bias: Initial value of the biases.
+
+        Returns:
+            Parameters by name, float32.
+        """
         rng = np.random.default_rng(seed)
         parameters: dict[str, np.ndarray] = {}
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
@@ -74,7 +91,7 @@ class Mlp:
         return parameters
 
     def __call__(self, parameters: Mapping[str, Any], x: Any) -> Any:
-        """[B, in] tensor → [B, out] tensor, differentiable.
+        """Map a tensor [B, in] to a tensor [B, out], differentiably.
 
         With one more axis E in front of ``x`` and of all parameters: E networks at once.
         """
@@ -87,7 +104,15 @@ class Mlp:
         return x
 
     def evaluate(self, parameters: Mapping[str, np.ndarray], x: np.ndarray) -> np.ndarray:
-        """The same on NumPy arrays, no gradients: for validation sets, not for hot paths."""
+        """Evaluate the network on NumPy arrays, without gradients: for validation sets, not for inner loops.
+
+        Args:
+            parameters: Weights ``w0 [in, out], b0 [1, out], …``.
+            x: [B, in] inputs.
+
+        Returns:
+            [B, out] outputs.
+        """
         tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
         with dr.suspend_grad():
             return np.array(self(tensors, mi.TensorXf(np.ascontiguousarray(x, np.float32))))

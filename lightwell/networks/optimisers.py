@@ -17,7 +17,17 @@ BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 
 
 def adam(values: Tensors, gradients: Tensors, moments: tuple[Tensors, Tensors], rate: Any) -> tuple[Tensors, Any]:
-    """One Adam step; ``rate`` already holds the bias correction of ``adam_rate``. Returns (values, moments)."""
+    """Do one Adam step (Kingma & Ba 2015).
+
+    Args:
+        values: Parameters by name.
+        gradients: Their gradients.
+        moments: First and second moments.
+        rate: Learning rate with the bias correction of ``adam_rate``.
+
+    Returns:
+        New values and moments.
+    """
     first = {k: BETA_1 * moments[0][k] + (1 - BETA_1) * g for k, g in gradients.items()}
     second = {k: BETA_2 * moments[1][k] + (1 - BETA_2) * dr.square(g) for k, g in gradients.items()}
     moved = {k: values[k] - mi.TensorXf(rate) * first[k] / (dr.sqrt(second[k]) + EPSILON) for k in values}
@@ -25,17 +35,43 @@ def adam(values: Tensors, gradients: Tensors, moments: tuple[Tensors, Tensors], 
 
 
 def adam_rate(rate: float, step: int) -> float:
-    """The rate of step 1, 2, … with both bias corrections of Adam folded in."""
+    """Multiply the learning rate by both bias corrections of Adam.
+
+    Args:
+        rate: Learning rate.
+        step: Number of the step, ≥ 1.
+
+    Returns:
+        Corrected rate.
+    """
     return rate * (1 - BETA_2**step) ** 0.5 / (1 - BETA_1**step)
 
 
 def sgd(values: Tensors, gradients: Tensors, moments: tuple[Tensors, Tensors], rate: Any) -> tuple[Tensors, Any]:
-    """One step of plain gradient descent; the moments are not used."""
+    """Do one step of plain gradient descent.
+
+    Args:
+        values: Parameters by name.
+        gradients: Their gradients.
+        moments: Returned unchanged.
+        rate: Learning rate.
+
+    Returns:
+        New values, and the moments.
+    """
     return {k: values[k] - mi.TensorXf(rate) * gradients[k] for k in values}, moments
 
 
 def sgd_rate(rate: float, step: int) -> float:
-    """The rate as it is."""
+    """Return the learning rate unchanged.
+
+    Args:
+        rate: Learning rate.
+        step: Not used.
+
+    Returns:
+        ``rate``.
+    """
     return rate
 
 

@@ -20,7 +20,7 @@ from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How a network is trained."""
+    """Settings of a training."""
 
     loss: str = "relative2"
     optimiser: str = "adam"
@@ -35,17 +35,20 @@ class TrainingSettings:
     clip: float = 1.0
     """Largest Euclidean norm of the whole gradient; 0 turns clipping off."""
     evaluate_every: int = 200
-    """Steps between two looks at the validation set."""
+    """Steps between two evaluations on the validation set."""
     patience: int = 10
-    """Evaluations without improvement until the training stops, but at least a fifth of the schedule, whose high rates
-    hide progress; 0 never stops."""
+    """Evaluations without improvement after which the training stops, at least a fifth of the schedule; 0 never stops.
+
+    While the rate is high, longer times without improvement are normal."""
     initial_bias: float = 0.0
 
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """N rows on the device, in random order: a batch is a run of neighbouring rows, because gathering scattered rows
-    costs three times as much as reading a run."""
+    """N rows on the device, in random order.
+
+    A batch is a run of neighbouring rows, because gathering scattered rows takes three times as long as reading a run.
+    """
 
     features: Any
     """[N, F] tensor."""
@@ -56,7 +59,16 @@ class TrainingSet:
 
     @staticmethod
     def from_numpy(features: np.ndarray, target: np.ndarray, weight: np.ndarray) -> TrainingSet:
-        """Copy rows that are in random order to the device, once."""
+        """Copy rows that are in random order to the device.
+
+        Args:
+            features: [N, F] inputs.
+            target: [N, 3] targets in unit S.
+            weight: [N] importance weights.
+
+        Returns:
+            The rows on the device.
+        """
         tensor = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
         return TrainingSet(tensor(features), tensor(target), mi.Float(np.ascontiguousarray(weight, np.float32)))
 
@@ -69,13 +81,30 @@ class TrainingSet:
         return 1
 
     def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
-        """``count`` rows from row ``start`` (UInt32 of width 1) on, round the end: [B, F], [B, 3], [B, 1]."""
+        """Read a batch of neighbouring rows, cyclic.
+
+        Args:
+            start: First row; UInt32 of width 1.
+            count: Number of rows B.
+
+        Returns:
+            Inputs [B, F], targets [B, 3] and weights [B, 1].
+        """
         weight = mi.TensorXf(self.weight, (len(self), 1))
         return tuple(rows_from(table, start, count) for table in (self.features, self.target, weight))
 
 
 def rows_from(table: Any, start: Any, count: int) -> Any:
-    """[count, F] rows of a table [N, F] from row ``start`` (UInt32 of width 1) on, round the end."""
+    """Read neighbouring rows of a table, cyclic.
+
+    Args:
+        table: [N, F] tensor.
+        start: First row; UInt32 of width 1.
+        count: Number of rows, ≤ N.
+
+    Returns:
+        [count, F] tensor.
+    """
     rows, width = table.shape
     source = dr.arange(mi.UInt32, count * width) + start * width
     end = rows * width
@@ -85,7 +114,7 @@ def rows_from(table: Any, start: Any, count: int) -> Any:
 
 @dataclass
 class TrainingState:
-    """Everything that a resumed training needs beside the optimiser's arrays."""
+    """The state that a resumed training needs besides the optimiser's arrays."""
 
     step: int = 0
     samples_seen: int = 0
@@ -99,23 +128,39 @@ Progress = Callable[[TrainingState, int], None]
 
 
 class Network(Protocol):
-    """What can be trained; hashable, because a frozen step belongs to it."""
+    """A network that can be trained; hashable, because recorded steps are kept by network."""
 
     def initial(self, seed: int, bias: float) -> dict[str, np.ndarray]:
-        """Named arrays of parameters."""
+        """Draw initial parameters.
+
+        Args:
+            seed: Seed of the parameters.
+            bias: Initial value of the biases.
+
+        Returns:
+            Parameters by name.
+        """
 
     def __call__(self, parameters: Mapping[str, Any], inputs: Any) -> Any:
-        """The inputs of a batch as ``rows`` of its data gives them → [B, 3] tensor."""
+        """Map the inputs of a batch, as ``TrainingData.rows`` returns them, to a tensor [B, 3]."""
 
 
 class TrainingData(Protocol):
     """Rows on the device in random order, such as ``TrainingSet``."""
 
     grain: int
-    """Rows that stay together: batches start and end at multiples of it, and so do the data."""
+    """Rows that stay together: batches start and end at multiples of it, and it divides the number of rows."""
 
     def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
-        """Inputs, targets [B, 3] and weights [B, 1] of ``count`` rows from ``start`` on, round the end."""
+        """Read a batch of neighbouring rows, cyclic.
+
+        Args:
+            start: First row; UInt32 of width 1.
+            count: Number of rows B.
+
+        Returns:
+            Inputs of the network, targets [B, 3] and weights [B, 1].
+        """
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -124,11 +169,17 @@ class TrainingData(Protocol):
 class Trainer:
     """Fits a network to rows such as a ``TrainingSet``; the same seed and plan give the same weights.
 
-    ``error`` maps the parameters (dict of NumPy arrays) to the validation error that early stopping watches; the
-    parameters with the smallest error seen are kept in ``best``.
+    The parameters with the smallest validation error so far are kept in ``best``.
     """
 
     def __init__(self, network: Network, settings: TrainingSettings, seed: int) -> None:
+        """Prepare a training.
+
+        Args:
+            network: Network to train.
+            settings: Loss, optimiser, batches and rates.
+            seed: Seed of weights and batches.
+        """
         self.network, self.settings, self.seed = network, settings, seed
         self.state = TrainingState()
         self.best = network.initial(seed, settings.initial_bias)
@@ -145,7 +196,12 @@ class Trainer:
         return {name: np.array(value) for name, value in self._values.items()}
 
     def adopt(self, parameters: Mapping[str, np.ndarray], keep_moments: bool = True) -> None:
-        """Go on from these weights; their names and shapes may differ from those of before without the moments."""
+        """Continue from other weights.
+
+        Args:
+            parameters: New weights [...] by name.
+            keep_moments: Keep the moments of Adam; otherwise they start at zero, and names and shapes may differ.
+        """
         self._values = _upload(dict(parameters))
         if not keep_moments:
             zeros = {name: np.zeros_like(value) for name, value in parameters.items()}
@@ -157,19 +213,27 @@ class Trainer:
         return max(min(self.settings.batch, len(data)) // data.grain, 1) * data.grain
 
     def _next_start(self, data: TrainingData) -> int:
-        """First row of the next batch; depends on (seed, step, rows) alone, so that a resumed training repeats it."""
+        """Choose the first row of the next batch from (seed, step, rows) alone: a resumed training repeats it."""
         batch, rows = self._batch(data), len(data)
         per_epoch = max(rows // batch, 1)
         epoch, position = divmod(self.state.step, per_epoch)
         if self._starts_key != (epoch, rows):
             rng = np.random.default_rng((self.seed, epoch, rows))
-            # A random phase gives every epoch other batches, although rows keep their neighbours.
+            # A random phase gives every epoch different batches, although neighbouring rows stay together.
             self._starts = (rng.permutation(per_epoch) * batch + data.grain * rng.integers(rows // data.grain)) % rows
             self._starts_key = (epoch, rows)
         return int(self._starts[position])
 
     def step(self, data: TrainingData, total: int) -> Any:
-        """One optimiser step of ``total``; returns the loss as an unevaluated-on-host array of width 1."""
+        """Do one optimiser step.
+
+        Args:
+            data: Rows on the device.
+            total: Steps of the whole schedule, ≥ 1.
+
+        Returns:
+            The loss, an array of width 1 on the device.
+        """
         epoch = self.state.samples_seen / len(data)
         schedule = SCHEDULES[self.settings.schedule]
         rate = schedule(self.settings.rate, self.state.step / max(total, 1), epoch, self.settings.tau)
@@ -183,7 +247,7 @@ class Trainer:
         self.state.samples_seen += self._batch(data)
         return loss
 
-    # ------------------------------------------------------------------ the loop
+    # ------------------------------------------------------------------ training loop
 
     def fit(
         self,
@@ -194,7 +258,19 @@ class Trainer:
         progress: Progress | None = None,
         checkpoint: Callable[[], None] | None = None,
     ) -> bool:
-        """Train up to step ``until`` of a schedule of ``total`` steps. Returns whether early stopping ended it."""
+        """Train up to a step of a schedule, or until early stopping.
+
+        Args:
+            data: Rows on the device.
+            error: Computes the validation error of parameters, [...] arrays by name.
+            until: Step to stop at.
+            total: Steps of the whole schedule, ≥ ``until``.
+            progress: Called with (state, total) after each evaluation.
+            checkpoint: Called after each evaluation.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
         settings, state = self.settings, self.state
         losses = []
         while state.step < until:
@@ -227,7 +303,11 @@ class Trainer:
     # ------------------------------------------------------------------ checkpoints
 
     def save(self, path: Path) -> None:
-        """Write everything needed to go on to ``path`` (.npz), by a temporary name and a rename."""
+        """Write the state that a resumed training needs; the file is replaced atomically.
+
+        Args:
+            path: The .npz file to write.
+        """
         save_arrays(path, self._arrays())
 
     def _arrays(self) -> Arrays:
@@ -243,7 +323,11 @@ class Trainer:
         return arrays
 
     def load(self, path: Path) -> None:
-        """Take up a training that ``save`` wrote; the network and the settings must be the same."""
+        """Resume a training that ``save`` wrote, of the same network and settings.
+
+        Args:
+            path: The .npz file to read.
+        """
         arrays = read_checkpoint(path, self._arrays(), varying=("history",))
         with taking_up(path):
             step, seen, best_step, best_error, history = counters(arrays)
@@ -258,11 +342,19 @@ class Trainer:
 def frozen_step(
     network: Network, settings: TrainingSettings, batch: int, rows: int
 ) -> Callable[..., tuple[Any, Any, Any]]:
-    """One optimiser step as a frozen function: its kernels are launched again without being traced again.
+    """Record one optimiser step as a frozen function, whose kernels are launched again without being traced again.
 
-    ``rows``, the length of the training set, is compiled in: a recording serves one length only.
-    It is kept for the life of the process, because Dr.Jit 1.5 crashes when a frozen function is garbage-collected
-    while another one records.
+    Recordings are kept for the life of the process, because Dr.Jit 1.5 crashes when a frozen function is
+    garbage-collected while another one records.
+
+    Args:
+        network: Network to train.
+        settings: Loss and optimiser.
+        batch: Rows of a batch.
+        rows: Length of the training set; a recording serves one length only.
+
+    Returns:
+        Function of (values, moments, data, start, rate) that returns new values, moments and the loss.
     """
 
     def step(values: Any, moments: Any, data: TrainingData, start: Any, rate: Any) -> tuple[Any, Any, Any]:
@@ -287,7 +379,7 @@ def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[
     if not settings.clip:
         return gradients
     norm = dr.sqrt(sum(dr.sum(dr.square(g.array)) for g in gradients.values()))
-    # A poisoned batch (NaN or infinite gradient) must not reach the weights.
+    # A batch with a NaN or infinite gradient must not change the weights.
     scale = dr.select(dr.isfinite(norm), dr.minimum(1.0, settings.clip / (norm + 1e-12)), 0.0)
     return {
         name: mi.TensorXf(dr.select(dr.isfinite(g.array), g.array, 0) * scale, g.shape) for name, g in gradients.items()
