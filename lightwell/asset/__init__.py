@@ -1,4 +1,4 @@
-"""The baked asset: a glTF 2.0 file with learned light, written, read, and put into a page of its own."""
+"""The baked asset: a glTF 2.0 file with its learned light, read and written, and the self-contained viewer page."""
 
 from lightwell.asset.info import info as info
 from lightwell.asset.page import PageView as PageView

@@ -1,4 +1,4 @@
-"""The GLB 2.0 container: a JSON chunk and a binary chunk, put together and taken apart.
+"""The GLB 2.0 container: reads and writes its JSON chunk and its binary chunk.
 
 Reference: glTF 2.0 specification, section 4 (GLB file format) and 3.6.2 (accessors).
 """
@@ -26,7 +26,7 @@ BINARY_CHUNK = 0x004E4942
 # Every accessor starts at a multiple of this, which satisfies every component type (section 3.6.2.4).
 ALIGNMENT = 4
 
-# glTF component types of the NumPy types that may be stored. float16 has none: it travels as the bits of an uint16.
+# glTF component types of the NumPy types that may be stored. float16 has none: it is stored as the bits of a uint16.
 COMPONENT_TYPES = {
     np.dtype("int8"): 5120,
     np.dtype("uint8"): 5121,
@@ -41,7 +41,7 @@ ELEMENT_ARRAY_BUFFER = 34963
 
 
 class Binary:
-    """Collects the binary chunk and the buffer views and accessors that name its parts."""
+    """The binary chunk of a GLB, with the buffer views and accessors that describe its parts."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -49,7 +49,15 @@ class Binary:
         self.accessors: list[dict[str, Any]] = []
 
     def add_view(self, data: bytes, target: int | None = None) -> int:
-        """Append bytes, aligned; return the index of their buffer view."""
+        """Append bytes to the chunk, aligned to 4 bytes.
+
+        Args:
+            data: Bytes of the buffer view.
+            target: ``ARRAY_BUFFER`` for vertex attributes, ``ELEMENT_ARRAY_BUFFER`` for indices, None for other data.
+
+        Returns:
+            Index of the new buffer view.
+        """
         self.data += b"\0" * (-len(self.data) % ALIGNMENT)
         view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
         if target is not None:
@@ -59,9 +67,15 @@ class Binary:
         return len(self.views) - 1
 
     def add_accessor(self, array: np.ndarray, target: int | None = None, bounds: bool = False) -> int:
-        """Append an array of shape [count] or [count, 2..4]; return the index of its accessor.
+        """Append an array to the chunk, little-endian.
 
-        ``bounds`` writes its smallest and largest values, which glTF wants for positions.
+        Args:
+            array: [count] or [count, 2..4] numbers of one of the types in ``COMPONENT_TYPES``.
+            target: As for ``add_view``.
+            bounds: Write the least and greatest values too, which glTF requires for positions.
+
+        Returns:
+            Index of the new accessor.
         """
         array = np.ascontiguousarray(array)
         components = 1 if array.ndim == 1 else array.shape[1]
@@ -81,7 +95,17 @@ class Binary:
 
 
 def pack(document: dict[str, Any], binary: bytes) -> bytes:
-    """A GLB from its JSON document and its binary chunk. Refuses NaN and infinities."""
+    """Build a GLB file.
+
+    NaN and infinities in the document are refused.
+
+    Args:
+        document: The glTF JSON.
+        binary: Content of the binary chunk; when it is empty, the file has no such chunk.
+
+    Returns:
+        The bytes of the file.
+    """
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
     chunks = [(JSON_CHUNK, text + b" " * (-len(text) % ALIGNMENT))]
     if binary:
@@ -91,7 +115,17 @@ def pack(document: dict[str, Any], binary: bytes) -> bytes:
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """JSON document and binary chunk of a GLB. Raises ``ValueError`` on anything that is not one."""
+    """Split a GLB file into its JSON and its binary chunk.
+
+    Args:
+        data: The bytes of the file.
+
+    Returns:
+        The glTF JSON, and the content of the binary chunk (empty when there is none).
+
+    Raises:
+        ValueError: The bytes are not a whole GLB of version 2, or its JSON cannot be read.
+    """
     if len(data) < HEADER_BYTES + CHUNK_HEADER_BYTES or data[:4] != MAGIC:
         raise ValueError("not a GLB file (it does not start with 'glTF')")
     version, length = struct.unpack_from("<II", data, 4)
@@ -126,7 +160,17 @@ def _finite(text: str) -> float:
 
 
 def parse_json(data: bytes) -> dict[str, Any]:
-    """A JSON object whose numbers are all finite; ``ValueError`` otherwise."""
+    """Read a JSON object whose numbers are all finite.
+
+    Args:
+        data: UTF-8 text.
+
+    Returns:
+        The object.
+
+    Raises:
+        ValueError: The text is not UTF-8, not JSON, not an object, nested too deeply, or holds NaN or an infinity.
+    """
     try:
         document = json.loads(data.decode("utf-8"), parse_float=_finite, parse_constant=_finite)
     except UnicodeDecodeError as error:
@@ -142,7 +186,17 @@ def parse_json(data: bytes) -> dict[str, Any]:
 
 @contextmanager
 def refusing(path: str | Path) -> Iterator[None]:
-    """Turn what Python raises at JSON of unexpected types into a one-line ``ValueError`` that names the file."""
+    """Turn Python's errors about JSON of unexpected types into a one-line ``ValueError`` that names the file.
+
+    Args:
+        path: The file that is read inside the block.
+
+    Yields:
+        Nothing.
+
+    Raises:
+        ValueError: The block ran out of memory, or met a value of an unexpected type, key, index or range.
+    """
     try:
         yield
     except MemoryError as error:
@@ -153,7 +207,18 @@ def refusing(path: str | Path) -> Iterator[None]:
 
 
 def read_file(path: str | Path, limits: Limits | None = None) -> tuple[dict[str, Any], bytes]:
-    """``unpack`` of a file; the ``ValueError`` names it."""
+    """Read a GLB file.
+
+    Args:
+        path: The file.
+        limits: Largest file size that is read; None for the defaults of ``Limits``.
+
+    Returns:
+        The glTF JSON and the content of the binary chunk.
+
+    Raises:
+        ValueError: The file cannot be opened, exceeds the limits or is not a GLB; the message names it.
+    """
     budget = (limits or Limits()).budget(f"asset: '{path}'")
     try:
         budget.charge("file_bytes", Path(path).stat().st_size)

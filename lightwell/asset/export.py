@@ -1,7 +1,7 @@
-"""A learned field as one self-contained shader text: `lightwell export` (docs/web.md).
+"""Prints a learned field as one self-contained shader: `lightwell export` (docs/web.md).
 
-The printer is that of the web runtime, built into `lightwell/graph/exporter.js`: one printer for the page and for the
-command line. It needs a JavaScript engine: Node when it is there, else the package mini-racer.
+The printer is that of the web runtime, built into `lightwell/graph/exporter.js`, so that the page and the command
+line share one implementation. It needs a JavaScript engine: Node where it is installed, else the package mini-racer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lightwell.graph.pictures import encode
 from lightwell.limits import Limits
 
 TARGETS = ("glsl", "wgsl", "shadertoy")
-# What the written file is called by default.
+# Default ending of the written file.
 ENDINGS = {"glsl": ".glsl", "wgsl": ".wgsl", "shadertoy": ".shadertoy.glsl"}
 # Seconds that printing may take: the largest field that FORMAT.md allows takes a few.
 TIMEOUT = 120
@@ -41,13 +41,14 @@ CURE = "install Node (nodejs.org), or: pip install 'lightwell[export]'"
 
 @dataclass(frozen=True)
 class Exported:
-    """A shader text and what its host must bind."""
+    """A printed shader and the data that its host must bind."""
 
     text: str
+    """Source of the shader."""
     tables: dict[str, bytes]
-    """Name of the uniform to little-endian numbers, four a texel; size and format are in the text's header."""
+    """Little-endian numbers by name of the uniform, four per texel; the shader's header gives size and format."""
     pictures: dict[str, bytes]
-    """Name of the uniform to a PNG."""
+    """PNG files by name of the uniform."""
 
 
 def export_field(
@@ -59,10 +60,21 @@ def export_field(
     weights: str = "",
     limits: Limits | None = None,
 ) -> Exported:
-    """Print the radiance of a field of a baked asset, which may ask for what ``limits`` allow.
+    """Print the radiance of a field of a baked asset as shader source.
 
-    ``path`` is a GLB or the folder of a bake; ``field`` a name, by default the first; ``name`` that of the printed
-    function; ``weights`` "inline" (literals) or "table", by default literals up to 16,384 multiply-adds.
+    Args:
+        path: A GLB, or the folder of a bake.
+        to: Target language: "glsl", "wgsl" or "shadertoy".
+        field: Name of the field; "" takes the first one.
+        name: Name of the printed function.
+        weights: "inline" (literals in the text) or "table" (textures); "" chooses literals up to 16,384 multiply-adds.
+        limits: Largest file, memory and work that the asset may need; None for the defaults of ``Limits``.
+
+    Returns:
+        The shader and the data that its host must bind.
+
+    Raises:
+        ValueError: The target or the field is unknown, the asset is not valid, or the field cannot be printed.
     """
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
@@ -80,7 +92,7 @@ def export_field(
         "weights": weights or ("inline" if small else "table"),
         "bounds": bounds,
     }
-    # The budget is that of the asset, which has been checked.
+    # The exporter's own budget is set to the work of this asset, which has passed its limits.
     request["work"] = graph_work(entry.graph)
     answer = json.loads(run_exporter(json.dumps(request)))
     if "error" in answer:
@@ -94,7 +106,15 @@ def export_field(
 
 
 def write_export(out: Path, exported: Exported) -> list[Path]:
-    """Write the text, and beside it what it binds; return the paths."""
+    """Write a printed shader, and next to it one file per table (.bin) and picture (.png).
+
+    Args:
+        out: File for the shader text.
+        exported: Result of ``export_field``.
+
+    Returns:
+        Paths of the written files; the shader is first.
+    """
     files = {out: exported.text.encode()}
     files |= {out.with_name(f"{name}.bin"): data for name, data in exported.tables.items()}
     files |= {out.with_name(f"{name}.png"): data for name, data in exported.pictures.items()}
@@ -112,7 +132,7 @@ def _named(fields: list[FieldEntry], name: str, path: Path) -> FieldEntry:
 
 
 def _request(entry: FieldEntry, document: dict[str, Any]) -> dict[str, Any]:
-    """The graph and its numbers, pictures apart."""
+    """The exporter's request: the graph, its arrays, and the mip levels of the buffers that are pictures."""
     graph, arrays = graph_to_json(entry.graph.only("radiance"))
     stored = next(f for f in document["extensions"][EXTENSION]["fields"] if f["name"] == entry.name)["graph"]
     declared = stored.get("buffers", {})
@@ -126,7 +146,7 @@ def _request(entry: FieldEntry, document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _bounds(document: dict[str, Any]) -> dict[str, list[float]]:
-    """Corners of all positions: bakes are written in world space."""
+    """Bounding box of all positions; bakes are written in world space."""
     low, high = [], []
     for mesh in document.get("meshes", []):
         for primitive in mesh.get("primitives", []):
@@ -146,7 +166,17 @@ def _corner(values: Any) -> list[float]:
 
 
 def run_exporter(request: str) -> str:
-    """The answer of `lightwell/graph/exporter.js` (web/exporter/main.ts) to a request, both JSON."""
+    """Call the exporter `lightwell/graph/exporter.js` (source: web/exporter/main.ts).
+
+    Args:
+        request: The request, as JSON text.
+
+    Returns:
+        The answer, as JSON text.
+
+    Raises:
+        RuntimeError: There is no JavaScript engine, or Node failed.
+    """
     script = resources.files("lightwell.graph").joinpath("exporter.js")
     node = shutil.which("node")
     if node:

@@ -1,4 +1,4 @@
-"""glTF meshes and nodes from the mesh, light and camera records of a scene."""
+"""Converts the mesh, light and camera records of a scene to glTF meshes and nodes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lightwell.asset.container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Binary
 if TYPE_CHECKING:
     from lightwell.scenes.scene import Camera, Light, Mesh
 
-# Vertices that 16-bit indices can name; 65535 itself restarts the primitive (glTF 2.0, section 3.7.2.1).
+# Most vertices that 16-bit indices can address; 65535 itself restarts the primitive (glTF 2.0, section 3.7.2.1).
 MAX_SHORT_VERTICES = 65535
-# Cameras see from this distance on, metres: near enough for any room.
+# Near plane of written cameras, metres: closer than any surface that a viewer looks at.
 NEAR_PLANE = 0.01
 # Largest angle that a KHR_lights_punctual cone may have.
 MAX_CONE = math.pi / 2
@@ -23,7 +23,17 @@ CONE_GAP = 1e-4
 
 
 def primitive(mesh: Mesh, material: int, uv_sets: set[int], binary: Binary) -> dict[str, Any]:
-    """The one primitive of a mesh. ``uv_sets`` are those that its material reads: an absent one is written as zeros."""
+    """Write the geometry of a mesh as one glTF primitive.
+
+    Args:
+        mesh: Triangle mesh in world space.
+        material: Index of its glTF material.
+        uv_sets: Texture coordinate sets that the material reads; a set that the mesh lacks is written as zeros.
+        binary: Receives the vertex attributes and the indices.
+
+    Returns:
+        The JSON of the primitive.
+    """
     count = len(mesh.positions)
     attributes = {"POSITION": binary.add_accessor(_finite(mesh, "positions", 3), ARRAY_BUFFER, bounds=True)}
     if mesh.normals is not None:
@@ -59,7 +69,7 @@ def _unit_rows(normals: np.ndarray) -> np.ndarray:
 
 
 def _indices(mesh: Mesh) -> np.ndarray:
-    """[3 T] uint16 when every vertex can be named so, else uint32."""
+    """[3 T] uint16 when 16 bits can address every vertex, else uint32."""
     indices = np.asarray(mesh.indices).reshape(-1)
     if len(indices) and indices.max() >= len(mesh.positions):
         raise ValueError(
@@ -69,7 +79,16 @@ def _indices(mesh: Mesh) -> np.ndarray:
 
 
 def light_entry(light: Light) -> dict[str, Any]:
-    """A light of KHR_lights_punctual; a colour brighter than 1 moves into the intensity."""
+    """Convert a light to the JSON of KHR_lights_punctual.
+
+    A colour component above 1 is moved into the intensity, because glTF colours end at 1.
+
+    Args:
+        light: Point, spot or directional light.
+
+    Returns:
+        The JSON of the light; angles in radians, intensity in the units of the extension.
+    """
     peak = max(1.0, *light.color)
     entry: dict[str, Any] = {
         "type": light.kind,
@@ -88,7 +107,15 @@ def light_entry(light: Light) -> dict[str, Any]:
 
 
 def light_node(light: Light, index: int) -> dict[str, Any]:
-    """The node that holds light ``index``: glTF lights shine along their -Z."""
+    """Convert the position and direction of a light to a glTF node.
+
+    Args:
+        light: Point, spot or directional light; glTF lights shine along -Z of their node.
+        index: Index of the light in the KHR_lights_punctual table.
+
+    Returns:
+        The JSON of the node.
+    """
     node: dict[str, Any] = {"extensions": {"KHR_lights_punctual": {"light": index}}}
     if light.name:
         node["name"] = light.name
@@ -100,13 +127,30 @@ def light_node(light: Light, index: int) -> dict[str, Any]:
 
 
 def camera_entry(camera: Camera) -> dict[str, Any]:
-    """A perspective camera without a far plane; the viewer's window sets the aspect ratio."""
+    """Convert a camera to the JSON of a perspective glTF camera without a far plane.
+
+    The aspect ratio is left out: it is that of the viewer's window.
+
+    Args:
+        camera: Camera with its vertical field of view in degrees.
+
+    Returns:
+        The JSON of the camera.
+    """
     entry = {"type": "perspective", "perspective": {"yfov": math.radians(camera.fov_y), "znear": NEAR_PLANE}}
     return {**entry, "name": camera.name} if camera.name else entry
 
 
 def camera_node(camera: Camera, index: int) -> dict[str, Any]:
-    """The node that holds camera ``index``: glTF cameras look along their -Z with +Y up."""
+    """Convert the position and orientation of a camera to a glTF node.
+
+    Args:
+        camera: The camera; glTF cameras look along -Z of their node with +Y up.
+        index: Index of the camera in the document's table.
+
+    Returns:
+        The JSON of the node.
+    """
     direction = np.subtract(camera.target, camera.position, dtype=float)
     node: dict[str, Any] = {
         "camera": index,
@@ -117,11 +161,19 @@ def camera_node(camera: Camera, index: int) -> dict[str, Any]:
 
 
 def look_rotation(direction: np.ndarray, up: np.ndarray | None = None) -> list[float]:
-    """Unit quaternion (x, y, z, w) that turns -Z to ``direction`` and +Y as close to ``up`` as that allows."""
+    """Return the rotation that turns -Z to a direction and +Y as close to ``up`` as that allows.
+
+    Args:
+        direction: [3] vector of any length; zero gives -Z.
+        up: [3] vector of any length; None for +Y.
+
+    Returns:
+        Unit quaternion (x, y, z, w).
+    """
     length = np.linalg.norm(direction)
     z = -direction / length if length > 0 else np.array([0.0, 0.0, 1.0])
     x = np.cross(np.array([0.0, 1.0, 0.0]) if up is None else up, z)
-    if np.linalg.norm(x) < 1e-6:  # looking along ``up``: any perpendicular axis serves
+    if np.linalg.norm(x) < 1e-6:  # The direction is parallel to ``up``: take any perpendicular axis.
         x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
     return _quaternion(np.stack([x, np.cross(z, x), z], axis=1))

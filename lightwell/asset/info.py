@@ -1,4 +1,4 @@
-"""What is in an asset, in numbers."""
+"""Summarises an asset: counts, sizes and cost."""
 
 from __future__ import annotations
 
@@ -15,10 +15,16 @@ TRIANGLES = 4
 
 
 def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
-    """Counts and sizes of a GLB: triangles, materials, images, bytes and, when baked, its fields and variables.
+    """Count the content of a GLB.
 
-    A GLB without learned light gives empty ``fields`` and ``variables``. Per field: name, role, variable, nodes, bytes
-    of its buffers, multiply-adds per pixel and per frame.
+    Args:
+        path: The file.
+        limits: Largest file, memory and work that the asset may need; None for the defaults of ``Limits``.
+
+    Returns:
+        Bytes of the file, its generator, numbers of triangles, vertices, meshes, materials, images, cameras and lights;
+        ``fields`` (name, role, variable, nodes, bytes of the buffers, multiply-adds per pixel and per frame) and
+        ``variables``, both empty for a GLB without learned light; sums ``field_bytes`` and ``macs_per_pixel``.
     """
     document, _ = read_file(path, limits)
     with refusing(path):

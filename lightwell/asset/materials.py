@@ -1,4 +1,4 @@
-"""glTF materials, textures, samplers and images from the material records of a scene."""
+"""Converts the material records of a scene to glTF materials, textures, samplers and images."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ WRAPS = {"repeat": 10497, "mirror": 33648, "clamp": 33071}
 NEAREST, LINEAR, LINEAR_MIPMAP_LINEAR = 9728, 9729, 9987
 # Index of refraction that glTF assumes when KHR_materials_ior is absent.
 DEFAULT_IOR = 1.5
-# The scene records carry no sheen roughness; the middle of its range keeps the lobe wide, as Mitsuba's sheen is.
+# Scene records have no sheen roughness; the middle of its range gives a wide lobe, like Mitsuba's sheen.
 SHEEN_ROUGHNESS = 0.5
 # A texture transform further than this from scale, then rotation, then offset cannot be written exactly.
 TRANSFORM_TOLERANCE = 1e-5
 
 
 class MaterialTable:
-    """The glTF tables ``materials``, ``textures``, ``samplers`` and ``images``, each entry written once."""
+    """The glTF tables ``materials``, ``textures``, ``samplers`` and ``images``; equal entries are written once."""
 
     def __init__(self, binary: Binary) -> None:
+        """Create empty tables.
+
+        Args:
+            binary: Receives the bytes of the images.
+        """
         self.materials: list[dict[str, Any]] = []
         self.textures: list[dict[str, Any]] = []
         self.samplers: list[dict[str, Any]] = []
@@ -35,7 +40,14 @@ class MaterialTable:
         self._image_of: dict[tuple[str, bytes], int] = {}
 
     def add(self, material: Material) -> int:
-        """Append a material; return its index."""
+        """Append a material with its textures.
+
+        Args:
+            material: Material of the scene.
+
+        Returns:
+            Index of the glTF material.
+        """
         entry: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": self._metallic_roughness(material)}
         if material.normal_texture is not None and not material.unlit:
             entry["normalTexture"] = self._texture_info(material.normal_texture)
@@ -103,7 +115,14 @@ class MaterialTable:
 
 
 def uv_sets(material: Material) -> set[int]:
-    """The texture coordinate sets that a material reads."""
+    """Return the texture coordinate sets that a material reads.
+
+    Args:
+        material: Material of the scene.
+
+    Returns:
+        Indices of the sets: 0 for TEXCOORD_0, 1 for TEXCOORD_1.
+    """
     textures = (
         material.base_color_texture,
         material.metallic_roughness_texture,
@@ -114,10 +133,16 @@ def uv_sets(material: Material) -> set[int]:
 
 
 def texture_transform(matrix: tuple[tuple[float, ...], ...]) -> dict[str, Any]:
-    """KHR_texture_transform of a 3x3 matrix on (u, v, 1): offset, rotation (radians) and scale.
+    """Convert a texture matrix to KHR_texture_transform.
 
     The extension's matrix is [[cx, sy, ou], [-sx, cy, ov], [0, 0, 1]] with cx = cos r · scale_u, and so on. A sheared
-    matrix has no such form: the nearest one is returned and a warning says so.
+    matrix has no such form: the nearest one is returned, with a warning.
+
+    Args:
+        matrix: 3x3 matrix that acts on (u, v, 1), row by row.
+
+    Returns:
+        The extension's ``offset``, ``scale`` and ``rotation`` (radians, left out when it is 0).
     """
     (a, b, offset_u), (c, d, offset_v) = (row[:3] for row in matrix[:2])
     rotation = math.atan2(-c, a) if a or c else math.atan2(b, d)

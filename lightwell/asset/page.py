@@ -1,4 +1,4 @@
-"""The page: the built viewer with an asset, its views and its report inside, in one file that opens anywhere."""
+"""The viewer page: one HTML file with the built viewer, an asset, its views and its report."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ class PageView:
     """A held-out view that the page offers for comparison."""
 
     name: str
+    """Name in the page's list."""
     camera: Camera
+    """Camera of the view."""
     light: tuple[float, float, float]
     """Value of the variable: position (metres) or unit direction to the sun."""
     reference: np.ndarray
@@ -49,10 +51,24 @@ def write_page(
     report: Mapping[str, Any] | None = None,
     viewer: str | None = None,
 ) -> int:
-    """Write the self-contained page; return the number of bytes written.
+    """Write the viewer page as one self-contained HTML file.
 
-    ``exposure`` multiplies radiance before tone mapping; ``report`` is the content of report.json; ``viewer`` replaces
-    the HTML of the built viewer.
+    Args:
+        path: File to write.
+        title: Title of the page.
+        glb: The baked asset.
+        home: Camera at which the page opens.
+        views: Held-out views with path-traced references, offered for comparison.
+        exposure: Factor on radiance before tone mapping, > 0.
+        report: Content of report.json; None when there is no report.
+        viewer: HTML of the viewer; None for the one that is built into the package.
+
+    Returns:
+        Number of bytes written.
+
+    Raises:
+        RuntimeError: The viewer does not contain the placeholder for its data exactly once.
+        ValueError: The exposure is not a positive number.
     """
     shell = viewer_html() if viewer is None else viewer
     if shell.count(PLACEHOLDER) != 1:
@@ -71,7 +87,14 @@ def write_page(
 
 
 def viewer_html() -> str:
-    """The viewer that was built into the package."""
+    """Read the viewer that is built into the package.
+
+    Returns:
+        Its HTML.
+
+    Raises:
+        RuntimeError: The installation has no built viewer.
+    """
     try:
         return resources.files("lightwell").joinpath("viewer/index.html").read_text("utf-8")
     except (FileNotFoundError, ModuleNotFoundError) as error:
@@ -100,19 +123,45 @@ def _scripts(glb: bytes, page: dict[str, Any]) -> str:
 
 
 def script_json(value: Any) -> str:
-    """JSON that may stand inside a <script>: no '<' remains, so neither '</script' nor '<!--' can occur."""
+    """Write JSON that may stand inside a <script> element.
+
+    No '<' remains in it, so neither '</script' nor '<!--' can occur.
+
+    Args:
+        value: A value of JSON types with finite numbers.
+
+    Returns:
+        The JSON text.
+    """
     text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def camera_json(camera: Camera) -> dict[str, Any]:
-    """A camera as the page reads it; ``fov_y`` in degrees."""
+    """Convert a camera to the JSON of the page.
+
+    Args:
+        camera: Camera of the scene.
+
+    Returns:
+        Position, target and up vector, and ``fov_y`` in degrees.
+    """
     document = {key: value for key, value in asdict(camera).items() if key != "name"}
     return {k: float(v) if k == "fov_y" else [float(c) for c in v] for k, v in document.items()}
 
 
 def view_json(view: PageView) -> dict[str, Any]:
-    """A view as the page reads it; the reference as gzip-compressed little-endian half floats."""
+    """Convert a view to the JSON of the page.
+
+    Args:
+        view: Held-out view.
+
+    Returns:
+        Its name, camera, light and size, and the reference as base64 of gzip-compressed little-endian float16.
+
+    Raises:
+        ValueError: The reference has not 3 channels, or contains NaN or an infinity.
+    """
     height, width, channels = view.reference.shape
     if channels != 3 or not np.isfinite(view.reference).all():
         raise ValueError(f"page: the reference of view '{view.name}' must be finite and have 3 channels")

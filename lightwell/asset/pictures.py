@@ -1,4 +1,4 @@
-"""Pictures in a glTF file that hold the numbers of a field, and the ordinary light map beside it."""
+"""Stores the numbers of a field as pictures of a glTF file, and adds the fallback light map."""
 
 from __future__ import annotations
 
@@ -16,12 +16,21 @@ from lightwell.graph.pictures import BYTE, FORMATS, Picture, decoded
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
 WEBP = "EXT_texture_webp"
 LIGHTMAP = "MOZ_lightmap"
-# The second set of texture coordinates is the light map's.
+# Light maps use the second set of texture coordinates.
 TEX_COORD = 1
 
 
 def add_texture(document: dict[str, Any], binary: Binary, picture: Picture) -> int:
-    """Append a picture with its sampler to the tables of ``document``; return the index of its texture."""
+    """Append a picture with its sampler to a glTF document.
+
+    Args:
+        document: glTF JSON; its tables ``images``, ``samplers`` and ``textures`` grow.
+        binary: Receives the bytes of the picture.
+        picture: Encoded picture.
+
+    Returns:
+        Index of the new texture.
+    """
     images, samplers = document.setdefault("images", []), document.setdefault("samplers", [])
     images.append({"bufferView": binary.add_view(picture.data), "mimeType": picture.mime})
     if SAMPLER not in samplers:
@@ -38,7 +47,13 @@ def add_texture(document: dict[str, Any], binary: Binary, picture: Picture) -> i
 
 
 def add_fallback(document: dict[str, Any], binary: Binary, fallback: Fallback) -> None:
-    """Give every lit material the ordinary light map."""
+    """Reference the fallback light map from every material that is not unlit.
+
+    Args:
+        document: glTF JSON with its materials.
+        binary: Receives the bytes of the picture.
+        fallback: Light map for viewers that do not know the extension.
+    """
     info = {"index": add_texture(document, binary, fallback.picture), "texCoord": TEX_COORD}
     for material in document.get("materials", []):
         extensions = material.setdefault("extensions", {})
@@ -52,20 +67,48 @@ def _use(document: dict[str, Any], extension: str) -> None:
 
 
 def image_index(texture: dict[str, Any]) -> Any:
-    """The image that a texture shows, unchecked."""
+    """Return the image index of a texture as the file gives it, unchecked.
+
+    Args:
+        texture: glTF JSON of a texture.
+
+    Returns:
+        The index under EXT_texture_webp when that is present, else the index under ``source``; any JSON value.
+    """
     extensions = texture.get("extensions")
     webp = extensions.get(WEBP) if isinstance(extensions, dict) else None
     return webp.get("source") if isinstance(webp, dict) else texture.get("source")
 
 
 def check_picture(name: str, picture: Picture, array: np.ndarray) -> None:
-    """What is shipped must be what was scored."""
+    """Check that a picture decodes to exactly the numbers of its buffer, which were the ones scored.
+
+    Args:
+        name: Name of the buffer, for the message.
+        picture: Encoded picture.
+        array: [H, W, 3] uint8, content of the buffer.
+
+    Raises:
+        ValueError: They differ.
+    """
     if not np.array_equal(decoded(picture.data), array):
         raise ValueError(f"asset: buffer '{name}' differs from its own picture; decode the picture into the buffer")
 
 
 def decoded_texels(data: bytes, buffer: dict[str, Any], where: str) -> np.ndarray:
-    """[H, W, 3] uint8 of a stranger's picture; its size is checked before anything is decoded."""
+    """Decode an untrusted picture, after its size has been checked.
+
+    Args:
+        data: Bytes of the picture.
+        buffer: Declared ``shape``, ``type`` and ``scale`` of the graph buffer.
+        where: Place in the file, for messages.
+
+    Returns:
+        [H, W, 3] uint8.
+
+    Raises:
+        ValueError: The buffer cannot be a picture, or the picture has another size or mode, or cannot be decoded.
+    """
     height, width, channels = buffer["shape"] if len(buffer["shape"]) == 3 else (0, 0, 0)
     if buffer["type"] != "uint8" or channels != 3 or abs(np.float32(buffer.get("scale", 0)) - BYTE) > 1e-9:
         raise ValueError(f"{where}: a picture holds uint8 texels of 3 channels with the scale 1/255")

@@ -1,4 +1,4 @@
-"""Reads the learned light back from an asset, trusting nothing in the file."""
+"""Reads the learned light of an asset; every part of the file is checked before it is used."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from lightwell.graph import Graph
     from lightwell.graph.budget import GraphBudget
 
-# Members of a buffer that say where its numbers are; the rest is the graph's own.
+# Members of a buffer that locate its numbers in the file; the graph reads the other members.
 CARRIERS = ("accessor", "texture", "mips")
-# How the types of graph buffers are stored; float16 travels as the bits of an uint16.
+# Stored types of the types of graph buffers; float16 is stored as the bits of a uint16.
 STORED_TYPES = {
     "float32": np.dtype("float32"),
     "float16": np.dtype("uint16"),
@@ -31,10 +31,20 @@ STORED_TYPES = {
 
 
 def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
-    """The fields and the variables of a baked GLB.
+    """Read the fields and the variables of a baked GLB.
 
-    The file may be hostile: whatever does not follow format/FORMAT.md to the letter is refused with a one-line
-    ``ValueError`` that names the file and the place.
+    The file is not trusted: anything that does not follow format/FORMAT.md exactly is refused.
+
+    Args:
+        path: The file.
+        limits: Largest file, memory and work that the asset may need; None for the defaults of ``Limits``.
+
+    Returns:
+        The fields with their graphs, and the JSON of the variables.
+
+    Raises:
+        ValueError: The file has no learned light, breaks the format or exceeds the limits; one line that names the
+            file and the place.
     """
     document, binary = read_file(path, limits)
     budget = (limits or Limits()).budget(f"asset: '{path}'")
@@ -69,7 +79,7 @@ def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[li
 
 
 def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: Budget) -> None:
-    """Count the numbers of all buffers by their declared shapes, before any is read; a picture counts once."""
+    """Charge all buffers by their declared shapes before any is read; a picture is charged once."""
     pictures = set()
     for entry in fields:
         for name, buffer in entry["graph"].get("buffers", {}).items():
@@ -110,7 +120,20 @@ def _stored(document: dict[str, Any], binary: bytes, name: str, buffer: dict[str
 
 
 def buffer_array(document: dict[str, Any], binary: bytes, name: str, buffer: dict[str, Any]) -> np.ndarray:
-    """The stored array of a graph buffer in its declared shape and type; a copy, so that the file can be let go."""
+    """Read the array of a graph buffer from its accessor.
+
+    Args:
+        document: The glTF JSON.
+        binary: Content of the binary chunk.
+        name: Name of the buffer, for messages.
+        buffer: Declaration of the buffer: ``shape``, ``type`` and ``accessor``.
+
+    Returns:
+        Array of the declared shape and type; a copy, so that ``binary`` can be freed.
+
+    Raises:
+        ValueError: The accessor does not fit the declaration or the file, or a number is NaN or infinite.
+    """
     where = f"buffer '{name}'"
     stored = STORED_TYPES[buffer["type"]]
     count = math.prod(buffer["shape"])

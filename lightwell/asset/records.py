@@ -1,4 +1,4 @@
-"""What an asset says about its learned light."""
+"""Records of the learned light in an asset."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ class Fallback:
     picture: Picture
     """Diffuse irradiance, linear, divided by ``intensity``; read at TEXCOORD_1."""
     intensity: float
+    """Factor on the texels, ≥ 0."""
 
 
 @dataclass(frozen=True)
 class FieldEntry:
-    """A baked field as it travels in a glTF file."""
+    """A baked field as it is stored in a glTF file."""
 
     name: str
     """Unique in the file."""
     role: Literal["indirect", "static"]
-    """'indirect': the answer to a variable's light; 'static': the scene's own light."""
+    """'indirect': light that depends on a variable; 'static': the light of the scene's fixed emitters."""
     graph: Graph
-    """What the field computes, buffers included; its output ``radiance`` has width 3."""
+    """Shading graph with its buffers; its output ``radiance`` has width 3."""
     variable: int | None = None
-    """Index of the variable that an indirect field answers to; None for a static one."""
+    """Index of the variable that an indirect field depends on; None for a static one."""
     pictures: Mapping[str, Picture] = field(default_factory=dict)
     """Buffers, uint8 [H, W, 3] with the scale 1/255, that are stored as the red, green and blue of a picture."""

@@ -1,4 +1,4 @@
-"""Checks the extension's JSON against its schema, and says in one line what is wrong."""
+"""Validates the extension's JSON against its schema, with one-line messages."""
 
 from __future__ import annotations
 
@@ -13,15 +13,19 @@ from referencing import Registry, Resource
 
 from lightwell.asset.records import EXTENSION
 
-# What the extension's schema calls the schema of the shading graph.
+# Name under which the extension's schema refers to the schema of the shading graph.
 GRAPH_SCHEMA = "graph.schema.json"
-# Longest quotation of somebody else's data in an error message, characters.
+# Longest quotation of the file's data in an error message, characters.
 MAX_QUOTE = 160
 
 
 @cache
 def validator() -> jsonschema.Draft202012Validator:
-    """The validator of the shipped schema (the same file as format/LIGHTWELL_neural_radiance.schema.json)."""
+    """Load the validator of the schema in the package (a copy of format/LIGHTWELL_neural_radiance.schema.json).
+
+    Returns:
+        The validator; the schema of the shading graph is part of it.
+    """
     from lightwell.graph import schema
 
     text = resources.files("lightwell.asset").joinpath(f"{EXTENSION}.schema.json").read_text("utf-8")
@@ -30,7 +34,14 @@ def validator() -> jsonschema.Draft202012Validator:
 
 
 def validate(extension: Any) -> None:
-    """Raise a one-line ``ValueError`` that names the place unless ``extension`` follows the schema and the rules."""
+    """Check the extension's JSON against the schema, unique names and existing indices.
+
+    Args:
+        extension: JSON of the extension, untrusted.
+
+    Raises:
+        ValueError: It breaks a rule; one line that names the place.
+    """
     error = best_match(validator().iter_errors(extension))
     if error is not None:
         message = error.message if len(error.message) <= MAX_QUOTE else error.message[:MAX_QUOTE] + " …"
@@ -39,7 +50,7 @@ def validate(extension: Any) -> None:
 
 
 def _check_references(extension: dict[str, Any]) -> None:
-    """What a JSON schema cannot say: unique names, and indices that exist."""
+    """Check what a JSON schema cannot express: unique names, and indices that exist."""
     for table in ("variables", "fields"):
         names = [entry["name"] for entry in extension[table]]
         if len(set(names)) < len(names):

@@ -10,15 +10,22 @@ from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION
 from lightwell.limits import Limits
 
-# The vertex attribute that a graph's input reads.
+# Vertex attributes by the graph input that reads them.
 ATTRIBUTES = {"uv": "TEXCOORD_0", "uv1": "TEXCOORD_1"}
 
 
 def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
-    """Problems of a GLB, one line each; empty when it follows the specification.
+    """List the places where a GLB does not follow the specification.
 
-    The JSON, every buffer and every graph are read as a viewer would read them; on top of that the extension must be
+    The JSON, every buffer and every graph are read as a viewer would read them. In addition the extension must be
     declared and optional, and meshes must have the texture coordinates that a field reads.
+
+    Args:
+        path: A GLB, or the folder of a bake.
+        limits: Largest file, memory and work that the asset may need; None for the defaults of ``Limits``.
+
+    Returns:
+        One line per problem; empty when the file follows the specification.
     """
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
     document, _ = read_file(path, limits)

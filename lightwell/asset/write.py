@@ -1,4 +1,4 @@
-"""The baked asset: an ordinary glTF 2.0 binary that carries its learned light in an extension."""
+"""Writes the baked asset: an ordinary glTF 2.0 binary with its learned light in an extension."""
 
 from __future__ import annotations
 
@@ -32,11 +32,21 @@ def write_glb(
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
 ) -> int:
-    """Write a scene and its learned light to a GLB; return the number of bytes written.
+    """Write a scene and its learned light to a GLB file.
 
-    ``fields`` are the baked fields, ``variables`` the JSON objects of what they answer to (format/FORMAT.md). Any glTF
-    viewer shows the result with its ordinary materials. The file appears whole or not at all; a full disk or an
-    unwritable folder is an ``OSError`` whose message names the cure.
+    Any glTF viewer shows the result with its ordinary materials. The file is replaced as a whole: an error (``OSError``
+    for a full disk or an unwritable folder) leaves no partial file.
+
+    Args:
+        path: File to write.
+        scene: Scene with at least one triangle.
+        fields: Baked fields; may be empty.
+        variables: JSON objects of the variables that the fields depend on (format/FORMAT.md).
+        generator: Program that made the file, for ``asset.generator``.
+        fallback: Light map for viewers that do not know the extension, or None.
+
+    Returns:
+        Number of bytes written.
     """
     return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback))
 
@@ -48,7 +58,18 @@ def glb_bytes(
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
 ) -> bytes:
-    """The GLB that ``write_glb`` writes; the same arguments give the same bytes."""
+    """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
+
+    Args:
+        scene: Scene with at least one triangle.
+        fields: Baked fields; may be empty.
+        variables: JSON objects of the variables that the fields depend on (format/FORMAT.md).
+        generator: Program that made the file, for ``asset.generator``.
+        fallback: Light map for viewers that do not know the extension, or None.
+
+    Returns:
+        The bytes of the file.
+    """
     binary = Binary()
     document: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
     _add_surfaces(document, scene, binary)
@@ -91,7 +112,7 @@ def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> Non
 
 
 def _lit_material(material: Material, mesh: Mesh) -> Material:
-    """The material of a mesh, glowing when the mesh is a light whose material does not say so."""
+    """The material of a mesh; emissive when the mesh emits light and its material does not."""
     if max(mesh.emission) > 0 and max(material.emissive) <= 0:
         return replace(material, emissive=tuple(float(c) for c in mesh.emission))
     return material
@@ -115,7 +136,17 @@ def extension_json(
     binary: Binary,
     document: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The JSON of the extension; buffers are appended to ``binary``, pictures also to the tables of ``document``."""
+    """Convert fields and variables to the JSON of the extension.
+
+    Args:
+        fields: Baked fields.
+        variables: JSON objects of the variables.
+        binary: Receives the bytes of the buffers and pictures.
+        document: glTF JSON whose texture tables receive the pictures; None when no field has one.
+
+    Returns:
+        The JSON of the extension.
+    """
     document = {} if document is None else document
     entries = []
     for field in fields:
@@ -127,7 +158,7 @@ def extension_json(
 
 
 def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:
-    """The graph's own JSON with an accessor or a texture beside every buffer."""
+    """The graph's JSON, with an accessor or a texture added to every buffer."""
     from lightwell.graph import graph_to_json
 
     graph, arrays = graph_to_json(field.graph)
@@ -143,6 +174,13 @@ def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> 
 
 
 def buffer_bits(array: np.ndarray) -> np.ndarray:
-    """A graph buffer as it is stored: flat, row-major; float16 as the bits of an uint16."""
+    """Return a graph buffer in the form in which it is stored.
+
+    Args:
+        array: Buffer of any shape.
+
+    Returns:
+        [count] numbers in row-major order; float16 as the same bits in uint16.
+    """
     flat = np.ascontiguousarray(array).reshape(-1)
     return flat.view(np.uint16) if flat.dtype == np.float16 else flat

@@ -1,1 +1,1 @@
-"""What every package of lightwell uses: the store of finished work and the locks of output folders."""
+"""Services that all packages use: the store of finished work, locks of output folders, denoising."""

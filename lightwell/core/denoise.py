@@ -22,7 +22,11 @@ MISSING = (
 
 
 def missing() -> str | None:
-    """Say in one line that the denoiser is not installed and what to do; None where it is."""
+    """Return why the denoiser cannot be used.
+
+    Returns:
+        One line that says that it is not installed and how to install it; None when it is installed.
+    """
     return None if importlib.util.find_spec("mitsuba_oidn") else MISSING
 
 

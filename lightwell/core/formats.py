@@ -1,6 +1,6 @@
-"""How values of the store lie on disk: named arrays, memory-mapped columns, JSON. Nothing is pickled.
+"""File formats of the store: named arrays, memory-mapped columns, JSON. Nothing is pickled.
 
-Every format notices damage when it reads: .npz by the check sums of its members, the others by BLAKE2b hashes.
+Every format detects damage when it reads: .npz by the check sums of its members, the others by BLAKE2b hashes.
 """
 
 from __future__ import annotations
@@ -21,16 +21,28 @@ COLUMNS_HEAD = "columns.json"
 
 
 class Format(Protocol[T]):
-    """Writes and reads one kind of value."""
+    """File format of one kind of value."""
 
     suffix: str
-    """How names of entries end."""
+    """Ending of the names of its entries."""
 
     def write(self, path: Path, value: T) -> None:
-        """Write a value to ``path``, which does not exist yet, and flush it to the disk."""
+        """Write a value and flush it to the disk.
+
+        Args:
+            path: File or folder to create; it does not exist yet.
+            value: The value.
+        """
 
     def read(self, path: Path) -> T:
-        """Read what ``write`` wrote; ``ValueError`` or ``OSError`` for anything else."""
+        """Read what ``write`` wrote; anything else is a ``ValueError`` or an ``OSError``.
+
+        Args:
+            path: File or folder that ``write`` created.
+
+        Returns:
+            The value.
+        """
 
 
 class ArraysFormat:
@@ -39,11 +51,25 @@ class ArraysFormat:
     suffix = ".npz"
 
     def write(self, path: Path, value: Mapping[str, np.ndarray]) -> None:
+        """Write named arrays to an .npz file.
+
+        Args:
+            path: File to create.
+            value: Arrays of any shape by name.
+        """
         with open(path, "wb") as stream:
             np.savez(stream, **{name: _no_objects(name, array) for name, array in value.items()})
         flush(path)
 
     def read(self, path: Path) -> Arrays:
+        """Read named arrays from an .npz file.
+
+        Args:
+            path: File that ``write`` created.
+
+        Returns:
+            The arrays by name.
+        """
         return load_arrays(path, "not arrays of the store")
 
 
@@ -53,6 +79,12 @@ class ColumnsFormat:
     suffix = ".columns"
 
     def write(self, path: Path, value: Mapping[str, np.ndarray]) -> None:
+        """Write named arrays to a folder of .npy files.
+
+        Args:
+            path: Folder to create.
+            value: Arrays of any shape by name.
+        """
         path.mkdir()
         head = {}
         for name, array in value.items():
@@ -63,6 +95,17 @@ class ColumnsFormat:
         flush(path / COLUMNS_HEAD)
 
     def read(self, path: Path) -> Arrays:
+        """Map the arrays of a folder into memory, after their check sums have been compared.
+
+        Args:
+            path: Folder that ``write`` created.
+
+        Returns:
+            The arrays by name, read-only.
+
+        Raises:
+            ValueError: The folder's index does not name columns.
+        """
         head = json.loads((path / COLUMNS_HEAD).read_text())
         if not isinstance(head, dict) or any(Path(name).name != name for name in head):
             raise ValueError(f"{path}: {COLUMNS_HEAD} does not name columns")
@@ -75,10 +118,27 @@ class JsonFormat:
     suffix = ".json"
 
     def write(self, path: Path, value: Any) -> None:
+        """Write a value with its check sum.
+
+        Args:
+            path: File to create.
+            value: A value of JSON types.
+        """
         path.write_text(json.dumps({"check": _check(value), "value": value}))
         flush(path)
 
     def read(self, path: Path) -> Any:
+        """Read a value and compare its check sum.
+
+        Args:
+            path: File that ``write`` created.
+
+        Returns:
+            The value.
+
+        Raises:
+            ValueError: The check sum does not match.
+        """
         found = json.loads(path.read_text())
         if (
             not isinstance(found, dict)
@@ -90,17 +150,36 @@ class JsonFormat:
 
 
 class RecordFormat(Generic[T]):
-    """A dataclass whose fields are arrays, None, or such dataclasses, in one .npz file."""
+    """A dataclass whose fields are arrays, None, or dataclasses of that kind, in one .npz file."""
 
     suffix = ".npz"
 
     def __init__(self, kind: type[T]) -> None:
+        """Create the format of one dataclass.
+
+        Args:
+            kind: The dataclass.
+        """
         self._kind = kind
 
     def write(self, path: Path, value: T) -> None:
+        """Write the arrays of a record to an .npz file.
+
+        Args:
+            path: File to create.
+            value: Instance of the dataclass.
+        """
         ARRAYS.write(path, arrays_of(value))
 
     def read(self, path: Path) -> T:
+        """Read a record from an .npz file.
+
+        Args:
+            path: File that ``write`` created.
+
+        Returns:
+            Instance of the dataclass.
+        """
         return record_of(self._kind, ARRAYS.read(path))
 
 
@@ -108,7 +187,15 @@ ARRAYS, COLUMNS, JSON = ArraysFormat(), ColumnsFormat(), JsonFormat()
 
 
 def arrays_of(record: Any, prefix: str = "") -> Arrays:
-    """Return the arrays of a dataclass by name; those of a dataclass inside it are called 'field.name'."""
+    """Collect the arrays of a dataclass by name.
+
+    Args:
+        record: Dataclass whose fields are arrays, None, or dataclasses of that kind.
+        prefix: Put before every name.
+
+    Returns:
+        Arrays by field name; those of a dataclass in field ``f`` are called 'f.name'.
+    """
     found: Arrays = {}
     for field in fields(record):
         value, name = getattr(record, field.name), prefix + field.name
@@ -120,7 +207,19 @@ def arrays_of(record: Any, prefix: str = "") -> Arrays:
 
 
 def record_of(kind: type[T], arrays: Mapping[str, np.ndarray], prefix: str = "") -> T:
-    """Return the dataclass that ``arrays_of`` took apart; ``ValueError`` where a field without a default is missing."""
+    """Build a dataclass from the arrays that ``arrays_of`` returned.
+
+    Args:
+        kind: The dataclass.
+        arrays: Arrays of any shape by name.
+        prefix: Stands before the names of this record's fields.
+
+    Returns:
+        The record; fields without an array keep their default.
+
+    Raises:
+        ValueError: A field without a default is missing.
+    """
     hints, values = get_type_hints(kind), {}
     for field in fields(kind):  # type: ignore[arg-type]
         name, hint = prefix + field.name, hints[field.name]

@@ -1,4 +1,4 @@
-"""Keys of stored results: a hash of everything that a result was made from."""
+"""Keys of stored results: a hash of all inputs of a result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 import lightwell
 
-# BLAKE2b-160: collisions are out of reach, and a name of 40 hexadecimal digits fits every file system.
+# BLAKE2b-160: collisions do not occur in practice, and every file system accepts names of 40 hexadecimal digits.
 DIGEST_BYTES = 20
 _FUNCTION = re.compile(r"[a-z0-9][a-z0-9._-]*")
 
@@ -24,9 +24,9 @@ class Key:
     """The name of a stored result."""
 
     function: str
-    """What made it, for example 'samples.shard'; lower case, it becomes the name of a folder."""
+    """Name of the function that made it, such as 'samples.shard'; also the name of its folder in the store."""
     digest: str
-    """40 hexadecimal digits: the hash of what it was made from."""
+    """Hash of its inputs, 40 hexadecimal digits."""
 
 
 def key(function: str, version: int, /, **made_from: Any) -> Key:
@@ -35,15 +35,15 @@ def key(function: str, version: int, /, **made_from: Any) -> Key:
     Args:
         function: Name of the function that makes the result: lower-case letters, digits, '.', '_' and '-'.
         version: Version of that function; raise it when the same arguments give other bytes than before.
-        made_from: Everything that decides the result, such as ``scene=scene.digest``, ``settings=…``, ``seed=…``:
+        **made_from: Everything that decides the result, such as ``scene=scene.digest``, ``settings=…``, ``seed=…``:
             numbers, text, bytes, paths, arrays, dataclasses, and lists and dictionaries of those.
 
     Returns:
-        A key that is the same in every process and on every machine, for one version of lightwell.
+        A key that is the same in every process and on every machine, for one version of lightwell. Inputs that cannot
+        be hashed by value are a ``TypeError``.
 
     Raises:
         ValueError: ``function`` is not a name.
-        TypeError: An argument cannot be hashed by value.
     """
     if not _FUNCTION.fullmatch(function):
         raise ValueError(f"store: '{function}' is not a function name; use a-z, 0-9, '.', '_' and '-'")
@@ -57,17 +57,31 @@ def key(function: str, version: int, /, **made_from: Any) -> Key:
 
 
 def digest(data: bytes | memoryview) -> str:
-    """Return the BLAKE2b-160 hash of bytes, 40 hexadecimal digits."""
+    """Return the BLAKE2b-160 hash of bytes.
+
+    Args:
+        data: The bytes.
+
+    Returns:
+        40 hexadecimal digits.
+    """
     return hashlib.blake2b(data, digest_size=DIGEST_BYTES).hexdigest()
 
 
 def array_digest(array: np.ndarray) -> str:
-    """Return the hash of an array's bytes in C order (not of its type and shape)."""
+    """Return the hash of the numbers of an array, without its type and shape.
+
+    Args:
+        array: Array of any shape; its bytes are hashed in C order.
+
+    Returns:
+        40 hexadecimal digits.
+    """
     return digest(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
 
 
 def _plain(value: Any) -> Any:
-    """The value in types that JSON knows; different values stay different."""
+    """The value in JSON types; different values give different JSON."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

@@ -1,4 +1,4 @@
-"""Output folders: one writer at a time, and nothing overwritten that lightwell did not write."""
+"""Output folders: one writer at a time, and files of other programs are not overwritten."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from filelock import FileLock, Timeout
 import lightwell
 from lightwell.files import write_atomically
 
-# The lock of a folder, and who holds it. Both are there only while a command writes, or after it was killed.
+# Lock of a folder, and a description of its holder. Both exist only while a command writes, or after it was killed.
 LOCK, HOLDER = ".lightwell.lock", ".lightwell.holder.json"
-# Files by which a folder is known as one that lightwell wrote, and what one of their keys holds then.
+# Files that identify a folder as written by lightwell, and a key that their JSON then contains.
 OWN_FILES = {
     "report.json": "versions",
     "compare.json": "versions",
@@ -28,7 +28,7 @@ OWN_FILES = {
     HOLDER: "generator",
     ".lightwell/bake.json": "signature",
 }
-# What commands write; patterns of ``Path.glob``.
+# Files that commands write; patterns of ``Path.glob``.
 BAKE_FILES = ("scene.glb", "*.html", "report.json", "rebake.json", "probes-*.lwp", "probes-*.npz")
 COMPARE_FILES = ("compare.html", "compare.json")
 FRAME_FILES = ("frame-*.exr", "frame-*.png", "animation.json", "exposure.txt", "radiance-cache.npz")
@@ -38,7 +38,9 @@ class HasOutput(Protocol):
     """Settings of a command that writes a folder."""
 
     out: Path
+    """Folder to write."""
     force: bool
+    """Overwrite files that lightwell did not write."""
 
 
 Settings = TypeVar("Settings", bound=HasOutput)
@@ -47,9 +49,9 @@ Result = TypeVar("Result")
 
 @contextmanager
 def output_folder(out: Path, command: str, writes: Sequence[str], force: bool = False) -> Iterator[Path]:
-    """Hold an output folder for the time of a block; make it first.
+    """Hold an output folder for the time of a block; create it first.
 
-    The operating system frees the lock when the process ends, however it ends: a killed command blocks nobody.
+    The operating system releases the lock when the process ends, also when it is killed.
 
     Args:
         out: Folder to write.
@@ -57,8 +59,9 @@ def output_folder(out: Path, command: str, writes: Sequence[str], force: bool = 
         writes: Patterns of the files that the command writes.
         force: Overwrite files that lightwell did not write.
 
-    Raises:
-        ValueError: The folder is in use, cannot be written, or holds files of others; one line that names the cure.
+    Yields:
+        ``out``. A folder that is in use, cannot be written, or holds files of other programs is a one-line
+        ``ValueError`` that names the cure.
     """
     fresh = _make(out, command)
     try:
@@ -73,7 +76,15 @@ def output_folder(out: Path, command: str, writes: Sequence[str], force: bool = 
 def holds_output(
     command: str, writes: Callable[[Settings], Sequence[str]]
 ) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
-    """Return a decorator for functions whose first argument has ``out`` and ``force``: they hold that folder."""
+    """Return a decorator that holds the output folder of a command while it runs.
+
+    Args:
+        command: Name of the command, for messages.
+        writes: Returns the patterns of the files that the command writes, for its settings.
+
+    Returns:
+        Decorator for functions whose first argument has ``out`` and ``force``.
+    """
 
     def decorate(function: Callable[..., Result]) -> Callable[..., Result]:
         @functools.wraps(function)
@@ -87,7 +98,7 @@ def holds_output(
 
 
 def _make(out: Path, command: str) -> bool:
-    """Create the folder; whether it was not there."""
+    """Create the folder; return whether it was new."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"{command}: output '{out}' is a file; name a folder with -o")
     fresh = not out.exists()
@@ -113,7 +124,14 @@ def _check_files(out: Path, command: str, writes: Sequence[str], force: bool) ->
 
 
 def is_own(out: Path) -> bool:
-    """Return whether lightwell wrote a folder: it holds a report, or what an interrupted command has left."""
+    """Return whether lightwell wrote a folder.
+
+    Args:
+        out: The folder.
+
+    Returns:
+        True when it holds a report of lightwell, or the files that an interrupted command leaves.
+    """
     for name, key in OWN_FILES.items():
         try:
             found = json.loads((out / name).read_text())

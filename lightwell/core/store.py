@@ -1,8 +1,9 @@
-"""The store: the one way to keep work between runs.
+"""The store: keeps finished work between runs.
 
 An entry is named by a hash of everything that it was made from (``keys.key``), so that it is never stale: other
-settings are another name. Entries are written under a temporary name, flushed and renamed; what has its name is whole.
-Two processes may use a store at once: an entry that both need is made by one while the other waits.
+settings give another name. Entries are written under a temporary name, flushed and renamed, so that an entry under its
+final name is complete. Several processes may use a store at once: an entry that two need is made by one of them while
+the other waits.
 
     FOLDER/samples.shard/3f2a….columns     a folder of arrays that are memory-mapped
     FOLDER/reference.view/90cd….npz        named arrays
@@ -32,20 +33,24 @@ from lightwell.files import DAMAGED, explained, make_folder
 T = TypeVar("T")
 LOG = logging.getLogger("lightwell.store")
 
-# Size of the user's store, bytes; the entries that were not used for longest are removed beyond it.
+# Largest size of the user's store, bytes; beyond it the least recently used entries are removed.
 DEFAULT_LIMIT = 20_000_000_000
-# A store that has grown beyond its limit is cut to this share of it, so that not every further entry cuts it again.
+# A store beyond its limit is reduced to this fraction of it, so that the next entries do not trigger it again.
 CUT_TO = 0.9
-# Temporary files this old, seconds, were left by a process that is gone.
+# Age in seconds from which a temporary file is taken to be left by a process that ended.
 ABANDONED = 24 * 3600.0
-# Names of files that are still written, and of locks.
+# Endings of files that are being written, and of locks.
 PART, LOCK = ".part", ".lock"
-# What a store answers where it has no entry: None is a value like others.
+# Marks an absent entry, since None is a valid value.
 ABSENT = object()
 
 
 def default_folder() -> Path:
-    """Return the user's store: LIGHTWELL_STORE, else 'lightwell' in the platform's folder for caches."""
+    """Return the folder of the user's store.
+
+    Returns:
+        The value of LIGHTWELL_STORE, else 'lightwell' in the platform's folder for caches.
+    """
     if chosen := os.environ.get("LIGHTWELL_STORE"):
         return Path(chosen)
     if sys.platform == "win32":
@@ -54,7 +59,13 @@ def default_folder() -> Path:
 
 
 def user_store(folder: str | os.PathLike[str] | None = None) -> Store:
-    """Open the user's store, or that in ``folder``, with the limit that LIGHTWELL_STORE_LIMIT sets in bytes.
+    """Open the user's store with the limit that LIGHTWELL_STORE_LIMIT sets.
+
+    Args:
+        folder: Folder of the store; None for ``default_folder``.
+
+    Returns:
+        The store.
 
     Raises:
         ValueError: LIGHTWELL_STORE_LIMIT is not a positive number of bytes.
@@ -72,42 +83,43 @@ class Entry:
     """A stored result on disk."""
 
     path: Path
+    """Its file or folder."""
     function: str
+    """Name of the function that made it."""
     bytes: int
+    """Size on disk."""
     used: float
-    """Seconds since the epoch when it was last written or read."""
+    """Time of the last write or read, seconds since the epoch."""
 
 
 class Store:
     """Results of expensive functions in a folder, by key."""
 
     def __init__(self, folder: str | os.PathLike[str], limit: int | None = DEFAULT_LIMIT) -> None:
-        """Open a store; its folder is made when the first entry is written.
+        """Open a store; its folder is created when the first entry is written.
 
         Args:
-            folder: Folder that belongs to the store alone.
-            limit: Bytes beyond which the entries that were not used for longest are removed; None: no limit.
+            folder: Folder that only this store uses.
+            limit: Largest size in bytes; beyond it the least recently used entries are removed. None: no limit.
         """
         self.folder = Path(folder)
         self.limit = limit
-        # Bytes of all entries as far as this process knows; None: not counted yet.
+        # Bytes of all entries that this process knows of; None: not counted yet.
         self._bytes: int | None = None
 
     def get(self, key: Key, make: Callable[[], T], format: Format[T] = ARRAYS) -> T:
-        """Return the result of a key, made and stored if the store lacks it.
+        """Return the result of a key; make and store it if it is absent.
 
-        A damaged entry is made again, with a note in the log.
+        A damaged entry is made again, with a warning in the log. A folder that cannot be written is an ``OSError``
+        whose message names the cure.
 
         Args:
             key: See ``keys.key``.
             make: Makes the result; called at most once, and by one process at a time.
-            format: How it lies on disk: ``ARRAYS``, ``COLUMNS``, ``JSON`` or a ``RecordFormat``.
+            format: File format: ``ARRAYS``, ``COLUMNS``, ``JSON`` or a ``RecordFormat``.
 
         Returns:
             The result as the format reads it, also when it was just made.
-
-        Raises:
-            OSError: The folder cannot be written; one line that names the cure.
         """
         path = self._path(key, format)
         if (found := _read(path, format)) is not ABSENT:
@@ -120,23 +132,39 @@ class Store:
             return format.read(path)
 
     def find(self, key: Key, format: Format[T] = ARRAYS) -> T | None:
-        """Return the result of a key, or None where the store lacks it or it is damaged."""
+        """Return the result of a key, if the store has it.
+
+        Args:
+            key: See ``keys.key``.
+            format: File format of the entry.
+
+        Returns:
+            The result, or None when it is absent or damaged.
+        """
         found = _read(self._path(key, format), format)
         return None if found is ABSENT else found
 
     def put(self, key: Key, value: T, format: Format[T] = ARRAYS) -> None:
-        """Store a value in place of the one that has the key, such as the next checkpoint of a training.
+        """Store a value, replacing the present one, such as the next checkpoint of a training.
 
-        Raises:
-            OSError: The folder cannot be written; one line that names the cure.
+        A folder that cannot be written is an ``OSError`` whose message names the cure.
+
+        Args:
+            key: See ``keys.key``.
+            value: The value.
+            format: File format of the entry.
         """
         self._write(self._path(key, format), value, format)
 
     def update(self, key: Key, change: Callable[[T | None], T], format: Format[T] = ARRAYS) -> None:
-        """Replace the value of a key by what ``change`` makes of it (None: there is none); others wait meanwhile.
+        """Change the value of a key while other processes that want to change it wait.
 
-        Raises:
-            OSError: The folder cannot be written; one line that names the cure.
+        A folder that cannot be written is an ``OSError`` whose message names the cure.
+
+        Args:
+            key: See ``keys.key``.
+            change: Takes the present value, or None when it is absent or damaged; returns the new one.
+            format: File format of the entry.
         """
         path = self._path(key, format)
         with self._locked(path):
@@ -144,13 +172,22 @@ class Store:
             self._write(path, change(None if found is ABSENT else found), format)
 
     def remove(self, key: Key, format: Format[T] = ARRAYS) -> None:
-        """Remove the entry of a key, if there is one."""
+        """Remove the entry of a key, if it exists.
+
+        Args:
+            key: See ``keys.key``.
+            format: File format of the entry.
+        """
         _delete(self._path(key, format))
 
-    # ------------------------------------------------------------------ the whole
+    # ------------------------------------------------------------------ all entries
 
     def entries(self) -> list[Entry]:
-        """List all entries, those that were not used for longest first."""
+        """List all entries.
+
+        Returns:
+            The entries, least recently used first.
+        """
         found = []
         for path in self.folder.glob("*/*"):
             if path.name.startswith(".") or path.suffix in (PART, LOCK):
@@ -162,7 +199,11 @@ class Store:
         return sorted(found, key=lambda entry: entry.used)
 
     def clear(self) -> int:
-        """Remove all entries; returns their bytes. Entries that another process writes just now stay."""
+        """Remove all entries, except those that another process is writing.
+
+        Returns:
+            Their size in bytes.
+        """
         entries = self.entries()
         for entry in entries:
             _delete(entry.path)
@@ -170,7 +211,11 @@ class Store:
         return sum(entry.bytes for entry in entries)
 
     def sweep(self, age: float = ABANDONED) -> None:
-        """Remove temporary files older than ``age`` seconds, which killed processes have left."""
+        """Remove the temporary files that killed processes left.
+
+        Args:
+            age: Least age of the files that are removed, seconds.
+        """
         oldest = time.time() - age
         for path in [*self.folder.glob(f"*/.*{PART}"), *self.folder.glob(f"*/.*{LOCK}")]:
             try:
@@ -200,7 +245,7 @@ class Store:
         self._bound(_size(path))
 
     def _bound(self, added: int) -> None:
-        """Count an entry; remove the least recently used ones when the store has outgrown its limit."""
+        """Count an entry; remove the least recently used ones when the store exceeds its limit."""
         if self.limit is None:
             return
         self._bytes = None if self._bytes is None else self._bytes + added
@@ -211,7 +256,7 @@ class Store:
         self._bytes = sum(entry.bytes for entry in entries)
         if self._bytes <= self.limit:
             return
-        # The newest entry stays, however large it is: its maker reads it next.
+        # The newest entry stays, whatever its size: the caller reads it next.
         for entry in entries[:-1]:
             if self._bytes <= CUT_TO * self.limit:
                 break
@@ -220,7 +265,7 @@ class Store:
 
     @contextmanager
     def _locked(self, path: Path) -> Iterator[None]:
-        """Hold the lock of an entry. The system frees it when its process ends, however that ends."""
+        """Hold the lock of an entry. The system releases it when the process ends, also when it is killed."""
         make_folder(path.parent)
         name = path.with_name(f".{path.name}{LOCK}")
         lock = FileLock(name)
@@ -238,7 +283,7 @@ class Store:
 
 
 def _read(path: Path, format: Format[T]) -> Any:
-    """The entry, or ABSENT; a damaged one is removed, with a note."""
+    """The entry, or ABSENT; a damaged one is removed, with a warning in the log."""
     try:
         value = format.read(path)
     except FileNotFoundError:
@@ -256,7 +301,7 @@ def _read(path: Path, format: Format[T]) -> Any:
 
 
 def _rename(temporary: Path, path: Path) -> None:
-    """Give a finished entry its name. A folder cannot replace another one, which then has the same content."""
+    """Give a finished entry its name; a folder that has the name is removed first, as folders cannot be replaced."""
     if temporary.is_dir() and path.exists():
         _delete(path)
     os.replace(temporary, path)
@@ -264,7 +309,7 @@ def _rename(temporary: Path, path: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Wait until the disk has the folder's names, where the system can (not on Windows)."""
+    """Flush the names in a folder to the disk, where the system can (not on Windows)."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -284,7 +329,7 @@ def _size(path: Path) -> int:
 
 
 def _delete(path: Path) -> None:
-    """Remove a file or folder, if it is there; a folder vanishes at once, under another name."""
+    """Remove a file or folder, if it exists; a folder is renamed first, so that nobody sees it half removed."""
     try:
         if path.is_dir():
             doomed = path.with_name(f".{path.name}.{os.getpid()}.{time.monotonic_ns()}{PART}")
