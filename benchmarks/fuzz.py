@@ -13,6 +13,7 @@ the web runtime in Node (``web/fuzz``). ``atheris`` (pip install atheris) has wh
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import random
 import shutil
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from rows import Row, at_least, at_most, chosen, publish
@@ -91,22 +92,23 @@ def _web_kinds() -> list[str]:
 def fuzz(names: list[str], arguments: argparse.Namespace) -> list[Tally]:
     """All formats, some at a time; prints a line as each ends."""
     share = 60 * arguments.minutes * arguments.jobs / len(names) if arguments.minutes else 1e9
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        return list(pool.map(functools.partial(one, share, arguments), names))
+
+
+def one(seconds: float, arguments: argparse.Namespace, name: str) -> Tally:
+    """One format for at most so many seconds; prints a line, and the first failures."""
+    begin = time.monotonic()
     last = arguments.first + (arguments.mutants if not arguments.minutes else 1 << 40)
-
-    def one(name: str) -> Tally:
-        begin = time.monotonic()
-        if name in WEB:
-            tally = web(name, min(last - arguments.first, 10**7), share, arguments.seed, arguments.first)
-        else:
-            late = lambda: time.monotonic() - begin > share  # noqa: E731
-            tally = run(FORMATS[name], range(arguments.first, last), arguments.seed, keep=arguments.keep, enough=late)
-        print(line(tally, time.monotonic() - begin), flush=True)
-        if tally.failures:
-            print(tally.told(10), flush=True)
-        return tally
-
-    with ThreadPoolExecutor(arguments.jobs) as pool:
-        return list(pool.map(one, names))
+    if name in WEB:
+        tally = web(name, min(last - arguments.first, 10**7), seconds, arguments.seed, arguments.first)
+    else:
+        late = lambda: time.monotonic() - begin > seconds  # noqa: E731
+        tally = run(FORMATS[name], range(arguments.first, last), arguments.seed, keep=arguments.keep, enough=late)
+    print(line(tally, time.monotonic() - begin), flush=True)
+    if tally.failures:
+        print(tally.told(10), flush=True)
+    return tally
 
 
 def line(tally: Tally, seconds: float) -> str:

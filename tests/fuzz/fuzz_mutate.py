@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import random
 import re
@@ -15,6 +16,8 @@ INTEGERS = (-1, 0, 1, 2, 3, 127, 255, 256, 32767, 65535, 65536, 10**5, 10**8, 2*
 FLOATS = (float("nan"), float("inf"), float("-inf"), 1e29, -1e29, 1e38, 3e38, 1e300, 1e-45, -0.0, 0.5, -1.0)
 STRINGS = ("", "a", "SCALAR", "VEC3", "MAT4", "NaN", "..", "/dev/zero", "../../../etc/passwd", "a\x00b", "é" * 300,
            "x" * 70_000, "data:,", "file:///dev/zero", "http://localhost/x", "%00", "%2e%2e%2fx")  # fmt: skip
+# Values of a document after repetitions: enough for any limit of a tenth, and soon written.
+MOST_VALUES = 20_000
 # A list of lists, as deep as no document is but no deeper than the writers here can write.
 DEPTH = 3000
 
@@ -131,6 +134,17 @@ def _places(document: Any) -> list[tuple[Any, Any]]:
     return found
 
 
+def _copied(place: tuple[Any, Any]) -> Any:
+    """A copy of a value: a document that held it twice, or within itself, would grow without end."""
+    return copy.deepcopy(place[0][place[1]])
+
+
+def _repeated(value: Any, count: int) -> list[Any]:
+    """A value so many times, fewer where it is large."""
+    size = 1 + (len(_places(value)) if isinstance(value, (dict, list)) else len(str(value)) // 100)
+    return [copy.deepcopy(value) for _ in range(max(min(count, MOST_VALUES // size), 1))]
+
+
 def json_value(rng: random.Random, old: Any, document: Any) -> Any:
     """Something else in place of ``old``: often a number where a number was, else any type."""
     if isinstance(old, (int, float)) and not isinstance(old, bool) and rng.random() < 0.7:
@@ -141,18 +155,18 @@ def json_value(rng: random.Random, old: Any, document: Any) -> Any:
         lambda: rng.choice(FLOATS),
         lambda: rng.choice(STRINGS),
         lambda: rng.choice((None, True, False, [], {}, [[]], [0], {"a": 1}, [None], ["a", "a"])),
-        lambda: [old] * rng.choice((2, 3, 100)),
-        lambda: {"value": old},
+        lambda: _repeated(old, rng.choice((2, 3, 100))),
+        lambda: {"value": copy.deepcopy(old)},
         lambda: [rng.choice(INTEGERS)] * rng.choice((3, 16, 5000)),
         lambda: _nested(rng.choice((5, 200, DEPTH))),
-        lambda: (lambda place: place[0][place[1]])(rng.choice(_places(document))),
+        lambda: _copied(rng.choice(_places(document))),
     )
     return rng.choice(kinds)()
 
 
 def _json_step(rng: random.Random, document: Any) -> None:
     places = _places(document)
-    if not places:
+    if not places or len(places) > MOST_VALUES:
         return
     holder, key = rng.choice(places)
     act = rng.random()
@@ -161,12 +175,11 @@ def _json_step(rng: random.Random, document: Any) -> None:
     elif act < 0.74:
         del holder[key]
     elif act < 0.84 and isinstance(holder, list):
-        holder[key:key] = [holder[key]] * rng.choice((1, 1, 30, 400))
+        holder[key:key] = _repeated(holder[key], rng.choice((1, 1, 30, 400)))
     elif act < 0.92:
         other, at = rng.choice(places)
         if isinstance(other, dict) or at < len(other):
-            swap = json.loads(dump(holder[key])) if _plain(holder[key]) else holder[key]
-            other[at] = swap
+            other[at] = _copied((holder, key))
     elif isinstance(holder, dict):
         name = rng.choice(
             (str(key) + "x", "extras", "extensions", "sparse", "uri", "normalized", "byteStride", "children")
@@ -176,12 +189,8 @@ def _json_step(rng: random.Random, document: Any) -> None:
         rng.shuffle(holder)
 
 
-def _plain(value: Any) -> bool:
-    return isinstance(value, (int, float, str, bool, type(None))) and not isinstance(value, Raw)
-
-
 def dump(document: Any) -> str:
-    """JSON text with NaN, infinities and ``Raw`` parts; values that refer to themselves end in a string."""
+    """JSON text with NaN, infinities and ``Raw`` parts."""
     raws: list[str] = []
 
     def plain(value: Any, depth: int) -> Any:
