@@ -30,6 +30,9 @@ from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet
 MAGIC, VERSION = b"LWSP", 1
 # Bounds that a file is held to before memory is asked for.
 MOST_BYTES, MOST_POINTS, MOST_RECORDS = 1 << 29, 1 << 26, 1 << 20
+RECIPE_NAMES, ANNEALS = ("default", "best", "paper"), ("none", "published", "working")
+# Members of recipes are below this; seeds may be large.
+MOST_RECIPE = 2**63
 SCORES = ("error", "leak", "mass", "centroid", "undershoot", "peak")
 FACTS = ("node", "tier", "kind", "recipe", "first", "count", "scale", *SCORES)
 
@@ -145,7 +148,7 @@ def _loads(data: bytes, aperture: Aperture | None) -> Library:
     if hashlib.sha256(body).hexdigest() != header["sha256"]:
         raise LensError("has points that do not match their check sum")
     family = _family(header, aperture)
-    recipe = Recipe(**header["recipe"])
+    recipe = _recipe(header["recipe"])
     kind = (
         [("x", "i1"), ("y", "i1"), ("q", "<i2")]
         if bits == 8
@@ -169,7 +172,24 @@ def _family(header: dict, aperture: Aperture | None) -> Family:
             raise LensError(f"has an axis {axis['name']!r:.40} that does not ascend")
         axes.append(Axis(str(axis["name"]), tuple(values.tolist())))
     shape = aperture or _aperture(header["aperture"])
-    return Family(header["family"], *axes, aperture=shape, strength=float(header.get("strength", 0.0)))
+    strength = header.get("strength", 0.0)
+    if isinstance(strength, bool) or not isinstance(strength, (int, float)) or not 0 <= strength < 1.8:
+        raise LensError(f"has a strength of {strength!r:.40}, expected 0 to 1.8")
+    return Family(header["family"], *axes, aperture=shape, strength=float(strength))
+
+
+def _recipe(found: dict) -> Recipe:
+    """A recipe whose members have the types and ranges of ``Recipe``."""
+    default = asdict(Recipe())
+    for name, value in found.items():
+        kind = type(default[name])
+        if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
+            raise LensError(f"has a recipe whose {name} is {value!r:.40}")
+        if kind is not str and not 0 <= value < MOST_RECIPE:
+            raise LensError(f"has a recipe whose {name} is {value!r:.40}, expected 0 to {MOST_RECIPE:g}")
+    if found.get("name", "default") not in RECIPE_NAMES or found.get("anneal", "none") not in ANNEALS:
+        raise LensError(f"has a recipe {found.get('name')!r:.40} that is not known")
+    return Recipe(**found)
 
 
 def _aperture(key: str) -> Aperture:
