@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lightwell.cli import main
+from lightwell.core.output import output_folder
 
 
 def _refused(capsys, *argv: str) -> str:
@@ -109,6 +110,20 @@ def test_unwritable_output(capsys, tmp_path):
 def test_full_disk(capsys):
     """/dev/full refuses every byte, as a full disk does; a folder cannot be made there."""
     assert "cannot create output folder" in _refused(capsys, "bake", "cornell", "-o", "/dev/full/out")
+
+
+def test_a_folder_in_use(capsys, tmp_path):
+    with output_folder(tmp_path / "out", "bake", ()):
+        for words in (("bake", "cornell"), ("compare", "cornell", "--fields", "mlp")):
+            told = _refused(capsys, *words, "-o", tmp_path / "out")
+            assert f"in use by 'lightwell bake', process {os.getpid()} on " in told and " since 2" in told
+
+
+def test_files_of_others(capsys, tmp_path):
+    (tmp_path / "scene.glb").write_bytes(b"mine")
+    assert "overwrite with --force" in _refused(capsys, "bake", "cornell", "-o", tmp_path)
+    assert "overwrite with --force" in _refused(capsys, "demo", "cornell", "-o", tmp_path, "--no-open")
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.glb"]
 
 
 def test_a_disk_that_fills_up_later(capsys, tmp_path, monkeypatch):
