@@ -219,4 +219,5 @@ def test_pixels_that_are_not_finite_are_noted(tmp_path):
     planes = _planes(np.float32)
     planes["G"][3, 4], planes["Z"][5, 6], planes["Z"][7, 8] = np.nan, np.nan, np.inf
     OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(tmp_path / "a.exr"))
-    assert frames.read(tmp_path / "a.exr").notes[-1] == "2 pixels with NaN or infinite colour or NaN depth are left out"
+    expected = "2 pixels with NaN or infinite colour or motion, or NaN depth, are replaced"
+    assert frames.read(tmp_path / "a.exr").notes[-1] == expected

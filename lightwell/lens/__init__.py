@@ -3,10 +3,11 @@
     from lightwell import lens
     picture = lens.apply(rgba, depth, motion, lens.Camera(focus=2.5, fstop=1.8, focal=0.05))
 
-Offline, the Laplacian of every point spread function is replaced by a small signed point set, a spreadlet. A pixel
-scatters its colour times a spreadlet; one linear-time solve turns the sum into the picture. See docs/lens.md.
+In a precomputation, the Laplacian of every point spread function is replaced by a small signed point set, a
+*spreadlet*. Per frame, every pixel scatters its colour times a spreadlet; one linear-time solve of the Poisson
+equation turns the sum into the picture. See docs/lens.md.
 
-Names are loaded when first used, so that the command line can read the arguments of its verb at once.
+Names are loaded at first use, so that the command line can build its parser without importing NumPy.
 """
 
 from importlib import import_module

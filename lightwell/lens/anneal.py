@@ -1,9 +1,9 @@
-"""Simulated annealing of point positions: the published schedule, which does not help, and one that does.
+"""Simulated annealing of point positions: the published schedule, and one that lowers the error.
 
-Published: 400 steps, each moves 1 % of the points by up to a pixel, values are integrated anew, and a temperature of
-the order of the cost accepts nearly everything. The working one moves one point at a time, visits every point about
-twenty times, starts at 1 % of the initial cost, judges by a window that holds the outside of the kernel too, and keeps
-the best state that it saw.
+Published: 400 steps, each moves 1 % of the points by up to a pixel and integrates the values again; the temperature is
+of the order of the cost, so that nearly every step is accepted and the result does not improve. The other schedule
+moves one point at a time, visits every point about twenty times, starts at 1 % of the initial cost, measures the error
+on a window that includes the pixels around the kernel, and returns the best state that it found.
 """
 
 from __future__ import annotations
@@ -16,29 +16,42 @@ from lightwell.lens.lsq import design, window
 from lightwell.lens.psf import charges
 from lightwell.lens.voronoi import integrate_labels
 
-# Published: steps, share of the points moved, first and last temperature over the initial cost.
+# Published schedule: steps, share of points moved per step, first and last temperature relative to the initial cost.
 STEPS, SHARE, HOT, WARM = 400, 0.01, 1.0, 0.01
-# Working: visits per point, longest move in pixels, first and last temperature over the initial cost.
+# Working schedule: visits per point, longest move in pixels, first and last temperature relative to the initial cost.
 VISITS, MOVE, COOL, COLD = 20, 2, 1e-2, 1e-5
 
 
 @dataclass(frozen=True)
 class Annealed:
-    """Where annealing ended."""
+    """Result of annealing."""
 
     x: np.ndarray
     y: np.ndarray
     values: np.ndarray
     curve: np.ndarray
-    """[steps + 1] cost over Σ K² after every step, of the state held."""
+    """[steps + 1] cost over Σ K² of the current state after every step."""
 
 
 def _cost(residual: np.ndarray) -> float:
     return float(residual @ residual)
 
 
-def published(kernel: np.ndarray, px, py, seed: int = 0, steps: int = STEPS) -> Annealed:
-    """The schedule as reported: the last state is returned, better or worse."""
+def published(kernel: np.ndarray, px: np.ndarray, py: np.ndarray, seed: int = 0, steps: int = STEPS) -> Annealed:
+    """Anneal points by the published schedule and return the last state, whether better or worse.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        px: Integer x of the points [n], pixels from the kernel's centre.
+        py: Integer y of the points [n].
+        seed: Seed of the random numbers.
+        steps: Number of steps, ≥ 0.
+
+    Returns:
+        Last state and the cost after every step.
+
+    Reference: Leimkühler, Seidel, Ritschel, *Laplacian Kernel Splatting*, Computer Graphics Forum 37(2), 2018.
+    """
     rng = np.random.default_rng(seed)
     f = charges(kernel)
     x, y, k, _ = window(kernel)
@@ -64,8 +77,22 @@ def published(kernel: np.ndarray, px, py, seed: int = 0, steps: int = STEPS) -> 
     return Annealed(px, py, values, np.array(curve))
 
 
-def working(kernel: np.ndarray, px, py, values, seed: int = 0, visits: int = VISITS) -> Annealed:
-    """One point at a time, cold, over the whole window; values travel with their points; the best state is returned."""
+def working(
+    kernel: np.ndarray, px: np.ndarray, py: np.ndarray, values: np.ndarray, seed: int = 0, visits: int = VISITS
+) -> Annealed:
+    """Anneal points one at a time at a low temperature and return the best state; values move with their points.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        px: Integer x of the points [n], pixels from the kernel's centre.
+        py: Integer y of the points [n].
+        values: Charges of the points [n].
+        seed: Seed of the random numbers.
+        visits: Steps per point, ≥ 0.
+
+    Returns:
+        Best state found and the cost after every step.
+    """
     rng = np.random.default_rng(seed)
     x, y, k, _ = window(kernel)
     total = float((k * k).sum())

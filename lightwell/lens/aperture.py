@@ -1,8 +1,8 @@
-"""Aperture shapes on the unit disc: round, polygonal, drawn, and the cat's eye of a vignetted lens.
+"""Aperture shapes on the unit disc: round, polygonal, drawn.
 
-An aperture says for lens coordinates u = (u_x, u_y), image axes (x right, y down), |u| <= 1, how much light passes.
-A point at signed circle of confusion s lands at s·u, so that a shape appears mirrored through its centre in front of
-focus, where s < 0.
+An aperture gives the transmission at lens coordinates u = (u_x, u_y), |u| <= 1, in image axes (x right, y down).
+Light of a point with signed circle of confusion s that passes the lens at u lands at s·u, so that the shape appears
+mirrored through its centre in front of the focus distance, where s < 0.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from lightwell.lens.errors import LensError
 
-# Names of regular polygons that the command line knows, and their number of blades.
+# Names of regular polygons on the command line, and their number of sides.
 POLYGONS = {"triangle": 3, "square": 4, "pentagon": 5, "hexagon": 6, "heptagon": 7, "octagon": 8}
 # Resolution to which drawn masks are reduced; a PSF of 64 px radius is 129 px wide.
 MASK_SIZE = 256
@@ -22,7 +22,7 @@ MASK_SIZE = 256
 
 @dataclass(frozen=True)
 class Aperture:
-    """The shape of a lens opening."""
+    """Shape of a lens opening."""
 
     kind: str = "disc"
     """``disc``, ``polygon``, ``mask`` or ``cats-eye``."""
@@ -31,17 +31,21 @@ class Aperture:
     angle: float = 0.0
     """Rotation of a polygon, degrees from the x axis towards y (downwards)."""
     mask: tuple[bytes, int] | None = None
-    """A drawn mask: float32 bytes of a square picture and its size, centred, the unit disc touching its sides."""
+    """Drawn mask: float32 bytes of a square picture and its size; the unit disc touches its sides."""
     label: str = ""
-    """The key of a mask whose picture is not at hand, as read from a library."""
+    """Key of a mask whose picture is not available, as read from a library."""
 
     @property
     def round(self) -> bool:
-        """Whether the shape may be turned freely."""
+        """Whether the shape is the same at every rotation."""
         return self.kind == "disc"
 
     def key(self) -> str:
-        """A text that tells this shape from every other one; part of the names of cached libraries."""
+        """Return a text that identifies the shape; part of the names of cached libraries.
+
+        Returns:
+            For example ``disc``, ``polygon-6-15`` or ``mask-`` and a hash of the picture.
+        """
         if self.label:
             return self.label
         if self.kind == "mask":
@@ -51,7 +55,15 @@ class Aperture:
         return "disc" if self.kind == "disc" else f"polygon-{self.blades}-{self.angle:g}"
 
     def __call__(self, ux: np.ndarray, uy: np.ndarray) -> np.ndarray:
-        """Transmission in [0, 1] at lens coordinates."""
+        """Evaluate the transmission.
+
+        Args:
+            ux: Lens coordinate x, any shape; the disc is |u| <= 1.
+            uy: Lens coordinate y, same shape.
+
+        Returns:
+            Transmission in [0, 1], same shape.
+        """
         if self.kind == "disc":
             return (ux * ux + uy * uy <= 1.0).astype(np.float64)
         if self.kind == "polygon":
@@ -69,7 +81,7 @@ DISC = Aperture()
 
 
 def _polygon(ux, uy, blades: int, angle: float) -> np.ndarray:
-    """Indicator of the regular polygon whose corners lie on the unit circle."""
+    """Return 1 inside the regular polygon whose corners lie on the unit circle, 0 outside."""
     inside = np.ones(np.broadcast(ux, uy).shape, bool)
     apothem = np.cos(np.pi / blades)
     for k in range(blades):
@@ -79,7 +91,7 @@ def _polygon(ux, uy, blades: int, angle: float) -> np.ndarray:
 
 
 def _sample_mask(picture: np.ndarray, ux, uy) -> np.ndarray:
-    """Bilinear lookup; nothing passes outside the picture."""
+    """Interpolate a mask bilinearly; 0 outside the picture."""
     from scipy.ndimage import map_coordinates
 
     size = picture.shape[0]
@@ -88,17 +100,39 @@ def _sample_mask(picture: np.ndarray, ux, uy) -> np.ndarray:
 
 
 def polygon(blades: int, angle: float = 0.0) -> Aperture:
-    """A regular opening of ``blades`` sides, from 3 to 64."""
+    """Make a regular polygonal opening.
+
+    Args:
+        blades: Number of sides, 3 to 64.
+        angle: Rotation from the x axis towards y (downwards), degrees.
+
+    Returns:
+        The aperture.
+
+    Raises:
+        LensError: ``blades`` is out of range.
+    """
     if not 3 <= blades <= 64:
         raise LensError(f"lens: an aperture of {blades} blades; use 3 to 64, or disc")
     return Aperture("polygon", int(blades), float(angle) % (360.0 / blades))
 
 
 def from_picture(luminance: np.ndarray, centre: str = "centroid", where: str = "mask") -> Aperture:
-    """A drawn aperture [height, width], any range, 0 is closed. ``centre``: ``centroid`` or ``picture``.
+    """Make an aperture from a drawn mask.
 
     The picture is cropped to the smallest square about its centre that holds all open pixels, so that the unit disc
     touches the outermost open one, and area-averaged to ``MASK_SIZE``.
+
+    Args:
+        luminance: Mask [height, width], ≥ 0, in any range: 0 is closed, the largest value fully open.
+        centre: ``centroid`` (of the open pixels) or ``picture`` (centre of the picture).
+        where: Name of the mask, for messages.
+
+    Returns:
+        The aperture.
+
+    Raises:
+        LensError: The mask is not one finite channel ≥ 0, or is black everywhere.
     """
     picture = np.asarray(luminance, np.float64)
     if picture.ndim != 2 or not np.isfinite(picture).all() or picture.min() < 0:
@@ -126,7 +160,17 @@ def from_picture(luminance: np.ndarray, centre: str = "centroid", where: str = "
 
 
 def read_mask(path: str | Path) -> Aperture:
-    """An aperture drawn as a PNG: its luminance times its opacity."""
+    """Read an aperture drawn as a picture: its luminance times its opacity.
+
+    Args:
+        path: PNG or another format that Pillow reads, up to 16384 pixels a side.
+
+    Returns:
+        The aperture.
+
+    Raises:
+        LensError: The file is missing, damaged or too large.
+    """
     from PIL import Image
 
     try:
@@ -145,7 +189,16 @@ def read_mask(path: str | Path) -> Aperture:
 
 
 def parse(text: str, blades: int | None = None, angle: float = 0.0) -> Aperture:
-    """The aperture that a command line names: disc, a polygon's name, or a picture file."""
+    """Parse the aperture options of the command line.
+
+    Args:
+        text: ``disc``, the name of a polygon (``POLYGONS``), or the path of a picture.
+        blades: Number of sides of a polygon, 3 to 64; overrides ``text``.
+        angle: Rotation of a polygon, degrees.
+
+    Returns:
+        The aperture.
+    """
     if blades is not None:
         return polygon(blades, angle)
     if text == "disc":

@@ -1,4 +1,4 @@
-"""Arguments of the verb ``lens``. Nothing heavy is imported here, so that help is instant."""
+"""Arguments of the verb ``lens``. This module imports nothing slow, so that ``--help`` answers at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ Blender, Mitsuba and Nuke give these channels are known; the options say what th
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Define every option."""
+    """Add all options of the verb.
+
+    Args:
+        parser: Parser to extend.
+    """
     parser.add_argument("frame", metavar="FRAME|bake|check", help="picture to blur: .exr or .png; #### for sequences")
     parser.add_argument("library", metavar="LIBRARY", nargs="?", help="library to write or check")
     parser.add_argument("-o", "--out", help="picture to write: .exr (linear) or .png (sRGB)")

@@ -1,7 +1,7 @@
-"""Baking: from the kernel of a node to its representations.
+"""Precompute spreadlets: from the kernel of a node to its representations.
 
-Every node gets the cheapest representation whose error is small ("main") and, where that one is sparse, a lossless
-one ("fine") for pixels so bright that the sparse error would be seen.
+Every node gets the representation with the fewest points whose error is small (tier ``MAIN``) and, where that one is
+sparse, a lossless one (tier ``FINE``) for pixels so bright that the error of the sparse one would be visible.
 """
 
 from __future__ import annotations
@@ -17,18 +17,25 @@ from lightwell.lens.spreadlet import CHARGE, Spreadlet
 
 # Tiers of a node.
 MAIN, FINE = 0, 1
-# Light outside the support and relative L2 that a sparse spreadlet may have, and how its point count grows until then.
+# Limits of a sparse spreadlet: light outside the support and relative L2 error; growth of its point count per try.
 LEAK, ERROR, GROWTH, TRIES = 0.02, 0.13, 1.12, 12
-# A set of points that is exact may cost this much more than a sparse one.
+# An exact spreadlet is preferred up to this factor of a sparse one's points.
 EXACT_BONUS = 1.3
-# An exact set of so few points is always taken; of so few where the radius is below the recipe's smallest.
+# Points up to which an exact spreadlet is always used; the second number applies below the smallest sparse radius.
 EXACT, EXACT_SMALL = 40, 100
-# Distances of the two rings of a disc from its rim that are tried, pixels.
+# Candidate distances of the two rings of points from the rim of a disc, pixels.
 APART = (0.7, 0.85, 1.0, 1.25, 1.5)
 
 
 def exact(kernel: np.ndarray) -> Spreadlet:
-    """Primal or lossless, whichever writes less; a primal kernel needs no solve."""
+    """Represent a kernel exactly, as primal or lossless points, whichever are fewer; primal points need no solve.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+
+    Returns:
+        The spreadlet.
+    """
     f = charges(kernel)
     if np.count_nonzero(kernel) <= int((np.abs(f) > DUST * np.abs(f).max()).sum()):
         return primal(kernel)
@@ -36,14 +43,23 @@ def exact(kernel: np.ndarray) -> Spreadlet:
 
 
 def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spreadlet]]:
-    """(tier, spreadlet) of a node: one that is exact, or a sparse one and, where it is shorter than dense, a fine one.
+    """Make the spreadlets of one node: an exact one, or a sparse one and a lossless one for bright pixels.
 
-    A node without a fine tier whose main one is sparse takes its dense kernel instead, which needs no file.
+    A node has no lossless tier where its dense kernel has fewer points; the dense kernel is then computed when needed
+    and not stored.
+
+    Args:
+        family: Family of kernels.
+        index: Node, 0 to ``family.size`` − 1.
+        recipe: How spreadlets are made.
+
+    Returns:
+        (tier, spreadlet) of every tier.
     """
     kernel = family.kernel(index)
     radius, second, _ = family.node(index)
     length = second if family.name != "cats-eye" else 0.0
-    # Turned between pixels, the points of a bare Laplacian ring; light itself only blurs by a fraction of a pixel.
+    # Rotated to positions between pixels, lossless charges ring; primal points only blur by a fraction of a pixel.
     best = primal(kernel) if family.turns else exact(kernel)
     if len(best) <= EXACT or (radius < recipe.smallest and len(best) <= EXACT_SMALL):
         return [(MAIN, best)]
@@ -70,7 +86,17 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
 def bake_nodes(
     family: Family, nodes: Iterable[int], recipe: Recipe, advance: Callable[[int], None] = lambda n: None
 ) -> dict[tuple[int, int], Spreadlet]:
-    """{(node, tier): spreadlet} of the nodes asked for; ``advance`` is called with the number of nodes done."""
+    """Make the spreadlets of several nodes.
+
+    Args:
+        family: Family of kernels.
+        nodes: Indices of the nodes; duplicates are ignored.
+        recipe: How spreadlets are made.
+        advance: Called with the number of nodes done since the last call.
+
+    Returns:
+        {(node, tier): spreadlet}.
+    """
     nodes = sorted(set(int(n) for n in nodes))
     made: dict[tuple[int, int], Spreadlet] = {}
     for index in nodes:

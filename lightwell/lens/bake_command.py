@@ -1,7 +1,8 @@
-"""``lightwell lens bake``: write a whole library."""
+"""``lightwell lens bake``: write a library with all its nodes."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import time
 from pathlib import Path
@@ -10,19 +11,29 @@ import numpy as np
 
 from lightwell.lens import aperture, families
 from lightwell.lens.bake import bake_nodes
-from lightwell.lens.command import bars
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import Library, two_arrays
 from lightwell.lens.pipeline import PRESETS, Settings
+from lightwell.lens.progress import bars
 
-# Blur that is baked when nothing is said, pixels.
+# Largest blur radius that is baked by default, pixels.
 LARGEST = 32.0
-# More nodes than this would bake for hours.
+# Largest number of nodes; more would bake for hours.
 MOST_NODES = 20_000
 
 
-def family_of(arguments) -> families.Family:
-    """The family that the options name."""
+def family_of(arguments: argparse.Namespace) -> families.Family:
+    """Make the family that the options describe.
+
+    Args:
+        arguments: Parsed options of the verb ``lens``.
+
+    Returns:
+        The family.
+
+    Raises:
+        LensError: An option is out of range, or the family is unknown.
+    """
     shape = aperture.parse(arguments.aperture, arguments.blades, arguments.blade_angle)
     largest = LARGEST if arguments.largest is None else arguments.largest
     noise = {} if arguments.noise is None else {"noise": arguments.noise}
@@ -39,8 +50,18 @@ def family_of(arguments) -> families.Family:
     raise LensError(f"lens: no family {arguments.family!r}; choose {', '.join(families.NAMES)}")
 
 
-def run_bake(arguments) -> int:
-    """Bake every node of a family and write the library."""
+def run_bake(arguments: argparse.Namespace) -> int:
+    """Bake every node of a family, write the library and print a summary.
+
+    Args:
+        arguments: Parsed options of the verb ``lens``.
+
+    Returns:
+        Exit code 0.
+
+    Raises:
+        LensError: No library is named, the preset is unknown, or the family has too many nodes.
+    """
     if not arguments.library:
         raise LensError("lens bake: name the library to write, for example: lightwell lens bake disc.lwsp")
     if arguments.preset not in PRESETS:

@@ -1,4 +1,4 @@
-"""Where libraries live: a standard one ships with the package, others are baked when needed and kept in the store."""
+"""Find libraries: a standard one ships with the package, others are baked when needed and kept in the store."""
 
 from __future__ import annotations
 
@@ -18,31 +18,49 @@ from lightwell.lens.library import Library, load, loads
 from lightwell.lens.recipes import Recipe
 
 STANDARD = Path(__file__).parent / "standard"
-# Baking fewer nodes than this is over before a bar could be read.
+# Fewest nodes for which a progress bar is shown.
 FEW = 24
-# Version of what ``bake_nodes`` makes; part of the name under which libraries are stored.
+# Version of the results of ``bake_nodes``; part of the key of stored libraries.
 BAKED = 1
 
 
 class LibraryFormat:
-    """Libraries of the store: one .lwsp file each (format/LENS.md)."""
+    """Reads and writes libraries in the store: one .lwsp file each (format/LENS.md)."""
 
     suffix = ".lwsp"
 
     def __init__(self, aperture: Aperture) -> None:
-        """``aperture``: that of the family, which a file of a drawn mask does not hold."""
+        """Make the format for the libraries of one aperture.
+
+        Args:
+            aperture: Aperture of the family; a file does not contain the picture of a drawn mask.
+        """
         self._aperture = aperture
 
     def write(self, path: Path, value: Library) -> None:
+        """Write a library.
+
+        Args:
+            path: File to write.
+            value: The library.
+        """
         path.write_bytes(value.tobytes())
         flush(path)
 
     def read(self, path: Path) -> Library:
+        """Read a library.
+
+        Args:
+            path: File to read.
+
+        Returns:
+            The library.
+        """
         return loads(path.read_bytes(), str(path), self._aperture)
 
 
 class Shelf:
-    """Libraries by configuration: looked up beside the code, then in the store, baked where they lack nodes."""
+    """Libraries by configuration: looked up in the package, then in the store; missing nodes are baked on demand."""
 
     def __init__(
         self,
@@ -53,9 +71,9 @@ class Shelf:
         """Open the libraries of a store.
 
         Args:
-            progress: ``progress(title, total)`` returns a function that is told how many nodes were done.
-            keep: Store what is baked.
-            store: None: the user's store.
+            progress: ``progress(title, total)`` returns a function that is called with the number of nodes done.
+            keep: Save baked nodes to the store.
+            store: The store; None for the user's.
         """
         self._progress = progress
         self._keep = keep
@@ -64,7 +82,15 @@ class Shelf:
         self._open: dict[str, Library] = {}
 
     def library(self, family: Family, recipe: Recipe) -> Library:
-        """The library of a configuration, with the nodes that are known so far."""
+        """Return the library of a configuration, with the nodes that have been baked so far.
+
+        Args:
+            family: Family of kernels.
+            recipe: How spreadlets are made.
+
+        Returns:
+            The library; the same object for the same configuration.
+        """
         fresh = Library(family, recipe)
         name = fresh.key()
         if name not in self._open:
@@ -76,7 +102,15 @@ class Shelf:
         return found if found is not None and found.key() == fresh.key() else None
 
     def ensure(self, library: Library, nodes: np.ndarray) -> int:
-        """Bake the nodes that a library lacks and keep them; returns how many."""
+        """Bake the nodes that a library lacks and save them to the store.
+
+        Args:
+            library: A library from ``library``; changed in place.
+            nodes: Indices of the nodes [n] that are needed.
+
+        Returns:
+            Number of nodes baked.
+        """
         missing = library.missing(nodes)
         if not missing:
             return 0
@@ -99,14 +133,14 @@ def _format(library: Library) -> LibraryFormat:
 
 
 def _joined(library: Library, old: Library | None) -> Library:
-    """The library with the nodes that another process has stored meanwhile."""
+    """Merge the nodes that another process has stored meanwhile into the library."""
     if old is not None and old.key() == library.key():
         library.nodes = old.nodes | library.nodes
     return library
 
 
 def _standard(fresh: Library) -> Library | None:
-    """The library that ships with the package, if it is of this configuration."""
+    """Read the library that ships with the package, if there is one of this configuration."""
     path = STANDARD / f"{fresh.key()}.lwsp"
     if not path.exists():
         return None

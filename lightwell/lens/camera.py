@@ -1,8 +1,8 @@
-"""From depth and motion to blur in pixels.
+"""Thin-lens camera: from depth to blur in pixels.
 
 Signed circle of confusion, radius in pixels, z the depth along the camera axis:
 s(z) = Kc (1/z_f − 1/z),  Kc = (A/2) f z_f / ((z_f − f) p),  A = f/N the aperture's diameter, p the pixel pitch.
-s > 0 lies behind focus; the sky, z = ∞, is Kc / z_f.
+s > 0 lies behind the focus distance; for the sky, z = ∞, s = Kc / z_f.
 """
 
 from __future__ import annotations
@@ -19,7 +19,19 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "in": 0.0254, "ft": 0.3048
 
 
 def distance(text: str | float, what: str = "distance", default_unit: str | None = None) -> float:
-    """Metres of ``2.5m``, ``50mm``, ``35`` (with a default unit)."""
+    """Parse a length such as ``2.5m`` or ``50mm``.
+
+    Args:
+        text: Number and unit.
+        what: Name of the option, for messages.
+        default_unit: Unit of a number without one: a key of ``UNITS``; None requires a unit.
+
+    Returns:
+        Metres.
+
+    Raises:
+        LensError: The text is not a length.
+    """
     match = re.fullmatch(r"\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*([a-z]*)\s*", str(text))
     unit = match and (match.group(2) or default_unit)
     if not match or unit not in UNITS:
@@ -30,7 +42,7 @@ def distance(text: str | float, what: str = "distance", default_unit: str | None
 
 @dataclass(frozen=True)
 class Camera:
-    """A thin lens in front of a sensor. Lengths are metres."""
+    """Thin lens in front of a sensor. Lengths are in metres."""
 
     focus: float = 2.5
     """Distance of the plane in focus, along the camera axis."""
@@ -65,7 +77,14 @@ class Camera:
             raise LensError(f"lens: shutter {self.shutter:g} of a frame; use 0 to 16, 0.5 is 180 degrees")
 
     def strength(self, width: int) -> float:
-        """Kc in pixels × scene units, for pictures ``width`` px wide."""
+        """Compute the constant Kc of the circle of confusion.
+
+        Args:
+            width: Width of the picture, pixels.
+
+        Returns:
+            Kc, pixels × scene units.
+        """
         aperture = self.focal / self.fstop
         if np.isinf(self.focus):
             return aperture / 2 * self.focal / (self.sensor / width) / self.scene_unit
@@ -73,16 +92,34 @@ class Camera:
         return aperture / 2 * image / (self.sensor / width) / self.scene_unit
 
     def confusion(self, depth: np.ndarray, width: int) -> np.ndarray:
-        """Signed radius in pixels [same shape], of positive depth in scene units, infinity included."""
+        """Compute the signed circle of confusion.
+
+        Args:
+            depth: Depth along the camera axis, any shape, > 0, scene units; infinity is the sky.
+            width: Width of the picture, pixels.
+
+        Returns:
+            Signed radius in pixels, same shape; > 0 behind the focus distance.
+        """
         focus = self.focus / self.scene_unit
         return self.strength(width) * (1 / focus - 1 / np.asarray(depth, np.float64))
 
 
 def from_thin_lens(width: int, fov_x: float, radius: float, focus: float, shutter: float = 1.0) -> Camera:
-    """The camera of a renderer's thin lens: horizontal field of view in degrees, aperture radius in scene units.
+    """Make the camera that matches a renderer's thin-lens sensor.
 
-    The renderer fixes the image distance v = f z_f/(z_f − f), F = width/(2 tan(fov/2)) = v/p; any f that is small
+    The renderer fixes the image distance v = f z_f/(z_f − f) with width/(2 tan(fov/2)) = v/p. Any f that is small
     against z_f gives the same blur, so f is chosen as a hundredth of it.
+
+    Args:
+        width: Width of the picture, pixels.
+        fov_x: Horizontal field of view, degrees.
+        radius: Radius of the aperture, scene units; 0 is a pinhole.
+        focus: Focus distance, scene units.
+        shutter: Share of the frame's time during which the shutter is open.
+
+    Returns:
+        The camera, with one scene unit per metre.
     """
     focal = focus / 100
     image = focal * focus / (focus - focal)

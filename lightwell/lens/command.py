@@ -1,10 +1,10 @@
-"""The verb ``lens``: files in, files out."""
+"""The verb ``lens`` on files."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,21 @@ from lightwell.lens.cache import Shelf
 from lightwell.lens.camera import Camera, distance
 from lightwell.lens.errors import LensError
 from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.progress import bars
 
 
-def run(arguments) -> int:
-    """Blur frames, bake or check, as the first word says."""
+def run(arguments: argparse.Namespace) -> int:
+    """Blur frames, or bake or check a library, depending on the first argument.
+
+    Args:
+        arguments: Parsed options of the verb ``lens``.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        LensError: A second positional argument is given that is not expected.
+    """
     if arguments.frame == "bake":
         from lightwell.lens.bake_command import run_bake
 
@@ -34,26 +45,7 @@ def run(arguments) -> int:
     return _blur(arguments)
 
 
-@contextmanager
-def bars(quiet: bool):
-    """A function that opens a progress bar: bar(title, total) returns advance(n)."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("{task.description:<22}"), BarColumn(28), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-
-        def bar(title: str, total: int):
-            task = progress.add_task(title, total=total)
-            return lambda n: progress.advance(task, n)
-
-        yield bar
-
-
-def _blur(arguments) -> int:
+def _blur(arguments: argparse.Namespace) -> int:
     if not arguments.out:
         raise LensError("lens: no picture to write; name it with -o OUT.exr or -o OUT.png")
     settings = _settings(arguments)
@@ -75,7 +67,7 @@ def _blur(arguments) -> int:
     return 0
 
 
-def _settings(arguments) -> Settings:
+def _settings(arguments: argparse.Namespace) -> Settings:
     shape = aperture.parse(arguments.aperture, arguments.blades, arguments.blade_angle)
     extra = {} if arguments.largest is None else {"largest": arguments.largest}
     if arguments.overscan < 0:
@@ -93,8 +85,8 @@ def _settings(arguments) -> Settings:
     )
 
 
-def _jobs(arguments):
-    """(source, target, following source or None) of every frame."""
+def _jobs(arguments: argparse.Namespace):
+    """Yield (source, target, following source or None) of every frame."""
     source, target = arguments.frame, arguments.out
     if arguments.frames is None:
         if "#" in source:
@@ -132,8 +124,16 @@ def _pair(text: str, joint: str, option: str, kind=float) -> tuple:
         raise LensError(f"lens: {option} {text!r}; expected two numbers joined by {joint!r}") from None
 
 
-def _one(arguments, lens: Lens, source: Path, target: Path, following, number: int, convention):
-    """Read, blur and write one frame; returns what was done and the convention of motion."""
+def _one(
+    arguments: argparse.Namespace,
+    lens: Lens,
+    source: Path,
+    target: Path,
+    following: Path | None,
+    number: int,
+    convention: conventions.Motion | None,
+):
+    """Read, blur and write one frame; return a summary and the convention of its motion vectors."""
     if target.suffix.lower() not in (".exr", ".png"):
         raise LensError(f"lens: cannot write {target}; its name must end in .exr or .png")
     frame = frames.read(
@@ -174,8 +174,8 @@ def _one(arguments, lens: Lens, source: Path, target: Path, following, number: i
     return facts, convention
 
 
-def _camera(arguments, frame: frames.FrameFile):
-    """Camera, planar depth and layers behind. Ray depth depends on the image distance, hence on the focus."""
+def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
+    """Return camera, planar depth and the layers behind; ray depth depends on the focus distance."""
     unit = distance(arguments.scene_unit, "--scene-unit", "m")
     lengths = {
         "focal": distance(arguments.focal, "--focal", "mm"),
@@ -200,8 +200,13 @@ def _camera(arguments, frame: frames.FrameFile):
     return camera, depth, frame.planar_behind(camera, arguments.depth_kind, arguments.near)
 
 
-def _motion(arguments, frame: frames.FrameFile, following: Path | None, convention):
-    """Motion in pixels per frame, forward, y down; or None."""
+def _motion(
+    arguments: argparse.Namespace,
+    frame: frames.FrameFile,
+    following: Path | None,
+    convention: conventions.Motion | None,
+):
+    """Return motion in pixels per frame, forward, y down, and its convention; or None."""
     words = (arguments.motion_kind or "").replace(",", " ").split()
     if words == ["none"] or frame.motion is None:
         if frame.motion is None and arguments.motion_kind not in (None, "none"):
@@ -230,7 +235,7 @@ def _motion(arguments, frame: frames.FrameFile, following: Path | None, conventi
 
 
 def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
-    """Colour of another frame on this one's window."""
+    """Return the colour of another frame, shifted to this frame's data window."""
     out = np.zeros_like(frame.rgba)
     dx, dy = other.window[0] - frame.window[0], other.window[1] - frame.window[1]
     h, w = out.shape[:2]

@@ -1,6 +1,6 @@
-"""Depth and motion as programs write them, turned into what the lens wants.
+"""Convert depth and motion from the conventions of renderers to those of the lens.
 
-The lens wants camera-axis depth in scene units with infinity for the sky, and motion in pixels per frame, forward in
+The lens expects camera-axis depth in scene units with infinity for the sky, and motion in pixels per frame, forward in
 time, x right, y down.
 """
 
@@ -22,7 +22,7 @@ UNITS = ("pixels", "ndc", "uv")
 
 @dataclass(frozen=True)
 class Motion:
-    """What the two numbers of a motion vector mean."""
+    """Convention of motion vectors."""
 
     unit: str = "pixels"
     """``pixels``, ``ndc`` (the frame is 2 wide and 2 high) or ``uv`` (1 wide and 1 high)."""
@@ -36,7 +36,16 @@ class Motion:
             raise LensError(f"lens: motion unit {self.unit!r}; choose {', '.join(UNITS)}")
 
     def pixels(self, motion: np.ndarray, width: int, height: int) -> np.ndarray:
-        """[height, width, 2] forward, pixels, y down."""
+        """Convert motion vectors to pixels per frame, forward, y down.
+
+        Args:
+            motion: Vectors in this convention [height, width, 2].
+            width: Width of the whole picture, pixels.
+            height: Height of the whole picture, pixels.
+
+        Returns:
+            Pixels per frame [height, width, 2] float32.
+        """
         scale = {"pixels": (1, 1), "ndc": (width / 2, height / 2), "uv": (width, height)}[self.unit]
         sign = -1.0 if self.backward else 1.0
         return (motion * np.array([scale[0] * sign, scale[1] * sign * (-1 if self.y_up else 1)])).astype(np.float32)
@@ -51,10 +60,20 @@ ALL_MOTIONS = tuple(Motion(unit, back, up) for unit in UNITS for back in (False,
 def planar_depth(
     values: np.ndarray, kind: str, camera: Camera, full_width: int, centre: tuple[float, float], near: float = 0.01
 ) -> np.ndarray:
-    """Camera-axis depth of raw values [height, width]; ``centre`` is the principal point in pixels of the array.
+    """Convert raw depth values to depth along the camera axis.
 
-    ``ray``: distance along the ray from the eye; ``ray-from-near``: from the near plane, as Mitsuba's AOV ``depth``;
-    ``inverse``: 1/z. Zero is the sky in all three and planar depth of 0 is no depth.
+    Args:
+        values: Raw values [height, width].
+        kind: ``planar``: camera-axis depth; ``ray``: distance along the ray from the camera's centre;
+            ``ray-from-near``:
+            from the near plane, as in Mitsuba's AOV ``depth``; ``inverse``: 1/z. Zero is the sky, except in ``planar``.
+        camera: Camera; its image distance gives the angle of a ray.
+        full_width: Width of the whole picture, pixels.
+        centre: Principal point (x, y), pixels of the array.
+        near: Distance of the near plane, scene units; only for ``ray-from-near``.
+
+    Returns:
+        Camera-axis depth [height, width] float64, scene units; infinity is the sky.
     """
     values = np.asarray(values, np.float64)
     if kind == "inverse":
@@ -71,10 +90,18 @@ def planar_depth(
 
 
 def guess_motion(raw: np.ndarray, frame: np.ndarray, following: np.ndarray) -> tuple[Motion, dict[Motion, float]]:
-    """The convention under which a frame, carried along its vectors, looks most like the following one.
+    """Find the convention under which a frame, moved along its vectors, is most similar to the following frame.
 
-    raw [height, width, 2], frames [height, width, channels]. Returns it and the mean error of every convention over
-    the pixels that move under any; LensError when nothing moves.
+    Args:
+        raw: Motion vectors [height, width, 2] in an unknown convention.
+        frame: Colour [height, width, channels], linear.
+        following: Colour of the following frame [height, width, channels].
+
+    Returns:
+        The convention, and the mean error of every convention over the moving pixels.
+
+    Raises:
+        LensError: Nothing moves in the frame.
     """
     height, width = raw.shape[:2]
     y, x = np.indices((height, width)).astype(np.float32)

@@ -1,8 +1,9 @@
-"""One layer through the lens: nodes, points, scatter, solve."""
+"""Blur one layer: choose nodes, collect points, scatter, solve."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -22,19 +23,27 @@ from lightwell.lens.splat import Frame, Planes, Points, Sources, guard_for, spla
 from lightwell.lens.spreadlet import CHARGE, Spreadlet
 
 SOLVERS = ("dst", "fft", "7/5", "5/3")
-# A pixel may be wrong by this much of white before it takes the lossless tier.
+# Error, relative to white, above which a pixel uses the lossless tier.
 TOLERANCE = 0.001
-# Light above this many whites is written as a dense kernel: single precision would ring through the solve.
+# Light above this multiple of white is written as a dense kernel, because single precision would make the solve ring.
 EXTREME = 2000.0
-# Recipes without error.
+# Recipes without error (except rounding).
 EXACT = ("primal", "lossless")
 # Tier of dense kernels; made when needed, never stored.
 DENSE = 2
 
 
 @contextmanager
-def timed(report: Report, stage: str):
-    """Add the seconds of a block to a stage."""
+def timed(report: Report, stage: str) -> Iterator[None]:
+    """Add the run time of a block to a stage of a report.
+
+    Args:
+        report: Report to change.
+        stage: Name of the stage.
+
+    Yields:
+        Nothing.
+    """
     start = time.perf_counter()
     yield
     report.seconds[stage] = report.seconds.get(stage, 0.0) + time.perf_counter() - start
@@ -42,7 +51,7 @@ def timed(report: Report, stage: str):
 
 @dataclass(frozen=True)
 class Plan:
-    """What one layer scatters: points of the records in use, and one row per shining pixel."""
+    """What one layer scatters: the points of all records in use, and one source per pixel that has light."""
 
     points: Points
     sources: Sources
@@ -50,7 +59,7 @@ class Plan:
 
 
 class Engine:
-    """Blurs layers with one library; holds what stays the same from frame to frame."""
+    """Blurs layers with one library; keeps what does not change between frames."""
 
     def __init__(
         self,
@@ -62,18 +71,41 @@ class Engine:
         tolerance: float = TOLERANCE,
         white: float = 1.0,
     ) -> None:
+        """Open the library of a family.
+
+        Args:
+            family: Family of kernels.
+            recipe: How missing spreadlets are made.
+            shelf: Libraries.
+            solver: ``dst``, ``fft``, ``7/5`` or ``5/3``.
+            choice: Node of a value between two: ``stochastic``, ``nearest`` or ``auto``.
+            tolerance: Error, relative to ``white``, above which a bright pixel uses lossless points; infinity: never.
+            white: Scene-referred value that is displayed as white, > 0.
+
+        Raises:
+            LensError: The solver is unknown.
+        """
         if solver not in SOLVERS:
             raise LensError(f"lens: no solver {solver!r}; there are {', '.join(SOLVERS)}")
         self.family, self.recipe, self.shelf = family, recipe, shelf
         self.solver, self.tolerance, self.white = solver, tolerance, white
-        # The steps of a family with one axis are too small to show; dither would be the larger error.
+        # The steps of a family with one axis are too small to be visible; dither would be the larger error.
         self.choice = ("nearest" if family.name == "depth" else "stochastic") if choice == "auto" else choice
         self.library: Library = shelf.library(family, recipe)
         # Dense kernels of nodes that extremely bright pixels used.
         self._dense: dict[int, Spreadlet] = {}
 
     def plan(self, layer: Layer, report: Report, frame_number: int = 0) -> Plan:
-        """Nodes, tiers and turns of every pixel of a layer that has light or coverage."""
+        """Choose node, tier and rotation of every pixel of a layer that has light or coverage.
+
+        Args:
+            layer: The layer.
+            report: Report to change.
+            frame_number: Frame number, for the dither.
+
+        Returns:
+            What the layer scatters.
+        """
         with timed(report, "plan"):
             y, x = np.nonzero(layer.rgba.any(-1))
             y, x = y.astype(np.int32), x.astype(np.int32)
@@ -83,8 +115,32 @@ class Engine:
             shape = layer.s.shape
         return self.plan_samples(x, y, rgba, s, motion, shape, report, frame_number)
 
-    def plan_samples(self, x, y, rgba, s, motion, shape, report: Report, frame_number: int = 0) -> Plan:
-        """The same for samples [n] at any place: pixels, or real positions where the family turns."""
+    def plan_samples(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        rgba: np.ndarray,
+        s: np.ndarray,
+        motion: np.ndarray | None,
+        shape: tuple[int, int],
+        report: Report,
+        frame_number: int = 0,
+    ) -> Plan:
+        """Choose node, tier and rotation of samples.
+
+        Args:
+            x: Position x of the samples [n], pixels: integers, or real numbers where the family is rotated.
+            y: Position y of the samples [n], pixels.
+            rgba: Light of the samples [n, 4], premultiplied.
+            s: Signed circle of confusion [n], pixels.
+            motion: Displacement while the shutter is open [n, 2], pixels; None for none.
+            shape: Height and width of the frame, pixels.
+            report: Report to change.
+            frame_number: Frame number, for the dither.
+
+        Returns:
+            What the samples scatter.
+        """
         with timed(report, "plan"):
             second, angle, cosine, sine = self._turn(x, y, s, motion, shape)
             hash_x, hash_y = (np.floor(v).astype(np.int32) for v in (x, y))
@@ -96,7 +152,7 @@ class Engine:
         with timed(report, "plan"):
             tier = self._tier(node, rgba, report)
             key = node * 3 + tier
-            # A frame has few records: their numbers by a table rather than by sorting a million keys.
+            # A frame has few records: a table gives their numbers faster than sorting a million keys.
             present = np.zeros(int(key.max()) + 1 if len(key) else 1, np.int64)
             present[key] = 1
             keys = np.nonzero(present)[0]
@@ -108,7 +164,7 @@ class Engine:
         return Plan(points, sources, sine is not None)
 
     def _turn(self, x, y, s, motion, shape):
-        """Second axis, baked angle, and the turn of every pixel."""
+        """Return value on the second axis, baked angle, and cosine and sine of the rotation of every pixel."""
         n = len(s)
         sign = np.where(s < 0, -1, 1).astype(np.float32)
         none = np.zeros(n, np.float32)
@@ -136,7 +192,7 @@ class Engine:
         return length, np.mod(np.arctan2(my, mx), np.pi), sign, None
 
     def _tier(self, node: np.ndarray, rgba: np.ndarray, report: Report) -> np.ndarray:
-        """0, or 1 where colour × error of the node exceeds the tolerance, or 2 where the light is extreme."""
+        """Return 0, or 1 where colour × error of the node exceeds the tolerance, or 2 where the light is extreme."""
         light = np.abs(rgba[:, :3]).max(1) / self.white if len(rgba) else np.zeros(0)
         tier = np.zeros(len(node), np.int64)
         if not np.isfinite(self.tolerance):
@@ -157,7 +213,7 @@ class Engine:
         return tier
 
     def _pack(self, keys: np.ndarray) -> Points:
-        """Points of the records (node·3 + tier), one after another."""
+        """Concatenate the points of records (node·3 + tier)."""
         return Points.of([self._spreadlet(int(key) // 3, int(key) % 3) for key in keys])
 
     def _spreadlet(self, node: int, tier: int) -> Spreadlet:
@@ -168,7 +224,7 @@ class Engine:
         return self.library.nodes[node, tier]
 
     def _count(self, report: Report, points: Points, record, node, used) -> None:
-        """Writes per pixel, and what dense kernels would need: π r² + 2 r ℓ pixels each."""
+        """Add writes per pixel to the report, and those of dense kernels: π r² + 2 r ℓ pixels each."""
         if not len(record):
             return
         per_node = np.zeros(self.family.size)
@@ -184,11 +240,29 @@ class Engine:
         report.nodes += len(used)
 
     def blur(self, layer: Layer, report: Report, frame_number: int = 0) -> np.ndarray:
-        """The layer through the lens [height, width, 4] float32; light that leaves the frame is gone."""
+        """Blur one layer; light that leaves the frame is lost.
+
+        Args:
+            layer: The layer.
+            report: Report to change.
+            frame_number: Frame number, for the dither.
+
+        Returns:
+            Blurred layer [height, width, 4] float32, premultiplied.
+        """
         return self.render(self.plan(layer, report, frame_number), layer.s.shape, report)
 
     def render(self, plan: Plan, shape: tuple[int, int], report: Report) -> np.ndarray:
-        """Scatter and solve."""
+        """Scatter and solve one plan.
+
+        Args:
+            plan: What is scattered.
+            shape: Height and width of the frame, pixels.
+            report: Report to change.
+
+        Returns:
+            Blurred layer [height, width, 4] float32, premultiplied.
+        """
         frame = Frame(*shape, guard_for(plan.points, plan.turned))
         report.guard = max(report.guard, frame.guard)
         with timed(report, "splat"):
@@ -197,7 +271,15 @@ class Engine:
             return self.integrate(frame, planes)
 
     def integrate(self, frame: Frame, planes: Planes) -> np.ndarray:
-        """Picture plus solved charges, cropped [height, width, 4]."""
+        """Solve the scattered charges and add the picture plane.
+
+        Args:
+            frame: Size of the picture and its guard band.
+            planes: What was scattered.
+
+        Returns:
+            Blurred layer [height, width, 4], without the guard band.
+        """
         picture = 0.0 if planes.picture is None else frame.crop(planes.picture.transpose(2, 0, 1))
         if planes.charges is not None:
             charges = np.ascontiguousarray(planes.charges.transpose(2, 0, 1))

@@ -1,7 +1,7 @@
-"""The one error that the lens raises for a user's mistake."""
+"""The error that the lens raises for invalid input."""
 
 from __future__ import annotations
 
 
 class LensError(ValueError):
-    """Something that cannot be used. One line: what, where, what was expected and the cure."""
+    """Invalid input; the message is one line: what, where, what was expected and the cure."""

@@ -1,4 +1,4 @@
-"""EXR files: every channel of every part by its full name, deep pixels, and the picture written back."""
+"""EXR files for the lens: read every channel of every part by its full name, and deep pixels; write the result."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lightwell.exr import DecodedPart, ExrError, Part, decode_parts, read_header
+from lightwell.exr.header import Window
 from lightwell.files import whole_file
 from lightwell.lens.errors import LensError
 from lightwell.limits import Limits
@@ -16,14 +17,14 @@ from lightwell.limits import Limits
 
 @dataclass
 class Channels:
-    """What a file holds, all on one window."""
+    """All channels of a file, on one window."""
 
     names: dict[str, np.ndarray]
-    """Channel name to [height, width] float32. A part's name goes before names without a layer: ``depth_left.Z``."""
-    window: tuple[int, int, int, int]
+    """Channel name → [height, width] float32. Names without a layer are prefixed by the part: ``depth_left.Z``."""
+    window: Window
     """x0, y0, width and height of the arrays within the display window's coordinates."""
-    display: tuple[int, int, int, int]
-    """x0, y0, width and height of the picture that is shown."""
+    display: Window
+    """x0, y0, width and height of the displayed picture."""
     deep: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     """Deep channel name to the number of samples of each pixel [height, width] and all samples in their order."""
 
@@ -33,11 +34,14 @@ def read(path: str | Path, view: str | None = None, limits: Limits | None = None
 
     Args:
         path: An EXR file: scan lines, tiles, several parts, or deep.
-        view: Name of a view; default the first one of the file.
-        limits: Limits on what the file may ask for; default ``Limits()``.
+        view: Name of a view; None for the first one of the file.
+        limits: Limits on what the file may request; None for ``Limits()``.
+
+    Returns:
+        The channels.
 
     Raises:
-        LensError: The file is missing, damaged or no EXR, exceeds a limit, or lacks the view.
+        LensError: The file is missing, damaged or not EXR, exceeds a limit, or lacks the view.
     """
     path = Path(path)
     if not path.is_file():
@@ -65,7 +69,7 @@ def read(path: str | Path, view: str | None = None, limits: Limits | None = None
 
 
 def _chosen(path: Path, headers: Sequence[Part], view: str | None) -> list[int]:
-    """Indices of the parts of a view, and of those that belong to none."""
+    """Return the indices of the parts of a view, and of those that belong to no view."""
     known = list(dict.fromkeys(part.view for part in headers if part.view))
     if view is not None and view not in known:
         raise LensError(f"lens: {path} has no view {view!r}; it has {', '.join(known) or 'none'}")
@@ -73,14 +77,14 @@ def _chosen(path: Path, headers: Sequence[Part], view: str | None) -> list[int]:
     return [i for i, part in enumerate(headers) if not part.view or part.view == wanted]
 
 
-def _union(windows: Sequence[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
-    """The smallest window around several: x0, y0, width, height."""
+def _union(windows: Sequence[Window]) -> Window:
+    """Return the smallest window around several: x0, y0, width, height."""
     x0, y0 = min(w[0] for w in windows), min(w[1] for w in windows)
     return x0, y0, max(w[0] + w[2] for w in windows) - x0, max(w[1] + w[3] for w in windows) - y0
 
 
 def _collect(found: Channels, part: DecodedPart, several: bool) -> None:
-    """Put the channels of one part in place."""
+    """Add the channels of one part."""
     x0, y0, width, height = found.window
     left, top, across, down = part.header.window
     at = slice(top - y0, top - y0 + down), slice(left - x0, left - x0 + across)
@@ -98,8 +102,18 @@ def _collect(found: Channels, part: DecodedPart, several: bool) -> None:
             found.names[full] = plane
 
 
-def write(path: str | Path, image: np.ndarray, window=None, display=None) -> None:
-    """RGBA [height, width, 4] as half float (float where half cannot hold it), under a temporary name, then renamed."""
+def write(path: str | Path, image: np.ndarray, window: Window | None = None, display: Window | None = None) -> None:
+    """Write a picture as half float (float where half cannot hold it); the file is either complete or absent.
+
+    Args:
+        path: File to write.
+        image: RGBA [height, width, 4], linear, premultiplied.
+        window: x0, y0, width, height of the image within the display window's coordinates; None: at 0, 0.
+        display: x0, y0, width, height of the displayed picture; None: that of the image at 0, 0.
+
+    Raises:
+        LensError: The file cannot be written.
+    """
     import OpenEXR
 
     path = Path(path)
@@ -123,11 +137,21 @@ def write(path: str | Path, image: np.ndarray, window=None, display=None) -> Non
 
 
 def flatten_deep(found: Channels, layers: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Deep samples sorted into layers of depth, front to back: (rgba premultiplied [h, w, 4], depth [h, w]) of each.
+    """Sort deep samples into depth layers and composite each layer.
 
-    Cuts lie where few samples are. A sample near a cut belongs to both layers: weight w in front and, behind, what
-    gives its own coverage back when both are composited, so that no surface shows a seam. Within a layer samples are
-    composited front to back and their depth is the coverage-weighted mean.
+    Layers are separated at depths with few samples. A sample near such a depth belongs to both layers: with weight w in
+    front and, behind, with the weight that gives its own coverage when both are composited, so that no surface shows a
+    seam. Within a layer samples are composited front to back; the layer's depth is their coverage-weighted mean.
+
+    Args:
+        found: Channels of a deep file, with a deep channel Z.
+        layers: Largest number of layers, ≥ 1.
+
+    Returns:
+        (rgba [height, width, 4] premultiplied, depth [height, width]) of every layer, front to back.
+
+    Raises:
+        LensError: There is no deep channel Z, or all samples are invalid.
     """
     depth_name = next((n for n in found.deep if n.split(".")[-1] == "Z"), None)
     if depth_name is None:
@@ -162,7 +186,7 @@ def _deep_cuts(inverse: np.ndarray, layers: int) -> tuple[list[float], float]:
 
 
 def _deep_samples(found: Channels, depth_name: str):
-    """Pixel index [n], depth [n] and premultiplied colour [n, 4] of all samples, sorted by pixel, then depth."""
+    """Return pixel index [n], depth [n] and premultiplied colour [n, 4] of all samples, sorted by pixel, then depth."""
     counts, z = found.deep[depth_name]
     pixel = np.repeat(np.arange(counts.size), counts.ravel())
     rgba = np.zeros((len(z), 4), np.float32)
@@ -180,7 +204,7 @@ def _deep_samples(found: Channels, depth_name: str):
 
 
 def _composite_samples(pixel, z, rgba, height: int, width: int):
-    """Front-to-back compositing of samples that are sorted by pixel and depth."""
+    """Composite samples that are sorted by pixel and depth, front to back."""
     image = np.zeros((height * width, 4), np.float32)
     depth = np.zeros(height * width, np.float32)
     weight = np.zeros(height * width, np.float32)

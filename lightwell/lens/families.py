@@ -1,4 +1,4 @@
-"""Families of kernels: which axes they have, how a node's kernel is drawn, what is turned at run time."""
+"""Families of kernels: their axes, the kernel of each node, and what is rotated at run time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES = ("depth", "depth-speed", "shaped-speed", "cats-eye")
 
 @dataclass(frozen=True)
 class Family:
-    """A set of kernels over one to three axes; the first is always the magnitude of the circle of confusion."""
+    """Set of kernels over one to three axes; the first is always the magnitude of the circle of confusion."""
 
     name: str
     """``depth`` · ``depth-speed`` (round, turned at run time) · ``shaped-speed`` (angle baked) · ``cats-eye``."""
@@ -42,15 +42,23 @@ class Family:
 
     @property
     def turns(self) -> bool:
-        """Whether points are rotated at run time, each writing to four pixels."""
+        """Whether points are rotated at run time, each then writing to four pixels."""
         return self.name in ("depth-speed", "cats-eye")
 
     @property
     def size(self) -> int:
+        """Number of nodes."""
         return len(self.radius) * len(self.length) * len(self.angle)
 
     def node(self, index: int) -> tuple[float, float, float]:
-        """Radius, second value and angle of a node."""
+        """Return the axis values of a node.
+
+        Args:
+            index: Node, 0 to ``size`` − 1.
+
+        Returns:
+            Radius in pixels, value on the second axis, angle in radians.
+        """
         n_r, n_l = len(self.radius), len(self.length)
         return (
             self.radius.values[index % n_r],
@@ -59,12 +67,26 @@ class Family:
         )
 
     def passes(self, index: int) -> bool:
-        """Whether a node changes nothing: no blur and no motion worth a pixel."""
+        """Whether a node leaves the picture unchanged: no blur and no motion of a pixel or more.
+
+        Args:
+            index: Node, 0 to ``size`` − 1.
+
+        Returns:
+            Whether its kernel is a single pixel.
+        """
         radius, second, _ = self.node(index)
         return radius < THRESHOLD and (self.name == "cats-eye" or second < 2 * THRESHOLD)
 
     def kernel(self, index: int) -> np.ndarray:
-        """The dense kernel of a node."""
+        """Draw the dense kernel of a node.
+
+        Args:
+            index: Node, 0 to ``size`` − 1.
+
+        Returns:
+            Point spread function [2·hy+1, 2·hx+1], sum 1.
+        """
         radius, second, angle = self.node(index)
         if self.passes(index):
             return np.ones((1, 1))
@@ -75,7 +97,11 @@ class Family:
         return psf.shaped(self.aperture, radius, second, angle)
 
     def describe(self) -> dict:
-        """What the header of a file says of it."""
+        """Describe the family for the header of a library file.
+
+        Returns:
+            JSON-serialisable data: name, key of the aperture, axes, strength.
+        """
         facts = {
             "family": self.name,
             "aperture": self.aperture.key(),
@@ -85,25 +111,67 @@ class Family:
 
 
 def depth(largest: float, aperture: Aperture = DISC, noise: float = NOISE) -> Family:
-    """Circle of confusion alone, any aperture; s < 0 mirrors the offsets."""
+    """Make a family over the circle of confusion alone, for any aperture; s < 0 mirrors the offsets.
+
+    Args:
+        largest: Largest radius, pixels, 0 to 4096.
+        aperture: Shape of the opening.
+        noise: Noise of flat areas that the spacing of nodes allows, relative.
+
+    Returns:
+        The family.
+    """
     return Family("depth", radius_axis(_checked(largest), noise), aperture=aperture)
 
 
 def depth_speed(largest: float, longest: float, noise: float = NOISE_JOINT, step: float = LENGTH_STEP) -> Family:
-    """Round aperture and straight motion, drawn along x and turned at run time."""
+    """Make a family for a round aperture and straight motion, drawn along x and rotated at run time.
+
+    Args:
+        largest: Largest radius, pixels, 0 to 4096.
+        longest: Longest motion, pixels, 0 to 4096.
+        noise: Noise of flat areas that the spacing of radii allows, relative.
+        step: Step of the length axis at short lengths, pixels.
+
+    Returns:
+        The family.
+    """
     return Family("depth-speed", _joint(largest, noise), length_axis(_checked(longest), step))
 
 
 def shaped_speed(
     largest: float, longest: float, aperture: Aperture, angles: int = ANGLES, noise: float = NOISE_JOINT
 ) -> Family:
-    """Any aperture in motion: angle and shape turn separately, so that the angle is baked."""
+    """Make a family for any aperture in motion; the angle between shape and motion is an axis.
+
+    Args:
+        largest: Largest radius, pixels, 0 to 4096.
+        longest: Longest motion, pixels, 0 to 4096.
+        aperture: Shape of the opening.
+        angles: Number of steps over half a turn.
+        noise: Noise of flat areas that the spacing of radii allows, relative.
+
+    Returns:
+        The family.
+    """
     axes = _joint(largest, noise), length_axis(_checked(longest), LENGTH_STEP)
     return Family("shaped-speed", *axes, uniform_axis("angle", 0.0, np.pi, angles + 1), aperture)
 
 
 def cats_eye(largest: float, strength: float, noise: float = NOISE_JOINT) -> Family:
-    """Round aperture vignetted by the barrel, by field radius; turned by the field azimuth."""
+    """Make a family for a round aperture with mechanical vignetting by field radius, rotated by the field azimuth.
+
+    Args:
+        largest: Largest radius, pixels, 0 to 4096.
+        strength: Shift of the vignetting disc at the corner of the picture, in radii, 0 to 1.8 (exclusive).
+        noise: Noise of flat areas that the spacing of radii allows, relative.
+
+    Returns:
+        The family.
+
+    Raises:
+        LensError: The strength is out of range.
+    """
     if not 0 <= strength < 1.8:
         raise LensError(f"lens: a cat's eye of strength {strength:g}; use 0 (none) to 1.8 (nearly closed)")
     field_axis = uniform_axis("field", 0.0, 1.0, FIELD_NODES)

@@ -1,11 +1,11 @@
-"""The integer mode: scatter in 32-bit integers, the same bytes on every run, thread count and machine.
+"""Deterministic scatter in 32-bit integers: the same bytes on every run, thread count and machine.
 
-This is also what WebGPU does, whose atomics are integers. format/LENS.md defines it bit by bit; in short:
+WebGPU uses the same arithmetic, because its atomics are integers. format/LENS.md defines it bit by bit; in short:
 
 * One step of the image is 2⁻¹⁶ of white. A pixel's light times its record's scale is u steps per unit of q.
 * The pixel's four channels share a shift b, so that m = round(u · 2ᵇ) fits 16 bits: products m · q fit 31.
-* Along the points of a spreadlet the remainder is carried: t = m·q + e, n = t >> b, e = t − (n << b), beginning with
-  e = 2ᵇ⁻¹. Σ q = 0 makes Σ m·q = 0, so that what is written sums to exactly zero in every channel.
+* The remainder is carried along the points of a spreadlet: t = m·q + e, n = t >> b, e = t − (n << b), beginning with
+  e = 2ᵇ⁻¹. Σ q = 0 makes Σ m·q = 0, so that the written values sum to exactly zero in every channel.
 """
 
 from __future__ import annotations
@@ -17,12 +17,21 @@ from lightwell.lens.splat import Frame, Planes, Points, Sources, plane_starts, r
 
 # Steps per white, bits of a mantissa, largest shift, and bits of turns and of bilinear weights.
 STEP_BITS, MANTISSA_BITS, MOST_SHIFT, TURN_BITS, WEIGHT_BITS = 16, 15, 29, 14, 8
-# Light beyond this many whites is cut, and counted by ``mantissas``.
+# Largest light in multiples of white; brighter light is clamped, and counted by ``mantissas``.
 BRIGHTEST = 16384.0
 
 
 def mantissas(rgba: np.ndarray, scale: np.ndarray, white: float = 1.0) -> tuple[np.ndarray, np.ndarray, int]:
-    """m [n, 4] int32 and shifts b [n] int32 of light [n, 4] and records' scales [n]; how many pixels were cut."""
+    """Convert light to shared-exponent integers.
+
+    Args:
+        rgba: Light [n, 4].
+        scale: Scale of each source's record [n].
+        white: Scene-referred value that is displayed as white, > 0.
+
+    Returns:
+        m [n, 4] int32, shifts b [n] int32, and the number of sources that were cut at ``BRIGHTEST``.
+    """
     light = np.asarray(rgba, np.float64) / white
     cut = np.abs(light).max(1, initial=0) > BRIGHTEST
     u = np.clip(light, -BRIGHTEST, BRIGHTEST) * np.asarray(scale, np.float64)[:, None] * 2.0**STEP_BITS
@@ -36,7 +45,7 @@ def mantissas(rgba: np.ndarray, scale: np.ndarray, white: float = 1.0) -> tuple[
 
 @dr.syntax
 def _whole(target, base, m, shift, k, end, sign, delta, q, mode):
-    """Integer offsets."""
+    """Scatter points at integer offsets."""
     e = mi.Vector4i((mi.Int32(1) << shift) >> 1)
     while k < end:
         step, weight = dr.gather(mi.Int32, delta, k), dr.gather(mi.Int32, q, k)
@@ -49,7 +58,7 @@ def _whole(target, base, m, shift, k, end, sign, delta, q, mode):
 
 @dr.syntax
 def _turned(target, x, y, base, width, m, shift, k, end, c, s, px, py, q, mode):
-    """Turned offsets: position in 2⁻¹⁴ pixels, four writes whose weights are eighths of a bit short of nothing."""
+    """Scatter rotated points: positions in 2⁻¹⁴ pixels, four writes each with 8-bit bilinear weights."""
     e = mi.Vector4i((mi.Int32(1) << shift) >> 1)
     while k < end:
         dx, dy = dr.gather(mi.Int32, px, k), dr.gather(mi.Int32, py, k)
@@ -72,12 +81,22 @@ def _turned(target, x, y, base, width, m, shift, k, end, c, s, px, py, q, mode):
 
 
 def _share(n, weight):
-    """⌊n·weight/256⌉ without leaving 32 bits; what is left of n is the other share, so that nothing is lost."""
+    """Compute ⌊n·weight/256⌉ within 32 bits; the other share is the rest of n, so that no light is lost."""
     return (n >> 8) * weight + (((n & 255) * weight + 128) >> 8)
 
 
 def scatter(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
-    """Integer picture and charges [H, W, 4] int32 of all sources."""
+    """Scatter all sources in integers.
+
+    Args:
+        frame: Size of the picture and its guard band.
+        points: Points of all records.
+        sources: What is scattered.
+        white: Scene-referred value that is displayed as white, > 0.
+
+    Returns:
+        Picture and charges [H, W, 4] int32, in steps of 2⁻¹⁶ of white.
+    """
     height, width = frame.padded
     starts, planes = plane_starts(points, height * width)
     target = dr.zeros(mi.Int32, planes * height * width * 4)
@@ -108,14 +127,34 @@ def scatter(frame: Frame, points: Points, sources: Sources, white: float = 1.0) 
 
 
 def splat(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
-    """The same as ``lightwell.lens.splat.splat``, added in integers, as float32."""
+    """Scatter all sources in integers and convert to float32; otherwise like ``lightwell.lens.splat.splat``.
+
+    Args:
+        frame: Size of the picture and its guard band.
+        points: Points of all records.
+        sources: What is scattered.
+        white: Scene-referred value that is displayed as white, > 0.
+
+    Returns:
+        Picture and charges [H, W, 4] float32.
+    """
     step = np.float32(white * 2.0**-STEP_BITS)
     both = scatter(frame, points, sources, white)
     return Planes(*(None if p is None else p.astype(np.float32) * step for p in (both.picture, both.charges)))
 
 
 def twin(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
-    """The shortest correct version, one source after the other in NumPy: bit for bit the same as ``scatter``."""
+    """Scatter one source after the other in NumPy: the reference implementation, equal to ``scatter`` bit for bit.
+
+    Args:
+        frame: Size of the picture and its guard band.
+        points: Points of all records.
+        sources: What is scattered.
+        white: Scene-referred value that is displayed as white, > 0.
+
+    Returns:
+        Picture and charges [H, W, 4] int32, in steps of 2⁻¹⁶ of white.
+    """
     image = np.zeros((2, *frame.padded, 4), np.int64)
     m, shift, _ = mantissas(sources.rgba, points.scale[sources.record], white)
     for i, record in enumerate(sources.record):

@@ -1,4 +1,4 @@
-"""Frames from files: colour, depth and motion by the names that renderers give them."""
+"""Read frames from files: colour, depth and motion by the channel names that renderers use."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MOTIONS = (
 
 @dataclass
 class FrameFile:
-    """One frame as read; arrays share a size."""
+    """One frame as read; all arrays have the same size."""
 
     rgba: np.ndarray
     """[height, width, 4] linear, premultiplied"""
@@ -42,9 +42,9 @@ class FrameFile:
     motion: np.ndarray | None
     """[height, width, 2] raw values"""
     depth_kind: str = "planar"
-    """How depth is to be read, as far as the names tell."""
+    """Convention of the depth, as its name implies."""
     motion_kind: Motion = field(default_factory=Motion)
-    """How motion is to be read, as far as the names tell."""
+    """Convention of the motion, as its name implies."""
     window: tuple[int, int, int, int] = (0, 0, 0, 0)
     """x0, y0, width, height of the arrays."""
     display: tuple[int, int, int, int] = (0, 0, 0, 0)
@@ -52,10 +52,19 @@ class FrameFile:
     behind: list = field(default_factory=list)
     """Further layers from deep files: (rgba, depth), front to back."""
     notes: list[str] = field(default_factory=list)
-    """Which channels were taken."""
+    """Channels that were used, and pixels without usable values."""
 
     def planar(self, camera: Camera, kind: str, near: float) -> np.ndarray:
-        """Camera-axis depth."""
+        """Convert the depth to depth along the camera axis.
+
+        Args:
+            camera: Camera, for depth along rays.
+            kind: One of ``DEPTHS``; ``auto`` uses the convention that the channel's name implies.
+            near: Distance of the near plane, scene units.
+
+        Returns:
+            Depth [height, width], scene units.
+        """
         return self._planar(self.depth, camera, kind, near)
 
     def _planar(self, depth, camera: Camera, kind: str, near: float) -> np.ndarray:
@@ -67,12 +76,21 @@ class FrameFile:
         return planar_depth(depth, kind, camera, dw, centre, near)
 
     def planar_behind(self, camera: Camera, kind: str, near: float) -> list:
-        """(rgba, camera-axis depth) of the further layers."""
+        """Convert the depth of the further layers to depth along the camera axis.
+
+        Args:
+            camera: Camera, for depth along rays.
+            kind: One of ``DEPTHS``.
+            near: Distance of the near plane, scene units.
+
+        Returns:
+            (rgba [height, width, 4], depth [height, width]) of every layer, front to back.
+        """
         return [(rgba, self._planar(depth, camera, kind, near)) for rgba, depth in self.behind]
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Layer and channel of ``View.Layer.X``."""
+    """Split ``View.Layer.X`` into layer and channel."""
     layer, _, leaf = name.rpartition(".")
     return layer, leaf
 
@@ -159,9 +177,23 @@ def read(
     layers: int = 2,
     limits: Limits | None = None,
 ) -> FrameFile:
-    """A frame from an EXR (flat, multi-layer, multi-part or deep) or from a PNG with a separate depth file.
+    """Read a frame from an EXR (flat, multi-layer, multi-part or deep) or from a picture with a separate depth file.
 
-    ``limits`` bound what each EXR may ask for.
+    Args:
+        path: EXR, or a picture in sRGB such as PNG.
+        view: View of a stereo file; None for the first.
+        depth_channel: Channel of depth; None to find it by name.
+        motion_channels: Two channels of motion, joined by a comma; None to find them by name.
+        depth_file: File with the depth; None for the frame itself.
+        depth_range: Depths of black and white in a PNG depth file, scene units.
+        layers: Number of layers into which deep samples are sorted, ≥ 1.
+        limits: Limits on what each EXR may request; None for ``Limits()``.
+
+    Returns:
+        The frame.
+
+    Raises:
+        LensError: A file is missing or damaged, a channel is missing, or sizes differ.
     """
     path = Path(path)
     if path.suffix.lower() == ".exr":
@@ -188,31 +220,29 @@ def read(
             f"lens: depth is {depth.shape[1]}x{depth.shape[0]}, the picture {rgba.shape[1]}x{rgba.shape[0]}"
         )
     notes = [f"colour {colour_name}", f"depth {depth_name} ({kind})"]
-    notes += _not_finite(rgba, depth)
     motion_kind = _motion_kind(motion_name)
     if motion is not None:
         notes.append(f"motion {motion_name} ({motion_kind})")
-    bad = ~np.isfinite(rgba).all(-1) | np.isnan(depth)
-    if motion is not None:
-        bad |= ~np.isfinite(motion).all(-1)
-    if bad.any():
-        notes.append(f"{int(bad.sum())} pixels have numbers that are not finite")
+    notes += _not_finite(rgba, depth, motion)
     return _on_display(FrameFile(rgba, depth, motion, kind, motion_kind, window, display, notes=notes))
 
 
-def _not_finite(rgba: np.ndarray, depth: np.ndarray) -> list[str]:
-    """A note on pixels that ``apply`` leaves out; a depth of infinity is the sky."""
-    count = int((~np.isfinite(rgba).all(-1) | np.isnan(depth)).sum())
-    return [f"{count} pixels with NaN or infinite colour or NaN depth are left out"] if count else []
+def _not_finite(rgba: np.ndarray, depth: np.ndarray, motion: np.ndarray | None) -> list[str]:
+    """Return a note on pixels that ``apply`` replaces by their neighbours; a depth of infinity is the sky."""
+    bad = ~np.isfinite(rgba).all(-1) | np.isnan(depth)
+    if motion is not None:
+        bad |= ~np.isfinite(motion).all(-1)
+    count = int(bad.sum())
+    return [f"{count} pixels with NaN or infinite colour or motion, or NaN depth, are replaced"] if count else []
 
 
 def _kind(name: str) -> str:
-    """Mitsuba's depth AOV ends in .T and runs along the ray from the near plane; others are planar."""
+    """Return the depth convention that a channel's name implies; Mitsuba's AOV ``.T`` is a distance along rays."""
     return "ray-from-near" if name.endswith(".T") else "planar"
 
 
 def _motion_kind(name: str) -> Motion:
-    """Blender's vectors: X, Y to the previous frame, Z, W from the next; pixels, y up."""
+    """Return the convention of a layer name; Blender's ``Vector``: X, Y to the previous frame, in pixels, y up."""
     last = name.split(",")[0].rpartition(".")[0].split(".")[-1].lower()
     if last == "vector":
         return Motion("pixels", backward=True, y_up=True)
@@ -220,7 +250,7 @@ def _motion_kind(name: str) -> Motion:
 
 
 def _on_display(frame: FrameFile) -> FrameFile:
-    """Arrays that cover less than the picture are laid into it, with nothing around them, for blur to spread into."""
+    """Pad arrays that cover less than the displayed picture with empty pixels, into which blur can spread."""
     x0, y0, width, height = frame.window
     dx, dy, dw, dh = frame.display
     left, top = max(x0 - dx, 0), max(y0 - dy, 0)
@@ -247,7 +277,7 @@ def _deep_frame(found: exr.Channels, layers: int) -> FrameFile:
 
 
 def _png(path: Path) -> np.ndarray:
-    """sRGB picture as linear premultiplied RGBA."""
+    """Convert an sRGB picture to linear premultiplied RGBA."""
     pixels = _open_image(path, "RGBA").astype(np.float64) / 255
     alpha = pixels[..., 3:]
     c = pixels[..., :3]
@@ -268,7 +298,7 @@ def _open_image(path: Path, mode: str) -> np.ndarray:
 
 
 def _depth_file(path, channel, range_, limits) -> tuple[np.ndarray, str, str]:
-    """Depth from a file of its own. A PNG holds shares of a range: ``near,far`` are the depths of black and white."""
+    """Read depth from a separate file; a PNG holds shares of the range ``near,far``, the depths of black and white."""
     path = Path(path)
     if path.suffix.lower() == ".exr":
         found = exr.read(path, limits=limits)
@@ -292,7 +322,19 @@ def _depth_file(path, channel, range_, limits) -> tuple[np.ndarray, str, str]:
 
 
 def focus_at(depth: np.ndarray, x: float, y: float) -> float:
-    """Depth under a point in pixels: the median of the 5×5 pixels around it that have one."""
+    """Find the depth at a pixel: the median of the 5 × 5 pixels around it that have a depth.
+
+    Args:
+        depth: Depth [height, width], scene units; infinity is the sky.
+        x: Position x, pixels.
+        y: Position y, pixels, downwards.
+
+    Returns:
+        Depth, scene units.
+
+    Raises:
+        LensError: The position is outside the frame or shows the sky.
+    """
     height, width = depth.shape
     if not (0 <= x < width and 0 <= y < height):
         raise LensError(f"lens: --focus-at {x:g},{y:g} lies outside the frame of {width}x{height} pixels")

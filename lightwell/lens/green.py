@@ -1,4 +1,4 @@
-"""The lattice Green's function: the response of the exact solve to one unit of charge, on an endless plane."""
+"""The lattice Green's function: the response of the exact solve to one unit of charge on an infinite plane."""
 
 from __future__ import annotations
 
@@ -6,21 +6,33 @@ from functools import lru_cache
 
 import numpy as np
 
-# Side of the torus on which it is found; windows up to a quarter of it are used.
+# Side of the torus on which it is computed; offsets up to a quarter of it are used.
 SIDE = 1024
-# Distance at which it is shifted to vanish: unshifted Gram matrices lose all digits to the common constant.
+# Distance at which it is shifted to 0: without the shift, Gram matrices lose all digits to a common constant.
 ZERO_AT = 64
 
 
 def eigenvalues(height: int, width: int) -> np.ndarray:
-    """4 − 2cos(2πi/H) − 2cos(2πj/W) [height, width]: what 4K − Σ neighbours does to a wave on a torus."""
+    """Compute the eigenvalues of the five-point operator 4K − Σ neighbours on a torus.
+
+    Args:
+        height: Rows.
+        width: Columns.
+
+    Returns:
+        4 − 2cos(2πi/H) − 2cos(2πj/W) [height, width].
+    """
     rows, columns = (4 * np.sin(np.pi * np.arange(n) / n) ** 2 for n in (height, width))
     return rows[:, None] + columns[None, :]
 
 
 @lru_cache(maxsize=1)
 def green() -> np.ndarray:
-    """G [SIDE, SIDE] by offset modulo SIDE, with the torus' spread counter charge taken out."""
+    """Compute the Green's function on a torus, corrected for the background charge that a torus needs.
+
+    Returns:
+        G [SIDE, SIDE] by offset modulo ``SIDE``; 0 at distance ``ZERO_AT`` along an axis.
+    """
     values = eigenvalues(SIDE, SIDE)
     values[0, 0] = 1.0
     spectrum = 1.0 / values
@@ -32,5 +44,13 @@ def green() -> np.ndarray:
 
 
 def response(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """G at integer offsets."""
+    """Evaluate the Green's function.
+
+    Args:
+        x: Integer offsets x, any shape, magnitude at most ``SIDE`` / 4.
+        y: Integer offsets y, same shape.
+
+    Returns:
+        G, same shape.
+    """
     return green()[y % SIDE, x % SIDE]

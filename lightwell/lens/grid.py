@@ -1,7 +1,7 @@
-"""Axes of a library and the way back from a value to its nodes.
+"""Axes of a library, and the nodes around a value.
 
 A node is one kernel. Its index is (i_angle · N_length + i_length) · N_radius + i_radius, "length" being the second axis
-of the family. A value falls between two nodes of its axis; the fraction between them is the weight of the upper one.
+of the family. A value lies between two nodes of its axis; the fraction between them is the weight of the upper one.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 FIT, FIT_POWER = 0.65, 0.85
 # Steps never exceed CAP · r^0.6, which holds the distance itself, nor fall below FINEST pixels.
 CAP, CAP_POWER, FINEST = 0.25, 0.6, 0.02
-# Smallest radius and length that are not passed through unchanged, pixels.
+# Radius below which the picture is left unchanged, pixels; lengths below twice this.
 THRESHOLD = 0.5
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Ascending node values."""
+    """Node values of one axis, ascending."""
 
     name: str
     values: tuple[float, ...]
@@ -35,7 +35,15 @@ class Axis:
         return np.asarray(self.values, np.float64)
 
     def locate(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-        """Lower node [n] int32, weight of the upper one [n] float32 in [0, 1), and how many lay past the last node."""
+        """Find the nodes around values.
+
+        Args:
+            value: Values [n]; clamped to the range of the axis.
+
+        Returns:
+            Lower node [n] int32, weight of the upper node [n] float32 in [0, 1], and the number of values beyond the
+            last node.
+        """
         nodes = self._array
         if len(nodes) == 1:
             return np.zeros(value.shape, np.int32), np.zeros(value.shape, np.float32), 0
@@ -45,7 +53,16 @@ class Axis:
 
 
 def radius_axis(largest: float, noise: float, finest: float = FINEST) -> Axis:
-    """0, then from ``THRESHOLD`` to ``largest`` px with steps that keep the noise of a random choice near ``noise``."""
+    """Make the radius axis: 0, then ``THRESHOLD`` to ``largest`` with steps that keep the dither noise near ``noise``.
+
+    Args:
+        largest: Largest radius, pixels.
+        noise: Noise of flat areas by a random choice between neighbouring nodes, relative.
+        finest: Smallest step, pixels.
+
+    Returns:
+        The axis.
+    """
     values = [0.0, THRESHOLD]
     while values[-1] < largest:
         r = values[-1]
@@ -59,7 +76,15 @@ def radius_axis(largest: float, noise: float, finest: float = FINEST) -> Axis:
 
 
 def length_axis(largest: float, step: float) -> Axis:
-    """0, then lengths with steps ``step`` · (1 + ℓ/2)^0.6, the radius law on ℓ/2."""
+    """Make the axis of motion lengths: 0, then lengths ℓ with steps ``step`` · (1 + ℓ/2)^0.6, as for a radius of ℓ/2.
+
+    Args:
+        largest: Longest motion, pixels.
+        step: Step at short lengths, pixels.
+
+    Returns:
+        The axis.
+    """
     values = [0.0, 2 * THRESHOLD]
     while values[-1] < largest:
         values.append(round(values[-1] + step * (1 + values[-1] / 2) ** CAP_POWER, 3))
@@ -67,5 +92,15 @@ def length_axis(largest: float, step: float) -> Axis:
 
 
 def uniform_axis(name: str, first: float, last: float, count: int) -> Axis:
-    """Evenly spaced nodes."""
+    """Make an axis of evenly spaced nodes.
+
+    Args:
+        name: Name of the axis.
+        first: First value.
+        last: Last value.
+        count: Number of nodes, ≥ 1.
+
+    Returns:
+        The axis.
+    """
     return Axis(name, tuple(float(v) for v in np.linspace(first, last, count)))

@@ -1,4 +1,4 @@
-"""Depth layers: a soft split by signed circle of confusion, hidden content, and compositing front to back.
+"""Depth layers: a soft split by signed circle of confusion, filling of hidden content, and compositing front to back.
 
 Within a layer light is added without order; between layers the front one covers the back one by its blurred coverage.
 """
@@ -14,15 +14,15 @@ from lightwell.lens.pyramid import fill
 
 # Width of the soft border between two layers, pixels of circle of confusion.
 SOFT = 1.5
-# Jumps of the circle of confusion between neighbours that count as an edge, pixels.
+# Difference of the circle of confusion between neighbours that counts as a discontinuity, pixels.
 JUMP = 2.0
-# A pixel of a surface that is cut through weighs this much against an edge; cuts are soft and filled behind.
+# Weight of a pixel of a surface that is cut through, relative to a pixel of a discontinuity.
 THROUGH = 0.05
-# Surroundings that a hidden region is continued from, pixels.
+# Width of the surroundings from which a hidden region is extrapolated, pixels.
 CONTEXT = 64
-# Distance over which what lies nearest gives way to a smooth membrane, pixels.
+# Distance over which copied pixels fade into a smooth membrane, pixels.
 FADE = 40.0
-# Places where a split may be tried.
+# Number of candidate cuts.
 CANDIDATES = 64
 
 
@@ -39,10 +39,17 @@ class Layer:
 
 
 def thresholds(s: np.ndarray, count: int) -> list[float]:
-    """Where to cut the signed circle of confusion into ``count`` layers: through many edges and few surfaces.
+    """Choose where to cut the signed circle of confusion into layers: at depth discontinuities, not through surfaces.
 
-    The score of a cut is the number of neighbouring pixels on its two sides that lie ``JUMP`` apart or more, less the
-    pixels of surfaces that it would cut through; cuts are taken greedily while they gain.
+    The score of a cut is the number of neighbouring pixels on its two sides that lie ``JUMP`` apart or more, less a
+    share of the pixels of surfaces that it would cut through; cuts are taken greedily while their score is above 0.
+
+    Args:
+        s: Signed circle of confusion [height, width], pixels.
+        count: Largest number of layers.
+
+    Returns:
+        Up to ``count`` − 1 values of s, ascending.
     """
     pairs = []
     for a, b in ((s[:, 1:], s[:, :-1]), (s[1:], s[:-1])):
@@ -74,8 +81,21 @@ def thresholds(s: np.ndarray, count: int) -> list[float]:
 def split(
     rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float, peel: Layer | None = None
 ) -> list[Layer]:
-    """Layers front to back. What a front layer hides comes from ``peel``, the second surfaces, where those are given
-    and lie behind it; elsewhere it is continued from the uncovered side, up to ``reach``.
+    """Split a frame into depth layers, and fill what a front layer hides.
+
+    Hidden content comes from ``peel``, the second surfaces, where they are given and lie behind the cut; elsewhere it
+    is extrapolated from the visible part of the layer.
+
+    Args:
+        rgba: Light [height, width, 4], premultiplied.
+        s: Signed circle of confusion [height, width], pixels.
+        motion: Displacement while the shutter is open [height, width, 2], pixels; None for none.
+        count: Largest number of layers, ≥ 1.
+        reach: Distance up to which hidden content can become visible, pixels.
+        peel: Second surface behind every pixel; coverage 0 where there is none.
+
+    Returns:
+        Layers, front to back.
     """
     cuts = thresholds(s, count)
     if not cuts:
@@ -97,7 +117,7 @@ def split(
 def _filled(
     layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float, peel: Layer | None, cut: float
 ) -> Layer:
-    """Continue a layer under what hides it: colour, blur and motion, as far as it can be seen."""
+    """Extrapolate a layer under what hides it, as far as it can become visible: colour, blur and motion."""
     known = weight > 0.5
     wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
     if not wanted.any() or not known.any():
@@ -118,7 +138,7 @@ def _filled(
 
 
 def _around(mask: np.ndarray) -> tuple[slice, slice]:
-    """The box around a mask, with ``CONTEXT`` pixels of surroundings to continue from."""
+    """Return the box around a mask, with ``CONTEXT`` pixels of surroundings to extrapolate from."""
     spans = []
     for axis in (1, 0):
         where = np.flatnonzero(mask.any(axis))
@@ -127,7 +147,7 @@ def _around(mask: np.ndarray) -> tuple[slice, slice]:
 
 
 def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None, cut: float) -> Layer:
-    """The part of a layer that is worked on."""
+    """Fill the box of a layer that changes."""
     parts = [np.where(known[..., None], layer.rgba / np.maximum(weight, 1e-6)[..., None], 0), layer.s[..., None]]
     if layer.motion is not None:
         parts.append(layer.motion)
@@ -149,9 +169,11 @@ def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None
 
 
 def _continued(stack: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values [height, width, channels] beyond the known pixels: of the nearest one, so that structure goes on, and of a
-    membrane farther in. A pixel on the very border may hold light of what hides the rest: its inner neighbour is
-    taken where there is one.
+    """Extrapolate values [height, width, channels] beyond the known pixels.
+
+    Near the border the nearest known pixel is copied, which continues structure; farther away a smooth membrane is
+    used. A pixel on the very border may hold light of what hides the rest: its inner neighbour is taken where there is
+    one.
     """
     away, nearest = distance_transform_edt(~known, return_indices=True)
     inner = binary_erosion(known, np.ones((3, 3)), border_value=1)
@@ -165,14 +187,28 @@ def _continued(stack: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def tidy(image: np.ndarray) -> np.ndarray:
-    """A blurred layer [..., 4] within its bounds: light >= 0, coverage in [0, 1]; excess coverage divides the light."""
+    """Clamp a blurred layer: light ≥ 0, coverage in [0, 1]; the light is divided by coverage above 1.
+
+    Args:
+        image: Blurred layer [..., 4], premultiplied.
+
+    Returns:
+        Clamped layer [..., 4].
+    """
     rgb, alpha = np.maximum(image[..., :3], 0), np.maximum(image[..., 3:], 0)
     over = np.maximum(alpha, 1)
     return np.concatenate([rgb / over, alpha / over], -1)
 
 
 def composite(images: list[np.ndarray]) -> np.ndarray:
-    """Blurred layers [height, width, 4] front to back: C = Σ C_l Π_{k<l} (1 − α_k)."""
+    """Composite blurred layers: C = Σ C_l Π_{k<l} (1 − α_k).
+
+    Args:
+        images: Layers [height, width, 4], premultiplied, front to back.
+
+    Returns:
+        Picture [height, width, 4], premultiplied.
+    """
     out = np.zeros_like(images[0])
     open_ = np.ones_like(images[0][..., :1])
     for image in images:
@@ -182,17 +218,32 @@ def composite(images: list[np.ndarray]) -> np.ndarray:
 
 
 def over_coverage(image: np.ndarray) -> np.ndarray:
-    """Divide by total coverage: an opaque picture that lost light at a hole or at the edge of the frame."""
+    """Divide an opaque picture by its coverage, where light is missing at a hole or at the edge of the frame.
+
+    Args:
+        image: Picture [height, width, 4], premultiplied.
+
+    Returns:
+        Picture [height, width, 4] with coverage 1, or 0 where there was none.
+    """
     alpha = image[..., 3:]
     scale = np.where(alpha > 1e-4, 1 / np.maximum(alpha, 1e-4), 0)
     return np.concatenate([image[..., :3] * scale, (alpha > 1e-4).astype(image.dtype)], -1)
 
 
 def extend(image: np.ndarray, pad: int, white: float) -> np.ndarray:
-    """Repeat the border outwards by ``pad`` pixels [height, width, 4], its highlights held to twice its median.
+    """Repeat the border of a picture outwards, with its highlights clamped to twice its median.
 
-    Light from outside the frame is not in the picture; its nearest pixels are the best guess, but a lamp on the border
-    would become a streak.
+    Light from outside the frame is unknown; the nearest pixels are the best estimate, but a lamp on the border would
+    become a streak.
+
+    Args:
+        image: Picture [height, width, 4], premultiplied.
+        pad: Width of the new border, pixels, ≥ 1.
+        white: Value below which nothing is clamped.
+
+    Returns:
+        Picture [height + 2·pad, width + 2·pad, 4].
     """
     out = np.pad(image, ((pad, pad), (pad, pad), (0, 0)), mode="edge")
     border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])[:, :3].max(1)

@@ -6,7 +6,7 @@
     header      JSON, UTF-8, padded with spaces
     body        points, 4 bytes each (int8 dx, int8 dy, int16 q) or 8 (int16 dx, dy, q, 0)
 
-A file holds the nodes that were baked; the others of its grid are baked when a frame needs them.
+A file holds the nodes that were baked; the other nodes of its grid are baked when a frame needs them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lightwell.lens.score import Score
 from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet
 
 MAGIC, VERSION = b"LWSP", 1
-# Bounds that a file is held to before memory is asked for.
+# Limits that are checked before memory is allocated.
 MOST_BYTES, MOST_POINTS, MOST_RECORDS = 1 << 29, 1 << 26, 1 << 20
 RECIPE_NAMES, ANNEALS = ("default", "best", "paper"), ("none", "published", "working")
 # Members of recipes are below this; seeds may be large.
@@ -47,16 +47,31 @@ class Library:
     """{(node, tier): spreadlet}; every baked node has tier 0."""
 
     def missing(self, nodes: np.ndarray) -> list[int]:
-        """Those of some nodes that are not baked yet."""
+        """Find nodes that are not baked yet.
+
+        Args:
+            nodes: Indices of nodes [n].
+
+        Returns:
+            Those without a spreadlet, ascending, without duplicates.
+        """
         return [int(n) for n in np.unique(nodes) if (int(n), 0) not in self.nodes]
 
     def key(self) -> str:
-        """The same configuration has the same key: 16 hexadecimal digits."""
+        """Compute the key of the configuration.
+
+        Returns:
+            16 hexadecimal digits; the same for the same family, recipe and format version.
+        """
         facts = self.family.describe() | {"recipe": asdict(self.recipe), "version": VERSION}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
     def tobytes(self) -> bytes:
-        """The file: a function of the configuration and the set of baked nodes alone."""
+        """Encode the library as a file; the bytes depend only on the configuration and the set of baked nodes.
+
+        Returns:
+            Contents of the file.
+        """
         keys = sorted(self.nodes)
         spreadlets = [self.nodes[key] for key in keys]
         x, y, q = (np.concatenate([getattr(s, n) for s in spreadlets]) for n in "xyq") if keys else (np.zeros(0),) * 3
@@ -87,7 +102,11 @@ class Library:
         return MAGIC + np.array([VERSION, len(text)], "<u4").tobytes() + text + body
 
     def save(self, path: Path) -> None:
-        """Write the file, whole or not at all; folders above it are made."""
+        """Write the file, so that it is either complete or absent; missing folders are created.
+
+        Args:
+            path: File to write.
+        """
         make_folder(Path(path).parent)
         write_atomically(path, self.tobytes())
 
@@ -102,7 +121,18 @@ def _pack(x, y, q, small: bool) -> bytes:
 
 
 def load(path: str | Path, aperture: Aperture | None = None) -> Library:
-    """Read and check a library. ``aperture`` is needed to bake further nodes of a drawn mask."""
+    """Read and check a library.
+
+    Args:
+        path: The file.
+        aperture: Aperture of the family; needed to bake further nodes of a drawn mask.
+
+    Returns:
+        The library.
+
+    Raises:
+        LensError: The file is missing, too large or damaged.
+    """
     path = Path(path)
     try:
         size = path.stat().st_size
@@ -117,7 +147,19 @@ def load(path: str | Path, aperture: Aperture | None = None) -> Library:
 
 
 def loads(data: bytes, where: str = "library", aperture: Aperture | None = None) -> Library:
-    """A library from bytes; everything that later code relies on is checked."""
+    """Decode a library; everything that later code relies on is checked.
+
+    Args:
+        data: Contents of a file.
+        where: Name of the file, for messages.
+        aperture: Aperture of the family; needed to bake further nodes of a drawn mask.
+
+    Returns:
+        The library.
+
+    Raises:
+        LensError: The data are damaged.
+    """
     try:
         return _loads(data, aperture)
     except LensError as error:
@@ -193,7 +235,7 @@ def _recipe(found: dict) -> Recipe:
 
 
 def _aperture(key: str) -> Aperture:
-    """The shape that a key names; a drawn mask cannot be had back from its hash and stays closed to baking."""
+    """Make the aperture of a key; the picture of a mask cannot be recovered from its hash, so it cannot be baked."""
     if key == "disc":
         return Aperture()
     kind, *rest = key.split("-", 1)
@@ -206,7 +248,7 @@ def _aperture(key: str) -> Aperture:
 
 
 def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
-    """Every record checked against the points and the grid."""
+    """Decode the records, each checked against the points and the grid."""
     total = len(records["node"])
     if total > MOST_RECORDS or any(len(records[name]) != total for name in FACTS):
         raise LensError("has records of different lengths")
@@ -230,9 +272,15 @@ def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple
 
 
 def two_arrays(library: Library) -> tuple[np.ndarray, np.ndarray]:
-    """The published layout: points (x, y, value) [n, 3] float32 in grid order, and cumulative counts [size + 1] int64.
+    """Convert a library to the published layout of two arrays.
 
     Primal nodes are written as the charges of their kernel, so that every value belongs to the Laplacian.
+
+    Args:
+        library: The library.
+
+    Returns:
+        Points (x, y, value) [n, 3] float32 in grid order, and cumulative counts [size + 1] int64.
     """
     from lightwell.lens.recipes import lossless
 
@@ -245,12 +293,3 @@ def two_arrays(library: Library) -> tuple[np.ndarray, np.ndarray]:
             rows.append(np.stack([s.x, s.y, s.values], 1).astype(np.float32))
         ends.append(ends[-1] + (len(s) if s is not None else 0))
     return np.concatenate(rows) if rows else np.zeros((0, 3), np.float32), np.array(ends, np.int64)
-
-
-def from_two_arrays(points: np.ndarray, ends: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """x, y and values of every node of the published layout."""
-    points, ends = np.asarray(points), np.asarray(ends)
-    good = points.ndim == 2 and points.shape[1] == 3 and ends.ndim == 1 and len(ends) and ends[0] == 0
-    if not good or (np.diff(ends) < 0).any() or ends[-1] != len(points) or not np.isfinite(points).all():
-        raise LensError("lens: two arrays that do not fit; expected points [n, 3] and ascending counts from 0 to n")
-    return [(p[:, 0].astype(int), p[:, 1].astype(int), p[:, 2]) for p in np.split(points, ends[1:-1])]

@@ -18,7 +18,15 @@ CUTOFF = 1e-11
 
 
 def window(kernel: np.ndarray, factor: float = 2.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """x, y, K and weight² of every pixel of the window, flat. The window grows by the shorter side on all sides."""
+    """List the pixels of the least-squares window around a kernel.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        factor: Size of the window relative to the kernel's shorter side; it grows by the same amount on all sides.
+
+    Returns:
+        x, y, K and weight w of every pixel, each flat [n].
+    """
     hy, hx = kernel.shape[0] // 2, kernel.shape[1] // 2
     grow = max(round((factor - 1) * min(hx, hy)), 6)
     padded = np.pad(kernel, grow)
@@ -28,12 +36,30 @@ def window(kernel: np.ndarray, factor: float = 2.0) -> tuple[np.ndarray, np.ndar
 
 
 def design(x: np.ndarray, y: np.ndarray, px: np.ndarray, py: np.ndarray) -> np.ndarray:
-    """G(x − p_k) [n_pixels, n_points]."""
+    """Evaluate the Green's function from every point to every pixel.
+
+    Args:
+        x: Integer x of the pixels [n].
+        y: Integer y of the pixels [n].
+        px: Integer x of the points [k].
+        py: Integer y of the points [k].
+
+    Returns:
+        G(x − p_k) [n, k].
+    """
     return response(x[:, None] - px[None, :], y[:, None] - py[None, :])
 
 
 def null_space(c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A particular solution of C v = d and an orthonormal basis of the solutions of C v = 0."""
+    """Solve C v = d for all its solutions.
+
+    Args:
+        c: Constraints [m, k].
+        d: Right-hand sides [m].
+
+    Returns:
+        One solution [k], and an orthonormal basis [k, k − rank] of the solutions of C v = 0.
+    """
     u, s, vt = np.linalg.svd(c, full_matrices=True)
     rank = int((s > 1e-9 * s[0]).sum())
     particular = vt[:rank].T @ ((u[:, :rank].T @ d) / s[:rank])
@@ -43,7 +69,19 @@ def null_space(c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def solve_values(
     kernel: np.ndarray, px: np.ndarray, py: np.ndarray, order: int = ORDER, mass: bool = True, centroid: bool = True
 ) -> tuple[np.ndarray, float]:
-    """Best values v [n_points] of points at integer offsets, and their weighted squared error over Σ K²."""
+    """Compute the best values of points at given integer offsets.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        px: Integer x of the points [k].
+        py: Integer y of the points [k].
+        order: Highest order of harmonic moments that are set to zero, 0 to 6.
+        mass: Keep the kernel's mass.
+        centroid: Keep the kernel's centroid.
+
+    Returns:
+        Values [k], and their weighted squared error over Σ K²; infinity where the constraints leave no freedom.
+    """
     x, y, k, w = window(kernel)
     c, d = constraints(px, py, kernel, order, mass, centroid)
     v0, basis = null_space(c, d)

@@ -1,7 +1,7 @@
 """The published recipe: Poisson disk, Lloyd, Voronoi integration, annealing (Leimkühler, Seidel, Ritschel 2018).
 
-As far as it is on record: density |ΔK| smoothed by a 5×5 Gaussian, dart throwing with a radius that shrinks with the
-density, 50 weighted Lloyd iterations, values by integration over Voronoi cells, annealing.
+As far as the publication states it: density |ΔK| smoothed by a 5×5 Gaussian, dart throwing with a radius that shrinks
+with the density, 50 weighted Lloyd iterations, values by integration over Voronoi cells, annealing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,18 @@ EXPONENT = 0.5
 
 
 def paper(kernel: np.ndarray, recipe: Recipe, seed: int) -> Spreadlet:
-    """A spreadlet of ``recipe.share`` of the kernel's pixels, by the published steps."""
+    """Make a spreadlet by the published steps.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        recipe: Settings; ``share`` of the kernel's pixels is the number of points.
+        seed: Seed of the random numbers, combined with the recipe's.
+
+    Returns:
+        The spreadlet.
+
+    Reference: Leimkühler, Seidel, Ritschel, *Laplacian Kernel Splatting*, Computer Graphics Forum 37(2), 2018.
+    """
     f = charges(kernel)
     density = points.density(f)
     rng = np.random.default_rng((recipe.seed, seed))
@@ -37,6 +48,6 @@ def paper(kernel: np.ndarray, recipe: Recipe, seed: int) -> Spreadlet:
 
 
 def _merged(px, py, values):
-    """Points that annealing put on one pixel become one."""
+    """Merge points that annealing moved to the same pixel."""
     at, inverse = np.unique(np.stack([px, py], 1), axis=0, return_inverse=True)
     return at[:, 0], at[:, 1], np.bincount(inverse.ravel(), values, len(at))

@@ -21,9 +21,9 @@ from lightwell.lens.splat import Frame, guard_for, splat
 
 PRESETS = ("default", "best", "paper")
 EDGES = ("extend", "renormalise", "dark")
-# Libraries come in these sizes, so that frames of about the same blur share one.
+# Largest radii of libraries, so that frames of similar blur share one.
 SIZES = (64, 128, 256, 512, 1024)
-# Motion shorter than this is none, pixels; its pixels take the library without motion.
+# Motion shorter than this is ignored, pixels.
 STILL = 0.25
 # The largest picture, pixels.
 MOST_PIXELS = 1 << 28
@@ -31,12 +31,12 @@ MOST_PIXELS = 1 << 28
 
 @dataclass(frozen=True)
 class Settings:
-    """How the lens works; the defaults are what the command line uses."""
+    """Settings of the lens; the defaults are those of the command line."""
 
     aperture: Aperture = DISC
     """Shape of the opening."""
     layers: int = 2
-    """Depth layers, 1 to 16. One ignores who covers whom."""
+    """Depth layers, 1 to 16. One layer ignores occlusion."""
     preset: str = "default"
     """``default`` (least squares, exact solve), ``best`` (more points), ``paper`` (the published recipe, pyramid)."""
     edges: str = "extend"
@@ -44,15 +44,15 @@ class Settings:
     solver: str = ""
     """``dst``, ``fft``, ``7/5``, ``5/3``; empty takes the preset's."""
     choice: str = "auto"
-    """Node of a value between two: ``stochastic`` (dithered), ``nearest``; ``auto``: nearest where steps are fine."""
+    """Node of a value between two: ``stochastic`` (dithered) or ``nearest``; ``auto``: nearest where steps are fine."""
     cats_eye: float = 0.0
     """Strength of mechanical vignetting at the corners, 0 to 1.8; without motion and with a round aperture."""
     largest: float = 256.0
-    """Blur is cut to this radius, pixels; at most half the longer side of the frame."""
+    """Largest blur radius, pixels; larger blur is clamped. At most half the longer side of the frame is used."""
     tolerance: float = TOLERANCE
-    """Error in whites at which a bright pixel takes lossless points; infinity never does."""
+    """Error, relative to ``white``, above which a bright pixel uses lossless points; infinity: never."""
     white: float = 1.0
-    """Scene-referred value that shows as white."""
+    """Scene-referred value that is displayed as white."""
     deterministic: bool = False
     """Add in integers: the same bytes on every run, thread count and machine."""
 
@@ -66,7 +66,11 @@ class Settings:
             raise LensError("lens: largest blur, white and tolerance must be above 0")
 
     def recipe(self) -> Recipe:
-        """What nodes are baked with."""
+        """Return how the preset makes spreadlets.
+
+        Returns:
+            The recipe.
+        """
         if self.preset == "best":
             return Recipe("best", base=40.0, slope=4.0, share=0.3)
         if self.preset == "paper":
@@ -75,9 +79,15 @@ class Settings:
 
 
 class Lens:
-    """A lens for one or many frames of a kind; keeps libraries open."""
+    """A lens for one or many frames; keeps libraries open between them."""
 
     def __init__(self, settings: Settings | None = None, shelf: Shelf | None = None) -> None:
+        """Make a lens.
+
+        Args:
+            settings: Settings; None for the defaults.
+            shelf: Libraries; None for those of the user's store.
+        """
         self.settings = settings or Settings()
         self.shelf = shelf or Shelf()
         # Engines by family, size of the blur and length of the motion.
@@ -98,12 +108,19 @@ class Lens:
     ) -> tuple[np.ndarray, Report]:
         """Blur one frame.
 
-        rgba [height, width, 3 or 4] linear, premultiplied; depth [height, width] along the camera axis in scene units,
-        infinity allowed; motion [height, width, 2] pixels per frame, x right, y down, forward, or None; behind
-        (rgba, depth[, motion]) of whole layers that the frame covers, front to back, alpha 0 where nothing was seen;
-        peel (rgba, depth[, motion]) is the second surface behind every pixel, used where the blur uncovers it;
-        full_width is the width of the whole picture where the arrays are a part of it. Returns the picture
-        [height, width, 4] float32 and a report.
+        Args:
+            rgba: Colour [height, width, 3 or 4], linear, premultiplied.
+            depth: Depth along the camera axis [height, width], scene units, > 0; infinity is the sky.
+            motion: Motion [height, width, 2], pixels per frame, x right, y down, forward in time; None for none.
+            camera: The camera.
+            frame_number: Frame number, for the dither.
+            behind: (rgba, depth[, motion]) of whole layers that the frame covers, front to back, alpha 0 where empty.
+            peel: (rgba, depth[, motion]) of the second surface behind every pixel, used where the blur uncovers it.
+            full_width: Width of the whole picture, pixels, where the arrays are a part of it; None: that of the arrays.
+
+        Returns:
+            Picture [height, width, 4] float32, linear, premultiplied, and a report. ``LensError`` is raised where
+            shapes do not match, nothing in the frame is usable, or settings exclude each other.
         """
         report = Report()
         with timed(report, "plan"):
@@ -124,7 +141,16 @@ class Lens:
         return out.astype(np.float32), report
 
     def blur(self, layer: Layer, report: Report, frame_number: int = 0) -> np.ndarray:
-        """One layer: still pixels by the library without motion, moving ones by the joint one, one solve for both."""
+        """Blur one layer: static pixels by the library without motion, moving ones by the joint one, with one solve.
+
+        Args:
+            layer: The layer.
+            report: Report to change.
+            frame_number: Frame number, for the dither.
+
+        Returns:
+            Blurred layer [height, width, 4] float32, premultiplied.
+        """
         plans, engine = [], None
         for part, largest, longest in self._parts(layer):
             engine = self._engine(largest, longest)
@@ -146,8 +172,30 @@ class Lens:
         with timed(report, "solve"):
             return engine.integrate(frame, planes)
 
-    def blur_samples(self, x, y, rgba, s, motion, shape: tuple[int, int], report: Report) -> np.ndarray:
-        """Samples [n] at whole pixels of a frame of ``shape``, in any number per pixel; merged per pixel and node."""
+    def blur_samples(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        rgba: np.ndarray,
+        s: np.ndarray,
+        motion: np.ndarray | None,
+        shape: tuple[int, int],
+        report: Report,
+    ) -> np.ndarray:
+        """Blur samples at whole pixels, any number per pixel, and add them.
+
+        Args:
+            x: Integer x of the samples [n], pixels.
+            y: Integer y of the samples [n], pixels.
+            rgba: Light of the samples [n, 4], premultiplied.
+            s: Signed circle of confusion [n], pixels.
+            motion: Displacement while the shutter is open [n, 2], pixels; None for none.
+            shape: Height and width of the frame, pixels.
+            report: Report to change.
+
+        Returns:
+            Picture [height, width, 4] float32.
+        """
         length = np.zeros(len(s), np.float32) if motion is None else np.hypot(motion[:, 0], motion[:, 1])
         plans, engine = [], None
         for mine, moving in ((length < STILL, False), (length >= STILL, True)):
@@ -167,7 +215,7 @@ class Lens:
         return lambda frame, points, sources: fixed(frame, points, sources, self.settings.white)
 
     def _parts(self, layer: Layer):
-        """(layer, largest radius, longest motion) of the still and of the moving pixels, where there are any."""
+        """Yield (layer, largest radius, longest motion) of the static and of the moving pixels, where there are any."""
         shining = layer.rgba.any(-1)
         largest = float(np.abs(layer.s[shining]).max()) if shining.any() else 0.0
         if not shining.any():
@@ -186,7 +234,7 @@ class Lens:
             yield part, float(np.abs(layer.s[moving]).max()), float(length[moving].max())
 
     def _engine(self, largest: float, longest: float) -> Engine:
-        """The engine for blur up to a radius and motion up to a length."""
+        """Return the engine for blur up to a radius and motion up to a length."""
         set_ = self.settings
         radius = next((size for size in SIZES if size >= largest), SIZES[-1])
         length = next((size for size in SIZES if size >= longest), SIZES[-1]) if longest else 0
@@ -209,10 +257,10 @@ class Lens:
     # ------------------------------------------------------------------ input
 
     def _prepare(self, rgba, depth, motion, camera: Camera, report: Report, full_width: int):
-        """Checked arrays: light, signed circle of confusion, displacement while the shutter is open."""
+        """Return checked arrays: light, signed circle of confusion, displacement while the shutter is open."""
         rgba, depth, motion = _checked(rgba, depth, motion)
         height, width = depth.shape
-        # Where there is neither light nor coverage, depth and motion mean nothing.
+        # Depth and motion are undefined where there is neither light nor coverage.
         dark = ~rgba.any(-1)
         depth = np.where(dark & ~(depth > 0), np.inf, depth)
         good = np.isfinite(rgba).all(-1) & (depth > 0)
@@ -225,7 +273,7 @@ class Lens:
                 "lens: no pixel has finite colour and a depth above 0; check the depth channel and its convention"
             )
         if report.bad:
-            # A bad pixel takes all of its nearest good neighbour, so that nothing spreads and no hole is left.
+            # An invalid pixel is replaced by its nearest valid one, so that nothing spreads and no hole is left.
             rows, columns = distance_transform_edt(~good, return_distances=False, return_indices=True)
             rgba, depth = rgba[rows, columns], depth[rows, columns]
             motion = None if motion is None else motion[rows, columns]
@@ -264,14 +312,14 @@ class Lens:
         return layers
 
     def _behind(self, given, camera: Camera, shape, full_width: int) -> Layer:
-        """What lies behind the nearest surfaces, as rendered: a second depth peel, or deep samples."""
+        """Prepare a layer behind the nearest surfaces, as rendered: a second depth peel, or deep samples."""
         rgba, depth, motion = (*given, None)[:3]
         if np.shape(depth) != shape:
             raise LensError(f"lens: a layer behind is {np.shape(depth)}, the frame {shape}; render both at one size")
         return Layer(*self._prepare(rgba, depth, motion, camera, Report(), full_width))
 
     def _widen(self, layer: Layer, report: Report) -> tuple[Layer, int]:
-        """Guess the light from outside the frame, as far as the blur of the border reaches in."""
+        """Extrapolate light from outside the frame, as far as the blur of the border reaches inside."""
         if self.settings.edges != "extend":
             return layer, 0
         border = np.zeros(layer.s.shape, bool)
@@ -294,7 +342,7 @@ class Lens:
 
 
 def _checked(rgba, depth, motion):
-    """float32 arrays of one size; alpha 1 where there was none."""
+    """Return float32 arrays of one size; alpha is 1 where none is given."""
     rgba, depth = np.asarray(rgba, np.float32), np.asarray(depth, np.float32)
     if rgba.ndim != 3 or rgba.shape[2] not in (3, 4):
         raise LensError(f"lens: colour has shape {rgba.shape}; expected [height, width, 3 or 4]")
@@ -318,5 +366,18 @@ def apply(
     camera: Camera | None = None,
     settings: Settings | None = None,
 ) -> np.ndarray:
-    """Depth of field and motion blur of one frame; see ``Lens.apply``. Returns [height, width, 4] float32."""
+    """Blur one frame: depth of field and motion blur together.
+
+    Example: ``lens.apply(rgba, depth, motion, lens.Camera(focus=2.5, fstop=1.8, focal=0.05))``
+
+    Args:
+        rgba: Colour [height, width, 3 or 4], linear, premultiplied.
+        depth: Depth along the camera axis [height, width], scene units, > 0; infinity is the sky.
+        motion: Motion [height, width, 2], pixels per frame, x right, y down, forward in time; None for none.
+        camera: The camera; None for ``Camera()``.
+        settings: Settings; None for the defaults.
+
+    Returns:
+        Picture [height, width, 4] float32, linear, premultiplied. Arrays that do not match raise ``LensError``.
+    """
     return Lens(settings).apply(rgba, depth, motion, camera or Camera())[0]

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from lightwell.files import whole_file
-from lightwell.lens.check import response_of
 from lightwell.lens.library import Library
+from lightwell.lens.spreadlet import response_of
 
-# Side of a panel, pixels; differences are shown ten times as strong as the kernel.
+# Side of a panel, pixels; factor by which differences are amplified.
 PANEL, DIFFERENCE = 320, 10.0
 
 
@@ -19,14 +19,14 @@ def _grey(image: np.ndarray, top: float) -> np.ndarray:
 
 
 def _signed(image: np.ndarray, top: float) -> np.ndarray:
-    """Red above zero, blue below, white at zero."""
+    """Map values to colours: red above zero, blue below, white at zero."""
     v = np.clip(image / top, -1, 1)
     up, down = np.maximum(v, 0), np.maximum(-v, 0)
     return ((1 - np.stack([down, up + down - np.minimum(up, down), up], -1)) * 255).astype(np.uint8)
 
 
 def _large(image: np.ndarray) -> np.ndarray:
-    """Whole-number enlargement into a square panel."""
+    """Enlarge by a whole number into a square panel."""
     factor = max(PANEL // max(image.shape[:2]), 1)
     big = image.repeat(factor, 0).repeat(factor, 1)[:PANEL, :PANEL]
     panel = np.full((PANEL, PANEL, 3), 40, np.uint8)
@@ -36,7 +36,16 @@ def _large(image: np.ndarray) -> np.ndarray:
 
 
 def panels(kernel: np.ndarray, response: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """[PANEL, 4·PANEL, 3]: all images are of one size; one scale for kernel and reconstruction."""
+    """Draw the four panels of a spreadlet, with one scale for kernel and reconstruction.
+
+    Args:
+        kernel: Point spread function [h, w].
+        response: Reconstruction [h, w].
+        points: Charges [h, w], 0 where there is no point.
+
+    Returns:
+        Picture [PANEL, 4·PANEL, 3] uint8.
+    """
     top = float(kernel.max())
     charge = max(float(np.abs(points).max()), 1e-12)
     parts = [
@@ -49,7 +58,14 @@ def panels(kernel: np.ndarray, response: np.ndarray, points: np.ndarray) -> np.n
 
 
 def picture(library: Library, node: int, tier: int, path: Path) -> None:
-    """Write the panels of one spreadlet: kernel | points | reconstruction | 10 × difference."""
+    """Write the panels of one spreadlet as PNG: kernel, points, reconstruction, 10 × difference.
+
+    Args:
+        library: The library.
+        node: Index of a baked node.
+        tier: ``MAIN`` or ``FINE``.
+        path: File to write.
+    """
     from PIL import Image
 
     spreadlet, kernel = library.nodes[node, tier], library.family.kernel(node)

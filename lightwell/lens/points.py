@@ -1,6 +1,6 @@
-"""Where the points of a spreadlet lie: variable-radius Poisson disks, weighted Lloyd iterations, rounding.
+"""Positions of the points of a spreadlet: variable-radius Poisson disks, weighted Lloyd iterations, rounding.
 
-The density is the smoothed magnitude of the Laplacian, so that points crowd where the kernel's outline is.
+The density is the smoothed magnitude of the Laplacian, so that most points lie near the kernel's outline.
 """
 
 from __future__ import annotations
@@ -11,20 +11,28 @@ from scipy.spatial import cKDTree
 
 # The smoothing of the density is a 5×5 Gaussian.
 DENSITY_SIGMA, DENSITY_REACH = 1.0, 2
-# Darts in a row that may fail before a set counts as full, and Lloyd iterations of the published recipe.
+# Rejections in a row after which a Poisson-disk set is full.
 REJECTIONS = 10_000
-# Darts in a row that may fail in the short runs that find the radius.
+# The same in the short runs that find the radius.
 TRIAL = 500
+# Lloyd iterations of the published recipe.
 LLOYD = 50
 
 
 def density(charges: np.ndarray) -> np.ndarray:
-    """|f| smoothed by a 5×5 Gaussian; same shape, cut to the support of the charges and one ring."""
+    """Compute the density of points: |f| smoothed by a 5 × 5 Gaussian.
+
+    Args:
+        charges: Charges of a kernel [h, w].
+
+    Returns:
+        Density, same shape.
+    """
     return gaussian_filter(np.abs(charges), DENSITY_SIGMA, radius=DENSITY_REACH, mode="constant")
 
 
 def _spots(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets [n, 2] (x, y) and weights [n] of the pixels with weight."""
+    """Return offsets [n, 2] (x, y) and weights [n] of the pixels whose weight is above 0."""
     rows, columns = np.nonzero(weight > 1e-6 * weight.max())
     at = np.stack([columns - weight.shape[1] // 2, rows - weight.shape[0] // 2], 1).astype(float)
     return at, weight[rows, columns]
@@ -38,9 +46,18 @@ def poisson(
     limit: int,
     rejections: int = REJECTIONS,
 ) -> np.ndarray:
-    """Dart throwing with radius scale / weight^exponent: a dart is refused when it falls closer than its radius.
+    """Throw darts with radius scale / weight^exponent; a dart closer than its radius to another one is rejected.
 
-    Ends after ``rejections`` refusals in a row, or at ``limit`` points. Returns real offsets [n, 2].
+    Args:
+        weight: Density [h, w], ≥ 0.
+        scale: Radius at the highest density, pixels.
+        exponent: Power of the density.
+        rng: Random numbers.
+        limit: Largest number of points.
+        rejections: Number of rejections in a row after which the set is full.
+
+    Returns:
+        Real offsets (x, y) from the centre [n, 2], pixels.
     """
     spots, w = _spots(weight)
     radius = scale / (w / w.max()) ** exponent
@@ -65,7 +82,17 @@ def poisson(
 
 
 def poisson_with_budget(weight: np.ndarray, budget: int, exponent: float, rng: np.random.Generator) -> np.ndarray:
-    """About ``budget`` points: the radius scale is bisected with short runs, the last run is a full one."""
+    """Generate about ``budget`` Poisson-disk points; the radius is found by bisection with short runs.
+
+    Args:
+        weight: Density [h, w], ≥ 0.
+        budget: Number of points wanted.
+        exponent: Power of the density.
+        rng: Random numbers.
+
+    Returns:
+        Real offsets (x, y) from the centre [n, 2], pixels.
+    """
     low, high = 0.05, float(max(weight.shape))
     for _ in range(9):
         middle = np.sqrt(low * high)
@@ -77,7 +104,16 @@ def poisson_with_budget(weight: np.ndarray, budget: int, exponent: float, rng: n
 
 
 def seeded(weight: np.ndarray, budget: int, rng: np.random.Generator) -> np.ndarray:
-    """A fast start with points per area ∝ density: equal shares of the density along a space-filling walk."""
+    """Generate starting points in proportion to the density: equal shares of it along a Hilbert curve.
+
+    Args:
+        weight: Density [h, w], ≥ 0.
+        budget: Number of points.
+        rng: Random numbers.
+
+    Returns:
+        Real offsets (x, y) from the centre [budget, 2], pixels.
+    """
     spots, w = _spots(weight)
     order = _hilbert(spots)
     share = np.cumsum(w[order]) / w.sum() * budget
@@ -86,7 +122,7 @@ def seeded(weight: np.ndarray, budget: int, rng: np.random.Generator) -> np.ndar
 
 
 def _hilbert(spots: np.ndarray) -> np.ndarray:
-    """Order of the spots along a Hilbert curve."""
+    """Return the order of the spots along a Hilbert curve."""
     bits = 10
     x, y = (np.asarray(spots[:, i] - spots[:, i].min(), np.int64) for i in (0, 1))
     d = np.zeros(len(spots), np.int64)
@@ -101,7 +137,16 @@ def _hilbert(spots: np.ndarray) -> np.ndarray:
 
 
 def lloyd(weight: np.ndarray, points: np.ndarray, iterations: int = LLOYD) -> np.ndarray:
-    """Weighted Lloyd: every point moves to the weighted centroid of the pixels nearest to it."""
+    """Move every point to the weighted centroid of the pixels nearest to it, repeatedly (Lloyd's algorithm).
+
+    Args:
+        weight: Density [h, w], ≥ 0.
+        points: Real offsets (x, y) from the centre [n, 2], pixels.
+        iterations: Number of iterations.
+
+    Returns:
+        New offsets [n, 2].
+    """
     spots, w = _spots(weight)
     points = points.copy()
     for _ in range(iterations):
@@ -114,6 +159,13 @@ def lloyd(weight: np.ndarray, points: np.ndarray, iterations: int = LLOYD) -> np
 
 
 def rounded(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest pixels, duplicates merged: integer x and y."""
+    """Round points to pixels and merge duplicates.
+
+    Args:
+        points: Real offsets (x, y) [n, 2], pixels.
+
+    Returns:
+        Integer x [k] and y [k], k ≤ n.
+    """
     pixels = np.unique(np.rint(points).astype(np.int64), axis=0)
     return pixels[:, 0], pixels[:, 1]

@@ -1,6 +1,6 @@
-"""Convolution pyramids (Farbman, Fattal, Lischinski 2011): an approximate solve in a few short filters.
+"""Convolution pyramids (Farbman, Fattal, Lischinski 2011): an approximate solve by a few short filters.
 
-The preset ``paper`` integrates with them, and holes are filled with the third set. Each kernel is one-dimensional and
+The preset ``paper`` solves with them, and holes are filled with the third set. Each kernel is one-dimensional and
 applied along both axes.
 """
 
@@ -33,13 +33,23 @@ MEMBRANE = Kernels(_H1_M, tuple(0.16432 * v for v in _H1_M), (0.0312, 0.7753, 0.
 
 
 def _both(image: np.ndarray, kernel: tuple[float, ...]) -> np.ndarray:
-    """Filter along the last two axes, zeros outside."""
+    """Filter along the last two axes, with zeros outside."""
     k = np.asarray(kernel, image.dtype)
     return correlate1d(correlate1d(image, k, axis=-1, mode="constant"), k, axis=-2, mode="constant")
 
 
 def convolve(image: np.ndarray, kernels: Kernels) -> np.ndarray:
-    """Run an image [..., height, width] through a pyramid. Every level is padded with zeros by the filter's length."""
+    """Filter an image by a pyramid; every level is padded with zeros by the filter's length.
+
+    Args:
+        image: Image [..., height, width].
+        kernels: Filters of the pyramid.
+
+    Returns:
+        Filtered image, same shape.
+
+    Reference: Farbman, Fattal, Lischinski, *Convolution Pyramids*, ACM TOG 30(6), 2011.
+    """
     pad = len(kernels.h1)
     levels = int(np.ceil(np.log2(max(image.shape[-2:]))))
     border = [(0, 0)] * (image.ndim - 2) + [(pad, pad), (pad, pad)]
@@ -56,12 +66,28 @@ def convolve(image: np.ndarray, kernels: Kernels) -> np.ndarray:
 
 
 def integrate(charges: np.ndarray, kernels: Kernels = SEVEN) -> np.ndarray:
-    """Approximate solve of charges [..., height, width]; 5/3 loses 20–43 % of a disc's mass, 7/5 14 %."""
+    """Solve charges approximately; the set 5/3 loses 20–43 % of a disc's mass, 7/5 14 %.
+
+    Args:
+        charges: Charges [..., height, width].
+        kernels: ``FIVE`` (5/3) or ``SEVEN`` (7/5).
+
+    Returns:
+        Picture, same shape.
+    """
     return convolve(charges, kernels)
 
 
 def fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """A smooth membrane through the known pixels: image [..., height, width], known [height, width] weights >= 0."""
+    """Interpolate a smooth membrane through the known pixels.
+
+    Args:
+        image: Values [..., height, width].
+        known: Weights of the known pixels [height, width], ≥ 0.
+
+    Returns:
+        Values everywhere, shape of ``image``.
+    """
     known = known.astype(image.dtype)
     weight = convolve(known, MEMBRANE)
     return convolve(image * known, MEMBRANE) / np.maximum(weight, np.finfo(image.dtype).tiny * 1e8)

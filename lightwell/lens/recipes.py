@@ -1,4 +1,4 @@
-"""From a kernel to a spreadlet: pass-through, primal, lossless, sparse by least squares, and the published recipe."""
+"""Make a spreadlet from a kernel: pass-through, primal, lossless, or sparse by least squares."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lightwell.lens.quantise import angular_order, quantise_charges, quantise_ke
 from lightwell.lens.score import integrate, plane_of, score
 from lightwell.lens.spreadlet import CHARGE, PRIMAL, Spreadlet
 
-# Charges below this share of the largest are dust of the supersampling.
+# Charges below this share of the largest are rounding errors of the supersampling.
 DUST = 1e-7
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a library is baked with; part of its hash."""
+    """Settings with which a library is baked; part of its key."""
 
     name: str = "default"
     """``default`` (least squares), ``best`` (the better of several point sets), ``paper`` (Poisson, Lloyd, Voronoi)."""
@@ -29,7 +29,7 @@ class Recipe:
     bend: float = 32.0
     """Radius and length together from which fewer points per pixel reach the same leak, pixels."""
     share: float = 0.2
-    """Never more than this share of the kernel's pixels."""
+    """Largest number of points, as a share of the kernel's pixels."""
     smallest: float = 5.0
     """Radius below which a kernel is primal or lossless, whichever has fewer points."""
     order: int = 6
@@ -40,13 +40,32 @@ class Recipe:
     """Seed of all random numbers; each node adds its index."""
 
     def count(self, radius: float, length: float = 0.0) -> int:
-        """Points asked of a sparse spreadlet."""
+        """Compute the number of points of a sparse spreadlet.
+
+        Args:
+            radius: Radius of the kernel, pixels.
+            length: Length of the motion, pixels.
+
+        Returns:
+            Number of points.
+        """
         size = radius + length
         return round(self.base + self.slope * (min(size, self.bend) + max(size - self.bend, 0.0) / 5))
 
 
-def finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
-    """Order, quantise and score."""
+def finish_charges(kernel: np.ndarray, px: np.ndarray, py: np.ndarray, values: np.ndarray, recipe: str) -> Spreadlet:
+    """Order, quantise and score charges.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        px: Integer x of the points [n].
+        py: Integer y of the points [n].
+        values: Charges [n].
+        recipe: Name of how they were made.
+
+    Returns:
+        The spreadlet.
+    """
     order = angular_order(px, py)
     px, py, values = px[order], py[order], values[order]
     q, scale = quantise_charges(values)
@@ -58,7 +77,14 @@ def finish_charges(kernel, px, py, values, recipe: str) -> Spreadlet:
 
 
 def primal(kernel: np.ndarray) -> Spreadlet:
-    """The kernel's own pixels, added to the picture without a solve."""
+    """Represent a kernel by its own pixels, which are added to the picture without a solve.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+
+    Returns:
+        The spreadlet.
+    """
     rows, columns = np.nonzero(kernel)
     px, py = columns - kernel.shape[1] // 2, rows - kernel.shape[0] // 2
     order = angular_order(px, py)
@@ -72,7 +98,14 @@ def primal(kernel: np.ndarray) -> Spreadlet:
 
 
 def lossless(kernel: np.ndarray) -> Spreadlet:
-    """Every pixel of −ΔK: exact to rounding."""
+    """Represent a kernel by every pixel of −ΔK; exact except for rounding.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+
+    Returns:
+        The spreadlet.
+    """
     f = psf.charges(kernel)
     rows, columns = np.nonzero(np.abs(f) > DUST * np.abs(f).max())
     px, py = columns - f.shape[1] // 2, rows - f.shape[0] // 2
@@ -80,7 +113,16 @@ def lossless(kernel: np.ndarray) -> Spreadlet:
 
 
 def rings(radius: float, count: int, apart: float = 1.0) -> np.ndarray:
-    """Two circles of points, ``apart`` inside and outside the rim of a disc: one for each sign of its Laplacian."""
+    """Place points on two circles, ``apart`` inside and outside the rim of a disc: one for each sign of its Laplacian.
+
+    Args:
+        radius: Radius of the disc, pixels.
+        count: Number of points, at least 6 are made.
+        apart: Distance of the circles from the rim, pixels.
+
+    Returns:
+        Real offsets (x, y) [n, 2], pixels.
+    """
     half = max(count // 2, 3)
     t = np.arange(half) * 2 * np.pi / half
     circle = np.stack([np.cos(t), np.sin(t)], 1)
@@ -88,7 +130,18 @@ def rings(radius: float, count: int, apart: float = 1.0) -> np.ndarray:
 
 
 def sparse(kernel: np.ndarray, count: int, recipe: Recipe, seed: int, starts: tuple[np.ndarray, ...] = ()) -> Spreadlet:
-    """Lloyd's points and each given set of points, values by least squares; the one with the smallest cost."""
+    """Represent a kernel by few points with values by least squares; of several point sets the one of smallest error.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        count: Number of points.
+        recipe: Settings.
+        seed: Seed of the random numbers, combined with the recipe's.
+        starts: Point sets [n, 2] to try; empty: one by Lloyd's algorithm.
+
+    Returns:
+        The spreadlet.
+    """
     density = points.density(psf.charges(kernel))
     rng = np.random.default_rng((recipe.seed, seed))
     sets = list(starts) or [points.lloyd(density, points.seeded(density, count, rng))]

@@ -1,4 +1,4 @@
-"""What a frame's blur took: the figures that the command line prints and the tests look at."""
+"""Statistics of blurring a frame, which the command line prints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Report:
-    """Counts, extremes and seconds of one frame."""
+    """Counts, extremes and run times of one frame."""
 
     largest: float = 0.0
     """Largest circle of confusion, radius in pixels."""
@@ -18,26 +18,28 @@ class Report:
     points: float = 0.0
     """Writes per pixel and layer that has light."""
     dense: float = 0.0
-    """What dense kernels would have written instead, per the same."""
+    """Writes per pixel and layer that dense kernels would need."""
     clamped: int = 0
-    """Pixels whose blur was larger than allowed and cut."""
+    """Pixels whose blur was clamped to the largest radius or length."""
     bad: int = 0
-    """Pixels with NaN or infinite colour or impossible depth or motion; they shine no light."""
+    """Pixels with NaN or infinite colour or invalid depth or motion; replaced by their nearest valid neighbour."""
     fine: int = 0
     """Pixels bright enough for the lossless tier."""
     layers: int = 1
     """Depth layers."""
     pixels: int = 0
-    """Shining pixels of all layers."""
+    """Pixels with light, of all layers."""
     guard: int = 0
     """Guard band, pixels."""
-    notes: list[str] = field(default_factory=list)
-    """What was assumed or left out, for the reader."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time by stage: plan, bake, splat, solve, composite."""
 
     def line(self) -> str:
-        """One line for people."""
+        """Format the report.
+
+        Returns:
+            One line of text.
+        """
         share = f" ({100 * self.points / self.dense:.0f} % of dense)" if self.dense else ""
         text = (
             f"largest blur {self.largest:.1f} px, motion {self.longest:.1f} px, {self.layers} layers, "
@@ -46,5 +48,5 @@ class Report:
         if self.clamped:
             text += f", {self.clamped} pixels clamped"
         if self.bad:
-            text += f", {self.bad} pixels without usable colour or depth left out"
+            text += f", {self.bad} pixels without usable colour or depth replaced"
         return text + f", {sum(self.seconds.values()):.2f} s"

@@ -1,9 +1,10 @@
-"""Reconstruction from few stochastic lens and time samples per pixel, as in the paper's title.
+"""Reconstruction from few stochastic lens and time samples per pixel.
 
-A renderer shoots 1 to 16 rays a pixel through random points of the lens at random times. What a sample saw would have
-been seen through the whole lens during the whole shutter: it is carried back to where the lens centre would see it at
-mid-shutter, y = x − s(z) u − m (t − ½), and spread over its own point spread function. Samples look around occluders,
-so that partial occlusion comes without layers; a partly hidden surface spreads over its whole kernel, a small bias.
+A renderer traces 1 to 16 rays per pixel through random points of the lens at random times. Each sample is treated as
+if its surface point were visible through the whole lens during the whole shutter: it is moved back to where the lens
+centre would see it at mid-shutter, y = x − s(z) u − m (t − ½), and spread over its own point spread function. Because
+samples look around occluders, partial occlusion needs no layers; a partly hidden surface spreads over its whole
+kernel, which is a small bias.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.pyramid import fill
 from lightwell.lens.report import Report
 
-# A pixel with less than this share of a sample is filled in.
+# A pixel with less than this weight is filled from its neighbours.
 FAINT = 0.02
 
 
@@ -41,13 +42,26 @@ class Samples:
     motion: np.ndarray | None = None
     """[n, 2] displacement in pixels per frame; None is at rest"""
     shape: np.ndarray | None = None
-    """[n] index in ``scene.shapes()`` of what was hit, −1 for nothing: what a caller finds the motion by; not read."""
+    """[n] index in ``scene.shapes()`` of the hit, −1 for none; for callers that compute motion, not used here."""
 
 
 def reconstruct(
     samples: Samples, height: int, width: int, camera: Camera, settings: Settings | None = None
 ) -> tuple[np.ndarray, Report]:
-    """The picture [height, width, 4] that many samples would give, from few: scatter, solve, divide by the weight."""
+    """Reconstruct a picture with depth of field and motion blur from few samples: scatter, solve, divide by the weight.
+
+    Samples that are not finite are left out and counted; samples of which none is usable raise ``LensError``.
+
+    Args:
+        samples: Rays of one frame.
+        height: Height of the picture, pixels.
+        width: Width of the picture, pixels.
+        camera: The camera that the samples were traced with.
+        settings: Settings; None for the defaults. Layers and edges are not used.
+
+    Returns:
+        Picture [height, width, 4] float32, linear, alpha 1; and a report.
+    """
     samples, bad = _checked(samples)
     settings = replace(settings or Settings(), edges="dark", layers=1)
     lens, report = Lens(settings), Report()
@@ -69,9 +83,10 @@ def reconstruct(
 
 
 def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, width: int) -> np.ndarray:
-    """Every sample is split over the four pixels around its centre; those near the frame still reach in.
+    """Split every sample over the four pixels around its position; those outside the frame still reach into it.
 
-    Whole pixels would be a quarter of the work, but leave holes where few samples land: twice the error at one a pixel.
+    Whole pixels would take a quarter of the time, but leave holes where few samples land: twice the error at one sample
+    per pixel.
     """
     margin = int(np.ceil(min(report.largest, lens.settings.largest) + report.longest)) + 2
     margin = min(margin, 2 * max(height, width))
@@ -91,14 +106,14 @@ def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, widt
     weight = picture[..., 3:]
     rgb = np.maximum(picture[..., :3], 0) / np.maximum(weight, FAINT)
     if (weight < FAINT).any():
-        # No sample came near: continue from where some did.
+        # No sample is near: extrapolate from the surroundings.
         smooth = fill(np.ascontiguousarray(rgb.transpose(2, 0, 1)), np.clip(weight[..., 0], 0, 1)).transpose(1, 2, 0)
         rgb = np.where(weight < FAINT, smooth, rgb)
     return np.concatenate([rgb, np.ones_like(weight)], -1).astype(np.float32)
 
 
 def _checked(samples: Samples) -> tuple[Samples, int]:
-    """Arrays of one length without samples that are not finite; how many were left out."""
+    """Return the samples without those that are not finite, and how many were left out."""
     n = len(samples.x)
     shapes = {"y": (n,), "rgb": (n, 3), "depth": (n,), "lens": (n, 2), "time": (n,), "motion": (n, 2), "shape": (n,)}
     good = np.isfinite(samples.x)

@@ -1,4 +1,4 @@
-"""How far an integrated spreadlet is from its kernel, on a plane four times its support (the exact solve)."""
+"""Compare a solved spreadlet with its kernel, on a plane four times its support (exact solve)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from scipy.fft import next_fast_len
 from lightwell.lens.green import eigenvalues
 from lightwell.lens.psf import offsets
 
-# Least side of the torus on which a response is found; at least four times the plane that is looked at.
+# Smallest side of the torus on which a response is computed; it is at least four times the plane.
 SMALLEST_SIDE = 192
 
 
 @dataclass(frozen=True)
 class Score:
-    """Errors of one kernel; all relative to its mass or norm."""
+    """Errors of one kernel, relative to its mass or norm."""
 
     error: float
     """Relative L2 distance ‖K̂ − K‖ / ‖K‖ over the plane."""
@@ -29,11 +29,21 @@ class Score:
     undershoot: float
     """−min K̂ over max K; 0 when nowhere negative."""
     peak: float
-    """max |K̂ − K|, in units of the mass: what one unit of light may be wrong by in one pixel."""
+    """max |K̂ − K|: the largest error of one unit of light in one pixel."""
 
 
-def integrate(px, py, values, half: tuple[int, int]) -> np.ndarray:
-    """The exact response [2·hy+1, 2·hx+1] of charges at real offsets that are integers, found on a torus."""
+def integrate(px: np.ndarray, py: np.ndarray, values: np.ndarray, half: tuple[int, int]) -> np.ndarray:
+    """Solve charges exactly on a large torus.
+
+    Args:
+        px: Integer x of the points [n], pixels from the centre.
+        py: Integer y of the points [n].
+        values: Charges [n].
+        half: Half height hy and half width hx of the result, pixels.
+
+    Returns:
+        Response [2·hy+1, 2·hx+1], with mean 0 far away.
+    """
     side = next_fast_len(max(4 * (max(half) + 1), SMALLEST_SIDE), real=True)
     image = np.zeros((side, side))
     np.add.at(image, (np.asarray(py, int) % side, np.asarray(px, int) % side), values)
@@ -49,7 +59,15 @@ def integrate(px, py, values, half: tuple[int, int]) -> np.ndarray:
 
 
 def score(kernel: np.ndarray, response: np.ndarray) -> Score:
-    """Compare a response [odd, odd], at least as large as the kernel, with the kernel in its middle."""
+    """Compare a response with a kernel in its middle.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+        response: Response [odd, odd], at least as large as the kernel.
+
+    Returns:
+        The errors.
+    """
     gy, gx = ((response.shape[i] - kernel.shape[i]) // 2 for i in (0, 1))
     k = np.pad(kernel, ((gy, gy), (gx, gx)))
     x, y = offsets(k)
@@ -69,6 +87,13 @@ def score(kernel: np.ndarray, response: np.ndarray) -> Score:
 
 
 def plane_of(kernel: np.ndarray) -> tuple[int, int]:
-    """Half sizes of a plane four times as wide as the kernel's support."""
+    """Choose the size of a plane four times as wide as a kernel's support.
+
+    Args:
+        kernel: Point spread function [2·hy+1, 2·hx+1].
+
+    Returns:
+        Half height and half width, pixels.
+    """
     reach = max(kernel.shape) // 2
     return tuple(int(kernel.shape[i] // 2 + 3 * reach + 4) for i in (0, 1))

@@ -1,7 +1,7 @@
-"""From charges to the picture: the inverse of 4K − Σ neighbours, exactly and in linear time (up to a logarithm).
+"""Solve for the picture: the inverse of 4K − Σ neighbours, exactly, in O(n log n).
 
-``dst`` has zeros on the outer edges of the border pixels, ``fft`` a torus and no mean; spreadlets have no low moments,
-so that both agree a few pixels away from the border.
+``dst`` has zeros on the outer edges of the border pixels; ``fft`` is periodic and has no mean. The low moments of
+spreadlets are zero, so that both agree a few pixels away from the border.
 """
 
 from __future__ import annotations
@@ -15,22 +15,35 @@ from lightwell.lens.green import eigenvalues
 
 
 def smooth_size(n: int) -> int:
-    """The next size >= n whose transforms are fast: without large primes."""
+    """Find the next size whose transforms are fast, without large prime factors.
+
+    Args:
+        n: Smallest size, ≥ 1.
+
+    Returns:
+        Size ≥ n.
+    """
     return scipy.fft.next_fast_len(n, real=True)
 
 
 @lru_cache(maxsize=8)
 def _sine_eigenvalues(height: int, width: int, kind: str) -> np.ndarray:
-    """λ = 4 − 2cos(πi/H) − 2cos(πj/W), i and j from 1: of the sine transform of the second type."""
+    """Compute λ = 4 − 2cos(πi/H) − 2cos(πj/W), i and j from 1, of the sine transform of the second type."""
     rows, columns = (4 * np.sin(np.pi * np.arange(1, n + 1) / (2 * n)) ** 2 for n in (height, width))
     return (rows[:, None] + columns[None, :]).astype(kind)
 
 
 def dst(charges: np.ndarray, workers: int = -1) -> np.ndarray:
-    """Solve [..., height, width] with a picture that is odd about its outer edges, by two sine transforms.
+    """Solve with a picture that is odd about its outer edges, by two sine transforms, in the precision of the input.
 
-    Keeps the precision given. The transform of the second type needs half the time of the first, whose zeros lie on
-    the next pixels outside.
+    The transform of the second type takes half the time of the first, whose zeros lie on the next pixels outside.
+
+    Args:
+        charges: Charges [..., height, width].
+        workers: Threads; −1 for all cores.
+
+    Returns:
+        Picture, same shape.
     """
     axes = (-2, -1)
     spectrum = scipy.fft.dstn(charges, type=2, axes=axes, workers=workers)
@@ -39,7 +52,15 @@ def dst(charges: np.ndarray, workers: int = -1) -> np.ndarray:
 
 
 def fft(charges: np.ndarray, workers: int = -1) -> np.ndarray:
-    """Solve [..., height, width] on a torus, mean removed, then the mean of the outermost ring taken away."""
+    """Solve on a torus; the mean of the outermost ring is subtracted from the result.
+
+    Args:
+        charges: Charges [..., height, width].
+        workers: Threads; None or 1 for one, −1 for all cores.
+
+    Returns:
+        Picture, same shape.
+    """
     height, width = charges.shape[-2:]
     values = eigenvalues(height, width)[:, : width // 2 + 1].astype(charges.dtype)
     values[0, 0] = 1
@@ -49,12 +70,3 @@ def fft(charges: np.ndarray, workers: int = -1) -> np.ndarray:
     plane = scipy.fft.irfft2(spectrum, s=(height, width), workers=workers)
     ring = np.concatenate([plane[..., 0, :], plane[..., -1, :], plane[..., 0], plane[..., -1]], -1)
     return plane - ring.mean(-1)[..., None, None]
-
-
-def laplacian(image: np.ndarray) -> np.ndarray:
-    """f = 4K − Σ neighbours of an image [..., height, width] that is odd about its edges; the inverse of ``dst``."""
-    k = np.pad(image, [(0, 0)] * (image.ndim - 2) + [(1, 1), (1, 1)], mode="edge")
-    for rim in (k[..., 0, :], k[..., -1, :], k[..., 0], k[..., -1]):
-        np.negative(rim, out=rim)
-    inner = k[..., 1:-1, 1:-1]
-    return 4 * inner - k[..., :-2, 1:-1] - k[..., 2:, 1:-1] - k[..., 1:-1, :-2] - k[..., 1:-1, 2:]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from lightwell.backend import ACTIVE, dr, mi
 from lightwell.lens.solve import smooth_size
 from lightwell.lens.spreadlet import Spreadlet
 
-# Copies of the target per thread are made on the CPU up to this many bytes in all.
+# Most memory for copies of the target per thread on the CPU, bytes.
 MOST_COPIES = 3 << 30
 
 
 @dataclass(frozen=True)
 class Points:
-    """The points of all records of a frame, one after another."""
+    """The points of all records of a frame, concatenated."""
 
     x: np.ndarray
     """[n] float32"""
@@ -42,7 +43,14 @@ class Points:
 
     @classmethod
     def of(cls, spreadlets: Sequence[Spreadlet]) -> Points:
-        """Pack spreadlets; record i is the i-th."""
+        """Concatenate the points of spreadlets.
+
+        Args:
+            spreadlets: Spreadlets; record i is the i-th.
+
+        Returns:
+            The points.
+        """
         count = np.array([len(s) for s in spreadlets], np.int64)
 
         def together(name: str, kind) -> np.ndarray:
@@ -61,13 +69,13 @@ class Points:
 
     @property
     def reach(self) -> int:
-        """Farthest a point lies from its source along x or y, or along any direction once turned."""
+        """Largest distance of a point from its source, rounded up, pixels."""
         return int(np.ceil(np.hypot(self.x, self.y).max())) if len(self.x) else 0
 
 
 @dataclass(frozen=True)
 class Planes:
-    """What was scattered; a plane that no record writes to is None, since zeroing and adding one costs time."""
+    """Result of a scatter; a plane that no record writes to is None, because clearing and adding one costs time."""
 
     picture: np.ndarray | None
     """[H, W, 4]: primal points."""
@@ -99,7 +107,7 @@ class Sources:
 
 @dataclass(frozen=True)
 class Frame:
-    """Size of the picture and of the band around it."""
+    """Size of the picture and of the guard band around it."""
 
     height: int
     width: int
@@ -107,22 +115,44 @@ class Frame:
 
     @property
     def padded(self) -> tuple[int, int]:
-        """Height and width with the guard on all sides, made fast for the solve."""
+        """Height and width with the guard band on all sides, rounded up to fast transform sizes."""
         return tuple(smooth_size(n + 2 * self.guard) for n in (self.height, self.width))
 
     def crop(self, image: np.ndarray) -> np.ndarray:
-        """The picture inside [..., H, W]."""
+        """Remove the guard band.
+
+        Args:
+            image: Padded image [..., H, W].
+
+        Returns:
+            View [..., height, width].
+        """
         g = self.guard
         return image[..., g : g + self.height, g : g + self.width]
 
 
 def guard_for(points: Points, turned: bool) -> int:
-    """Guard band: the largest offset and one more; one more again for bilinear writes."""
+    """Compute the width of the guard band: the largest offset plus one, plus one more for bilinear writes.
+
+    Args:
+        points: Points of all records.
+        turned: Whether points are rotated, which makes their writes bilinear.
+
+    Returns:
+        Width, pixels.
+    """
     return points.reach + 1 + int(turned)
 
 
-def reduce_mode(size: int):
-    """How scatters are added: copies per thread on the CPU while they fit, atomics elsewhere."""
+def reduce_mode(size: int) -> Any:
+    """Choose how scatters are added: copies per thread on the CPU while they fit into memory, atomics elsewhere.
+
+    Args:
+        size: Number of float32 values of the target.
+
+    Returns:
+        A ``drjit.ReduceMode``.
+    """
     if ACTIVE.variant.startswith("cuda"):
         return dr.ReduceMode.Direct
     return dr.ReduceMode.Expand if size * 4 * ACTIVE.threads <= MOST_COPIES else dr.ReduceMode.Auto
@@ -130,7 +160,7 @@ def reduce_mode(size: int):
 
 @dr.syntax
 def _scatter_whole(target, base, rgba, k, end, sign, pairs, mode):
-    """Integer offsets: one write a point, two points a turn of the loop."""
+    """Scatter at integer offsets: one write per point, two points per iteration."""
     while k < end:
         pair = dr.gather(mi.Vector4f, pairs, k)
         one, other = (base + sign * dr.reinterpret_array(mi.Int32, step) for step in (pair.x, pair.z))
@@ -141,7 +171,7 @@ def _scatter_whole(target, base, rgba, k, end, sign, pairs, mode):
 
 @dr.syntax
 def _scatter_turned(target, x, y, base, width, rgba, k, end, c, s, px, py, value, mode):
-    """Turned offsets: a bilinear write to four pixels a point."""
+    """Scatter at rotated offsets: a bilinear write to four pixels per point."""
     while k < end:
         dx, dy = dr.gather(mi.Float, px, k), dr.gather(mi.Float, py, k)
         v = dr.gather(mi.Float, value, k)
@@ -158,10 +188,17 @@ def _scatter_turned(target, x, y, base, width, rgba, k, end, c, s, px, py, value
 
 
 def paired(points: Points, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points two by two, and per record the first pair and the one past its last.
+    """Group points in pairs, because one vector gather per pair is a tenth faster than two per point.
 
-    A pair is [4] float32: step in the buffer (the bits of an int32) and value of either; a record of an odd number of
-    points ends with a value of zero. A vector gather a pair is a tenth faster than two of each point.
+    A pair is [4] float32: step in the buffer (the bits of an int32) and value of either point; a record of an odd
+    number of points ends with a value of zero.
+
+    Args:
+        points: Points of all records.
+        width: Width of the padded frame, pixels.
+
+    Returns:
+        Pairs as [2·pairs, 2] float32, and per record the first pair [records] uint32 and the one past its last.
     """
     halves = (points.count.astype(np.int64) + 1) // 2
     end = np.cumsum(halves)
@@ -174,19 +211,44 @@ def paired(points: Points, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def plane_starts(points: Points, size: int) -> tuple[np.ndarray, int]:
-    """Where each record's plane begins [records] int32 in one buffer of pixels, and how many planes there are."""
+    """Place the planes in use in one buffer of pixels.
+
+    Args:
+        points: Points of all records.
+        size: Pixels of one plane.
+
+    Returns:
+        First pixel of each record's plane [records] int32, and the number of planes.
+    """
     used = np.unique(points.plane)
     return (np.searchsorted(used, points.plane) * size).astype(np.int32), len(used)
 
 
 def separate(points: Points, buffer: np.ndarray) -> Planes:
-    """The planes of a buffer [planes, H, W, 4]."""
+    """Split a buffer into its planes.
+
+    Args:
+        points: Points of all records.
+        buffer: Scattered values [planes, H, W, 4].
+
+    Returns:
+        The planes.
+    """
     used = np.unique(points.plane).tolist()
     return Planes(*(buffer[used.index(kind)] if kind in used else None for kind in (0, 1)))
 
 
 def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
-    """Picture and charges in float32 of all sources."""
+    """Scatter all sources in float32.
+
+    Args:
+        frame: Size of the picture and its guard band.
+        points: Points of all records.
+        sources: What is scattered.
+
+    Returns:
+        Picture and charges [H, W, 4] float32.
+    """
     height, width = frame.padded
     starts, planes = plane_starts(points, height * width)
     target = dr.zeros(mi.Float, planes * height * width * 4)

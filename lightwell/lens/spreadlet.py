@@ -1,4 +1,4 @@
-"""A spreadlet: the small signed point set that stands for one point spread function."""
+"""A spreadlet: a small signed point set that represents one point spread function."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.lens.score import Score
+from lightwell.lens.score import Score, integrate
 
-# What the points of a spreadlet are added to.
+# Plane to which the points of a spreadlet are added.
 PRIMAL, CHARGE = 0, 1
 KINDS = ("primal", "charge")
 
@@ -30,7 +30,7 @@ class Spreadlet:
     recipe: str
     """How it was made: primal, lossless, sparse, voronoi."""
     score: Score
-    """How far it is from its kernel, after quantisation."""
+    """Errors after quantisation."""
 
     @property
     def values(self) -> np.ndarray:
@@ -40,6 +40,19 @@ class Spreadlet:
     def __len__(self) -> int:
         return len(self.q)
 
-    def mirrored(self) -> Spreadlet:
-        """The same kernel in front of focus: every offset negated."""
-        return Spreadlet(self.kind, -self.x, -self.y, self.q, self.scale, self.recipe, self.score)
+
+def response_of(spreadlet: Spreadlet, half: tuple[int, int]) -> np.ndarray:
+    """Compute the picture that a spreadlet alone produces, by the exact solve.
+
+    Args:
+        spreadlet: The spreadlet.
+        half: Half height hy and half width hx of the picture, pixels; the points must lie inside.
+
+    Returns:
+        Picture [2·hy+1, 2·hx+1] of one unit of light in the middle.
+    """
+    if spreadlet.kind == CHARGE:
+        return integrate(spreadlet.x, spreadlet.y, spreadlet.values, half)
+    image = np.zeros((2 * half[0] + 1, 2 * half[1] + 1))
+    np.add.at(image, (spreadlet.y + half[0], spreadlet.x + half[1]), spreadlet.values)
+    return image

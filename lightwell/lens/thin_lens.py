@@ -1,11 +1,12 @@
-"""Samples of a Mitsuba scene through its ``thinlens`` sensor, with everything the reconstruction asks for.
+"""Trace samples of a Mitsuba scene through its ``thinlens`` sensor, with all that ``samples.reconstruct`` needs.
 
-Each sample keeps its raster position, its point on the lens and the camera-axis depth of what it hit first.
+Each sample keeps its raster position, its point on the lens and the camera-axis depth of its first hit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from lightwell.lens.samples import Samples
 
 @dataclass(frozen=True)
 class View:
-    """What of a sensor the lens needs."""
+    """Properties of a sensor that the lens needs."""
 
     width: int
     height: int
@@ -25,8 +26,19 @@ class View:
     """The same blur as the sensor's aperture and focus."""
 
 
-def view(scene, sensor: int = 0) -> View:
-    """Size and camera of a thin-lens sensor."""
+def view(scene: Any, sensor: int = 0) -> View:
+    """Read the size and camera of a thin-lens sensor.
+
+    Args:
+        scene: Mitsuba scene.
+        sensor: Index of the sensor.
+
+    Returns:
+        The view.
+
+    Raises:
+        LensError: The sensor is not a ``thinlens``.
+    """
     eye = scene.sensors()[sensor]
     values = mi.traverse(eye)
     width, height = (int(v) for v in eye.film().size())
@@ -39,11 +51,21 @@ def view(scene, sensor: int = 0) -> View:
     return View(width, height, from_thin_lens(width, fov, radius, focus))
 
 
-def trace(scene, spp: int, sensor: int = 0, seed: int = 0, integrator=None, time: float = 0.5) -> Samples:
-    """``spp`` rays per pixel [height · width · spp], each with radiance of the scene's integrator.
+def trace(scene: Any, spp: int, sensor: int = 0, seed: int = 0, integrator: Any = None, time: float = 0.5) -> Samples:
+    """Trace rays through random points of the lens.
 
-    ``time`` in [0, 1] is noted with the samples: Mitsuba's shapes stand still, so a moving scene is put at that time by
-    the caller, who also adds ``motion``.
+    Args:
+        scene: Mitsuba scene.
+        spp: Rays per pixel, ≥ 1.
+        sensor: Index of a ``thinlens`` sensor.
+        seed: Seed of the sampler.
+        integrator: Mitsuba integrator; None for the scene's.
+        time: Time in [0, 1] that is stored with the samples. Mitsuba's shapes do not move: the caller places a moving
+            scene
+            at that time and adds ``motion``.
+
+    Returns:
+        height · width · spp samples.
     """
     eye = scene.sensors()[sensor]
     integrator = integrator or scene.integrator()
@@ -65,15 +87,15 @@ def trace(scene, spp: int, sensor: int = 0, seed: int = 0, integrator=None, time
     depth = dr.select(found.is_valid(), found.t * axis.z + (inverse @ mi.Point3f(ray.o)).z, dr.inf)
     on_lens = inverse @ mi.Point3f(ray.o)
     radius = float(np.ravel(mi.traverse(eye)["aperture_radius"])[0])
-    # Mitsuba's camera looks along +z with +x to the left of the picture and +y up: both turn for image axes.
+    # Mitsuba's camera looks along +z with +x to the left of the picture and +y up: both are negated for image axes.
     disc = np.stack([-np.array(on_lens.x), -np.array(on_lens.y)], 1) / max(radius, 1e-30)
     rgb = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
     when = np.full(count, time, np.float32)
     return Samples(np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc, when, shape=_shape(scene, found))
 
 
-def _shape(scene, found) -> np.ndarray:
-    """Index of the shape hit [n], −1 for none."""
+def _shape(scene: Any, found: Any) -> np.ndarray:
+    """Return the index of the shape that was hit [n], −1 for none."""
     index = np.full(dr.width(found.t), -1, np.int32)
     for i, shape in enumerate(scene.shapes()):
         index[np.array(found.is_valid() & (found.shape == mi.ShapePtr(shape)))] = i

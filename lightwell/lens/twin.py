@@ -1,4 +1,4 @@
-"""The shortest correct versions: scatter in NumPy, and the dense splat that every spreadlet stands for."""
+"""Reference implementations for tests: scatter in NumPy, and splatting with dense kernels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from lightwell.lens.splat import Frame, Planes, Points, Sources
 
 
 def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
-    """The same as ``lightwell.lens.splat.splat`` in float64, one source after the other."""
+    """Scatter one source after the other in float64; otherwise like ``lightwell.lens.splat.splat``.
+
+    Args:
+        frame: Size of the picture and its guard band.
+        points: Points of all records.
+        sources: What is scattered.
+
+    Returns:
+        Picture and charges [H, W, 4] float64.
+    """
     image = np.zeros((2, *frame.padded, 4))
     for i in range(len(sources.x)):
         record = sources.record[i]
@@ -29,9 +38,15 @@ def splat(frame: Frame, points: Points, sources: Sources) -> Planes:
 
 
 def dense(rgba: np.ndarray, kernels: list[np.ndarray], which: np.ndarray) -> np.ndarray:
-    """Brute force: I(x) = Σ_i L_i K_i(x − x_i), float64, light beyond the frame dropped.
+    """Blur by brute force: I(x) = Σ_i L_i K_i(x − x_i), float64; light beyond the frame is dropped.
 
-    rgba [height, width, channels], kernels by index, which [height, width] index of each pixel's kernel.
+    Args:
+        rgba: Light [height, width, channels].
+        kernels: Point spread functions [2·hy+1, 2·hx+1].
+        which: Index of each pixel's kernel [height, width].
+
+    Returns:
+        Picture [height, width, channels].
     """
     height, width, channels = rgba.shape
     reach = max(max(k.shape) // 2 for k in kernels)

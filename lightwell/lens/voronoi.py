@@ -1,7 +1,7 @@
 """Values of the published recipe: the integral of the Laplacian over each point's Voronoi cell.
 
-The Laplacian is constant in a pixel, so that the integral is a sum over pixels of charge × the area that the cell has
-in the pixel. A pixel that only one point can reach is whole; the others are cut exactly.
+The Laplacian is constant within a pixel, so that the integral is a sum over pixels of charge × the area of the cell
+within the pixel. A pixel that only one point can reach belongs to it as a whole; the others are clipped exactly.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-# Half the diagonal of a pixel, and how many of the nearest points may share one.
+# Half the diagonal of a pixel; most points that may share a pixel.
 HALF_DIAGONAL, MOST_SHARING = np.sqrt(0.5), 24
 
 
 def _clip(polygon: list[tuple[float, float]], nx: float, ny: float, d: float) -> list[tuple[float, float]]:
-    """The part of a convex polygon where n·p <= d (Sutherland and Hodgman)."""
+    """Clip a convex polygon to n·p ≤ d (Sutherland and Hodgman)."""
     out = []
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1]):
         a, b = nx * ax + ny * ay - d, nx * bx + ny * by - d
@@ -31,7 +31,17 @@ def _area(polygon: list[tuple[float, float]]) -> float:
 
 
 def shares(points: np.ndarray, x: float, y: float, near: np.ndarray) -> np.ndarray:
-    """Area of the pixel around (x, y) that is nearest to each of some points [k, 2]; sums to 1."""
+    """Compute the share of a pixel that is nearest to each of some points.
+
+    Args:
+        points: Offsets (x, y) of all points [n, 2].
+        x: Centre x of the pixel.
+        y: Centre y of the pixel.
+        near: Indices of the points to consider [k].
+
+    Returns:
+        Shares of the area [k], sum 1.
+    """
     square = [(x - 0.5, y - 0.5), (x + 0.5, y - 0.5), (x + 0.5, y + 0.5), (x - 0.5, y + 0.5)]
     areas = np.zeros(len(near))
     for i, a in enumerate(near):
@@ -46,7 +56,15 @@ def shares(points: np.ndarray, x: float, y: float, near: np.ndarray) -> np.ndarr
 
 
 def integrate_cells(charges: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """∫ f over the Voronoi cell of every point [n, 2]: values [n] whose sum is Σ f, which is 0."""
+    """Integrate charges over the Voronoi cell of every point, exactly.
+
+    Args:
+        charges: Charges of a kernel [odd, odd].
+        points: Offsets (x, y) of the points [n, 2].
+
+    Returns:
+        Values [n] whose sum is Σ f, which is 0 for the charges of a kernel.
+    """
     rows, columns = np.nonzero(charges)
     x, y = columns - charges.shape[1] // 2, rows - charges.shape[0] // 2
     f = charges[rows, columns]
@@ -66,7 +84,15 @@ def integrate_cells(charges: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def integrate_labels(charges: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The shortcut: every pixel belongs to its nearest point as a whole."""
+    """Integrate charges over cells of whole pixels: every pixel belongs to its nearest point.
+
+    Args:
+        charges: Charges of a kernel [odd, odd].
+        points: Offsets (x, y) of the points [n, 2].
+
+    Returns:
+        Values [n].
+    """
     rows, columns = np.nonzero(charges)
     at = np.stack([columns - charges.shape[1] // 2, rows - charges.shape[0] // 2], 1).astype(float)
     return np.bincount(cKDTree(points).query(at)[1], charges[rows, columns], len(points))

@@ -11,13 +11,22 @@ from lightwell.lens.recipes import Recipe, lossless, primal
 from lightwell.lens.splat import Frame, Points, Sources, guard_for, splat
 
 
+def laplacian(image: np.ndarray) -> np.ndarray:
+    """Compute f = 4K − Σ neighbours of an image [..., height, width] that is odd about its edges."""
+    k = np.pad(image, [(0, 0)] * (image.ndim - 2) + [(1, 1), (1, 1)], mode="edge")
+    for rim in (k[..., 0, :], k[..., -1, :], k[..., 0], k[..., -1]):
+        np.negative(rim, out=rim)
+    inner = k[..., 1:-1, 1:-1]
+    return 4 * inner - k[..., :-2, 1:-1] - k[..., 2:, 1:-1] - k[..., 1:-1, :-2] - k[..., 1:-1, 2:]
+
+
 def test_solve_inverts_the_laplacian_of_random_images():
     image = np.zeros((3, 61, 80))
     image[:, 20:-20, 20:-20] = np.random.default_rng(0).random((3, 21, 40))
-    assert np.abs(solve.dst(solve.laplacian(image)) - image).max() < 1e-12
-    assert np.abs(solve.fft(solve.laplacian(image)) - image).max() < 1e-12
+    assert np.abs(solve.dst(laplacian(image)) - image).max() < 1e-12
+    assert np.abs(solve.fft(laplacian(image)) - image).max() < 1e-12
     charges = np.random.default_rng(1).normal(size=(50, 41))
-    assert np.abs(solve.laplacian(solve.dst(charges)) - charges).max() < 1e-12
+    assert np.abs(laplacian(solve.dst(charges)) - charges).max() < 1e-12
 
 
 def test_smooth_sizes_have_no_large_primes():
@@ -36,7 +45,7 @@ def test_pyramids_integrate_a_disc_about_right(kernels, error, mass):
     k = capsule(24.0)
     h = k.shape[0] // 2
     image[256 - h : 257 + h, 256 - h : 257 + h] = k
-    made = pyramid.integrate(solve.laplacian(image), kernels)
+    made = pyramid.integrate(laplacian(image), kernels)
     assert np.linalg.norm(made - image) / np.linalg.norm(image) < error
     assert mass < made.sum() <= 1.05
 
