@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import time
@@ -11,7 +12,24 @@ from typing import Any
 
 import numpy as np
 
+# What readers import when they are called.
+MODULES = {
+    "scene": ("lightwell.scenes.gltf", "lightwell.scenes.mitsuba_xml"),
+    "frame": ("lightwell.scenes.mitsuba_xml", "lightwell.lens.frames"),
+    "asset": ("lightwell.asset", "lightwell.graph"),
+    "probes": ("lightwell.probes.file", "lightwell.probes.volume"),
+    "library": ("lightwell.lens.library",),
+    "cache": ("lightwell.cache",),
+    "checkpoint": ("lightwell.fields", "sklearn.tree"),
+    "shards": ("lightwell.transport.shards",),
+}
 Reader = Callable[[Path], Any]
+
+
+def prepare(reader: str) -> None:
+    """Import what a reader needs, so that its first file is not charged for it."""
+    for name in MODULES.get(reader, ()):
+        importlib.import_module(name)
 
 
 def scene(path: Path) -> Any:

@@ -22,7 +22,7 @@ from fuzz_seeds import Case
 HERE = Path(__file__).resolve().parent
 # A file may take so long, seconds of processor time, and so much memory, bytes.
 SECONDS, MEMORY = 10.0, 2 << 30
-# On a busy machine the clock on the wall may show so many times more.
+# A process may wait so many times longer, for a child that has no processor on a busy machine.
 PATIENCE = 6.0
 # Mutants that one process opens, so that what leaks is not counted against a file.
 LIFE = 1500
@@ -63,7 +63,7 @@ class Worker:
         self._opened += 1
         process = self._process
         assert process is not None and process.stdin is not None
-        begin = _processor_seconds(process.pid)
+        begin = _processor_seconds(process.pid)[0]
         try:
             process.stdin.write(f"{path}\n".encode())
             process.stdin.flush()
@@ -105,15 +105,18 @@ class Worker:
         os.close(write)
         self._answers = os.fdopen(read, "rb")
         self._opened = 0
+        # Imports take seconds on a busy machine; they are no file's.
+        self._answers.readline()
 
     def _answer(self, process: subprocess.Popen[bytes], begin: float) -> bytes | None:
         """The line of a file; b'' where the process ended, None where it took too long."""
-        since = time.monotonic()
-        while not select.select([self._answers], [], [], min(0.5, self._seconds))[0]:
-            late = time.monotonic() - since
-            used = _processor_seconds(process.pid) - begin
-            # The start of the process, a second or two of imports, counts with its first file.
-            if used > self._seconds or late > self._seconds * PATIENCE:
+        waited = 0.0
+        step = min(0.5, self._seconds)
+        while not select.select([self._answers], [], [], step)[0]:
+            used, state = _processor_seconds(process.pid)
+            # A process that could run but has no processor does not hang; one that waits does, for itself or a child.
+            waited += step if state != "R" else 0.0
+            if used - begin > self._seconds or waited > self._seconds * PATIENCE:
                 return None
         return self._answers.readline()
 
@@ -129,13 +132,13 @@ class Worker:
         return Outcome(kind, f"exit code {code}: {last}")
 
 
-def _processor_seconds(pid: int) -> float:
-    """Processor time of a process and of the children that it has waited for."""
+def _processor_seconds(pid: int) -> tuple[float, str]:
+    """Processor time of a process and of the children that it has waited for, and its state: 'R' can run."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
-        return 0.0
-    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+        return 0.0, ""
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK"), fields[0]
 
 
 @dataclass

@@ -148,7 +148,9 @@ def main() -> None:
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     function = getattr(fuzz_readers, reader)
+    fuzz_readers.prepare(reader)
     with os.fdopen(answers, "w") as out, contextlib.suppress(KeyboardInterrupt):
+        print("ready", file=out, flush=True)
         for line in sys.stdin:
             limit(memory)
             print(json.dumps(judge(function, Path(line.rstrip("\n")))), file=out, flush=True)
