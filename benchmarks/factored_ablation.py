@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from rows import Row, publish, without_bar
 
 from lightwell.baking.evaluate import Baked
-from lightwell.fields import FieldSetup, radiance_unit
+from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.factored import PRESETS, FactoredFit, FactoredPreset
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.report.charts import Axis

@@ -74,14 +74,15 @@ def is_software(info: dict) -> bool:
 
 def untrained(field: str, preset: str) -> Graph:
     """The graph of a field that has seen a few samples of the Cornell box: its cost is that of a trained one."""
-    from lightwell.baking.tracing import validation_samples
-    from lightwell.fields import FieldSetup, radiance_unit, starter
+    from lightwell.fields.base import FieldSetup, radiance_unit
+    from lightwell.fields.registry import find_field
+    from lightwell.fields.surface.tracing import validation_samples
     from lightwell.scenes import load
     from lightwell.scenes.variables import declare
 
     scene = load("cornell")
     samples = validation_samples(scene, declare((), scene), 0)
-    fit = starter(field, preset)(FieldSetup.of(scene, radiance_unit(samples), "point"), 0)
+    fit = find_field(field).start(FieldSetup.of(scene, radiance_unit(samples), "point"), preset, 0)
     fit.learn_from(samples)
     fit.validate_on(samples)
     fit.train(20, 20)

@@ -35,7 +35,8 @@ WHAT = "kill -9, {}: ends with the bytes of the uninterrupted run"
 
 
 def _small(out: Path, **changes):
-    from lightwell.baking import BakeSettings, Budget
+    from lightwell.baking.settings import BakeSettings
+    from lightwell.fields.budget import Budget
 
     common = {"views": 1, "view_size": (24, 16), "paths": 4, "shards": 1, "resume": (out / ".lightwell").exists()}
     return BakeSettings("cornell", out, budget=Budget(1.0), **(common | changes))
@@ -43,33 +44,35 @@ def _small(out: Path, **changes):
 
 def bake_field(out: Path) -> None:
     """Three shards, one of them adaptive, and 400 steps with a checkpoint every 200."""
-    from lightwell.baking import bake
+    from lightwell.baking.pipeline import bake
 
     bake(_small(out, shards=2, steps=400, lights_per_shard=32))
 
 
 def bake_lightmap(out: Path) -> None:
     """An atlas of 64 x 64 texels and a network of 60 steps."""
-    from lightwell.baking import bake
+    from lightwell.baking.pipeline import bake
 
-    bake(_small(out, field="lightmap", size=64, mips=0, steps=60))
+    bake(_small(out, field="lightmap", options={"size": 64, "mips": 0}, steps=60))
 
 
 def bake_probes(out: Path) -> None:
     """Probes at a distance of one metre."""
-    from lightwell.baking import bake
+    from lightwell.baking.pipeline import bake
 
-    bake(_small(out, field="probes", spacing=1.0, steps=200, lights_per_shard=32))
+    bake(_small(out, field="probes", options={"spacing": 1.0}, steps=200, lights_per_shard=32))
 
 
 def render_sequence(out: Path) -> None:
     """Twelve frames of 24 x 16 pixels with a radiance cache of two levels."""
-    from lightwell.cache.rendering import render_animation
     from lightwell.cache.settings import parse_options
+    from lightwell.rendering.nrc import render_sequence
+    from lightwell.rendering.settings import RenderSettings
 
     options = ["levels=2", "entries_log2=8", "batch=512", "steps=1", "train_fraction_max=1", "max_vertices=4"]
-    settings, resume = parse_options(options), (out / "animation.json").exists()
-    render_animation("cornell", out, settings, 24, 16, 2, 12, degrees=60.0, kind="png", resume=resume, quiet=True)
+    own = {"frames": 12, "format": "png", "resume": (out / "animation.json").exists()}
+    asked = RenderSettings("cornell", out, (24, 16), 2, integrator="nrc", options=own)
+    render_sequence(asked, parse_options(options), degrees=60.0)
 
 
 def bake_library(out: Path) -> None:
@@ -209,9 +212,6 @@ def main(argv: list[str]) -> int:
 
 
 def _child(name: str, folder: str) -> int:
-    import lightwell.baking
-    import lightwell.cache.rendering
-    import lightwell.lens.cache  # noqa: F401
 
     print("begun", flush=True)
     KINDS[name].run(Path(folder))

@@ -14,9 +14,9 @@ from rows import Row, at_least
 
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
-from lightwell.baking.lightmap_trace import chart
-from lightwell.fields.lightmap import PRESETS, LightmapFit
-from lightwell.fields.lightmap_graph import stored
+from lightwell.fields.lightmap.fit import PRESETS, LightmapFit
+from lightwell.fields.lightmap.nodes import stored
+from lightwell.fields.lightmap.trace import chart
 from lightwell.graph.pictures import encode
 from lightwell.scenes import load
 from lightwell.scenes.atlas import charted_meshes

@@ -11,11 +11,11 @@ from lightmap_scenes import HELD_OUT, MIPS, QUICK, Effort
 from rows import Row, at_least, at_most, without_bar
 
 from lightwell.baking.evaluate import Baked
-from lightwell.baking.lightmap import fitted, sample_unit
-from lightwell.baking.lightmap_trace import chart, eye_samples, lit_scene, seen_sides
 from lightwell.fields import lightmap
-from lightwell.fields.lightmap import PRESETS
-from lightwell.fields.lightmap_graph import stored
+from lightwell.fields.lightmap.field import fitted, sample_unit
+from lightwell.fields.lightmap.fit import PRESETS
+from lightwell.fields.lightmap.nodes import stored
+from lightwell.fields.lightmap.trace import chart, eye_samples, lit_scene, seen_sides
 from lightwell.graph.pictures import decoded, encode, seen_from_afar
 from lightwell.report import metrics
 from lightwell.scenes import load
@@ -62,7 +62,7 @@ def mips(quick: bool) -> list[Row]:
 
 def vary(quick: bool) -> list[Row]:
     """Whether a light map of a light that moves is lit by where the light is, on held-out places of it."""
-    from lightwell.baking.lightmap_moving import moving_fit, moving_samples
+    from lightwell.fields.lightmap.moving import moving_fit, moving_samples
     from lightwell.scenes.variables import declare
 
     size, count, steps = (64, 1 << 11, 20) if quick else (512, 1 << 18, 1500)
@@ -130,7 +130,7 @@ def codecs(quick: bool) -> list[Row]:
 
 def subsurface(quick: bool) -> list[Row]:
     """A ball of wax: the pixels of a held-out view that show it, truth by Mitsuba's volpath."""
-    from lightwell.baking.lightmap_media import media_meshes, volumetric
+    from lightwell.fields.lightmap.media import media_meshes, volumetric
     from lightwell.transport.camera import gbuffer
     from lightwell.transport.mapped import mapped_query
 

@@ -12,15 +12,16 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from lightwell.baking.lightmap_score import compare_camera
 from rows import Row, at_least, at_most, without_bar
 
 from lightwell.baking.evaluate import Baked
-from lightwell.baking.lightmap import STARTS, base_picture, fitted, sample_unit
-from lightwell.baking.lightmap_bytes import CODECS
-from lightwell.baking.lightmap_score import compare_camera
-from lightwell.baking.lightmap_seams import SHARE, seam_gap, seam_samples
-from lightwell.baking.lightmap_size import roomy_atlas
-from lightwell.baking.lightmap_trace import (
+from lightwell.fields.lightmap.field import STARTS, base_picture, fitted, sample_unit
+from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap.seams import SHARE, seam_gap, seam_samples
+from lightwell.fields.lightmap.size_limit import CODECS
+from lightwell.fields.lightmap.square import roomy_atlas
+from lightwell.fields.lightmap.trace import (
     Chart,
     EyeSamples,
     Sides,
@@ -30,7 +31,6 @@ from lightwell.baking.lightmap_trace import (
     lit_scene,
     lit_sides,
 )
-from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
 from lightwell.report import metrics
 from lightwell.report.records import ViewComparison
 from lightwell.scenes import load

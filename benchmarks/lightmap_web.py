@@ -77,11 +77,13 @@ def page_rows(quick: bool = False) -> list[Row]:
     """The same of a page that is baked for it: what a pixel costs depends on the form of the network alone."""
     import tempfile
 
-    from lightwell.baking import BakeSettings, Budget, bake
+    from lightwell.baking.pipeline import bake
+    from lightwell.baking.settings import BakeSettings
+    from lightwell.fields.budget import Budget
 
     with tempfile.TemporaryDirectory() as folder:
-        small = {"size": 256, "mips": 0, "paths": 4, "shards": 1, "steps": 50, "views": 1, "view_size": (48, 30)}
-        bake(BakeSettings("cornell", Path(folder), field="lightmap", budget=Budget(2.0), **small))
+        small = {"paths": 4, "shards": 1, "steps": 50, "views": 1, "view_size": (48, 30), "budget": Budget(2.0)}
+        bake(BakeSettings("cornell", Path(folder), field="lightmap", options={"size": 256, "mips": 0}, **small))
         found = cost_rows(Path(folder) / "index.html", 1 if quick else 7)
     measured = [row.measured for row in found if row.measured is not None]
     note = "; ".join(f"{row.what.rsplit(', ', 1)[1]} {row.measured:.2f}" for row in found if row.measured is not None)

@@ -105,8 +105,9 @@ def compared(run: Run, name: str, scene: Path | str, fields: list, vary: tuple[s
     """compare.json of a comparison in OUT/NAME, with ``by_name``: the entries of its fields by name."""
     from lightwell.baking.compare_fields import compare_fields
     from lightwell.baking.compare_settings import CompareSettings
-    from lightwell.baking.progress import Progress
+
     from lightwell.baking.settings import Budget
+    from lightwell.core.progress import Progress
 
     resume = run.resume or name in run.begun
     every = run.begun.setdefault(name, [])
@@ -209,6 +210,7 @@ def _ours():
 def equal_bytes(run: Run) -> list[Row]:
     """How many times lower the error of ours is than that of a baseline with as many bytes."""
     from lightwell.baking.compare_settings import FieldChoice
+
     from lightwell.fields import presets
 
     field, _ = ours()

@@ -6,7 +6,8 @@ The counts below keep it short; the result shows how the parts fit together, not
 import sys
 from pathlib import Path
 
-from lightwell.baking import BakeSettings, bake
+from lightwell.baking.pipeline import bake
+from lightwell.baking.settings import BakeSettings
 
 settings = BakeSettings(
     scene="two-rooms",

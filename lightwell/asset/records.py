@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from lightwell.graph.pictures import Fallback as Fallback
 from lightwell.graph.pictures import Picture as Picture
 
 if TYPE_CHECKING:
@@ -14,16 +15,6 @@ if TYPE_CHECKING:
 EXTENSION = "LIGHTWELL_neural_radiance"
 # Version of the extension's JSON (format/FORMAT.md).
 VERSION = 1
-
-
-@dataclass(frozen=True)
-class Fallback:
-    """An ordinary light map for viewers that do not know the extension (MOZ_lightmap)."""
-
-    picture: Picture
-    """Diffuse irradiance, linear, divided by ``intensity``; read at TEXCOORD_1."""
-    intensity: float
-    """Factor on the texels, ≥ 0."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,1 @@
-"""The main job: a scene in, a glTF lit by learned light, a page and a report out."""
-
-from lightwell.baking.pipeline import bake as bake
-from lightwell.baking.settings import BakeSettings as BakeSettings
-from lightwell.baking.settings import Budget as Budget
+"""The bake: a scene in, a glTF with learned light, a page and a report out; and the comparison of fields."""

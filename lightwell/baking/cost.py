@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypedDict
 
 import numpy as np
 
-from lightwell.graph import Graph
+from lightwell.fields.protocol import Lowered
+from lightwell.graph import Buffer
 
 
 class Cost(TypedDict):
@@ -25,22 +26,32 @@ class Cost(TypedDict):
     """Table entries read."""
 
 
-def cost(graphs: Sequence[Graph]) -> Cost:
-    """The summed cost of the graphs that one pixel evaluates."""
+def cost(fields: Sequence[Lowered]) -> Cost:
+    """Sum the cost of the fields that one pixel evaluates; a picture counts as its encoded bytes."""
+    graphs = [field.graph for field in fields]
     return Cost(
-        bytes=sum(graph.nbytes for graph in graphs),
-        compressed_bytes=sum(compressed_bytes(graph) for graph in graphs),
+        bytes=sum(_stored(field, lambda buffer: buffer.nbytes) for field in fields),
+        compressed_bytes=sum(compressed_bytes(field) for field in fields),
         parameters=sum(graph.parameters for graph in graphs),
         macs_per_pixel=sum(graph.macs for graph in graphs),
         fetches_per_pixel=sum(graph.fetches for graph in graphs),
     )
 
 
-def compressed_bytes(graph: Graph) -> int:
-    """Bytes of all buffers and their scales, in order, after zlib: brotli is not in the standard library."""
+def _stored(field: Lowered, size: Callable[[Buffer], int]) -> int:
+    weights = sum(size(buffer) for name, buffer in field.graph.buffers.items() if name not in field.pictures)
+    return weights + sum(len(picture.data) for picture in field.pictures.values())
+
+
+def compressed_bytes(field: Lowered) -> int:
+    """Bytes of all weights and their scales, in order, after zlib (brotli is not in the standard library), and of
+    pictures, which are compressed already."""
     parts = []
-    for buffer in graph.buffers.values():
+    for name, buffer in field.graph.buffers.items():
+        if name in field.pictures:
+            continue
         parts.append(buffer.array.tobytes())
         if buffer.scale is not None:
             parts.append(np.asarray(buffer.scale, np.float32).tobytes())
-    return len(zlib.compress(b"".join(parts), 9))
+    packed = len(zlib.compress(b"".join(parts), 9)) if parts else 0
+    return packed + sum(len(picture.data) for picture in field.pictures.values())

@@ -1,24 +1,25 @@
-"""Scores the baked field, as it ships, against path-traced truth at held-out lights and views."""
+"""Scores the field, as it ships, against the path-traced reference at held-out lights and views."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lightwell.asset.page import PageView
-from lightwell.backend import dr, mi
-from lightwell.baking.effort import EVALUATION_SEED
-from lightwell.baking.references import reference_picture
-from lightwell.baking.truth import PointTruth, SweepTruth, ViewTruth, role_scale
-from lightwell.fields import query_inputs
-from lightwell.graph import Compiled, Graph, compile
+from lightwell.baking.reference_budget import EVALUATION_SEED
+from lightwell.fields.baked import Baked
+from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison
 from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable
-from lightwell.transport import Query, indirect
+from lightwell.scenes.variables import Variable, declare
+from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
+
+if TYPE_CHECKING:
+    from lightwell.baking.reference import PointReference, SweepReference, ViewReference
 
 # Index of the region of a pixel that shows no surface.
 NO_REGION = -1
@@ -26,38 +27,32 @@ NO_REGION = -1
 BLENDED = 0.01
 
 
-class Baked:
-    """A shading graph as it ships, evaluated on queries: radiance with the reflectance multiplied in."""
+@dataclass(frozen=True)
+class Shipped:
+    """A fit as it ships, evaluated at surface points."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
-        self._compiled: Compiled = compile(graph)
+    role: str
+    fit: Fit
+    lowered: Lowered
+    baked: Baked
 
-    def __call__(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance for a unit light."""
-        return self._outputs(query, ("radiance",))["radiance"] * query.reflectance
+    @staticmethod
+    def of(role: str, fit: Fit, lowered: Lowered) -> Shipped:
+        """Compile the graph of a fit."""
+        return Shipped(role, fit, lowered, Baked(lowered.graph))
 
-    @property
-    def segmented(self) -> bool:
-        """Whether several experts share the surfaces, and the graph says which."""
-        return "segment" in self.graph.outputs
+    def at(self, points: SurfacePoints, light: np.ndarray) -> np.ndarray:
+        """[N, 3] radiance for a unit light at [3] or [N, 3]."""
+        return self.baked(self.fit.query(points, light))
 
-    def segments(self, query: Query) -> tuple[np.ndarray, np.ndarray]:
-        """[N] index of each point's first expert and [N] share of its second one, in [0, 0.5]."""
-        names = tuple(name for name in ("segment", "overlap") if name in self.graph.outputs)
-        found = {name: value[:, 0] for name, value in self._outputs(query, names).items()}
-        index = np.rint(found["segment"]).astype(np.int64)
-        return index, found.get("overlap", np.zeros(len(query), np.float32))
 
-    def _outputs(self, query: Query, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Name → [N, C] of some outputs of the graph."""
-        inputs = query_inputs(query)
-        columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in inputs[name].T] for name in self.graph.inputs}
-        outputs = self._compiled(columns)
-        wanted = [outputs[name] for name in names]
-        dr.eval(wanted)
-        rows = lambda channels: [np.broadcast_to(np.array(c), len(query)) for c in channels]  # noqa: E731
-        return {name: np.stack(rows(channels), axis=1) for name, channels in zip(names, wanted)}
+def lit_views(scene: Scene, variable: Variable | None, count: int, seed: int) -> list[tuple[Camera, np.ndarray]]:
+    """Choose held-out views: the scene's first camera with a well-placed light, then sampled cameras with held-out
+    lights; without a light that moves, cameras alone."""
+    if variable is None:
+        cameras = sample_cameras(scene, declare((), scene), count, seed + EVALUATION_SEED, authored=True)
+        return [(camera, np.zeros(3, np.float32)) for camera in cameras]
+    return views_and_lights(scene, variable, count, seed)
 
 
 def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) -> list[tuple[Camera, np.ndarray]]:
@@ -85,33 +80,50 @@ def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarr
     return lights[int(np.argmax(means))]
 
 
-def compare_points(truth: PointTruth, baked: Baked, objects: Sequence[str]) -> PointComparison:
-    """A field against the truth at held-out points; ``objects`` names the meshes of the scene."""
-    return PointComparison(baked(truth.query), truth.half_a, truth.half_b, truth.shape, objects, truth.weight)
+def compare_points(reference: PointReference, shipped: Shipped, objects: Sequence[str]) -> PointComparison:
+    """Compare a field with the reference at held-out points; ``objects`` names the meshes of the scene."""
+    r, prediction = reference, shipped.at(reference.points, reference.light)
+    return PointComparison(prediction, r.half_a, r.half_b, r.points.shape, objects, r.weight)
 
 
 def compare_view(
-    truth: ViewTruth, fields: Mapping[str, Baked], size: tuple[int, int], name: str, caption: str, intensity: float
+    reference: ViewReference,
+    fields: Sequence[Shipped],
+    size: tuple[int, int],
+    name: str,
+    caption: str,
+    intensity: float,
 ) -> ViewComparison:
-    """One picture: what the learned light (role → field) adds up to for a light of 1 cd (1 lx), against the truth."""
+    """Compare one picture: what the learned light adds up to for a light of 1 cd (1 lx), with the reference.
+
+    The first of ``fields`` says which of its experts is where.
+    """
     width, height = size
-    total = sum(role_scale(role, intensity) * baked(truth.query) for role, baked in fields.items())
+    queries = [shipped.fit.query(reference.points, reference.light) for shipped in fields]
+    total = sum(role_scale(s.role, intensity) * s.baked(query) for s, query in zip(fields, queries))
     images = np.zeros((3, height * width, 3), np.float32)
-    images[:, truth.seen] = total, truth.half_a, truth.half_b
+    images[:, reference.seen] = total, np.nan_to_num(reference.half_a), np.nan_to_num(reference.half_b)
     prediction, a, b = images.reshape(3, height, width, 3)
-    regions, blend = _regions(truth, fields["indirect"], size)
+    regions, blend = _regions(queries[0], reference.seen, fields[0].baked, size)
     return ViewComparison(name, prediction, a, b, regions, blend, caption)
 
 
-def _regions(truth: ViewTruth, baked: Baked, size: tuple[int, int]) -> tuple[np.ndarray | None, np.ndarray | None]:
+def role_scale(role: str, intensity: float) -> float:
+    """Weight of a field in a picture of which the declared light has 1 cd (1 lx)."""
+    return 1.0 / intensity if role == "static" else 1.0
+
+
+def _regions(
+    query: Query, seen: np.ndarray, baked: Baked, size: tuple[int, int]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
     """[height, width] index of the expert of every pixel and whether it is blended; None for a single network."""
     if not baked.segmented:
         return None, None
     width, height = size
-    index, share = baked.segments(truth.query)
+    index, share = baked.segments(query)
     regions = np.full(height * width, NO_REGION)
     blend = np.zeros(height * width, bool)
-    regions[truth.seen], blend[truth.seen] = index, share > BLENDED
+    regions[seen], blend[seen] = index, share > BLENDED
     return regions.reshape(height, width), blend.reshape(height, width)
 
 
@@ -120,8 +132,10 @@ def view_name(camera: Camera, number: int) -> str:
     return camera.name or f"view {number + 1}"
 
 
-def view_caption(variable: Variable, light: np.ndarray) -> str:
-    """Where the light of a view stands."""
+def view_caption(variable: Variable | None, light: np.ndarray) -> str:
+    """Say where the light of a view stands."""
+    if variable is None:
+        return "the scene's own light"
     where = ", ".join(f"{c:.2f}" for c in light)
     return f"{'light at' if variable.kind == 'point' else 'sun towards'} ({where})"
 
@@ -131,31 +145,13 @@ def object_names(scene: Scene) -> list[str]:
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
-def page_views(
-    scene: Scene,
-    variable: Variable,
-    views: Sequence[tuple[Camera, np.ndarray]],
-    size: tuple[int, int],
-    spp: int,
-    intensity: float,
-    color: tuple[float, float, float],
-    with_static: bool,
-) -> list[PageView]:
-    """The references that the page shows: complete path-traced pictures, denoised; ``size`` is that of scored views."""
-    made = []
-    for k, (camera, light) in enumerate(views):
-        options = {"intensity": intensity, "color": color, "with_static": with_static}
-        picture = reference_picture(scene, camera, light, variable, size, spp, k, **options)
-        made.append(PageView(camera.name or f"view {k + 1}", camera, tuple(float(c) for c in light), picture))
-    return made
-
-
-def light_sweep(truth: SweepTruth, baked: Baked, unit: float) -> list[tuple[float, float, float]]:
+def light_sweep(reference: SweepReference, shipped: Shipped) -> list[tuple[float, float, float]]:
     """(place on the sweep in [0, 1], relative error, noise floor) along the chain of held-out lights."""
-    f, a, b = (x / unit for x in (baked(truth.query), truth.half_a, truth.half_b))
+    r, unit = reference, shipped.fit.unit
+    f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
     y = 0.5 * (a + b)
     error = np.mean(np.abs(f - y) / (y + 0.01), axis=1)
     floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
-    last = max(int(truth.place.max()), 1)
-    lights = [truth.place == k for k in np.unique(truth.place)]
+    last = max(int(r.place.max()), 1)
+    lights = [r.place == k for k in np.unique(r.place)]
     return [(k / last, float(error[at].mean()), float(floor[at].mean())) for k, at in enumerate(lights)]

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lightwell.limits import Limits
 
-
-def describe(
-    path: str, *, limits: Limits | None = None, unit: float = 1.0, allow_paths: Sequence[str] = ()
-) -> dict[str, Any]:
+def describe(path: str, **loading: Any) -> dict[str, Any]:
     """Facts about OUT, an asset with learned light, or any scene that can be loaded.
 
-    ``limits``, ``unit`` and ``allow_paths`` are those of ``lightwell.scenes.load``.
+    ``loading``: the options of ``lightwell.scenes.load``.
     """
     target = Path(path)
     if (target / "scene.glb").is_file():
@@ -22,8 +17,8 @@ def describe(
     if target.suffix == ".glb" and target.is_file() and _is_baked(target):
         from lightwell.asset.info import info
 
-        return info(target, limits)
-    return _scene_facts(path, limits=limits, unit=unit, allow_paths=allow_paths)
+        return info(target, loading.get("limits"))
+    return _scene_facts(path, loading)
 
 
 def _is_baked(path: Path) -> bool:
@@ -32,10 +27,10 @@ def _is_baked(path: Path) -> bool:
     return EXTENSION.encode() in path.read_bytes()
 
 
-def _scene_facts(path: str, **options: Any) -> dict[str, Any]:
+def _scene_facts(path: str, loading: dict[str, Any]) -> dict[str, Any]:
     from lightwell.scenes import load
 
-    scene = load(path, **options)
+    scene = load(path, **loading)
     low, high = scene.bounds.round(3).tolist()
     return {
         "scene": scene.name,

@@ -1,130 +1,195 @@
-"""The stages of a bake, in order: load, declare, trace and train, score, write."""
+"""The bake: prepare, sample, fit and lower as the field says; score what ships; write. No step knows which field it is.
+
+This module and ``comparison`` are the only callers of ``lightwell.fields.protocol``.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
-from lightwell.baking.progress import Progress
-from lightwell.baking.rounds import Rounds
-from lightwell.baking.score import Learned, Score, score_bake, warnings
-from lightwell.baking.settings import BakeSettings
-from lightwell.baking.work import Work, check_output
+from lightwell.baking.evaluate import Shipped
+from lightwell.baking.reference import Reference, trace_reference
+from lightwell.baking.score import exposure, reference_budget, score, variable_json, warnings
+from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.core.output import BAKE_FILES, holds_output
-from lightwell.fields import starter
+from lightwell.core.progress import Progress
+from lightwell.core.work import Work
+from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State
+from lightwell.fields.registry import check_preset, field_of, find_field
+from lightwell.fields.request import Request
+from lightwell.files import write_atomically
 from lightwell.report.html import write_report
+from lightwell.report.records import ReportData
 from lightwell.scenes import load
-from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, declare, to_json
+from lightwell.scenes.variables import to_json
 
-# Share of the budget that the static field gets when the scene has lights of its own.
-STATIC_SHARE = 0.4
+if TYPE_CHECKING:
+    from lightwell.baking.comparison import CompareSettings
 
 
 @holds_output("bake", lambda settings: BAKE_FILES)
 def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
-    """Run the main job; returns the content of ``report.json``. Raises ValueError for what the user can cure."""
-    progress = progress or Progress(quiet=True)
-    if settings.field == "lightmap":
-        from lightwell.baking.lightmap import bake_lightmap
+    """Learn the indirect light of a scene; write the asset, its page and its report.
 
-        return bake_lightmap(settings, progress)
-    starter(settings.field, settings.preset)
-    scene = load(settings.scene, limits=settings.limits, unit=settings.unit, allow_paths=settings.allow_paths)
-    check_output(settings.out)
-    _check_geometry(scene)
-    variable = declare(settings.vary, scene)
-    sample_lights(scene, variable, 1, settings.seed)  # refuses a box without air before any work is done
-    work = Work(settings)
-    work.open(scene)
-    for warning in warnings(scene, variable):
+    Args:
+        settings: What is asked.
+        progress: Bars and lines on standard error; None: silence.
+
+    Returns:
+        The content of ``report.json``, or of ``rebake.json`` where only a part was baked again.
+
+    Raises:
+        ValueError: A mistake of the user: one line with the cure. Nothing is half-written.
+        OSError: A file cannot be read or written.
+    """
+    progress = progress or Progress(quiet=True)
+    name = settings.field or field_of(settings.preset)
+    field = find_field(name)
+    check_preset(name, settings.preset)
+    scene = loaded(settings)
+    work = Work(settings, scene.digest)
+    job = Job(scene, Request(**request_of(settings)), settings.options, work, progress)
+    state = field.prepare(job)
+    for warning in warnings(state):
         progress.say(f"[yellow]warning[/] {warning}")
-    learned, rounds = _learn(scene, variable, settings, work, progress)
-    with work.timed("evaluate"):
-        score = score_bake(scene, variable, settings, work, learned, rounds, progress)
-    with work.timed("write"):
-        report = _write(scene, variable, settings, learned, score, progress)
+    fits = learn(field, state)
+    shipped = [Shipped.of(role, fit, fit.lower()) for role, fit in fits.items()]
+    if again := state.finished(fits):
+        report = _write_rebake(state, settings, shipped, again)
+    else:
+        report = _score_and_write(state, settings, name, shipped)
     work.close()
-    progress.say(_verdict(report, settings.out))
     return report
 
 
-def _check_geometry(scene: Scene) -> None:
+def loaded(settings: BakeSettings | CompareSettings) -> Scene:
+    """Load the scene of a bake; refuse one without surfaces."""
+    scene = load(settings.scene, **settings.loading)
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
         raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
+    return scene
 
 
-# ---------------------------------------------------------------------- learn
+def learn(field: Field, state: State) -> dict[Role, Fit]:
+    """Sample and fit every role of a prepared scene."""
+    return {role: field.fit(state, role, field.sample(state, role)) for role in state.roles}
 
 
-def _learn(
-    scene: Scene, variable: Variable, settings: BakeSettings, work: Work, progress: Progress
-) -> tuple[list[Learned], list[Rounds]]:
-    """The field of the declared light and, where the scene has lights of its own, theirs."""
-    seconds = settings.budget.round_seconds
-    static = settings.static and scene.has_static_light
-    shares = {"indirect": 1 - STATIC_SHARE, "static": STATIC_SHARE} if static else {"indirect": 1.0}
-    learned, all_rounds = [], []
-    for role, share in shares.items():
-        rounds = Rounds(scene, variable, role, settings, work, progress, share * seconds)
-        fit, unit = rounds.run()
-        learned.append(Learned(role, fit, unit, fit.lower()))
-        all_rounds.append(rounds)
-    return learned, all_rounds
+# ---------------------------------------------------------------------- score and write
 
 
-# ---------------------------------------------------------------------- write
+def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: Sequence[Shipped]) -> dict[str, Any]:
+    job, roles = state.job, [s.role for s in shipped]
+    units = {s.role: s.fit.unit for s in shipped}
+    budget = reference_budget(settings, next((s for s in shipped if s.role == "indirect"), shipped[0]).fit)
+    with job.work.timed("evaluate"):
+        reference = trace_reference(state.scene, state.variable, roles, units, settings, budget, job.progress)
+        data = score(state, settings, name, shipped, reference, job.work.seconds, _told(settings, state, shipped))
+        traced = job.work.seconds.get("trace", 0.0)
+        data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
+    with job.work.timed("write"):
+        stage = reference.stage
+        shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
+        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light)
+        report = write_report_and_page(settings.out, state, replace(data, asset_bytes=size), reference)
+        _write_files(settings, job.progress, shipped, shown)
+    job.progress.say(_verdict(report, settings.out))
+    return report
 
 
-def _write(
-    scene: Scene,
-    variable: Variable,
-    settings: BakeSettings,
-    learned: list[Learned],
-    score: Score,
-    progress: Progress,
-) -> dict[str, Any]:
-    """Write all files; each appears whole or not at all."""
-    entries = [FieldEntry(f.role, f.role, f.graph, 0 if f.role == "indirect" else None) for f in learned]
-    stage = score.stage
-    variables = [to_json(variable, stage.views[0][1], stage.intensity, stage.color)]
-    glb = settings.out / "scene.glb"
-    size = write_glb(glb, scene, entries, variables)
-    report = write_report(settings.out, replace(score.data, asset_bytes=size)).numbers
+def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> dict[str, Any]:
+    """What the report says of the settings."""
+    return {
+        "scene": settings.scene,
+        "variable": variable_json(state.variable),
+        "budget_seconds": settings.budget.seconds,
+        "budget_error": settings.budget.error,
+        "paths_per_sample": settings.paths,
+        "plans": {s.role: s.fit.plan for s in shipped},
+        "dropped_paths": sum(s.fit.traced.dropped for s in shipped),
+    }
+
+
+def write_asset(
+    out: Path,
+    state: State,
+    shipped: Sequence[Shipped],
+    intensity: float,
+    color: Sequence[float],
+    light: np.ndarray,
+) -> int:
+    """Write ``scene.glb``; returns its size in bytes."""
+    variables = [] if state.variable is None else [to_json(state.variable, light, intensity, color)]
+    entries = [
+        FieldEntry(
+            s.lowered.name or s.role,
+            s.role,
+            s.lowered.graph,
+            0 if s.role == "indirect" else None,
+            s.lowered.pictures,
+        )
+        for s in shipped
+    ]
+    fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
+    return write_glb(out / "scene.glb", state.shipped, entries, variables, fallback=fallback)
+
+
+def write_report_and_page(out: Path, state: State, data: ReportData, reference: Reference) -> dict[str, Any]:
+    """Write ``report.html``, ``report.json`` and ``index.html``; returns the numbers."""
+    report = write_report(out, data).numbers
     write_page(
-        settings.out / "index.html",
-        title=_title(scene),
-        glb=glb.read_bytes(),
-        home=stage.views[0][0],
-        views=score.pictures,
-        exposure=score.exposure,
+        out / "index.html",
+        title=_title(state.scene),
+        glb=(out / "scene.glb").read_bytes(),
+        home=reference.stage.views[0][0],
+        views=reference.pictures,
+        exposure=exposure(reference.pictures),
         report=report,
     )
-    intensity = stage.intensity * np.asarray(stage.color)
-    for f in learned:
-        # A field may have files of its own, beside the asset.
-        if more := getattr(f.fit, "write_files", None):
-            told = more(settings.out, f.role, glb.read_bytes(), stage.views[0][1], intensity, settings.keep)
-            progress.say(f"{f.role}: {told}")
     return report
+
+
+def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shipped], again: ReBake) -> dict[str, Any]:
+    strength = max(float(again.shown.intensity.max()), 1e-30)
+    color = tuple(again.shown.intensity / strength)
+    size = write_asset(settings.out, state, shipped, strength, color, again.shown.light)
+    _write_files(settings, state.job.progress, shipped, again.shown)
+    told = again.facts | {"bytes": size}
+    write_atomically(settings.out / "rebake.json", json.dumps(told, indent=1) + "\n")
+    for line in again.lines:
+        state.job.progress.say(line)
+    return told
+
+
+def _write_files(settings: Reported, progress: Progress, shipped: Sequence[Shipped], shown: Shown) -> None:
+    """Write what a field has beside the asset."""
+    for s in shipped:
+        files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, settings.keep)
+        for file in files:
+            file.write(settings.out / file.name)
+        if s.fit.note:
+            progress.say(f"{s.role}: {s.fit.note}")
 
 
 def _title(scene: Scene) -> str:
     return (scene.name or Path(scene.source).stem or "scene").replace("_", " ")
 
 
-def _verdict(report: dict[str, Any], out: Path) -> str:
+def _verdict(report: Mapping[str, Any], out: Path) -> str:
     return (
-        f"[bold]error {report['relative_error']:.1%}[/] (noise of the truth {report['noise_floor']:.1%}), "
-        f"{report['psnr_db']:.1f} dB, {report['bytes'] / 1024:.0f} KiB of learned light, "
+        f"[bold]error {report['relative_error']:.1%}[/] (noise of the reference {report['noise_floor']:.1%}), "
+        f"{report['psnr_db']:.1f} dB, {report['bytes'] / 1000:.0f} kB of learned light, "
         f"{report['macs_per_pixel']:,} MAC per pixel\n"
         f"{out / 'scene.glb'}  {out / 'report.html'}  open with: lightwell view {os.fspath(out)}"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.baking.effort import PICTURE_SCALE
+from lightwell.baking.reference_budget import PICTURE_SCALE
 from lightwell.core.denoise import denoise, missing
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from lightwell.backend import dr, mi
 from lightwell.cache.frames import sobol_pass
@@ -18,9 +17,10 @@ from lightwell.cache.live_commands import Command, parse_command
 from lightwell.cache.radiance_cache import RadianceCache, bounds_of
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
+from lightwell.core.color import srgb_bytes
+from lightwell.core.image_io import encoded
 from lightwell.scenes import load
-from lightwell.scenes.mitsuba_textures import linear_to_srgb8
-from lightwell.scenes.scene import Camera
+from lightwell.scenes.scene import Camera, Scene
 
 # Panels of the page. Every panel but the first two is made on every other frame.
 PANELS = ("cache-image", "path", "cache", "error")
@@ -32,12 +32,28 @@ JPEG_QUALITY = 88
 CLOSER, FARTHEST, GAINS = 5.0, 1e3, (1e-6, 1e6)
 
 
+@dataclass(frozen=True)
+class Lamp:
+    """A point light that is added to a scene."""
+
+    place: np.ndarray
+    """[3] metres."""
+    intensity: float
+    """Candela."""
+
+
 class LiveScene:
     """A Mitsuba scene with one sensor, and what can be moved in it."""
 
-    def __init__(self, source: str, size: int, **options: Any) -> None:
-        """``options`` are those of ``lightwell.scenes.load``."""
-        loaded = load(source, **options)
+    def __init__(self, loaded: Scene, size: int, camera: Camera | None = None, lamp: Lamp | None = None) -> None:
+        """Put together what a session needs.
+
+        Args:
+            loaded: The scene.
+            size: Edge of the sensor's square film, pixels.
+            camera: Where the view begins; None: the scene's first camera, else one outside of its bounds.
+            lamp: A point light to add; None: one where nothing else shines.
+        """
         self.name = loaded.name
         content: dict[str, Any] = {"type": "scene"}
         for k, shape in enumerate(loaded.mi.shapes()):
@@ -48,12 +64,13 @@ class LiveScene:
         self.center, self.extent = (low + high) / 2, float((high - low).max())
         self.gains: dict[int, float] = {}
         """Index of a lamp to what its light has been multiplied with."""
-        self.own_lamp = not loaded.mi.emitters()
-        if self.own_lamp:
-            place = self.center + np.array([0, 0.3 * (high - low)[1], 0])
-            power = {"type": "rgb", "value": self.extent**2}
-            content["lamp"] = {"type": "point", "position": place.tolist(), "intensity": power}
-        camera = loaded.cameras[0] if loaded.cameras else self._outside(low, high)
+        if lamp is None and not loaded.mi.emitters():
+            lamp = Lamp(self.center + np.array([0, 0.3 * (high - low)[1], 0]), self.extent**2)
+        self.own_lamp = lamp is not None
+        if lamp is not None:
+            power = {"type": "rgb", "value": lamp.intensity}
+            content["lamp"] = {"type": "point", "position": np.asarray(lamp.place).tolist(), "intensity": power}
+        camera = camera or (loaded.cameras[0] if loaded.cameras else self._outside(low, high))
         self.position, self.target = np.array(camera.position, float), np.array(camera.target, float)
         self.up, self.fov = np.array(camera.up, float), camera.fov_y
         # Orbit about what the camera looks at, not about a point right before it.
@@ -139,7 +156,7 @@ class LiveSession:
 
     def __init__(self, source: str, settings: CacheSettings, size: int = 256, **options: Any) -> None:
         """``options`` are those of ``lightwell.scenes.load``."""
-        self.live = LiveScene(source, size, **options)
+        self.live = LiveScene(load(source, **options), size)
         self.settings, self.size = settings, size
         self.cache = RadianceCache(settings)
         self.cache.prepare(self.live.scene)
@@ -268,7 +285,4 @@ class LiveSession:
 
 
 def _jpeg(linear: np.ndarray) -> bytes:
-    """Linear [H, W, 3] as an sRGB JPEG."""
-    stream = io.BytesIO()
-    Image.fromarray(linear_to_srgb8(np.nan_to_num(linear))).save(stream, "JPEG", quality=JPEG_QUALITY)
-    return stream.getvalue()
+    return encoded(srgb_bytes(np.nan_to_num(linear)), "JPEG", quality=JPEG_QUALITY)

@@ -37,6 +37,7 @@ from lightwell.fields.features import FeatureOctaves, open_builder
 from lightwell.fields.gate import append, share_facts, shares
 from lightwell.fields.lattice import Gate, Lattice, Split
 from lightwell.fields.segmented import NetworkPreset, SegmentedFit, as_radiance
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.networks import TrainingSettings
 from lightwell.networks.assignment import assign_cells
@@ -372,6 +373,4 @@ class BalancedFit(SegmentedFit):
         )
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> BalancedFit:
-    """Begin a fit with a named preset."""
-    return BalancedFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("balanced", PRESETS, BalancedFit)

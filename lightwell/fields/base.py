@@ -41,8 +41,6 @@ class FieldSetup:
     """The scene itself, for fields that trace rays of their own."""
     variable: Variable | None = field(default=None, repr=False, compare=False)
     """What the declared light may do, for the same."""
-    spacing: float | None = None
-    """Distance of neighbouring probes that was asked for, metres."""
 
     @staticmethod
     def of(
@@ -50,12 +48,11 @@ class FieldSetup:
         unit: float,
         light: Literal["point", "sun", "static"],
         variable: Variable | None = None,
-        spacing: float | None = None,
     ) -> FieldSetup:
         """The set-up for a loaded scene."""
         center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
-        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable, spacing)
+        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable)
 
 
 # Index of refraction up to which a surface reflects nothing but diffusely.
@@ -71,8 +68,8 @@ def is_matte(material: Material) -> bool:
     return material.ior <= MATTE_IOR and not (material.delta or any(layers))
 
 
-class Fit(Protocol):
-    """A representation being fitted: ``learn_from`` samples, ``train``, and both again with more."""
+class Learner(Protocol):
+    """A representation of light at surfaces, being fitted: ``learn_from`` samples, ``train``, both again with more."""
 
     macs: int
     """Multiply-accumulates per pixel of the result."""

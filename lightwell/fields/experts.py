@@ -28,6 +28,7 @@ from lightwell.fields.features import FeatureOctaves
 from lightwell.fields.gate import append, choose, entropy, lower_choice, share_facts, shares, softmax
 from lightwell.fields.inputs import Inputs, Kind
 from lightwell.fields.segmented import NetworkPreset, SegmentedFit
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.graph import Builder
 from lightwell.networks import Mlp, TrainingSettings
 from lightwell.networks.autoencoder import GateTraining, TiedAutoencoder
@@ -284,7 +285,8 @@ class JointFit(GatedFit):
         self._trainer.restore(under("trainer", arrays))
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> GatedFit:
-    """Begin a fit with a named preset."""
-    chosen = PRESETS[preset]
-    return (CodedFit if chosen.gater == "autoencoder" else JointFit)(setup, chosen, seed)
+def _learner(setup: FieldSetup, preset: ExpertsPreset, seed: int) -> GatedFit:
+    return (CodedFit if preset.gater == "autoencoder" else JointFit)(setup, preset, seed)
+
+
+FIELD = SurfaceField("experts", PRESETS, _learner)

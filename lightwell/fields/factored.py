@@ -17,6 +17,7 @@ import numpy as np
 from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.emphasis import by_object
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack
 from lightwell.networks import Trainer, TrainingSettings
@@ -203,6 +204,4 @@ class FactoredFit:
         return b.add(b.matvec(matrix, u, units), offset)
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> FactoredFit:
-    """Begin a fit with a named preset."""
-    return FactoredFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("factored", PRESETS, FactoredFit)

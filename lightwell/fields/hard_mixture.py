@@ -22,6 +22,7 @@ from lightwell.fields.base import FieldSetup
 from lightwell.fields.experts import PRESETS as EXPERTS_PRESETS
 from lightwell.fields.experts import ExpertsPreset, GatedFit
 from lightwell.fields.gate import share_facts, softmax
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.networks import LOSSES, TrainingSettings
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
 from lightwell.networks.capacity import assign_within
@@ -221,6 +222,4 @@ class HardMixtureFit(GatedFit):
         self._round_error = float(arrays["round_error"])
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> HardMixtureFit:
-    """Begin a fit with a named preset."""
-    return HardMixtureFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("hard-mixture", PRESETS, HardMixtureFit)

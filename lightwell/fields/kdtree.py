@@ -23,6 +23,7 @@ from lightwell.fields.base import FieldSetup
 from lightwell.fields.kd_level import HELD_OUT, WHOLE, Level, Rule, is_trained
 from lightwell.fields.partition import Partition
 from lightwell.fields.segmented import NetworkPreset, SegmentedFit
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.graph import Builder
 from lightwell.networks import TrainingSettings
 from lightwell.networks.batched import BatchedTrainer, initial_batch
@@ -350,6 +351,4 @@ class KdFit(SegmentedFit):
             raise ValueError("'level.parent' names a leaf that does not exist")
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> KdFit:
-    """Begin a fit with a named preset."""
-    return KdFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("kdtree", PRESETS, KdFit)

@@ -15,6 +15,7 @@ import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import FeatureOctaves, encoded_features, open_builder, raw_features
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Graph, quantise
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
@@ -198,6 +199,4 @@ class MlpFit:
         return b.add(of_pixel, of_frame)
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> MlpFit:
-    """Begin a fit with a named preset."""
-    return MlpFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("mlp", PRESETS, MlpFit)

@@ -19,6 +19,7 @@ from lightwell.fields.features import open_builder
 from lightwell.fields.inputs import Inputs, Kind
 from lightwell.fields.partition import check_nodes, walk
 from lightwell.fields.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.files import Arrays, save_arrays
 from lightwell.graph import Graph, quantise
 from lightwell.networks.checkpoint import read_checkpoint, taking_up
@@ -193,6 +194,4 @@ def node_rows(tree: Any) -> tuple[np.ndarray, np.ndarray, int]:
     return rows.astype(np.float32), number, max(int(tree.max_depth), 1)
 
 
-def start(setup: FieldSetup, preset: str, seed: int) -> TreeFit:
-    """Begin a fit with a named preset."""
-    return TreeFit(setup, PRESETS[preset], seed)
+FIELD = SurfaceField("tree", PRESETS, TreeFit)

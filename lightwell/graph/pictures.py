@@ -66,6 +66,16 @@ class Picture:
         return int(np.clip(far - round(np.log2(size / len(self.texels))), 0, self.mips))
 
 
+@dataclass(frozen=True)
+class Fallback:
+    """An ordinary light map for viewers that do not know the extension (MOZ_lightmap)."""
+
+    picture: Picture
+    """Diffuse irradiance, linear, divided by ``intensity``; read at TEXCOORD_1."""
+    intensity: float
+    """Factor on the texels, ≥ 0."""
+
+
 def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
     """Encode texels; no colour profile, no gamma, no alpha: the numbers are data.
 

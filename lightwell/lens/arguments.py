@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from lightwell import limit_arguments
-from lightwell.store_command import add_folder
-
-SUMMARY = "blur a rendered frame: depth of field and motion blur in one pass"
 DESCRIPTION = """\
 lightwell lens FRAME.exr -o OUT.exr --focus 2.5m --fstop 1.8 --focal 50mm     one frame
 lightwell lens 'shot.####.exr' --frames 1-48 -o 'out.####.exr' …              a sequence
@@ -32,8 +28,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     _quality(parser.add_argument_group("quality"))
     _channels(parser.add_argument_group("what the file means"))
     _library(parser.add_argument_group("bake and check"))
-    limit_arguments.add_limit(parser)
-    add_folder(parser)
+    parser.add_argument(
+        "--store", metavar="DIR", help="folder of the store (default: LIGHTWELL_STORE, else the platform's for caches)"
+    )
     parser.add_argument("--json", action="store_true", help="print what was done as JSON, no progress bars")
 
 

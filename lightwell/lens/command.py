@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell import limit_arguments
+from lightwell.core.color import srgb
 from lightwell.core.store import user_store
 from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
@@ -18,6 +18,7 @@ from lightwell.lens.camera import Camera, distance
 from lightwell.lens.errors import LensError
 from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.progress import bars
+from lightwell.limits import Limits
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -144,7 +145,7 @@ def _one(
         arguments.depth_file,
         _pair(arguments.depth_range, ",", "--depth-range") if arguments.depth_range else None,
         arguments.layers,
-        limit_arguments.limits(arguments),
+        _limits(arguments),
     )
     camera, depth, behind = _camera(arguments, frame)
     motion, convention = _motion(arguments, frame, following, convention)
@@ -220,7 +221,7 @@ def _motion(
             convention, _ = conventions.guess_motion(
                 frame.motion,
                 frame.rgba,
-                _aligned(frame, frames.read(following, arguments.view, limits=limit_arguments.limits(arguments))),
+                _aligned(frame, frames.read(following, arguments.view, limits=_limits(arguments))),
             )
         return convention.pixels(frame.motion, dw, dh), convention
     if words:
@@ -232,6 +233,11 @@ def _motion(
     else:
         convention = frame.motion_kind
     return convention.pixels(frame.motion, dw, dh), convention
+
+
+def _limits(arguments: argparse.Namespace) -> Limits:
+    """The limits that ``--limit`` gives."""
+    return Limits.parse(getattr(arguments, "limits", ()))
 
 
 def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
@@ -253,8 +259,7 @@ def _write(path: Path, image: np.ndarray, window, display) -> None:
 
     alpha = np.clip(image[..., 3:], 0, 1)
     rgb = np.clip(image[..., :3] / np.maximum(alpha, 1e-6), 0, 1)
-    shown = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
-    pixels = np.rint(np.concatenate([shown, alpha], -1) * 255).astype(np.uint8)
+    pixels = np.rint(np.concatenate([srgb(rgb), alpha], -1) * 255).astype(np.uint8)
     opaque = bool((alpha > 0.999).all())
     with whole_file(path) as temporary:
         Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.color import linear
 from lightwell.lens import exr
 from lightwell.lens.camera import Camera
 from lightwell.lens.conventions import DEPTHS, Motion, planar_depth
@@ -281,8 +282,7 @@ def _png(path: Path) -> np.ndarray:
     pixels = _open_image(path, "RGBA").astype(np.float64) / 255
     alpha = pixels[..., 3:]
     c = pixels[..., :3]
-    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return np.concatenate([linear * alpha, alpha], -1).astype(np.float32)
+    return np.concatenate([linear(c) * alpha, alpha], -1).astype(np.float32)
 
 
 def _open_image(path: Path, mode: str) -> np.ndarray:

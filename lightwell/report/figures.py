@@ -10,8 +10,8 @@ import io
 import numpy as np
 from PIL import Image
 
+from lightwell.core.color import display
 from lightwell.report.metrics import worst_tile
-from lightwell.report.tonemap import display
 
 # Keeps the logarithm finite, and the shadows from counting as infinitely wrong.
 DIFFERENCE_FLOOR, SHADOW = 1e-4, 1e-2

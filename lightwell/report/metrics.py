@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from skimage.metrics import structural_similarity
 
-from lightwell.report.tonemap import display
+from lightwell.core.color import display
 
 # Radiance in the unit S is scaled so that its mean is one quarter.
 MEANS_PER_UNIT = 4.0

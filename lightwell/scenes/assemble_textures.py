@@ -11,19 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from lightwell.backend import mi
+from lightwell.core.color import linear
 from lightwell.scenes.scene import Image, Texture
 
 # Largest finite half-precision number; brighter textures are stored in single precision.
 HALF_MAX = 65504.0
 
 
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Linear value of sRGB-encoded values in [0, 1] (IEC 61966-2-1), any shape."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
 # Linear value of each 8-bit sRGB code, [256] float32.
-LINEAR_OF_SRGB8 = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
+LINEAR_OF_SRGB8 = linear(np.arange(256) / 255.0).astype(np.float32)
 
 
 def linear_pixels(image: Image, factor: Sequence[float] = (1.0, 1.0, 1.0)) -> np.ndarray:

@@ -13,9 +13,10 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from lightwell.backend import mi
+from lightwell.core.color import srgb_bytes
 from lightwell.scenes.gltf_materials import NEAR_DELTA_ROUGHNESS
 from lightwell.scenes.mitsuba_graph import Graph, Node
-from lightwell.scenes.mitsuba_textures import Pictures, linear_to_srgb8, png
+from lightwell.scenes.mitsuba_textures import Pictures, png
 from lightwell.scenes.scene import Material, Texture
 
 # A solid dielectric has a thickness that only its mesh knows; a viewer that refracts needs a number, in metres.
@@ -279,7 +280,7 @@ def _with_alpha(material: Material, opacity: Texture) -> Texture:
     alpha = opacity.image.pixels[..., 0]
     base = material.base_color_texture
     if base is None:
-        white = np.full((*alpha.shape, 3), linear_to_srgb8(np.ones(3)), np.uint8)
+        white = np.full((*alpha.shape, 3), srgb_bytes(np.ones(3)), np.uint8)
         pixels = np.concatenate([white, alpha[..., None]], axis=2)
         return replace(opacity, image=png(f"{opacity.image.name} opacity", pixels))
     picture = PillowImage.open(io.BytesIO(base.image.data)).convert("RGB")

@@ -10,16 +10,10 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from lightwell.backend import mi
+from lightwell.core.color import srgb_bytes
 from lightwell.scenes.gltf_images import encoded_image
 from lightwell.scenes.mitsuba_graph import Graph, Node
 from lightwell.scenes.scene import Image, Texture
-
-
-def linear_to_srgb8(linear: np.ndarray) -> np.ndarray:
-    """uint8 sRGB code of linear values, clipped to [0, 1], any shape."""
-    linear = np.clip(linear, 0, 1)
-    encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return (encoded * 255 + 0.5).astype(np.uint8)
 
 
 def png(name: str, pixels: np.ndarray) -> Image:
@@ -45,7 +39,7 @@ class Pictures:
             return image and Texture(image, (wrap, wrap), nearest, transform=self._transform(node))
         if node.plugin == "checkerboard":
             first, second = self.mean(node, "color0"), self.mean(node, "color1")
-            pixels = linear_to_srgb8(np.array([[first, second], [second, first]]))
+            pixels = srgb_bytes(np.array([[first, second], [second, first]]))
             return Texture(png(node.name, pixels), nearest=True, transform=self._transform(node))
         return None
 
@@ -92,7 +86,7 @@ class Pictures:
         if raw:
             codes = (np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)
         else:
-            codes = linear_to_srgb8(pixels)
+            codes = srgb_bytes(pixels)
         return png(Path(name).stem if name else node.name, codes)
 
 

@@ -9,6 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+import numpy as np
+
+from lightwell.core.color import linear
 from lightwell.scenes.mitsuba_document import Element, Version
 
 _CAMEL = re.compile(r"([a-z])([A-Z]+)")
@@ -138,9 +141,8 @@ def _hexadecimal(element: Element) -> None:
     """``#rrggbb``, encoded as sRGB, in linear numbers."""
     value = element.attributes.get("value", "").strip()
     if re.fullmatch(r"#[0-9a-fA-F]{6}", value):
-        codes = [int(value[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in codes]
-        element.attributes["value"] = " ".join(f"{v:.9g}" for v in linear)
+        codes = np.array([int(value[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        element.attributes["value"] = " ".join(f"{v:.9g}" for v in linear(codes))
 
 
 def _three_numbers(text: str) -> bool:

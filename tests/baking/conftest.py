@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from lightwell.baking import BakeSettings, bake
+from lightwell.baking.pipeline import bake
+from lightwell.baking.settings import BakeSettings
+from lightwell.fields.budget import Budget
 
 
 def small(out: Path, **changes) -> BakeSettings:
@@ -18,19 +20,10 @@ def small(out: Path, **changes) -> BakeSettings:
         "lights_per_shard": 32,
         "views": 2,
         "view_size": (48, 32),
+        # A reference of a second instead of twelve: these tests look at what is written, not at how good it is.
+        "truth": Budget(1.0),
     }
     return BakeSettings(**(settings | changes))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def little_truth():
-    """A truth of a second instead of twelve: these tests look at what is written, not at how good it is."""
-    from lightwell.baking import effort
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(effort, "EVALUATION_SHARE", 0.0)
-        patch.setattr(effort, "EVALUATION_LEAST", 1.0)
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,8 @@
 """An error budget works in rounds: it stops when the error is met, and gives up with a word when it is not."""
 
-from lightwell.baking import Budget, bake, rounds
-from lightwell.baking.progress import Progress
+from lightwell.baking.pipeline import bake
+from lightwell.core.progress import Progress
+from lightwell.fields.budget import Budget
 
 from .conftest import small
 
@@ -23,8 +24,8 @@ def test_a_goal_that_is_met_ends_after_the_first_round(tmp_path):
 
 
 def test_a_goal_that_is_not_met_takes_more_rounds_and_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(rounds, "MOST_ROUNDS", 2)
+    monkeypatch.setattr("MOST_ROUNDS", 2)
     heard = Heard()
-    report = bake(small(tmp_path, views=1, steps=20, budget=Budget(None, 1e-6)), heard)
+    report = bake(small(tmp_path, views=1, steps=20, budget=Budget(None, 1e-6, rounds=2)), heard)
     assert report["settings"]["plans"]["indirect"]["steps"] > 20
-    assert any("rounds, asked for" in text for text in heard.said)
+    assert any("asked for" in text for text in heard.said)

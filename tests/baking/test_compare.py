@@ -11,21 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import lightwell.baking.compare_fields as pipeline
+import lightwell.baking.comparison as pipeline
 from lightwell.asset.read import read_fields
 from lightwell.baking import evaluate
-from lightwell.baking.compare_fields import compare_fields, table
-from lightwell.baking.compare_settings import CompareSettings, parse_fields
-from lightwell.baking.compare_train import Clock
+from lightwell.baking.comparison import CompareSettings, compare_fields, parse_fields, table
 from lightwell.baking.cost import compressed_bytes
-from lightwell.baking.effort import Effort
-from lightwell.baking.settings import Budget
-from lightwell.baking.truth import trace_points, trace_view
-from lightwell.baking.work import FOLDER
+from lightwell.baking.reference import trace_points, trace_view
+from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.cli import main
+from lightwell.core.work import FOLDER
+from lightwell.fields.baked import Baked
+from lightwell.fields.budget import Budget
+from lightwell.fields.protocol import Lowered
+from lightwell.fields.surface.clock import Clock
+from lightwell.fields.surface.field import SurfaceField
 from lightwell.report import metrics
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
+from lightwell.transport.queries import make_query
 
 FIELDS = "mlp:small,mlp:report-20"
 ROOT = Path(__file__).parents[2]
@@ -51,22 +54,26 @@ def small(out, **changes) -> CompareSettings:
         "lights_per_shard": 32,
         "views": 2,
         "view_size": (48, 32),
+        "truth": Budget(1.0),
     }
     return CompareSettings(**(settings | changes))
 
 
-def watched(patch, broken: str = "", error: BaseException | None = None) -> list[str]:
-    """The names of the fields that are trained from now on; training the ``broken`` one raises ``error``."""
-    train, trained = pipeline.train_field, []
+def failing(patch, broken: str, error: BaseException) -> None:
+    """Training a preset raises an error from now on."""
+    start = SurfaceField.start
 
-    def watch(choice, *rest):
-        trained.append(choice.name)
-        if choice.name == broken:
+    def fail(self, setup, preset, seed):
+        if preset == broken:
             raise error
-        return train(choice, *rest)
+        return start(self, setup, preset, seed)
 
-    patch.setattr(pipeline, "train_field", watch)
-    return trained
+    patch.setattr(SurfaceField, "start", fail)
+
+
+def checkpoints(out: Path) -> dict[str, int]:
+    """Name of a field → when its checkpoint was written, nanoseconds."""
+    return {path.parent.name: path.stat().st_mtime_ns for path in (out / FOLDER / "fields").glob("*/fit.npz")}
 
 
 @pytest.fixture(scope="module")
@@ -97,22 +104,24 @@ def test_the_numbers_are_those_of_the_assets(compared):
     """Traced and scored again from scene.glb alone: the same error, PSNR and cost."""
     out, numbers = compared
     scene = load("cornell")
-    variable, effort = declare((), scene), Effort(**numbers["settings"]["effort"])
-    truth = trace_points(scene, variable, ("indirect",), effort, 0)["indirect"]
+    variable, budget = declare((), scene), ReferenceBudget(**numbers["settings"]["effort"])
+    points = trace_points(scene, variable, "indirect", budget, 0)
     camera, light = evaluate.views_and_lights(scene, variable, 2, 0)[0]
-    view = trace_view(scene, variable, camera, light, ("indirect",), (48, 32), effort.pixel_paths)
+    view = trace_view(scene, variable, camera, light, ("indirect",), (48, 32), budget.pixel_paths)
     for field in numbers["fields"]:
         graph = read_fields(out / field["folder"] / "scene.glb")[0][0].graph
-        baked, unit = evaluate.Baked(graph), numbers["unit"]
-        y = 0.5 * (truth.half_a + truth.half_b) / unit
-        error = metrics.relative_error(baked(truth.query) / unit, y, truth.weight)
+        baked, unit = Baked(graph), numbers["unit"]
+        y = 0.5 * (points.half_a + points.half_b) / unit
+        found = baked(make_query(scene, points.points, points.light)) / unit
+        error = metrics.relative_error(found, y, points.weight)
         assert error.mean == pytest.approx(field["relative_error"], rel=1e-4)
         assert error.p95 == pytest.approx(field["relative_error_p95"], rel=1e-3)
         pictures = np.zeros((2, 32 * 48, 3))
-        pictures[:, view.seen] = baked(view.query) / unit, 0.5 * (view.half_a + view.half_b) / unit
+        found = baked(make_query(scene, view.points, view.light)) / unit
+        pictures[:, view.seen] = found, 0.5 * (view.half_a + view.half_b) / unit
         psnr = metrics.psnr_db(*pictures.reshape(2, 32, 48, 3))
         assert psnr == pytest.approx(field["per_view"][0]["psnr_db"], abs=1e-2)
-        cost = (graph.nbytes, graph.macs, graph.fetches, graph.parameters, compressed_bytes(graph))
+        cost = (graph.nbytes, graph.macs, graph.fetches, graph.parameters, compressed_bytes(Lowered(graph)))
         keys = ("bytes", "macs_per_pixel", "fetches_per_pixel", "parameters", "compressed_bytes")
         assert cost == tuple(field[key] for key in keys)
 
@@ -135,37 +144,33 @@ def test_the_table_is_sorted_by_error(compared):
     assert len(lines) == 3 and f"{errors[0]:.2%}" in lines[1]
 
 
-def test_other_fields_join_a_kept_comparison(tmp_path, monkeypatch):
+def test_other_fields_join_a_kept_comparison(tmp_path):
     """With --keep, --resume trains only the new field, on the samples that are there."""
     first = compare_fields(small(tmp_path, fields=parse_fields("mlp:small"), keep=True))
-    import lightwell.baking.compare_fields as module
-
-    trained = []
-    train = module.train_field
-    monkeypatch.setattr(
-        module, "train_field", lambda choice, *rest: trained.append(choice.name) or train(choice, *rest)
-    )
+    before = checkpoints(tmp_path)
+    steps = (tmp_path / FOLDER / "fields/mlp-small/steps.json").stat().st_mtime_ns
     again = compare_fields(small(tmp_path, keep=True, resume=True))
-    assert trained == ["mlp:report-20"]
+    assert before.keys() == {"mlp-small"} and checkpoints(tmp_path).keys() == {"mlp-small", "mlp-report-20"}
+    assert (tmp_path / FOLDER / "fields/mlp-small/steps.json").stat().st_mtime_ns == steps
     assert again["fields"][0]["relative_error"] == first["fields"][0]["relative_error"]
     assert again["trace_seconds"] == pytest.approx(first["trace_seconds"], abs=1.0)
 
 
-def test_killed_and_resumed(tmp_path, compared, monkeypatch):
+def test_killed_and_resumed(tmp_path, compared):
     """kill -9 after the first field: it is not trained again, and the end is that of a comparison never killed."""
     child = subprocess.Popen([sys.executable, "-c", CHILD, str(ROOT), str(tmp_path)], stderr=subprocess.PIPE)
-    done, end = tmp_path / FOLDER / "fields/mlp-small/done.json", time.monotonic() + 300
+    done, end = tmp_path / "mlp-small/report.json", time.monotonic() + 300
     while not done.exists():
         assert child.poll() is None and time.monotonic() < end, child.stderr.read().decode()
         time.sleep(0.02)
     os.kill(child.pid, signal.SIGKILL)
     child.wait()
     assert not (tmp_path / "compare.json").exists()
-    trained = watched(monkeypatch)
-    numbers = compare_fields(small(tmp_path, resume=True))
-    assert "mlp:small" not in trained
+    before = checkpoints(tmp_path)["mlp-small"]
+    numbers = compare_fields(small(tmp_path, resume=True, keep=True))
+    assert checkpoints(tmp_path)["mlp-small"] == before
     for field in numbers["fields"]:
-        # The truth's effort depends on the machine's speed at that moment; the learned light does not.
+        # The reference's budget depends on the machine's speed at that moment; the learned light does not.
         paths = (root / field["folder"] / "scene.glb" for root in (tmp_path, compared[0]))
         a, b = (read_fields(path)[0][0].graph.buffers for path in paths)
         assert a.keys() == b.keys() and all(np.array_equal(a[k].array, b[k].array) for k in a)
@@ -175,13 +180,13 @@ def test_interrupted_by_the_keyboard(tmp_path, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "shared_samples", interrupted)
+    monkeypatch.setattr(pipeline, "loaded", interrupted)
     assert main(["compare", "--fields", "mlp", "cornell", "-o", str(tmp_path), "--json"]) == 130
     assert "--resume" in capsys.readouterr().err
 
 
 def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
-    watched(monkeypatch, "mlp:report-20", RuntimeError("train: loss nan at step 3 is not finite"))
+    failing(monkeypatch, "report-20", RuntimeError("train: loss nan at step 3 is not finite"))
     numbers = compare_fields(small(tmp_path, views=1))
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]
     assert "not finite" in numbers["failed"]["mlp:report-20"]

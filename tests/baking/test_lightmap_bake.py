@@ -14,22 +14,16 @@ import pytest
 
 from lightwell.asset import read_fields
 from lightwell.asset.container import unpack
-from lightwell.baking import BakeSettings, Budget, bake
+from lightwell.baking.pipeline import bake
+from lightwell.baking.settings import BakeSettings
 from lightwell.cli import main
+from lightwell.fields.budget import Budget
 
+# Few samples: the shards of a test are small.
 SMALL = dict(
-    field="lightmap", budget=Budget(1.0), size=64, mips=0, paths=4, views=1, view_size=(24, 16), shards=1, steps=20
-)
-
-
-@pytest.fixture(autouse=True)
-def few(monkeypatch):
-    """Few samples: the shards of a test are small."""
-    from lightwell.baking import lightmap, lightmap_score
-
-    monkeypatch.setattr(lightmap_score, "RATE", 3e3)
-    monkeypatch.setattr(lightmap, "EYE_PATHS", 2)
-    monkeypatch.setattr(lightmap, "SHARD", 1 << 10)
+    field="lightmap", budget=Budget(1.0), options={"size": 64, "mips": 0}, paths=4, views=1, view_size=(24, 16),
+    shards=1, steps=20, lights_per_shard=8, truth=Budget(0.1),
+)  # fmt: skip
 
 
 def test_default(tmp_path, kept):
@@ -60,7 +54,7 @@ def test_plain_has_no_network(tmp_path):
 
 
 def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
-    from lightwell.fields import lightmap as field
+    from lightwell.fields.lightmap import fit as field
 
     whole, halved = tmp_path / "whole", tmp_path / "halved"
     bake(BakeSettings("cornell", whole, **SMALL))
@@ -85,8 +79,9 @@ def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
 def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
     """kill -9 as soon as the light at the texels is kept; what was traced is not traced again."""
     program = (
-        "import sys, pathlib; from lightwell.baking import BakeSettings, Budget, bake, lightmap, lightmap_score\n"
-        "lightmap_score.RATE, lightmap.EYE_PATHS, lightmap.SHARD = 3e3, 2, 1 << 10\n"
+        "import sys, pathlib; from lightwell.baking.pipeline import bake\n"
+        "from lightwell.baking.settings import BakeSettings\n"
+        "from lightwell.fields.budget import Budget\n"
         f"small = {SMALL}\n"
         "bake(BakeSettings('cornell', pathlib.Path(sys.argv[1]), resume='again' in sys.argv, keep=True, **small))\n"
     )
@@ -106,8 +101,7 @@ def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
 
 
 def test_small_charts_get_a_larger_square(monkeypatch):
-    from lightwell.baking import lightmap_size as square
-    from lightwell.baking import lightmap_trace as trace
+    from lightwell.fields.lightmap import square, trace
     from lightwell.scenes import load
 
     scene, _ = trace.lit_scene(load("cornell"))
@@ -123,9 +117,9 @@ def test_small_charts_get_a_larger_square(monkeypatch):
 @pytest.fixture
 def kept(monkeypatch):
     """A network that is kept: a hundred noisy samples cannot tell whether so few steps are better than none."""
-    from lightwell.baking import lightmap
+    from lightwell.fields.lightmap import fitting
 
-    monkeypatch.setattr(lightmap, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
+    monkeypatch.setattr(fitting, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
 
 
 @pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
@@ -156,13 +150,13 @@ def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
 
 
 def test_max_bytes_are_kept(tmp_path):
-    report = bake(BakeSettings("cornell", tmp_path, max_bytes=4800, **SMALL))
+    report = bake(BakeSettings("cornell", tmp_path, **SMALL | {"options": {"size": 64, "mips": 0, "max_bytes": 4800}}))
     assert report["bytes"] <= 4800
 
 
 def test_too_few_bytes_are_refused(tmp_path):
     with pytest.raises(ValueError, match="--max-bytes 100 is too few for this light map, whose smallest form takes"):
-        bake(BakeSettings("cornell", tmp_path, max_bytes=100, **SMALL))
+        bake(BakeSettings("cornell", tmp_path, **SMALL | {"options": {"size": 64, "mips": 0, "max_bytes": 100}}))
 
 
 @pytest.mark.parametrize(
@@ -182,39 +176,38 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
     """By samples that training never saw; too few steps for two starts are one."""
-    from lightwell.baking import lightmap
-    from lightwell.baking import lightmap_trace as trace
-    from lightwell.fields.lightmap import PRESETS
+    from lightwell.fields.lightmap import fitting, trace
+    from lightwell.fields.lightmap.fit import PRESETS
     from lightwell.scenes import load
 
     scene, _ = trace.lit_scene(load("cornell"))
     made = trace.chart(scene, 64, 0, 4, 0)
     eyes = trace.eye_samples(scene, made, 1 << 12, 4, 5, made.image)
-    monkeypatch.setattr(lightmap, "ENOUGH_STEPS", 10)
-    monkeypatch.setattr(lightmap, "HELD", 400)
-    errors = {0: 0.3, lightmap.START_SEED: 0.1, 2 * lightmap.START_SEED: 0.2}
+    monkeypatch.setattr(fitting, "ENOUGH_STEPS", 10)
+    monkeypatch.setattr(fitting, "HELD", 400)
+    errors = {0: 0.3, fitting.START_SEED: 0.1, 2 * fitting.START_SEED: 0.2}
     seen = []
 
     def error(fit, samples):
         seen.append((fit.seed, bool(fit.preset.hidden), len(samples.weight)))
         return errors[fit.seed] if fit.preset.hidden else 1.0
 
-    monkeypatch.setattr(lightmap, "shown_error", error)
-    best = lightmap.fitted(scene, made, eyes, PRESETS["default"], 0, 30)
-    assert best.seed == lightmap.START_SEED and best.history[-1][0] == 10
+    monkeypatch.setattr(fitting, "shown_error", error)
+    best = fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 30)
+    assert best.seed == fitting.START_SEED and best.history[-1][0] == 10
     assert [s[1] for s in seen] == [True, True, True, False] and 200 < seen[0][2] < 600
     seen.clear()
-    assert lightmap.fitted(scene, made, eyes, PRESETS["default"], 0, 19).seed == 0 and len(seen) == 2
+    assert fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 19).seed == 0 and len(seen) == 2
 
 
 def test_a_larger_square_needs_the_paths_for_it(tmp_path, monkeypatch):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
-    from lightwell.baking import lightmap
-    from lightwell.baking import lightmap_size as square
+    from lightwell.fields.lightmap import field as lightmap
+    from lightwell.fields.lightmap import square
 
     monkeypatch.setattr(square, "ROOMY", 1.0)
     monkeypatch.setattr(square, "MOST_ROOMY", 128)
-    settings = BakeSettings("cornell", tmp_path, **SMALL | {"size": None, "steps": 10, "shards": None})
+    settings = BakeSettings("cornell", tmp_path, **SMALL | {"options": {"mips": 0}, "steps": 10, "shards": None})
     monkeypatch.setitem(lightmap.PRESETS, "plain", dataclasses.replace(lightmap.PRESETS["plain"], size=64))
     traced = {}
     trace_ = lightmap.chart

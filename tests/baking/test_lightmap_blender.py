@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from lightwell.asset import read_fields
-from lightwell.baking import BakeSettings, Budget, bake
+from lightwell.baking.pipeline import bake
+from lightwell.baking.settings import BakeSettings
+from lightwell.fields.budget import Budget
 
 PYTHON = os.environ.get("LIGHTWELL_BPY", "")
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "lightmap_blender.py"

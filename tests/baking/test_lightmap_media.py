@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lightwell.backend import mi
-from lightwell.baking.lightmap_media import media_meshes, volumetric
-from lightwell.baking.lightmap_trace import chart, eye_samples
+from lightwell.fields.lightmap.media import media_meshes, volumetric
+from lightwell.fields.lightmap.trace import chart, eye_samples
 from lightwell.scenes import load
 from lightwell.transport.radiance import static
 from lightwell.transport.surface import draw_surface

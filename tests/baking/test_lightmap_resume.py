@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightwell.baking.lightmap_resume import kept
+from lightwell.fields.lightmap.resume import kept
 
 
 def test_a_damaged_file_is_made_again_with_a_note(tmp_path, caplog):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightwell.baking.lightmap_trace import faint_sides, narrow
+from lightwell.fields.lightmap.trace import faint_sides, narrow
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.scene import Material, Mesh
 from lightwell.transport.texels import Texels

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from lightwell.asset.read import read_fields
-from lightwell.baking import bake
-from lightwell.baking.compare import comparison, table
 from lightwell.baking.information import describe
-from lightwell.fields import query_inputs
+from lightwell.baking.pipeline import bake
+from lightwell.baking.side_by_side import comparison, table
+from lightwell.fields.base import query_inputs
 from lightwell.graph import evaluate
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, make_query

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightwell.baking.effort import PICTURE_SCALE
+from lightwell.baking.reference_budget import PICTURE_SCALE
 from lightwell.baking.references import reference_picture
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light

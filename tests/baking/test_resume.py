@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from lightwell.baking import bake
-from lightwell.baking.work import FOLDER
+from lightwell.baking.pipeline import bake
+from lightwell.core.work import FOLDER
 
 from .conftest import small
 
@@ -21,7 +21,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from tests.baking.conftest import small
-from lightwell.baking import bake
+from lightwell.baking.pipeline import bake
 bake(small(Path(sys.argv[2]), steps=int(sys.argv[3]), views=1, resume=True))
 """
 

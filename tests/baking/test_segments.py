@@ -1,15 +1,20 @@
 """Which expert answers where: from the outputs of a graph to the pictures of a report."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from lightwell.baking import evaluate
-from lightwell.baking.effort import Effort
-from lightwell.baking.truth import trace_view
+from lightwell.baking.reference import trace_view
+from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.fields.baked import Baked
 from lightwell.fields.features import open_builder
+from lightwell.fields.protocol import Lowered
 from lightwell.report import metrics
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
+from lightwell.transport.queries import make_query
 
 SIZE = (48, 32)
 
@@ -20,7 +25,7 @@ def view():
     scene = load("cornell")
     variable = declare((), scene)
     camera, light = evaluate.views_and_lights(scene, variable, 1, 0)[0]
-    return trace_view(scene, variable, camera, light, ("indirect",), SIZE, Effort().pixel_paths // 8)
+    return trace_view(scene, variable, camera, light, ("indirect",), SIZE, ReferenceBudget().pixel_paths // 8)
 
 
 def graph(segments: bool):
@@ -38,17 +43,30 @@ def graph(segments: bool):
     return b.build(**outputs)
 
 
+@dataclass
+class Queries:
+    """What a fit knows of points."""
+
+    def query(self, points, light):
+        return make_query(load("cornell"), points, light)
+
+
+def shipped(segments: bool) -> evaluate.Shipped:
+    lowered = Lowered(graph(segments))
+    return evaluate.Shipped("indirect", Queries(), lowered, Baked(lowered.graph))
+
+
 def test_one_network_has_no_segments(view):
-    baked = evaluate.Baked(graph(False))
-    compared = evaluate.compare_view(view, {"indirect": baked}, SIZE, "view", "", 1.0)
-    assert not baked.segmented and compared.regions is None and compared.blend is None
+    baked = shipped(False)
+    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", 1.0)
+    assert not baked.baked.segmented and compared.regions is None and compared.blend is None
 
 
 def test_every_pixel_knows_its_expert(view):
-    baked = evaluate.Baked(graph(True))
-    compared = evaluate.compare_view(view, {"indirect": baked}, SIZE, "view", "", 1.0)
+    baked = shipped(True)
+    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", 1.0)
     regions, blend = compared.regions.reshape(-1), compared.blend.reshape(-1)
-    x = view.query.position[:, 0]
+    x = make_query(load("cornell"), view.points, view.light).position[:, 0]
     np.testing.assert_array_equal(regions[view.seen], np.where(x > 0, 5, 2))
     np.testing.assert_array_equal(blend[view.seen], np.abs(x) < 0.2)
     unseen = np.setdiff1d(np.arange(regions.size), view.seen)

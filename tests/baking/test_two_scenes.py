@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from lightwell.baking import bake
+from lightwell.baking.pipeline import bake
 from lightwell.scenes import load
 from lightwell.scenes.scene import Scene
 from lightwell.transport.tables import tables

@@ -17,7 +17,8 @@ from lightwell.cache import settings_of
 from lightwell.cache.live import LiveSession
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
-from lightwell.cache.rendering import render_animation
+from lightwell.rendering.nrc import render_sequence
+from lightwell.rendering.settings import RenderSettings
 
 SMALL = {"levels": 2, "entries_log2": 8, "batch": 512, "steps": 1, "train_fraction_max": 1.0, "max_vertices": 4}
 
@@ -127,9 +128,11 @@ def test_a_session_renders_obeys_and_goes_on():
 
 
 def test_a_sequence_resumes_and_refuses_another_plan(tmp_path):
-    run = lambda **more: render_animation(  # noqa: E731
-        "cornell", tmp_path, settings_of(SMALL), 16, 12, 1, 3, kind="png", quiet=True, **more
-    )
+    def run(degrees: float = 360.0, resume: bool = False):
+        options = {"frames": 3, "format": "png", "resume": resume}
+        asked = RenderSettings("cornell", tmp_path, (16, 12), 1, integrator="nrc", options=options)
+        return render_sequence(asked, settings_of(SMALL), degrees)
+
     assert run()["rendered"] == 3
     (tmp_path / "frame-0002.png").unlink()
     assert run(resume=True)["rendered"] == 1 and (tmp_path / "frame-0002.png").exists()

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from lightwell.backend import mi
-from lightwell.cache import NrcIntegrator, rendering, settings_of
-from lightwell.cache.rendering import render_animation
+from lightwell.cache import NrcIntegrator, settings_of
 from lightwell.cache.settings import parse_options
+from lightwell.rendering import nrc as rendering
+from lightwell.rendering.settings import RenderSettings
 
 from .scenes import room
 
@@ -34,9 +35,8 @@ def _sequence(folder, frames, resume=False, **options):
     """Render in this process: steps of ten degrees, so that frames see the inside of the box."""
     degrees = 10.0 * frames
     settings = parse_options([*SMALL, *(f"{name}={value}" for name, value in options.items())])
-    return render_animation(
-        "cornell", folder, settings, 24, 16, 2, frames, degrees, kind="png", resume=resume, quiet=True
-    )
+    asked = {"integrator": "nrc", "options": {"frames": frames, "format": "png", "resume": resume}}
+    return rendering.render_sequence(RenderSettings("cornell", folder, (24, 16), 2, **asked), settings, degrees)
 
 
 def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightwell.fields import FieldSetup
+from lightwell.fields.base import FieldSetup
 from lightwell.transport.samples import Query, Samples
 
 SETUP = FieldSetup((0.0, 0.0, 0.0), 1.0, 0.5, "point")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_up import SETUP, smooth, unit
 
-from lightwell.fields import balanced, query_inputs
-from lightwell.fields.base import FieldSetup
+from lightwell.fields import balanced
+from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.cells import Cells, light_bins, signature
 from lightwell.fields.examples import Examples
 from lightwell.fields.inputs import Inputs

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightwell.fields.atlas_images import denoised, dilated, push_pull
 from lightwell.fields.base import FieldSetup, query_inputs
-from lightwell.fields.lightmap import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap_graph import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
+from lightwell.fields.lightmap.atlas_images import denoised, dilated, push_pull
+from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap.nodes import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.pictures import BYTE, decoded, encode, minified, seen_from_afar
 from lightwell.transport.mapped import MappedQuery

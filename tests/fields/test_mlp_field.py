@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from lightwell.fields import FIELDS, FieldSetup, query_inputs, radiance_unit, starter
+from lightwell.fields.base import FieldSetup, query_inputs, radiance_unit
 from lightwell.fields.mlp import PRESETS, MlpFit, MlpPreset
+from lightwell.fields.registry import BUILT_IN, check_preset, find_field
 from lightwell.graph import evaluate
 from lightwell.networks import TrainingSettings
 from lightwell.transport.samples import Query, Samples
@@ -136,10 +137,10 @@ def test_later_samples_replace_earlier_ones():
 
 def test_unknown_names_say_what_exists():
     with pytest.raises(ValueError, match=r"unknown field 'mpl'; choose one of factored, mlp"):
-        starter("mpl", "default")
+        find_field("mpl")
     with pytest.raises(ValueError, match=r"has no preset 'best'; choose one of default"):
-        starter("mlp", "best")
-    assert all(hasattr(module, "PRESETS") and hasattr(module, "start") for module in FIELDS.values())
+        check_preset("mlp", "best")
+    assert all(find_field(name).name == name and "default" in find_field(name).presets for name in BUILT_IN)
 
 
 def test_a_black_scene_is_refused():

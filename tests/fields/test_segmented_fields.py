@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from made_up import SETUP, make_query, make_samples, relative_error
 
-from lightwell.fields import FIELDS, FieldSetup, query_inputs
+from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.fields.registry import BUILT_IN, find_field
 from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.transport.samples import Samples
 
-NAMES = [name for name in ("tree", "kdtree", "experts", "hard-mixture") if name in FIELDS]
-CASES = [(name, preset) for name in NAMES for preset in FIELDS[name].PRESETS]
+NAMES = [name for name in ("tree", "kdtree", "experts", "hard-mixture") if name in BUILT_IN]
+CASES = [(name, preset) for name in NAMES for preset in find_field(name).presets]
 STEPS = 24
 
 
@@ -23,7 +24,7 @@ def _quick(fit):
 
 
 def _begin(name, preset, seed=0, count=3000, setup=SETUP):
-    fit = _quick(FIELDS[name].start(setup, preset, seed))
+    fit = _quick(find_field(name).start(setup, preset, seed))
     fit.learn_from(make_samples(count, 1))
     fit.validate_on(make_samples(500, 2))
     return fit
@@ -100,7 +101,7 @@ def test_killed_and_resumed_ends_with_the_same_bits(fitted, case, tmp_path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_it_learns(name):
-    fit = FIELDS[name].start(SETUP, "default", 0)
+    fit = find_field(name).start(SETUP, "default", 0)
     fit.learn_from(make_samples(20_000, 1, noise=0.3))
     fit.validate_on(make_samples(500, 2))
     test = make_samples(1000, 3)
@@ -148,7 +149,7 @@ def test_nothing_but_broken_targets_is_refused(name):
     samples = make_samples(10, 1)
     samples.half_a[:] = np.nan
     with pytest.raises(ValueError, match="none of 10 samples has a finite target"):
-        FIELDS[name].start(SETUP, "default", 0).learn_from(samples)
+        find_field(name).start(SETUP, "default", 0).learn_from(samples)
 
 
 @pytest.mark.parametrize("name", NAMES)

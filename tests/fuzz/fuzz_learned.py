@@ -163,10 +163,10 @@ def caches() -> list[Case]:
 @functools.cache
 def fit_of(name: str):
     """A fit of a field that has samples and has not been trained."""
-    from lightwell.fields import FIELDS
+    from lightwell.fields.registry import find_field
 
     made_up = _import("fields", "made_up")
-    fit = FIELDS[name].start(made_up.SETUP, FITS[name], 0)
+    fit = find_field(name).start(made_up.SETUP, FITS[name], 0)
     fit.learn_from(made_up.make_samples(600, 1))
     fit.validate_on(made_up.make_samples(64, 2))
     return fit

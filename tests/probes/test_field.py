@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightwell.baking.probes_rebake import parse_box
-from lightwell.fields import FieldSetup
-from lightwell.fields.probes import PRESETS, ProbesFit, fit_of
-from lightwell.fields.probes_baked import BakedProbes, Shown
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.probes.baked import BakedProbes
+from lightwell.fields.probes.fit import PRESETS, ProbesFit, fit_of, solved
+from lightwell.fields.probes.options import parse_box
+from lightwell.fields.protocol import Shown
 from lightwell.graph import evaluate
 from lightwell.probes import generator
 from lightwell.probes.bake import bake_geometry
@@ -31,11 +32,25 @@ TINY = replace(
 )
 
 
+def tiny_fit(scene, variable, preset) -> ProbesFit:
+    """Probes a metre apart, not trained."""
+    setup = FieldSetup.of(scene, 1.0, variable.kind, variable)
+    return ProbesFit(setup, preset, 3, solved(setup, preset, 3, 1.0))
+
+
+def written(fit: ProbesFit, out, light) -> str:
+    """Write the files of a fit; returns its note."""
+    (out / "scene.glb").write_bytes(b"glTF")
+    for file in fit.files(out / "scene.glb", Shown(np.asarray(light, float), np.ones(3)), keep=False):
+        file.write(out / file.name)
+    return fit.note
+
+
 @pytest.fixture(scope="module")
 def moving():
     scene = load("two-rooms")
     variable = declare((), scene)
-    return ProbesFit(FieldSetup.of(scene, 1.0, variable.kind, variable, 1.0), TINY, 3)
+    return tiny_fit(scene, variable, TINY)
 
 
 def places(count: int = 400):
@@ -65,7 +80,7 @@ def test_light_adds_and_scales(moving):
 
 def test_a_bake_writes_the_volume_and_its_page(moving, tmp_path):
     light = np.array([-1.5, 1.5, 0.2])
-    moving.write_files(tmp_path, "indirect", b"glTF", light, np.ones(3))
+    written(moving, tmp_path, light)
     found, volume = read(tmp_path / "probes-indirect.lwp"), moving.volume(light, 1.0)
     assert (tmp_path / "probes.html").stat().st_size > 1e5
     assert np.array_equal(found.state, volume.state) and moving.facts["file_bytes_per_probe"]["light"] >= 20
@@ -80,13 +95,13 @@ def test_the_report_tells_of_the_baselines(moving):
 
 
 def test_the_payload_is_told(moving, tmp_path):
-    told = moving.write_files(tmp_path, "indirect", b"glTF", np.array([-1.5, 1.5, 0.2]), np.ones(3))
+    told = written(moving, tmp_path, [-1.5, 1.5, 0.2])
     assert "payload 84 B a record" in told and "1296 B" in told and "\n" not in told
     assert moving.facts["bytes_per_probe"]["record"] == 84 and moving.facts["bytes_of_distance_moments"] == 1296
 
 
 def test_a_file_beside_it_holds_the_baselines(moving, tmp_path):
-    moving.write_files(tmp_path, "indirect", b"glTF", np.array([-1.5, 1.5, 0.2]), np.ones(3))
+    written(moving, tmp_path, [-1.5, 1.5, 0.2])
     assert read_baselines(tmp_path / "probes-indirect.lwp") is None
     moments = read_baselines(tmp_path / "probes-indirect-compare.lwp")
     assert moments.light.max() > 0 and moments.alive.any() and moments.maps[moments.alive].max() > 0
@@ -133,7 +148,7 @@ def test_an_edit_of_nothing_keeps_every_byte(moving, tmp_path):
 def test_an_edit_changes_what_it_touches_alone():
     scene, shut = two_rooms(0.05, door=True).scene, two_rooms(0.05, door=True, shut=True).scene
     variable = declare(("light.position=box(-2,0.5,0.5,-1,2,2.5)",), scene)
-    first = ProbesFit(FieldSetup.of(scene, 1.0, variable.kind, variable, 1.0), replace(TINY, states=3, rank=2), 3)
+    first = tiny_fit(scene, variable, replace(TINY, states=3, rank=2))
     box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
     after, again = first.baked.rebaked(shut, variable, box, None)
     basis, was = after.basis, first.baked.basis

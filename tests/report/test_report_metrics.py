@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from lightwell.core.color import display, srgb
 from lightwell.report import metrics
-from lightwell.report.tonemap import display, srgb
 
 
 @pytest.fixture

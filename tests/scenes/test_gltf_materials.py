@@ -5,8 +5,8 @@ import pytest
 from gltf_builder import SQUARE_UV, Builder
 
 from lightwell.backend import mi
+from lightwell.core.color import linear
 from lightwell.scenes import load
-from lightwell.scenes.assemble_textures import srgb_to_linear
 
 RED, GREEN, BLUE, WHITE = [255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 255]
 
@@ -66,7 +66,7 @@ def test_colour_space_and_factors(tmp_path):
     white = loaded(tmp_path, {"pbrMetallicRoughness": {"metallicFactor": 0}})
     whole = radiance(white, 0, 0, wo) - radiance(flat, 0, 0, wo)
     # Half precision keeps 11 bits.
-    assert left[1] / whole[1] == pytest.approx(float(srgb_to_linear(np.array(128 / 255))), rel=2e-3)
+    assert left[1] / whole[1] == pytest.approx(float(linear(np.array(128 / 255))), rel=2e-3)
 
 
 @pytest.mark.parametrize("uv", [SQUARE_UV, SQUARE_UV * [-1, 1] + [1, 0]], ids=["plain", "mirrored"])

@@ -392,9 +392,11 @@ def test_an_exr_file_is_checked_before_its_worker_decodes_it(tmp_path):
 
 @pytest.mark.parametrize("verb", ["bake", "demo", "render", "live", "info", "compare"])
 def test_every_verb_that_loads_a_scene_can_allow_folders(verb):
-    from lightwell import limit_arguments
-    from lightwell.cli import _parser
+    from lightwell.cli.arguments import given_options
+    from lightwell.cli.main import verb_parser
+    from lightwell.core.scene_options import SceneOptions
 
     needed = {"bake": ["a.xml", "-o", "x"], "render": ["a.xml", "-o", "x.png"], "demo": []}.get(verb, ["a.xml"])
-    arguments = _parser().parse_args([verb, *needed, "--allow-path", "one", "--allow-path", "two"])
-    assert limit_arguments.scene_options(arguments)["allow_paths"] == ("one", "two")
+    arguments = verb_parser(verb).parse_args([*needed, "--allow-path", "one", "--allow-path", "two"])
+    options = SceneOptions(**given_options(arguments, SceneOptions, verb))
+    assert options.loading["allow_paths"] == (Path("one"), Path("two"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightwell.baking.lightmap_trace import chart, corrected, matte
+from lightwell.fields.lightmap.trace import chart, corrected, matte
 from lightwell.scenes import load
 from lightwell.scenes.still_light import under_sky
 from lightwell.transport.gather import KnownLight, gathered, settled

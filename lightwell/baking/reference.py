@@ -1,0 +1,231 @@
+"""The path-traced reference that fields are scored against: traced once, however many fields there are.
+
+Every record names N surface points and holds two independent halves of the radiance that leaves them. A field makes
+queries of the points by itself, because some know more of a point than others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from lightwell.asset.page import PageView
+from lightwell.baking.evaluate import lit_views, role_scale, view_name
+from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
+from lightwell.baking.references import reference_picture
+from lightwell.baking.settings import Reported
+from lightwell.core.formats import RecordFormat
+from lightwell.core.keys import key
+from lightwell.core.progress import Progress
+from lightwell.core.store import Store
+from lightwell.scenes.placing import held_out_lights
+from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.variables import Variable, first_settings
+from lightwell.transport import SurfacePoints, draw_surface, indirect, static
+from lightwell.transport.camera import gbuffer
+
+# Raised when the same arguments give other samples than before.
+VERSION = 1
+NO_LIGHT = np.zeros(3, np.float32)
+
+
+@dataclass(frozen=True)
+class PointReference:
+    """Area-uniform points, each with a view of its own, under held-out lights."""
+
+    points: SurfacePoints
+    light: np.ndarray
+    """[N, 3] place of the light of each point."""
+    half_a: np.ndarray
+    """[N, 3] mean over the first half of the paths, for a light of 1 cd (1 lx)."""
+    half_b: np.ndarray
+    """[N, 3] ... over the second half."""
+    weight: np.ndarray
+    """[N] makes means area-uniform."""
+
+
+@dataclass(frozen=True)
+class ViewReference:
+    """The surface points that the pixels of one picture show."""
+
+    points: SurfacePoints
+    light: np.ndarray
+    """[3]."""
+    half_a: np.ndarray
+    """[N, 3] as in ``PointReference``; the scene's own light is weighed in."""
+    half_b: np.ndarray
+    seen: np.ndarray
+    """[N] pixels of the points, row-major; the other pixels show no surface."""
+
+
+@dataclass(frozen=True)
+class SweepReference:
+    """The same few points under a chain of held-out lights, light-major."""
+
+    points: SurfacePoints
+    light: np.ndarray
+    """[N, 3]."""
+    half_a: np.ndarray
+    half_b: np.ndarray
+    place: np.ndarray
+    """[N] number of the light along the chain."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is looked at, under which light."""
+
+    views: list[tuple[Camera, np.ndarray]]
+    """Held-out cameras, each with a held-out light (zeros where none moves); the first is where the page opens."""
+    intensity: float
+    """Candela or lux that the light has first."""
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Everything that a field is scored against and shown beside."""
+
+    stage: Stage
+    points: dict[str, PointReference]
+    """By role."""
+    views: list[ViewReference]
+    sweep: SweepReference | None
+    """None: no light moves."""
+    pictures: list[PageView]
+    """Complete path-traced pictures, for the page."""
+
+
+def trace_reference(
+    scene: Scene,
+    variable: Variable | None,
+    roles: Sequence[str],
+    units: dict[str, float],
+    settings: Reported,
+    budget: ReferenceBudget,
+    progress: Progress,
+    store: Store | None = None,
+) -> Reference:
+    """Trace held-out points, views, a sweep of the light, and the page's pictures.
+
+    Args:
+        scene: What is lit.
+        variable: The light that moves; None: none does.
+        roles: Which light: 'indirect', 'static' or both.
+        units: Radiance unit S of each role, which decides how bright the light is first.
+        settings: Views, seed and declarations.
+        budget: Counts of points and paths.
+        progress: Shows a bar.
+        store: Keeps what is traced between runs; None: nothing is kept.
+
+    Returns:
+        The reference. What a store holds is not traced again.
+    """
+    seed, size = settings.seed, settings.view_size
+
+    def kept(name, kind, make, **more):
+        if store is None:
+            return make()
+        made_from = {"scene": scene.digest, "variable": variable, "roles": list(roles), "budget": budget, "seed": seed}
+        return store.get(key(f"reference.{name}", VERSION, **made_from, **more), make, RecordFormat(kind))
+
+    with progress.stage("reference", settings.views + 2 + (variable is not None), "held-out lights and views") as bar:
+        stage = _stage(scene, variable, units, settings)
+        points = {
+            role: kept(f"points-{role}", PointReference, lambda r=role: trace_points(scene, variable, r, budget, seed))
+            for role in roles
+        }
+        bar.advance()
+        sweep = None
+        if "indirect" in roles:
+            sweep = kept("sweep", SweepReference, lambda: trace_sweep(scene, variable, budget, seed))
+            bar.advance()
+        views = []
+        for k, (camera, light) in enumerate(stage.views):
+            more = (roles, size, budget.pixel_paths, stage.intensity)
+            trace = partial(trace_view, scene, variable, camera, light, *more)
+            views.append(kept("view", ViewReference, trace, view=k, of=settings.views, size=list(size)))
+            bar.advance()
+        pictures = []
+        for k, (camera, light) in enumerate(stage.views):
+            options = {"intensity": stage.intensity, "color": stage.color, "with_static": "static" in roles}
+            picture = reference_picture(scene, camera, light, variable, size, budget.picture_spp, k, **options)
+            pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
+        bar.advance()
+    return Reference(stage, points, views, sweep, pictures)
+
+
+def _stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> Stage:
+    """Views, and an intensity that makes the light's indirect radiance about 0.25, or as bright as the scene's own."""
+    views = lit_views(scene, variable, settings.views, settings.seed)
+    declared, color = first_settings(settings.vary)
+    if variable is None or "indirect" not in units:
+        return Stage(views, 1.0, (1.0, 1.0, 1.0))
+    return Stage(views, declared or float(f"{units.get('static', 1.0) / units['indirect']:.3g}"), color)
+
+
+def trace_points(
+    scene: Scene, variable: Variable | None, role: str, budget: ReferenceBudget, seed: int
+) -> PointReference:
+    """Trace one role's radiance at held-out points, the same for each role."""
+    draw = draw_surface(scene, budget.points, seed + EVALUATION_SEED)
+    light = np.zeros((budget.points, 3), np.float32)
+    if variable is not None:
+        lights = held_out_lights(scene, variable, budget.lights, seed + 2 * EVALUATION_SEED)
+        light = lights[np.arange(budget.points) % len(lights)]
+    a, b = _halves(scene, variable, role, draw.points, light, budget.point_paths, seed)
+    return PointReference(draw.points, light, a, b, draw.weight)
+
+
+def trace_view(
+    scene: Scene,
+    variable: Variable | None,
+    camera: Camera,
+    light: np.ndarray,
+    roles: Sequence[str],
+    size: tuple[int, int],
+    paths: int,
+    intensity: float = 1.0,
+) -> ViewReference:
+    """Trace one picture of ``size`` = (width, height) pixels.
+
+    The scene's own light is weighed as on the page, where the declared light has ``intensity``.
+    """
+    points, mask, _ = gbuffer(scene, camera, *size)
+    seen = np.flatnonzero(mask)
+    a, b = np.zeros((2, len(seen), 3))
+    for role in roles:
+        halves = _halves(scene, variable, role, points[seen], light, paths, 1)
+        a, b = (total + role_scale(role, intensity) * half for total, half in zip((a, b), halves))
+    return ViewReference(points[seen], np.asarray(light, np.float32), a, b, seen)
+
+
+def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed: int) -> SweepReference:
+    """Trace a walk of the light through its box, each held-out place next to the last."""
+    lights = chain(held_out_lights(scene, variable, budget.sweep, seed + 3 * EVALUATION_SEED))
+    points = draw_surface(scene, budget.sweep_points, seed + 3 * EVALUATION_SEED, floor=0).points
+    halves = [indirect(scene, points, light, variable, budget.sweep_paths, seed + k) for k, light in enumerate(lights)]
+    a, b = (np.concatenate(parts) for parts in zip(*halves))
+    rows = np.tile(np.arange(len(points)), len(lights))
+    place = np.arange(len(lights)).repeat(len(points))
+    return SweepReference(points[rows], lights.repeat(len(points), axis=0), a, b, place)
+
+
+def chain(lights: np.ndarray) -> np.ndarray:
+    """The lights in an order in which each is the nearest of those left: a walk through the box."""
+    left, order = list(range(1, len(lights))), [0]
+    while left:
+        nearest = min(left, key=lambda k: float(np.linalg.norm(lights[k] - lights[order[-1]])))
+        left.remove(nearest)
+        order.append(nearest)
+    return lights[order]
+
+
+def _halves(scene, variable, role: str, points, light, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two halves of what a field of that role should give, [N, 3] each."""
+    if role == "static":
+        return static(scene, points, paths, seed + EVALUATION_SEED)
+    return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED)

@@ -1,0 +1,78 @@
+"""Samples of a scene's indirect light as a file, for work outside lightwell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from lightwell.core.options import check, option
+from lightwell.core.scene_options import SceneOptions
+from lightwell.fields.request import Request
+
+_REQUEST = Request.__dataclass_fields__
+# Points that share one place of the light, as in the samples that fields learn from.
+POINTS_PER_LIGHT = 128
+
+
+@dataclass(frozen=True)
+class SampleSettings(SceneOptions):
+    """Everything that decides a file of samples."""
+
+    scene: str
+    """Path of a scene or the name of a built-in one."""
+    out: Path
+    """File to write, .npz."""
+    samples: int = option(1 << 16, "surface points, each with a view and a light (default: 65536)", least=1)
+    vary: tuple[str, ...] = _REQUEST["vary"]
+    paths: int = _REQUEST["paths"]
+    seed: int = _REQUEST["seed"]
+    own_light: bool = option(False, "the light of the scene's own emitters instead of the light that moves")
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing, by the name of their option."""
+        check(self, "samples")
+        if self.out.suffix != ".npz":
+            raise ValueError(f"samples: '{self.out}' is no .npz; name a file such as samples.npz with -o")
+
+
+def write_samples(settings: SampleSettings) -> dict[str, Any]:
+    """Path-trace samples and write them as an .npz of float32 and uint32 arrays of N rows.
+
+    The columns are those of ``lightwell.transport.samples``: ``position, normal, view, light, reflectance, roughness,
+    metallic`` (what a field may know of a point), ``half_a, half_b, radiance`` (two independent means and their mean,
+    for a light of 1 cd or 1 lx, reflectance included), ``weight`` (makes means area-uniform), and ``shape, triangle,
+    barycentric`` (where the point lies).
+
+    Args:
+        settings: What is asked.
+
+    Returns:
+        Facts: file, samples, paths, light; JSON values.
+
+    Raises:
+        ValueError: A mistake of the user: one line with the cure.
+        OSError: The file cannot be written.
+    """
+    from lightwell.files import save_arrays
+    from lightwell.scenes import load
+    from lightwell.scenes.placing import sample_lights
+    from lightwell.scenes.variables import declare
+    from lightwell.transport import collect, draw_surface
+
+    scene = load(settings.scene, **settings.loading)
+    if settings.own_light and not scene.has_static_light:
+        raise ValueError(f"samples: scene '{scene.name}' has no light of its own; leave --own-light out")
+    variable, count = declare(settings.vary, scene), settings.samples
+    draw = draw_surface(scene, count, settings.seed)
+    places = sample_lights(scene, variable, math.ceil(count / POINTS_PER_LIGHT), settings.seed)
+    light = places.repeat(POINTS_PER_LIGHT, axis=0)[:count]
+    options = {"weight": draw.weight, "own_light": settings.own_light}
+    found = collect(scene, variable, draw.points, light, settings.paths, settings.seed, **options)
+    columns = {f.name: getattr(found.query, f.name) for f in fields(found.query)}
+    columns |= {name: getattr(found, name) for name in ("half_a", "half_b", "radiance", "weight", "shape")}
+    columns |= {"triangle": draw.points.triangle, "barycentric": draw.points.barycentric}
+    save_arrays(settings.out, columns)
+    kind = "own" if settings.own_light else variable.kind
+    return {"file": str(settings.out), "samples": count, "paths_per_sample": settings.paths, "light": kind}

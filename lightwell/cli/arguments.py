@@ -1,0 +1,79 @@
+"""Arguments of a command line from options that are declared once (``lightwell.core.options``)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from typing import Any
+
+from lightwell.core.options import Option, flag_of, options_of, parsed
+
+# How plain numbers and words are read, by the type of an option as it is written.
+_TYPES = {"int": int, "float": float, "str": str}
+
+
+def add_options(
+    parser: argparse._ActionsContainer, kind: type, without: Iterable[str] = (), shown: bool = True
+) -> None:
+    """Add the options of a dataclass.
+
+    Args:
+        parser: Parser or group.
+        kind: The dataclass.
+        without: Names of options that this command line does not have.
+        shown: Whether help lists them.
+    """
+    for name, (field, known) in options_of(kind).items():
+        if name in without:
+            continue
+        settings: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS}
+        settings["help"] = known.help if shown else argparse.SUPPRESS
+        if isinstance(field.default, bool):
+            settings |= {"action": "store_const", "const": not field.default}
+        else:
+            settings |= _valued(str(field.type), known)
+        parser.add_argument(flag_of(name, known), **settings)
+
+
+def _valued(kind: str, known: Option) -> dict[str, Any]:
+    settings: dict[str, Any] = {"action": "append"} if known.repeat else {}
+    if known.metavar:
+        settings["metavar"] = known.metavar
+    if isinstance(known.metavar, tuple):
+        settings["nargs"] = len(known.metavar)
+    if known.parse is None and not known.repeat:
+        settings["type"] = _TYPES[kind.split("|")[0].strip()]
+    if known.choices:
+        settings["choices"] = known.choices
+    return settings
+
+
+def given_options(arguments: argparse.Namespace, kind: type, verb: str) -> dict[str, Any]:
+    """Return the options of a dataclass that were given, read; those that were not keep the dataclass's defaults.
+
+    Raises:
+        ValueError: A text cannot be read; one line that names the verb and the option.
+    """
+    given = {}
+    for name, (_, known) in options_of(kind).items():
+        if not hasattr(arguments, name):
+            continue
+        value = getattr(arguments, name)
+        if known.parse is not None:
+            value = parsed(verb, flag_of(name, known), value, known.parse)
+        elif known.repeat:
+            value = tuple(value)
+        given[name] = value
+    return given
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Add the scene that a verb reads."""
+    parser.add_argument(
+        "scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or cornell, courtyard, two-rooms"
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add ``--json``."""
+    parser.add_argument("--json", action="store_true", help=what)

@@ -1,0 +1,79 @@
+"""The verb ``bake``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lightwell.baking.settings import BakeSettings
+from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
+from lightwell.core.options import options_of
+from lightwell.fields.registry import BUILT_IN, DEFAULT, OPTIONS, options_type
+
+DESCRIPTION = """\
+Path-trace a scene, fit a small network to its indirect light, and write
+  OUT/scene.glb     an ordinary glTF that carries the learned light
+  OUT/index.html    a page in which you orbit and move the light
+  OUT/report.html   how far it is from the reference
+  OUT/report.json   the same as numbers
+Ctrl-C keeps a checkpoint; --resume goes on. --field NAME --help shows what that field takes."""
+
+
+def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Add the arguments."""
+    add_scene(parser)
+    parser.add_argument("-o", "--out", required=True, help="folder to write")
+    add_bake_options(parser, argv)
+
+
+def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Add what ``bake`` and ``demo`` take beside scene and folder; help shows the options of the field in ``argv``."""
+    parser.add_argument(
+        "--field",
+        help=f"learned representation: {', '.join(BUILT_IN)}, or one that a plug-in adds "
+        f"(default: {DEFAULT}, or the one that has the preset)",
+    )
+    add_options(parser, BakeSettings)
+    add_json(parser, "print report.json to standard output, no progress bars")
+    chosen = _chosen(argv)
+    known: set[str] = set()
+    for field in dict.fromkeys([*([chosen] if chosen else []), *OPTIONS]):
+        group = parser.add_argument_group(f"options of --field {field}")
+        add_options(group, options_type(field), without=known, shown=chosen in (None, field))
+        known |= set(options_of(options_type(field)))
+
+
+def _chosen(argv: Sequence[str]) -> str | None:
+    """The field that the words name, if any."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    first.add_argument("--field", nargs="?")
+    return first.parse_known_args(list(argv))[0].field
+
+
+def settings(arguments: argparse.Namespace, **defaults: Any) -> BakeSettings:
+    """What the options say, checked; ``defaults`` stand for options that were not given."""
+    given = defaults | given_options(arguments, BakeSettings, "bake")
+    options: dict[str, Any] = {}
+    for field in dict.fromkeys([*([arguments.field] if arguments.field else []), *OPTIONS]):
+        options |= given_options(arguments, options_type(field), "bake")
+    field = arguments.field or ""
+    return BakeSettings(arguments.scene, Path(arguments.out), field=field, options=options, **given)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Bake."""
+    return run_bake(arguments, settings(arguments))
+
+
+def run_bake(arguments: argparse.Namespace, asked: BakeSettings) -> int:
+    """Bake what is asked; print the report where it is wanted."""
+    from lightwell.baking.pipeline import bake
+    from lightwell.core.progress import Progress
+
+    report = bake(asked, Progress(quiet=arguments.json))
+    if arguments.json:
+        print(json.dumps(report, indent=1))
+    return 0

@@ -1,0 +1,37 @@
+"""The verb ``demo``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lightwell.cli import bake
+from lightwell.fields.budget import Budget
+
+# Seconds of tracing and training of the demo: with installation, evaluation and report three minutes on two cores.
+BUDGET, VIEWS = Budget(60.0), 3
+
+
+def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Add the arguments."""
+    parser.add_argument(
+        "scene", nargs="?", default="courtyard", help="cornell, courtyard or two-rooms (default: %(default)s)"
+    )
+    parser.add_argument("-o", "--out", default="demo", help="folder to write (default: %(default)s)")
+    parser.add_argument("--no-open", action="store_true", help="do not serve or open the page afterwards")
+    bake.add_bake_options(parser, argv)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Bake, then serve the page where someone looks on."""
+    code = bake.run_bake(arguments, bake.settings(arguments, budget=BUDGET, views=VIEWS))
+    page = Path(arguments.out) / "index.html"
+    if arguments.no_open or not sys.stdout.isatty():
+        print(f"open {page} in a browser, or run: lightwell view {arguments.out}", file=sys.stderr)
+        return code
+    from lightwell.serve import view
+
+    view(arguments.out)
+    return code

@@ -1,0 +1,25 @@
+"""The verb ``lens``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from lightwell.cli.arguments import add_options
+from lightwell.core.scene_options import LimitOptions
+from lightwell.lens import arguments as lens
+
+DESCRIPTION = lens.DESCRIPTION
+
+
+def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Add the arguments."""
+    lens.add(parser)
+    add_options(parser, LimitOptions)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Blur, bake or check."""
+    from lightwell.lens.command import run as run_lens
+
+    return run_lens(arguments)

@@ -1,0 +1,139 @@
+"""The command ``lightwell``: finds the verb, and only then imports it, so that help is instant."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+import lightwell
+from lightwell.interrupts import Interrupts
+
+# Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
+USAGE_ERROR, INTERRUPTED = 2, 130
+
+# Verb → what it does. Each is a module of this package of the same name with ``add(parser, argv)`` and
+# ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, stands in its help.
+VERBS = {
+    "bake": "learn the indirect light of a scene; write scene.glb, index.html, report.html and report.json",
+    "demo": "run the main job on a built-in scene and open the page",
+    "view": "serve a baked folder on this machine and open the page",
+    "render": "path-trace a picture of a scene (the reference that bakes are measured against)",
+    "live": "a page in which the radiance cache learns while you move camera and lights",
+    "lens": "blur a rendered frame: depth of field and motion blur in one pass",
+    "compare": "train several fields on the same samples and compare them, or show the reports of several bakes",
+    "samples": "path-trace samples of a scene's indirect light into a file, for work of your own",
+    "info": "say what a baked asset or a scene holds",
+    "export": "print a learned field as one self-contained shader text",
+    "validate": "check a .glb against the specification of its learned light",
+    "store": "say what lightwell keeps between runs, or remove it",
+    "doctor": "say which backend runs here, and what to do when one does not",
+}
+# Verbs that an interrupt leaves something of to go on with, and verbs that end in no other way.
+RESUMABLE, SERVERS = ("bake", "demo"), ("view", "live")
+
+EXAMPLES = """\
+examples
+  lightwell demo                                     the main job on a built-in scene
+  lightwell bake room.glb -o out                     learn the light of your scene, two minutes
+  lightwell bake room.glb -o out --budget 10m        ... better, in ten minutes
+  lightwell bake room.glb -o out --budget 5%         ... until the error is five per cent
+  lightwell bake cornell -o out --vary "light.position=box(-0.8,0.2,-0.8,0.8,1.8,0.8)"
+  lightwell bake house.xml -o out --vary "sun.direction=arc(90,10,270,10)"
+  lightwell bake room.glb -o out --field lightmap --size 2048
+  lightwell view out                                 open the page
+  lightwell lens frame.exr -o out.exr --focus 2.5m --fstop 1.8 --focal 50mm    depth of field and motion blur
+  lightwell compare out-a out-b                      two bakes side by side
+  lightwell compare --fields mlp,factored cornell -o fields    train fields on the same samples and compare them
+"""
+
+
+class Parser(argparse.ArgumentParser):
+    """Says a mistake in one line, as every other mistake here; --help lists the arguments."""
+
+    def error(self, message: str):
+        """Print the line and exit with code 2."""
+        if "expected one argument" in message:
+            message += " (a value that begins with '-' is written --name=-value)"
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help lists the arguments\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; a user's mistake is one line on standard error and exit code 2, never a traceback.
+
+    Args:
+        argv: Words after ``lightwell``; None: those of this process.
+
+    Returns:
+        The exit code: 0, 1 where a check found something, 2 for a mistake, 130 after Ctrl-C.
+    """
+    words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
+    verb = words[0] if words and words[0] in VERBS else ""
+    arguments = argparse.Namespace(verb=verb)
+    with Interrupts() as interrupts:
+        try:
+            if not verb:
+                return _without_verb(words)
+            module = import_module(f"lightwell.cli.{verb}")
+            verb_parser(verb, words[1:]).parse_args(words[1:], arguments)
+            return module.run(arguments)
+        except KeyboardInterrupt:
+            return _interrupted(arguments)
+        except BrokenPipeError:
+            return 0
+        except Exception as error:
+            if interrupts.received:
+                return _interrupted(arguments)
+            if not isinstance(error, (ValueError, OSError, RuntimeError)):
+                raise
+            print(f"lightwell: {_one_line(error)}", file=sys.stderr)
+            return USAGE_ERROR
+
+
+def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
+    """Make the parser of a verb; ``argv``: its words, of which some verbs' arguments depend."""
+    module = import_module(f"lightwell.cli.{verb}")
+    parser = Parser(
+        prog=f"lightwell {verb}",
+        description=getattr(module, "DESCRIPTION", VERBS[verb]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add(parser, argv)
+    return parser
+
+
+def _without_verb(words: Sequence[str]) -> int:
+    """Help, version, or the mistake in the verb."""
+    parser = Parser(
+        prog="lightwell",
+        description="Learns the indirect light of a scene and plays it back in real time.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"lightwell {lightwell.__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb, summary in VERBS.items():
+        verbs.add_parser(verb, help=summary, add_help=False)
+    parser.parse_args(words)
+    return 0
+
+
+def _interrupted(arguments: argparse.Namespace) -> int:
+    """Say what an interrupt leaves."""
+    if arguments.verb and arguments.verb not in SERVERS:
+        long = arguments.verb in RESUMABLE or getattr(arguments, "fields", None)
+        resume = "; the checkpoint is kept, go on with --resume" if long else ""
+        print(f"lightwell: interrupted{resume}", file=sys.stderr)
+    return INTERRUPTED
+
+
+def _one_line(error: BaseException) -> str:
+    """What happened and, for a bare error of the operating system, its cure."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and text.startswith("[Errno"):
+        from lightwell.files import CURES
+
+        cure = CURES.get(error.errno or 0, "")
+        return f"{error.strerror}: {error.filename or 'output'}{'; ' + cure if cure else ''}"
+    return text

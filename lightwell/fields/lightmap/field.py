@@ -1,0 +1,379 @@
+"""The strategy of light maps: atlas, light that arrives, light that leaves towards eyes, network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lightwell.core.denoise import missing
+from lightwell.fields.baked import Baked
+from lightwell.fields.budget import Budget
+from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap.fitting import atlas_facts, fallback, fitted, sample_unit, texel_facts
+from lightwell.fields.lightmap.moving import moving_fit, moving_samples
+from lightwell.fields.lightmap.options import LightmapOptions
+from lightwell.fields.lightmap.resume import kept_counts, kept_eyes, kept_light, kept_sides
+from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
+from lightwell.fields.lightmap.seams import seam_samples
+from lightwell.fields.lightmap.size_limit import choose
+from lightwell.fields.lightmap.square import roomy_atlas
+from lightwell.fields.lightmap.trace import (
+    Chart,
+    EyeSamples,
+    Sides,
+    chart,
+    eye_samples,
+    lit_scene,
+    lit_sides,
+    seen_sides,
+)
+from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
+from lightwell.networks.losses import EPSILON
+from lightwell.scenes.atlas import Atlas, build, charted_meshes
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import declare
+from lightwell.transport import draw_surface, indirect, static
+from lightwell.transport.irradiance import irradiance
+from lightwell.transport.mapped import MappedQuery, mapped_query
+from lightwell.transport.samples import SurfacePoints
+
+# Shares of the budget: light at texels, samples of eyes; the rest trains.
+TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
+# Texels and paths that time the tracer; bounds of the paths per texel.
+TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
+# An atlas is not made larger for its small charts where its texels would get fewer paths than this.
+ROOMY_PATHS = 32
+# Paths per eye sample, and bounds of their number.
+EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
+# Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
+POINTS_PER_LIGHT = 128
+# What a training step of 2^14 rows takes on two cores, and the fewest steps.
+STEP_SECONDS, LEAST_STEPS = 0.04, 200
+# Edge of the light that the fallback is made from where there is no ordinary light map.
+COARSE = 1024
+# Paths per second that the reference's budget reckons with, until a scene's own rate is known.
+RATE = 3e5
+# The validation points of an error budget: their number, seed and paths.
+VALIDATION_POINTS, VALIDATION_SEED, VALIDATION_PATHS = 4096, 0xA11D, 256
+
+
+@dataclass
+class LightmapState(State):
+    """A scene with its atlas."""
+
+    preset: LightmapPreset = PRESETS["default"]
+    atlas: Atlas | None = None
+    paths: int = 0
+    """Paths per texel."""
+    eyes: int = 0
+    """Eye samples."""
+    round: int = 0
+    """Of an error budget: each has twice the paths, eye samples and steps of the last."""
+    facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
+
+    @property
+    def folder(self) -> Path:
+        """Where work is kept."""
+        return self.job.work.part("lightmap" if not self.round else f"lightmap/round-{self.round}")
+
+    @property
+    def size(self) -> int:
+        """Edge of the atlas that viewers read; that of the fallback's light may be smaller."""
+        return self.job.options.size or max(self.preset.size, self.atlas.size)
+
+    @property
+    def shipped(self) -> Scene:
+        """The scene with the atlas's coordinates; its lights are in the light map."""
+        return replace(self.scene, meshes=charted_meshes(self.scene, self.atlas), lights=[])
+
+
+@dataclass(frozen=True)
+class StillSamples:
+    """Light that stands still: what arrives at texels, and what leaves towards eyes."""
+
+    chart: Chart
+    eyes: EyeSamples
+
+
+@dataclass
+class FittedLightmap:
+    """See ``lightwell.fields.protocol.Fit``."""
+
+    state: LightmapState
+    role: Role
+    map: LightmapFit
+    paths: int
+    seconds: float
+    chart: Chart | None = None
+    note: str = ""
+
+    @property
+    def unit(self) -> float:
+        """Radiance unit S."""
+        return self.map.unit
+
+    @property
+    def traced(self) -> Traced:
+        """What the samples cost."""
+        return Traced(self.paths, 0, self.state.eyes, RATE)
+
+    @property
+    def training(self) -> Training:
+        """How it was trained."""
+        return Training(self.seconds, self.map.history[-1][0] if self.map.history else 0)
+
+    @property
+    def plan(self) -> dict[str, Any]:
+        """Counts that the budget bought."""
+        texel_paths = self.state.paths if self.chart else 0
+        return {
+            "size": self.state.size,
+            "texel_paths": texel_paths,
+            "eye_samples": self.state.eyes,
+            "steps": self.training.steps,
+        }
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the report says of the atlas and of what is stored, for all roles so far."""
+        self.state.facts["textures"][self.role] = {name: len(p.data) for name, p in self.map.pictures.items()}
+        self.state.facts["atlas"] |= atlas_facts(self.state.atlas) | (texel_facts(self.chart) if self.chart else {})
+        return self.state.facts
+
+    def query(self, points: SurfacePoints, light: np.ndarray) -> MappedQuery:
+        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        return mapped_query(self.state.scene, self.state.atlas, points, light)
+
+    def lower(self) -> Lowered:
+        """Give what ships."""
+        ordinary = fallback(self.chart) if self.chart else None
+        return Lowered(self.map.lower(), self.map.pictures, ordinary, f"lightmap {self.role}")
+
+    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+        """A light map has no file beside the asset."""
+        return []
+
+
+class LightmapField:
+    """See ``lightwell.fields.protocol.Field``."""
+
+    name = "lightmap"
+    presets = PRESETS
+    Options = LightmapOptions
+    shares = "lightmap"
+
+    # ------------------------------------------------------------------ prepare
+
+    def prepare(self, job: Job) -> LightmapState:
+        """Light a dark scene, find what may move, cut and pack the atlas, and count what the budget buys."""
+        request, preset = job.request, PRESETS[job.request.preset]
+        scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
+        variable = declare(request.vary, scene) if request.vary else None
+        roles = ("static",) if request.static and scene.has_static_light and not job.shared else ()
+        roles += () if variable is None else ("indirect",)
+        _check(job, roles)
+        if variable is not None:
+            sample_lights(scene, variable, 1, request.seed)
+        if note:
+            job.progress.say(f"[yellow]warning[/] {note}")
+        warnings = [*filter(None, [missing(), note])]
+        state = LightmapState(job, scene, variable, roles, warnings, preset)
+        with job.work.timed("trace"), job.progress.stage("atlas", 2, "") as stage:
+            _lay_out(state)
+            stage.advance(2, f"{state.paths} paths per texel, {state.eyes} eye samples")
+        atlas, size = state.atlas, state.size
+        job.progress.say(f"atlas: {atlas.charts} charts, {atlas.coverage:.0%} of {size} x {size}, {atlas.origin}")
+        return state
+
+    # ------------------------------------------------------------------ sample
+
+    def sample(self, state: LightmapState, role: Role) -> StillSamples | EyeSamples:
+        """Trace what arrives and what leaves, or what leaves under lights that move."""
+        job, seed = state.job, state.job.request.seed
+        with job.work.timed("trace"), job.progress.stage(f"trace {role}", 2, "") as stage:
+            if role == "indirect":
+                make = lambda: moving_samples(  # noqa: E731
+                    state.scene, state.atlas, state.variable, state.eyes, EYE_PATHS, seed + 6
+                )
+                return kept_eyes(state.folder / "moving.npz", make)
+            keep = lambda make: kept_light(state.folder / "light.npz", make)  # noqa: E731
+            size, mips = state.atlas.size, job.options.mips
+            made = chart(state.scene, size, mips, state.paths, seed, keep=keep, atlas=state.atlas)
+            stage.advance(note=f"{state.paths} paths per texel")
+            eyes = kept_eyes(state.folder / "eyes.npz", lambda: _still_samples(state, made))
+            stage.advance(note=f"{state.eyes} eye samples")
+        return StillSamples(made, eyes)
+
+    # ------------------------------------------------------------------ fit
+
+    def fit(
+        self, state: LightmapState, role: Role, samples: StillSamples | EyeSamples, folder: Path | None = None
+    ) -> FittedLightmap:
+        """Fit; towards an error, again with twice of everything until it is reached."""
+        budget: Budget = state.job.request.budget
+        fit = self._fit_once(state, role, samples)
+        if budget.error is None:
+            return fit
+        held = _Validation.of(state, role)
+        for _ in range(budget.rounds):
+            error = held.error(fit)
+            if error <= budget.error or (state.paths >= MOST_PATHS and state.eyes >= MOST_EYES):
+                break
+            state.round, state.paths = state.round + 1, min(2 * state.paths, MOST_PATHS)
+            state.eyes = min(2 * state.eyes, MOST_EYES)
+            fit = self._fit_once(state, role, self.sample(state, role))
+        if (error := held.error(fit)) > budget.error:
+            state.job.progress.say(
+                f"[yellow]{role}: {error:.1%} after {state.round + 1} rounds, asked for {budget.error:.1%}"
+            )
+        return fit
+
+    def _fit_once(self, state: LightmapState, role: Role, samples: StillSamples | EyeSamples) -> FittedLightmap:
+        seed, start = state.job.request.seed, perf_counter()
+        with state.job.work.timed("train"), state.job.progress.stage(f"train {role}", 1, "") as stage:
+            if role == "indirect":
+                count = max(_steps(state), 1 if state.job.request.steps else LEAST_STEPS)
+                made = moving_fit(state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count)
+                stage.advance()
+                return FittedLightmap(state, role, made, state.eyes * EYE_PATHS, perf_counter() - start)
+            fit = _fit_still(state, samples)
+            stage.advance()
+        paths = len(samples.chart.texels.index) * state.paths + state.eyes * EYE_PATHS
+        return FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
+
+
+FIELD = LightmapField()
+
+
+def _check(job: Job, roles: tuple[Role, ...]) -> None:
+    """Refuse what leaves nothing to learn, and options that nothing would listen to."""
+    if not roles and job.shared:
+        raise ValueError(
+            "a light map stores no light that moves unless --vary declares it; "
+            "add --vary light.position=box(x0,y0,z0,x1,y1,z1)"
+        )
+    if not roles:
+        raise ValueError(
+            "bake: --no-static leaves nothing to learn: without --vary a light map stores the light of the scene's own "
+            "emitters alone; declare a light that moves with --vary, or leave --no-static out"
+        )
+    if job.options.max_bytes and "static" not in roles:
+        raise ValueError(
+            "bake: --max-bytes chooses among forms of light that stands still, and this bake has none; leave it out"
+        )
+
+
+# ---------------------------------------------------------------------- prepare
+
+
+def _lay_out(state: LightmapState) -> None:
+    """Find the sides that are stored, the atlas, and the counts of paths and samples."""
+    job, scene, preset = state.job, state.scene, state.preset
+    request, options = job.request, job.options
+    # A light that moves may come to every side that is seen.
+    look = lit_sides if state.variable is None else seen_sides
+    sides = kept_sides(state.folder / "sides.npz", lambda: look(scene, request.seed))
+    atlas = _atlas(scene, options, preset, sides)
+    size = atlas.size
+    first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
+    state.paths, state.eyes = kept_counts(state.folder / "counts.npz", lambda: _counts(first, state))
+    if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
+        # Texels that are too noisy to be denoised are no room.
+        atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
+        state.paths *= 4
+    state.atlas = atlas
+
+
+def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: Sides) -> Atlas:
+    """The atlas. Without an ordinary light map, the light that arrives is for the fallback alone: traced coarsely."""
+    size = options.size or preset.size
+    if preset.base and not options.size:
+        return roomy_atlas(scene, size, options.mips, sides)
+    atlas = build(scene, size, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
+    return atlas if preset.base else replace(atlas, size=min(size, COARSE))
+
+
+def _counts(first: Chart | None, state: LightmapState) -> tuple[int, int]:
+    """Paths per texel and eye samples; fixed where ``--shards`` is given."""
+    request, preset = state.job.request, state.preset
+    if first is None:
+        return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT
+    start = perf_counter()
+    probe = first.texels.points[np.arange(0, len(first.texels.index), 8)]
+    irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9)
+    rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
+    seconds = request.budget.round_seconds
+    share = TEXEL_SHARE if preset.base else 0.02
+    paths = int(np.clip(share * seconds * rate / len(first.texels.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
+    eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
+    return paths, int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
+
+
+def _still_samples(state: LightmapState, made: Chart) -> EyeSamples:
+    """Eye samples, a tenth of them on seams."""
+    scene, preset, seed = state.scene, state.preset, state.job.request.seed
+    samples = eye_samples(scene, made, state.eyes, EYE_PATHS, seed + 5, made.image if preset.base else None)
+    across = None
+    if preset.base and preset.hidden:
+        across = seam_samples(scene, made, made.image, int(SEAM_SHARE * state.eyes), EYE_PATHS, seed + 7)
+    return samples if across is None else samples + across
+
+
+# ---------------------------------------------------------------------- fit
+
+
+def _steps(state: LightmapState) -> int:
+    request = state.job.request
+    if request.steps:
+        return request.steps << state.round
+    # The number depends on the budget alone, so that it is the same on every machine.
+    seconds = request.budget.round_seconds * 2**state.round
+    return max(int((1 - TEXEL_SHARE - EYE_SHARE) * seconds / STEP_SECONDS), LEAST_STEPS)
+
+
+def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
+    """The light map of light that stands still, without a network where that is no better than none."""
+    scene, made, preset = state.scene, samples.chart, state.preset
+    seed, say = state.job.request.seed, state.job.progress.say
+    if preset.hidden and not made.glossy.any():
+        say("every surface looks the same from everywhere: no network is needed, the light map is plain")
+        preset = replace(preset, hidden=(), channels=0, direction=False)
+    if limit := state.job.options.max_bytes:
+        trial = lambda p, s, n: fitted(scene, made, s, p, seed, n)  # noqa: E731
+        preset = choose(limit, preset, made, samples.eyes, trial, say)
+    steps = _steps(state) if preset.hidden else 0
+    fit = fitted(scene, made, samples.eyes, preset, seed, steps, folder=state.folder, size=state.size)
+    if preset.hidden and not fit.preset.hidden:
+        say("the network was no better than none on held-out samples: the light map is plain")
+    return fit
+
+
+@dataclass(frozen=True)
+class _Validation:
+    """Surface points that training never sees, and what leaves them."""
+
+    points: SurfacePoints
+    light: np.ndarray
+    radiance: np.ndarray
+
+    @staticmethod
+    def of(state: LightmapState, role: Role) -> _Validation:
+        seed = state.job.request.seed + VALIDATION_SEED
+        points = draw_surface(state.scene, VALIDATION_POINTS, seed, floor=8).points
+        if role == "static":
+            a, b = static(state.scene, points, VALIDATION_PATHS, seed)
+            return _Validation(points, np.zeros(3, np.float32), 0.5 * (a + b))
+        light = sample_lights(state.scene, state.variable, len(points), seed)
+        a, b = indirect(state.scene, points, light, state.variable, VALIDATION_PATHS, seed)
+        return _Validation(points, light, 0.5 * (a + b))
+
+    def error(self, fit: FittedLightmap) -> float:
+        """Mean |f − y| / (y + 0.01) in unit S of what would ship."""
+        f = Baked(fit.lower().graph)(fit.query(self.points, self.light)) / fit.unit
+        y = np.nan_to_num(self.radiance) / fit.unit
+        return float(np.mean(np.abs(f - y) / (y + EPSILON)))

@@ -1,0 +1,330 @@
+"""Neural light maps: the light of surfaces in small textures, read by a network that knows the eye.
+
+Fit to samples of radiance, with the quantiser in the loop, and lowered to a shading graph whose uint8 buffers are
+pictures. Notation: N samples, n texels along the edge of the atlas, S the unit of radiance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.lightmap.atlas_images import push_pull
+from lightwell.fields.lightmap.nodes import MapNodes, row_graph
+from lightwell.fields.tabulate import Tabulated
+from lightwell.files import load_arrays, save_arrays
+from lightwell.graph import Graph
+from lightwell.graph.pictures import Picture, encode
+from lightwell.networks.atlas_texture import AtlasTexture
+from lightwell.networks.hashgrid import PACKET
+from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
+from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
+from lightwell.transport.mapped import MappedQuery
+
+# Shares of the steps after which the quantiser's noise becomes rounding, and the textures those of the file.
+ROUND_FROM, FREEZE_FROM = 0.5, 0.85
+# The first two forms of the quantiser where features are made from places: none, and rounding of what is made.
+PLACES = ("places", "rounded-places")
+# Columns of a row.
+COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about")
+# Rows of which features are made at a time.
+CHUNK = 1 << 16
+# Share of the steps that read the textures at a random level of their mip chain.
+FAR_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class LightmapPreset:
+    """Everything that defines a light map."""
+
+    base: str = "webp90"
+    """Codec of the ordinary light map below the network; empty: none."""
+    base_reduction: int = 1
+    """Edge of the atlas relative to that of the stored picture."""
+    direction_reduction: int = 4
+    """The same of the directions' picture."""
+    direction: bool = False
+    """A second picture with the dominant direction (directional light map)."""
+    channels: int = 6
+    """Feature channels, three in a picture; 0: no features."""
+    share: float = 0.25
+    """Edge of the feature textures relative to that of the atlas."""
+    hidden: tuple[int, ...] = (24, 24)
+    """Widths of the network's layers; empty: no network."""
+    activation: str = "relu"
+    inputs: Literal["reflected", "mirror", "view", "report", "uv", "light"] = "reflected"
+    """What the network knows beside the features; see ``lightmap_graph``."""
+    siren: bool = False
+    stage: tuple[int, ...] = ()
+    """Sine layers that make the features in training (siren-two-stage)."""
+    surface: tuple[int, ...] = ()
+    """Widths of layers that make the features from where a surface lies until they become a texture; empty: every
+    texel is learned by itself."""
+    octaves: int = 4
+    """Of sines and cosines of the position, for these layers."""
+    demodulated: bool = True
+    """Without a base: whether the output is multiplied by the reflectance."""
+    mirrors: tuple[int, ...] = ()
+    """Edges of the textures of the environment, which the mirrored ray reads; coarse to fine."""
+    mirror_channels: int = 6
+    """Channels of each, a multiple of three."""
+    storage: str = "float16"
+    """Of the weights; 'int8': with a step for every output row, biases as half floats."""
+    rate: float = 5e-3
+    size: int = 1024
+    """Edge of the atlas unless another is asked for."""
+
+    @property
+    def stores_direction(self) -> bool:
+        """Whether viewers read the directions; features that are made from places have seen them already."""
+        return self.direction and (not self.hidden or self.inputs == "reflected")
+
+
+DEFAULT = LightmapPreset(direction=True, channels=9, hidden=(24, 24), inputs="mirror", surface=(64, 64))
+
+PRESETS: dict[str, LightmapPreset] = {
+    "default": DEFAULT,
+    "report": LightmapPreset(
+        "", channels=8, share=1.0, hidden=(32, 32, 32), activation="sine", inputs="report", rate=2e-3, size=4096
+    ),
+    "report-relu": LightmapPreset(
+        "", channels=8, share=1.0, hidden=(32, 32, 32), inputs="report", rate=2e-3, size=4096
+    ),
+    "siren": LightmapPreset("", channels=0, hidden=(32,) * 8, inputs="uv", siren=True, rate=1e-3),
+    "siren-two-stage": LightmapPreset(
+        "", channels=8, share=0.5, hidden=(16, 16), activation="sine", stage=(64,) * 4, rate=1e-3
+    ),
+    "default-int8": replace(DEFAULT, storage="int8"),
+    "plain": LightmapPreset(channels=0, hidden=()),
+    "directional": LightmapPreset(channels=0, hidden=(), direction=True),
+}
+
+# The light map of a light that moves: its light cannot be stored, only features that the network reads with the light.
+MOVING = LightmapPreset("", channels=9, share=1 / 16, hidden=(32, 32), activation="silu", inputs="light")
+
+
+@dataclass
+class LightmapFit:
+    """One light map in the making."""
+
+    preset: LightmapPreset
+    size: int
+    """n."""
+    unit: float
+    """S."""
+    base: Picture | None = None
+    """E' in the curve of a screen."""
+    direction: Picture | None = None
+    seed: int = 0
+    batch: int = 1 << 14
+    mips: int = 0
+    """Of the atlas."""
+    setup: FieldSetup | None = None
+    """Of the scene, where the light moves or is mirrored."""
+    mask: Picture | None = None
+    """What surfaces are; see ``MapNodes``."""
+    relief: bool = False
+    """Whether normal maps bend the normals of a surface that is lit."""
+
+    def __post_init__(self) -> None:
+        extra = {"size": self.size, "relief": self.relief}
+        self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
+        self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
+        self._features: dict[str, Picture] = {}
+        self.history: list[tuple[int, float]] = []
+        if self.preset.hidden:
+            self.network = self._make_network(PLACES[0] if self.nodes.learns_places else "noise")
+            self._parameters = self.network.initial(self.seed)
+
+    def _make_network(self, quantiser: str) -> LightmapNetwork:
+        p, edge = self.preset, max(round(self.size * self.preset.share), 4)
+        packed = -(-p.channels // PACKET) * PACKET
+        surface = p.surface if quantiser in PLACES else ()
+        texture = AtlasTexture(edge, edge, packed, quantiser) if p.channels and not surface else None
+        width = self._rows.width("inputs")
+        wide = -(-p.mirror_channels // PACKET) * PACKET
+        stored = dict(zip(PLACES, ("noise", "round"))).get(quantiser, quantiser)
+        mirrors = tuple(AtlasTexture(e, e, wide, stored) for e in p.mirrors)
+        count = p.mirror_channels if mirrors else 0
+        made = LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
+        about = self._rows.width("about") if surface else 0
+        return replace(
+            made, mirrors=mirrors, mirror_channels=count, surface=surface, about=about, rounded=quantiser == PLACES[1]
+        )
+
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Buffer name → picture of everything that is stored as one."""
+        made = {} if self.base is None else {"e": self.base}
+        made |= {"d": self.direction} if self.direction is not None and self.preset.stores_direction else {}
+        return made | ({} if self.mask is None else {"m": self.mask}) | self._features
+
+    # ------------------------------------------------------------------ fit
+
+    def rows(self, query: MappedQuery, far: int = 0) -> np.ndarray:
+        """[N, 11 + I + A] what the network sees of a query, at a level of the mip chain."""
+        seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
+        found = seen(query)
+        return np.concatenate([found[n] for n in COLUMNS if n in found], axis=1)
+
+    def train(
+        self,
+        query: MappedQuery,
+        radiance: np.ndarray,
+        weight: np.ndarray,
+        steps: int,
+        progress=None,
+        folder: Path | None = None,
+    ) -> None:
+        """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network.
+
+        folder   Where every form of the quantiser leaves what it has learned, for a training that is resumed.
+        """
+        if not self.preset.hidden:
+            return
+        good = np.isfinite(radiance).all(axis=1) & (weight > 0)
+        order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
+        target = (radiance[order] / self.unit).astype(np.float32)
+        data = [TrainingSet.from_numpy(self.rows(query[order], m), target, weight[order]) for m in self.levels]
+        first, then = PLACES if self.nodes.learns_places else ("noise", "round")
+        for quantiser, until in ((first, ROUND_FROM), (then, FREEZE_FROM), ("frozen", 1.0)):
+            if quantiser == "frozen":
+                if self.nodes.learns_places:
+                    self._lay_out(data[0].features)
+                self._freeze()
+            self.network = self._make_network(quantiser)
+            if quantiser == "frozen" and self.preset.stage:
+                self.network = replace(self.network, stage=())
+            done = None if folder is None else folder / f"{quantiser}.npz"
+            if not self._taken_up(done):
+                self._phase(data, round(until * steps), steps, progress)
+                self._leave(done)
+
+    def _taken_up(self, path: Path | None) -> bool:
+        """Whether parameters were left by an earlier run, which are then taken."""
+        if path is None or not path.exists():
+            return False
+        arrays = load_arrays(path)
+        self.history.append((int(arrays["step"]), float(arrays["loss"])))
+        self._parameters = {name[2:]: value for name, value in arrays.items() if name.startswith("p.")}
+        return True
+
+    def _leave(self, path: Path | None) -> None:
+        if path is None:
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        step, loss = self.history[-1]
+        parameters = {f"p.{name}": value for name, value in self._parameters.items()}
+        save_arrays(path, {"step": np.array(step), "loss": np.array(loss)} | parameters)
+
+    @property
+    def levels(self) -> range:
+        """Levels of the mip chain that viewers may read."""
+        anything = self.base is not None or self._feature_mips() > 0
+        return range(self.mips + 1 if anything and not self.preset.stage else 1)
+
+    def _from_afar(self, level: int) -> LightmapNetwork:
+        """The network as it is where the atlas is read at a level."""
+        texture = self.network.texture
+        if texture is None or not level:
+            return self.network
+        own = int(np.clip(level + round(np.log2(self.preset.share)), 0, self._feature_mips()))
+        return replace(self.network, texture=replace(texture, level=own))
+
+    def _phase(self, data: list[TrainingSet], until: int, steps: int, progress) -> None:
+        """Steps up to ``until`` with the quantiser as it is; a quarter of them read a random level of the mip chain."""
+        settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
+        trainer = Trainer(self.network, settings, self.seed)
+        trainer.adopt(self._parameters, keep_moments=False)
+        trainer.state.step = self.history[-1][0] if self.history else 0
+        networks = [self._from_afar(m) for m in self.levels]
+        losses = []
+        while trainer.state.step < until:
+            # Which level a step reads depends on (seed, step) alone, so that a resumed training repeats it.
+            rng = np.random.default_rng((self.seed, 0xFA4, trainer.state.step))
+            level = int(rng.integers(1, len(data))) if len(data) > 1 and rng.random() < FAR_SHARE else 0
+            trainer.network = networks[level]
+            losses.append(trainer.step(data[level], steps))
+            if progress and trainer.state.step % 50 == 0:
+                dr.eval(losses[-1])
+                progress(trainer.state.step)
+        self._parameters = trainer.parameters
+        loss = float(np.mean([x.numpy() for x in losses])) if losses else float("nan")
+        if losses and not np.isfinite(loss):
+            raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
+        self.history.append((until, loss))
+
+    def _lay_out(self, rows) -> None:
+        """Features that were made from places become a texture: means of the rows [N, …] that lie in each texel."""
+        if "t0" in self._parameters:
+            return
+        texture, used = self._make_network("frozen").texture, self.preset.channels
+        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        found, places = [], np.array(rows[:, PLACE])
+        network = self._make_network(PLACES[0])
+        made, begin = network.made, HEAD + network.inputs
+        with dr.suspend_grad():
+            for start in range(0, len(places), CHUNK):
+                found.append(np.array(made(tensors, rows[start : start + CHUNK, begin:])))
+        values = (np.concatenate(found) - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
+        cell = np.minimum((places * [texture.width, texture.height]).astype(np.int64), texture.width - 1)
+        cell = cell[:, 1] * texture.width + cell[:, 0]
+        count = np.bincount(cell, minlength=texture.width * texture.height)
+        sums = [np.bincount(cell, weights=values[:, k], minlength=len(count)) for k in range(used)]
+        image = np.stack(sums, axis=1) / np.maximum(count, 1)[:, None]
+        shape = (texture.height, texture.width)
+        image = push_pull(image.reshape(*shape, used).astype(np.float32), (count > 0).reshape(shape))
+        table = np.full((len(count), texture.channels), 0.5, np.float32)
+        table[:, :used] = image.reshape(len(count), used)
+        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "uv"} | {"t0": table}
+
+    def _freeze(self) -> None:
+        """Make the feature textures those of the file."""
+        p, network = self.preset, self._make_network("frozen")
+        if p.channels:
+            values = self._baked_stage(network.texture) if p.stage else self._parameters["t0"]
+            self._store("t0", network.texture, values, "f", p.channels)
+        for k, mirror in enumerate(network.mirrors, 1):
+            self._store(f"t{k}", mirror, self._parameters[f"t{k}"], f"r{k - 1}", p.mirror_channels)
+
+    def _store(self, name: str, texture: AtlasTexture, values: np.ndarray, prefix: str, channels: int) -> None:
+        """Pictures of one texture; its parameters become what they hold."""
+        bytes_ = np.floor(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(texture.height, texture.width, -1)
+        mips = self._feature_mips() if name == "t0" else 0
+        bytes_[..., channels:] = 0
+        for k in range(-(-channels // 3)):
+            three = np.zeros((*bytes_.shape[:2], 3), np.uint8)
+            held = bytes_[..., 3 * k : 3 * k + 3]
+            three[..., : held.shape[2]] = held
+            self._features[f"{prefix}{k}"] = encode(three, "webp", mips)
+        self._parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
+
+    def _feature_mips(self) -> int:
+        return max(self.mips - round(-np.log2(self.preset.share)), 0)
+
+    def _baked_stage(self, texture: AtlasTexture) -> np.ndarray:
+        """[texels, C] features of the first stage at the texels, in [0, 1]."""
+        y, x = np.mgrid[0 : texture.height, 0 : texture.width] + 0.5
+        places = np.stack([x / texture.width, y / texture.height], axis=-1).reshape(-1, 2).astype(np.float32)
+        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        with dr.suspend_grad():
+            found = np.array(self.network.features(tensors, mi.TensorXf(places)))
+        values = np.full((len(places), texture.channels), 0.5, np.float32)
+        values[:, : self.preset.channels] = (found - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
+        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "sc"}
+        return values
+
+    # ------------------------------------------------------------------ result
+
+    def predict(self, query: MappedQuery) -> np.ndarray:
+        """[N, 3] radiance as trained."""
+        return self.network.evaluate(self._parameters, self.rows(query)) * self.unit
+
+    def lower(self) -> Graph:
+        """The field as it ships."""
+        return self.nodes.lowered(self._features, self._parameters if self.preset.hidden else {})

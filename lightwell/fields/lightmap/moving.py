@@ -1,0 +1,41 @@
+"""Light maps of a light that moves: features on the atlas, read by a network that knows where the light is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.lightmap.fit import MOVING, LightmapFit
+from lightwell.fields.lightmap.trace import EyeSamples, _towards_eyes
+from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.mapped import mapped_query
+from lightwell.transport.radiance import indirect
+from lightwell.transport.surface import draw_surface
+
+# Points that share one place of the light.
+POINTS_PER_LIGHT = 32
+
+
+def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, paths: int, seed: int) -> EyeSamples:
+    """Surface points with views and lights of their own, and the indirect radiance that leaves them."""
+    draw = draw_surface(scene, count, seed, floor=64)
+    points = _towards_eyes(scene, draw.points, seed)
+    lights = sample_lights(scene, variable, -(-count // POINTS_PER_LIGHT), seed)
+    light = lights.repeat(POINTS_PER_LIGHT, axis=0)[: len(points)]
+    a, b = indirect(scene, points, light, variable, paths, seed)
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    weight = np.where(good, draw.weight, 0).astype(np.float32)
+    return EyeSamples(mapped_query(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def moving_fit(
+    scene: Scene, atlas: Atlas, variable: Variable, samples: EyeSamples, unit: float, seed: int, steps: int
+) -> LightmapFit:
+    """The trained light map of role ``indirect``."""
+    setup = FieldSetup.of(scene, unit, variable.kind)
+    fit = LightmapFit(MOVING, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
+    fit.train(samples.query, samples.radiance, samples.weight, steps)
+    return fit

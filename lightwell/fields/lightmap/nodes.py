@@ -1,0 +1,290 @@
+"""The shading graph of a light map: one meaning for training and for viewers.
+
+Notation: R reflectance, a diffuse albedo, F = R − a what is reflected otherwise, E' irradiance / π, q byte / 255.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup
+from lightwell.fields.features import INPUT_WIDTHS, local_features, normalised
+from lightwell.graph import Builder, Graph, quantise
+from lightwell.graph.pictures import Picture
+from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, OMEGA, OMEGA_FIRST
+
+if TYPE_CHECKING:
+    from lightwell.fields.lightmap.fit import LightmapPreset
+
+INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
+# E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that bytes are spent as the eye
+# sees them; the largest value is 1 / SOFT.
+SOFT = 1 / 64
+# Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
+REPORT_OCTAVES = 6
+# The box of the environment is a little larger than the scene; what counts as parallel to one of its faces.
+BOX_MARGIN, PARALLEL = 1.02, 1e-3
+# Reflectance of dielectrics (glTF 2.0, appendix B).
+DIELECTRIC = 0.04
+# The lobe of a directional light map: a spherical Gaussian of this sharpness over roughness to the fourth.
+SHARPNESS, LEAST_ROUGHNESS = 0.5, 0.05
+# Softens how much a bump counts where the light grazes the wall behind it.
+LEAST_UPRIGHT = 0.1
+
+
+def stored(value: np.ndarray) -> np.ndarray:
+    """E' / S → bytes."""
+    x = np.maximum(np.asarray(value, np.float64), 0)
+    return np.floor(255 * np.sqrt(np.minimum(x * (1 + SOFT) / (1 + x), 1)) + 0.5).astype(np.uint8)
+
+
+def restored(texels: np.ndarray) -> np.ndarray:
+    """Bytes → E' / S."""
+    u = (np.asarray(texels, np.float32) / 255) ** 2
+    return u / (1 + SOFT - u)
+
+
+@dataclass(frozen=True)
+class MapNodes:
+    """Puts together the nodes of one light map."""
+
+    preset: LightmapPreset
+    unit: float
+    base: Picture | None
+    direction: Picture | None
+    setup: FieldSetup | None = None
+    """What the light map knows of the scene; needed where the light moves and where there is an environment."""
+    mask: Picture | None = None
+    """What surfaces are: red, whether the eye matters; green, whether the light map lights them at all."""
+    far: int = 0
+    """Level of the mip chain of the atlas that is read; 0 for the graph that ships."""
+    size: int = 1
+    """Edge of the atlas."""
+    relief: bool = False
+    """Whether normal maps bend the normals of a surface that is lit."""
+
+    @property
+    def learns_places(self) -> bool:
+        """Whether features are made from what is known of a place while they are learned."""
+        return bool(self.preset.surface and self.preset.channels) and self.setup is not None
+
+    # ------------------------------------------------------------------ parts
+
+    def albedo(self, b: Builder) -> tuple[str, str]:
+        """a and F, from the reflectance and the metallicness."""
+        dielectric = b.affine("metallic", [-1], [1])
+        color = b.subtract("reflectance", b.scale(dielectric, DIELECTRIC))
+        albedo = b.clamp(b.multiply(color, dielectric), 0.0, 1.0)
+        return albedo, b.subtract("reflectance", albedo)
+
+    def stored(self, b: Builder, picture: Picture, name: str) -> str:
+        """A picture as a buffer."""
+        return b.buffer(picture.buffer(picture.level(self.far, self.size) if self.far else 0), name)
+
+    def curve(self, b: Builder) -> str:
+        """q, what the base stores."""
+        return b.texture("uv1", self.stored(b, self.base, "e"), name="q")
+
+    def direction_node(self, b: Builder) -> str:
+        """Mean direction of the light, shorter the less it is directed."""
+        return b.affine(b.texture("uv1", self.stored(b, self.direction, "d")), [2] * 3, [-1] * 3, name="direction")
+
+    def known(self, b: Builder) -> tuple[str, str]:
+        """g and whether a surface is lit, 0 or 1."""
+        if self.mask is None:
+            one = b.affine("roughness", [0], [1])
+            return one, one
+        m = b.texture("uv1", self.stored(b, self.mask, "m"))
+        # Bilinear reads on a chart's border are its own: the picture is continued there.
+        return b.slice(m, 0, 1), b.slice(m, 1, 1)
+
+    def mirrored(self, b: Builder) -> tuple[str, str]:
+        """(place in the environment, distance), where the mirrored ray leaves the scene's box.
+
+        Slab method on the box scaled to [−1, 1]³; the direction from its middle, octahedral (Cigolle et al. 2014).
+        """
+        half = [0.5 * BOX_MARGIN * max(s, 1e-6) for s in self.setup.size]
+        p = b.affine("position", [1 / h for h in half], [-c / h for c, h in zip(self.setup.center, half)])
+        p = b.clamp(p, -1.0, 1.0)
+        r = b.affine(b.reflect("normal", "view"), [1 / h for h in half], [0] * 3)
+        inverse = b.reciprocal(_absolute(b, r), PARALLEL)
+        t = b.multiply(b.affine(b.multiply(p, b.multiply(r, inverse)), [-1] * 3, [1] * 3), inverse)
+        x, y, z = (b.slice(t, k, 1) for k in range(3))
+        distance = _smaller(b, _smaller(b, x, y), z)
+        return _octahedral(b, b.add(p, b.multiply(r, distance))), distance
+
+    def irradiance(self, b: Builder) -> str:
+        """E' / S."""
+        q = self.curve(b)
+        u = b.multiply(q, q)
+        return b.multiply(u, b.reciprocal(b.affine(u, [-1] * 3, [1] * 3), SOFT))
+
+    def leaned(self, b: Builder, light: str, direction: str) -> str:
+        """Light on bent normals: E'(n') / E'(n) = n' · v / n · v while none crosses the horizon; v = ∫ L ω lies nearly
+        along the mean direction."""
+        lean = b.dot(b.subtract("shading_normal", "normal"), direction)
+        upright = b.reciprocal(b.clamp(b.dot("normal", direction), 0.0, 1.0), LEAST_UPRIGHT)
+        return b.multiply(light, b.activate(b.affine(b.multiply(lean, upright), [1], [1]), "relu"))
+
+    def inputs(self, b: Builder) -> list[str]:
+        """What the network knows beside features."""
+        kind = self.preset.inputs
+        if kind == "uv":
+            return [b.affine("uv1", [2, 2], [-1, -1])]
+        if kind == "report":
+            turns = b.scale("uv1", float(1 / np.pi))
+            return [b.frequency(turns, REPORT_OCTAVES), b.sh("view", 4), b.sh("normal", 4)]
+        if kind == "light":
+            light = "light" if self.setup.light == "sun" else normalised(b, "light", self.setup, per_frame=True)
+            return [light, normalised(b, "position", self.setup), *local_features(b, self.setup)]
+        normal = "shading_normal" if self.relief else "normal"
+        cosine = b.dot(normal, "view")
+        if kind == "view":
+            return [b.sh("view", 4), cosine, "roughness"]
+        r = b.reflect(normal, "view")
+        known = [r, cosine, "roughness", "metallic"]
+        bump = b.subtract("shading_normal", "normal") if self.relief else ""
+        known += [bump] if bump else []
+        if kind == "mirror":
+            return known
+        if self.base is not None:
+            known.append("q")
+        if self.direction is not None:
+            d = self.direction_node(b)
+            known += [d, b.dot(r, d), b.dot("normal", d)] + ([b.dot(bump, d)] if bump else [])
+        if self.preset.mirrors:
+            half = 0.5 * max(self.setup.size)
+            known.append(b.affine("position", [1 / half] * 3, [-c / half for c in self.setup.center]))
+        return known
+
+    def about(self, b: Builder) -> str:
+        """What is known of a place, whatever the eye: where it lies, how it is turned, the light that arrives."""
+        position = normalised(b, "position", self.setup)
+        known = [position, b.frequency(b.scale(position, 0.5), self.preset.octaves), "normal"]
+        known += ["q"] if self.base is not None else []
+        if self.direction is not None:
+            known.append("direction" if self.preset.inputs == "reflected" else self.direction_node(b))
+        return b.concat(*known)
+
+    # ------------------------------------------------------------------ whole graphs
+
+    def rows(self, b: Builder) -> dict[str, str]:
+        """place, base, gain, gloss, mirror, inputs: the columns of a training row."""
+        albedo, rest = self.albedo(b)
+        gloss, lit = self.known(b)
+        # The inputs name the curve, q, which the irradiance reads.
+        light = self.irradiance(b) if self.base is not None else ""
+        mirror, inputs = b.scale("uv1", 0.0), self.inputs(b)
+        if self.preset.mirrors:
+            mirror, distance = self.mirrored(b)
+            inputs = [*inputs, b.reciprocal(distance, 0.5)]
+        made = {"place": "uv1", "gloss": gloss, "mirror": mirror, "inputs": b.concat(*inputs)}
+        if self.learns_places:
+            made["about"] = self.about(b)
+        if self.base is not None:
+            if self.relief and self.direction is not None and self.preset.inputs == "reflected":
+                light = self.leaned(b, light, "direction")
+            light = b.multiply(b.multiply(albedo, light), lit)
+            return made | {"base": light, "gain": b.multiply(rest, lit)}
+        gain = "reflectance" if self.preset.demodulated else b.affine("reflectance", [0] * 3, [1] * 3)
+        return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
+
+    def lowered(self, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> Graph:
+        """The graph that ships: pictures as they are, weights in the preset's storage."""
+        b = Builder(**INPUTS)
+        light = self._with_network(b, features, weights) if self.preset.hidden else self._without(b)
+        graph = _pruned(b.build(radiance=b.scale(light, self.unit)))
+        small = quantise(graph, self.preset.storage)
+        buffers = {k: v if v.type == "uint8" else small.buffers[k] for k, v in graph.buffers.items()}
+        return replace(graph, buffers=buffers)
+
+    def _without(self, b: Builder) -> str:
+        """Ordinary and directional light maps: (a + g F) E', and a lobe round the dominant direction."""
+        gloss, lit = self.known(b)
+        light = b.multiply(self.irradiance(b), lit)
+        albedo, rest = self.albedo(b)
+        rest = b.multiply(rest, gloss)
+        if self.direction is None:
+            return self._over_reflectance(b, b.multiply(b.add(albedo, rest), light))
+        d = self.direction_node(b)
+        light = self.leaned(b, light, d) if self.relief else light
+        # λ exp(λ (r · d̂ − 1)): a lobe as bright as even light, weighed by how directed the light is.
+        r2 = b.multiply("roughness", "roughness")
+        sharp = b.scale(b.reciprocal(b.multiply(r2, r2), LEAST_ROUGHNESS), SHARPNESS)
+        cosine = b.dot(b.reflect("shading_normal" if self.relief else "normal", "view"), b.normalize(d))
+        lobe = b.activate(b.multiply(sharp, b.affine(cosine, [1], [-1])), "exp")
+        directed = b.multiply(b.length(d), b.multiply(sharp, lobe))
+        even = b.affine(b.length(d), [-1], [1])
+        gloss = b.multiply(rest, b.multiply(light, b.add(even, directed)))
+        return self._over_reflectance(b, b.add(b.multiply(albedo, light), gloss))
+
+    def _with_network(self, b: Builder, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> str:
+        row = self.rows(b)
+        gain = row["gain"]
+        low, width = FEATURE_LOW, FEATURE_HIGH - FEATURE_LOW
+        at = {name: row["mirror"] if name.startswith("r") else "uv1" for name in features}
+        read = [b.texture(at[name], b.buffer(picture.buffer(), name)) for name, picture in features.items()]
+        read = [b.affine(t, [width] * 3, [low] * 3) for t in read]
+        # The last picture may hold fewer channels than three.
+        if over := len(read) * 3 - self.preset.channels if read and not self.preset.mirrors else 0:
+            read[-1] = b.slice(read[-1], 0, 3 - over)
+        x = self._layers(b, b.concat(*read, row["inputs"]), weights)
+        if self.base is None:
+            return self._over_reflectance(b, b.multiply(gain, b.activate(x, "exp")))
+        e = b.activate(x, "exp")
+        factor = b.affine(b.multiply(b.affine(b.slice(e, 0, 3), [1] * 3, [-1] * 3), row["gloss"]), [1] * 3, [1] * 3)
+        diffuse = b.multiply(row["base"], factor)
+        gloss = b.multiply(b.multiply(gain, row["gloss"]), b.slice(e, 3, 3))
+        return self._over_reflectance(b, b.add(diffuse, gloss))
+
+    def _layers(self, b: Builder, x: str, weights: Mapping[str, np.ndarray]) -> str:
+        count = sum(name.startswith("w") for name in weights)
+        for k in range(count):
+            factor = (OMEGA_FIRST if k == 0 else OMEGA) if self.preset.siren and k + 1 < count else 1.0
+            matrix, bias = factor * weights[f"w{k}"].T, factor * weights[f"b{k}"][0]
+            y = b.linear(x, matrix, bias)
+            if k + 1 == count:
+                return y
+            y = b.activate(y, "sine" if self.preset.siren else self.preset.activation)
+            x = b.add(b.scale(y, 1.0 / max(k - 1, 1)), x) if self.preset.siren and k else y
+        return x
+
+    @staticmethod
+    def _over_reflectance(b: Builder, light: str) -> str:
+        """A runtime multiplies by the reflectance."""
+        return b.multiply(light, b.reciprocal("reflectance", 1e-9))
+
+
+def row_graph(nodes: MapNodes) -> Graph:
+    """The columns of a training row as outputs ``place, base, gain, inputs``."""
+    b = Builder(**INPUTS)
+    return b.build(**{name: b.scale(node, 1.0) for name, node in nodes.rows(b).items()})
+
+
+def _absolute(b: Builder, a: str) -> str:
+    return b.add(b.activate(a, "relu"), b.activate(b.scale(a, -1.0), "relu"))
+
+
+def _smaller(b: Builder, a: str, c: str) -> str:
+    return b.subtract(a, b.activate(b.subtract(a, c), "relu"))
+
+
+def _octahedral(b: Builder, direction: str) -> str:
+    """[2] in [0, 1]: a direction on the square; y is its axis, so that the folded half looks down."""
+    size = _absolute(b, direction)
+    x, y, z = (b.slice(size, k, 1) for k in range(3))
+    d = b.multiply(direction, b.reciprocal(b.add(b.add(x, y), z), PARALLEL * PARALLEL))
+    flat = b.concat(b.slice(d, 0, 1), b.slice(d, 2, 1))
+    turned = b.concat(b.slice(d, 2, 1), b.slice(d, 0, 1))
+    sign = b.multiply(flat, b.reciprocal(_absolute(b, flat), PARALLEL * PARALLEL))
+    folded = b.multiply(b.affine(_absolute(b, turned), [-1, -1], [1, 1]), sign)
+    return b.affine(b.select(b.slice(d, 1, 1), flat, folded), [0.5, 0.5], [0.5, 0.5])
+
+
+def _pruned(graph: Graph) -> Graph:
+    """Without nodes and inputs that nothing needs."""
+    return graph.only(*graph.outputs)

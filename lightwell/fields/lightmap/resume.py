@@ -1,0 +1,74 @@
+"""What a light map bake keeps while it runs, so that a killed one goes on where it was and ends with the same bytes."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.fields.lightmap.trace import EyeSamples, Sides
+from lightwell.files import load_arrays, save_arrays
+from lightwell.transport.irradiance import Irradiance
+from lightwell.transport.mapped import MappedQuery
+
+LOG = logging.getLogger("lightwell.bake")
+QUERY = tuple(MappedQuery.__dataclass_fields__)
+EYES = ("half_a", "half_b", "weight")
+LIGHT = ("half_a", "half_b", "direction", "wrong")
+
+
+def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The arrays of ``path``, or those that ``make`` makes, written by a temporary name and a rename.
+
+    Those of a damaged file are made again, with a note.
+    """
+    if path.exists():
+        try:
+            return load_arrays(path, "damaged, and made again")
+        except ValueError as error:
+            LOG.warning("bake: %s", error)
+    made = make()
+    save_arrays(path, made)
+    return made
+
+
+def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
+    """See ``kept``."""
+
+    def arrays():
+        made = make()
+        faint = np.zeros_like(made.lit) if made.faint is None else made.faint
+        return {"lit": made.lit, "dark": made.dark, "faint": faint}
+
+    return Sides(**kept(path, arrays))
+
+
+def kept_light(path: Path, make: Callable[[], Irradiance]) -> Irradiance:
+    """See ``kept``."""
+
+    def arrays():
+        made = make()
+        return {name: getattr(made, name) for name in LIGHT}
+
+    return Irradiance(**kept(path, arrays))
+
+
+def kept_eyes(path: Path, make: Callable[[], EyeSamples]) -> EyeSamples:
+    """See ``kept``."""
+
+    def arrays():
+        made = make()
+        found = {f"query.{name}": getattr(made.query, name) for name in QUERY}
+        return found | {name: getattr(made, name) for name in EYES}
+
+    found = kept(path, arrays)
+    query = MappedQuery(**{name: found[f"query.{name}"] for name in QUERY})
+    return EyeSamples(query, *(found[name] for name in EYES))
+
+
+def kept_counts(path: Path, make: Callable[[], tuple[int, int]]) -> tuple[int, int]:
+    """Counts that depend on how fast the machine was."""
+    found = kept(path, lambda: {"counts": np.array(make(), np.int64)})["counts"]
+    return int(found[0]), int(found[1])

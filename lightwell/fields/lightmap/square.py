@@ -1,0 +1,18 @@
+"""How large the square of a light map is."""
+
+from __future__ import annotations
+
+from lightwell.fields.lightmap.trace import Sides
+from lightwell.scenes.atlas import Atlas, build
+from lightwell.scenes.scene import Scene
+
+# An atlas that is covered less than this becomes twice as large, up to a size.
+ROOMY, MOST_ROOMY = 0.65, 2048
+
+
+def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
+    """The atlas, twice as large where charts are so small that padding would take much of it."""
+    made = build(scene, size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
+    if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
+        return made
+    return build(scene, 2 * size, sides.lit, mips, dark=sides.dark, faint=sides.faint)

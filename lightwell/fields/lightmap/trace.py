@@ -1,0 +1,453 @@
+"""What a light map learns from: light that arrives at texels, and light that leaves surfaces towards eyes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import is_matte
+from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
+from lightwell.fields.lightmap.media import media_meshes, volumetric
+from lightwell.fields.lightmap.nodes import DIELECTRIC
+from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
+from lightwell.scenes.normal_maps import relief
+from lightwell.scenes.placing import initial_light, sample_cameras
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.still_light import under_sky, with_lamp
+from lightwell.scenes.variables import declare
+from lightwell.transport.air import _escape_share, reject
+from lightwell.transport.gather import KnownLight, gathered
+from lightwell.transport.interactions import upload
+from lightwell.transport.irradiance import Irradiance, irradiance
+from lightwell.transport.mapped import MappedQuery, mapped_query
+from lightwell.transport.queries import frames, make_query
+from lightwell.transport.radiance import static
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.surface import SurfaceDraw, draw_surface
+from lightwell.transport.tables import shape_index, shape_lookup, tables
+from lightwell.transport.texels import Texels, texels
+from lightwell.transport.visible import side_points, visible_sides
+
+# More rays than this leave a scene that daylight can enter.
+OPEN = 0.005
+# A side counts as lit when its brightest point has this share of the mean light; paths that look for it.
+DARK, DARK_PATHS = 1e-4, (8, 64, 512)
+# Points that look for light, over the whole scene; each side gets two at least.
+LOOKS = 1 << 16
+# The same for sides that nothing has seen yet.
+PEEPS = 1 << 16
+# Rays from free places that look for sides: anywhere, and at each side that was not found yet.
+GLANCES, AIMED = 1 << 20, 16
+# Sides of more than this share of all area are faint if less than this share of so many points on them sees air.
+LARGE, LITTLE, GLIMPSES = 1e-3, 0.1, 64
+# Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
+NARROW_PATHS, NARROW_SHARE = 8, 0.75
+# Texels darker than this share of the mean are asked whether anything can see them.
+BLACK = 0.02
+# Points of a scene where the eye matters nowhere.
+FEW_EYES = 1 << 12
+# Paths through media are noisier: so many times more of them.
+MEDIA_PATHS = 4
+# Surfaces darker than this keep the light that the surface tracer sees.
+LEAST_ALBEDO = 0.02
+# Shares of view directions: towards places where an eye may stand, the rest as ``draw_surface`` distributes them.
+TOWARDS_EYES = 0.5
+
+
+@dataclass(frozen=True)
+class Chart:
+    """An atlas and the light that arrives on it."""
+
+    atlas: Atlas
+    texels: Texels
+    light: Irradiance
+    stored: np.ndarray
+    """[K] bool: texels that something can see; the others take the light of their neighbours."""
+    glossy: np.ndarray
+    """[K] bool: the eye matters there."""
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """[n, n, 3] E': denoised, continued across chart borders and smooth between them."""
+        return light_image(self)
+
+
+def lit_scene(scene: Scene) -> tuple[Scene, str]:
+    """A scene without light of its own gets a sky where daylight can enter, else a lamp; and what was done."""
+    if scene.has_static_light:
+        return scene, ""
+    if _escape_share(scene) > OPEN:
+        return under_sky(scene), "the scene has no light of its own: it stands under a white sky"
+    variable = declare((), scene)
+    place = initial_light(scene, variable, (scene.cameras or sample_cameras(scene, variable, 1, 0))[0])
+    where = ", ".join(f"{c:.2f}" for c in place)
+    return with_lamp(scene, place), f"the scene has no light of its own: a lamp hangs at ({where})"
+
+
+@dataclass(frozen=True)
+class Sides:
+    """[2, T] bool each: which sides of which triangles a light map stores."""
+
+    lit: np.ndarray
+    """Stored: something sees them and light reaches them."""
+    dark: np.ndarray
+    """Seen, but black for the light map: no light reaches them, or they are clear glass."""
+    faint: np.ndarray | None = None
+    """Stored, but large and nearly all behind other things."""
+
+
+def lit_sides(scene: Scene, seed: int) -> Sides:
+    """Sides that something sees and light reaches, and those that are seen and dark."""
+    seen = sides_in_sight(scene, seed)
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    side, triangle = np.nonzero(seen & ~glass)
+    area = tables(scene).area[triangle]
+    brightest, least = np.zeros(len(side)), 0.0
+    for k, paths in enumerate(DARK_PATHS):
+        # Few paths find the light of most sides; those for which they found none are looked at again, more closely.
+        rows = np.flatnonzero(brightest <= least)
+        if not len(rows):
+            break
+        points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
+        found = irradiance(scene, points, paths, seed + k).mean.mean(axis=1)
+        np.maximum.at(brightest, rows[row], np.nan_to_num(found))
+        least = DARK * np.average(brightest, weights=area)
+    bright = brightest > least
+    lit = np.zeros_like(seen)
+    lit[side[bright], triangle[bright]] = True
+    return Sides(lit, seen & ~lit, faint_sides(scene, lit, seed))
+
+
+def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
+    """[2, T] bool: sides so large that their texels count, of which little sees air."""
+    area = tables(scene).area
+    side, triangle = np.nonzero(lit & (area > LARGE * (lit * area).sum()))
+    faint = np.zeros_like(lit)
+    if len(side):
+        row = np.repeat(np.arange(len(side)), GLIMPSES)
+        u, v = np.random.default_rng([seed, 0xFA17]).random((2, len(row)))
+        place = np.stack([np.sqrt(u) * (1 - v), np.sqrt(u) * v], axis=1).astype(np.float32)
+        seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed)
+        few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * GLIMPSES
+        faint[side[few], triangle[few]] = True
+    return faint
+
+
+def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
+    """[2, T] bool: sides of which some point can be seen; what peeps out behind a skirting board counts."""
+    seen = visible_sides(scene, seed) | met_sides(scene, seed)
+    side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
+        seen |= met_sides(scene, seed + 1, side, triangle)
+        side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
+        points, row = spread(scene, side, triangle, PEEPS, seed)
+        found = row[reject(scene, points, seed=seed)]
+        seen[side[found], triangle[found]] = True
+    return seen
+
+
+def met_sides(
+    scene: Scene, seed: int, side: np.ndarray | None = None, triangle: np.ndarray | None = None
+) -> np.ndarray:
+    """[2, T] bool: sides that rays from free places meet, in all directions or at places on sides [K] of triangles [K].
+    Of two faces in one place, the one that rays meet counts."""
+    rng = np.random.default_rng([seed, 0x6A2E])
+    places = free_places(scene, rng)
+    if len(scene.cameras):
+        places = np.concatenate([places, np.float32([c.position for c in scene.cameras])])
+    if side is None:
+        origin, d = places[rng.integers(len(places), size=GLANCES)], rng.normal(size=(GLANCES, 3))
+    else:
+        rows = rng.permutation(np.repeat(np.arange(len(side)), AIMED))[:GLANCES]
+        root, v = np.sqrt(rng.random(len(rows))), rng.random(len(rows))
+        place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+        position, _, flat = frames(scene, points := side_points(scene, triangle[rows], side[rows], place))
+        eye = places[rng.integers(len(places), size=len(points))]
+        facing = ((eye - position) * flat).sum(axis=1) * np.where(side[rows] == 0, 1, -1) > 0
+        origin, d = eye[facing], (position - eye)[facing]
+    return _met(scene, origin, d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12))
+
+
+def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """[2, T] bool: sides that rays [N, 3] meet."""
+    t = tables(scene)
+    found = np.zeros((2, len(t.area)), bool)
+    if not len(origin):
+        return found
+    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
+    pi = scene.mi.ray_intersect_preliminary(ray)
+    si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
+    hit, back = pi.is_valid(), dr.dot(si.n, ray.d) > 0
+    mesh, triangle = shape_index(shape_lookup(scene), pi.shape), pi.prim_index
+    dr.eval(hit, back, mesh, triangle)
+    hit, mesh = np.array(hit, bool), np.array(mesh)
+    found[np.array(back, bool)[hit].astype(int), t.first[mesh[hit]] + np.array(triangle)[hit]] = True
+    return found
+
+
+def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """[K, 3] places in the free air, the half of it that is farther from surfaces."""
+    from lightwell.scenes.free_air import free_air
+
+    low, high = scene.bounds
+    places = low + (high - low) * rng.random((4096, 3))
+    distance = free_air(scene).distance(places)
+    return places[distance > np.quantile(distance, 0.5)].astype(np.float32)
+
+
+def spread(scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int):
+    """Random points on sides [K] of triangles, two at least on each and the more the larger it is; and their rows."""
+    area = tables(scene).area[triangle]
+    looks = np.clip(count * area / max(area.sum(), 1e-30), 2, count).astype(np.int64)
+    row = np.repeat(np.arange(len(side)), looks)
+    u, v = np.random.default_rng([seed, 0x51DE]).random((2, len(row)))
+    root = np.sqrt(u)
+    place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+    return side_points(scene, triangle[row], side[row], place), row
+
+
+def seen_sides(scene: Scene, seed: int) -> Sides:
+    """All sides that something sees are stored but those of clear glass."""
+    seen = sides_in_sight(scene, seed)
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    return Sides(seen & ~glass, seen & glass)
+
+
+def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:
+    """E' at all texels; those of narrow places, which no filter can denoise, get more paths."""
+    light = _arriving(scene, covered.points, paths, seed)
+    rows = np.flatnonzero(narrow(covered))
+    more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
+    if more < 2:
+        return light
+    better = _arriving(scene, covered.points[rows], paths * more, seed + 0x7A1)
+    columns = {name: getattr(light, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
+    for name, column in columns.items():
+        column[rows] = getattr(better, name)
+    return replace(light, **columns)
+
+
+def narrow(covered: Texels) -> np.ndarray:
+    """[K] bool: texels of charts, or of parts of them, that are too narrow for the denoiser."""
+    half = SMALL / 2
+    # Charts keep apart, so that the distance to what no chart covers is that to the border.
+    wide = distance_transform_edt(covered.chart >= 0) >= half
+    if not wide.any():
+        return np.ones(len(covered.index), bool)
+    return (distance_transform_edt(~wide) >= 1.5 * half).reshape(-1)[covered.index]
+
+
+def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
+    """E' at texels; where something is full of a medium, the light that left it counts too: what a surface shows along
+    its normal, over its albedo."""
+    light, media = irradiance(scene, points, paths, seed), media_meshes(scene)
+    if not media.any():
+        return light
+    rows = np.flatnonzero(~media[points.shape])
+    color = _albedo(make_query(scene, points[rows], np.zeros(3, np.float32)))
+    shown = (color > LEAST_ALBEDO).all(axis=1)
+    rows, color = rows[shown], color[shown]
+    a, b = light.half_a.copy(), light.half_b.copy()
+    a[rows], b[rows] = (half / color for half in volumetric(scene, points[rows], paths, seed))
+    return replace(light, half_a=a, half_b=b)
+
+
+def _albedo(query) -> np.ndarray:
+    """[N, 3] diffuse albedo a, as the graph knows it."""
+    color = query.reflectance - DIELECTRIC * (1 - query.metallic)
+    return np.clip(color * (1 - query.metallic), 0, 1)
+
+
+def matte(scene: Scene) -> np.ndarray:
+    """[M] bool: meshes that look the same from everywhere."""
+    return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
+
+
+def clear_glass(scene: Scene) -> np.ndarray:
+    """[M] bool: transmissive meshes with a lobe too narrow for any light map; the rasteriser draws them."""
+    materials = [scene.materials[mesh.material] for mesh in scene.meshes]
+    return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)
+
+
+def chart(
+    scene: Scene,
+    size: int,
+    mips: int,
+    paths: int,
+    seed: int,
+    own: bool = True,
+    sides: Sides | None = None,
+    keep=None,
+    atlas: Atlas | None = None,
+) -> Chart:
+    """Atlas, texels and their light.
+
+    keep    Gives the light that a killed bake has kept, or keeps it.
+    atlas   That of an earlier call; None: it is made.
+    """
+    if atlas is None:
+        sides = lit_sides(scene, seed) if sides is None else sides
+        atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark, faint=sides.faint)
+    covered = texels(scene, atlas)
+    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, covered, paths, seed + 1))
+    glossy = ~matte(scene)[covered.points.shape]
+    return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
+
+
+def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
+    """[K] bool: finite light, not facing the insides of things and, where it is black, seen from somewhere.
+
+    The floor under a box is black: read bilinearly it would darken the floor beside the box.
+    """
+    brightness = light.mean.mean(axis=1)
+    stored = light.valid & np.isfinite(brightness)
+    dark = np.flatnonzero(stored & (brightness < BLACK * brightness[stored].mean()))
+    if len(dark):
+        stored[dark] = reject(scene, covered.points[dark], seed=seed)
+    return stored
+
+
+def light_image(made: Chart, clean: bool = True) -> np.ndarray:
+    """[n, n, 3] E' of an atlas: denoised, continued across chart borders and smooth between them."""
+    n = made.atlas.size
+    image = np.zeros((n * n, 3), np.float32)
+    image[made.texels.index] = made.light.mean
+    valid = np.zeros(n * n, bool)
+    valid[made.texels.index] = made.stored
+    image, valid = image.reshape(n, n, 3), valid.reshape(n, n)
+    chart_of = np.where(valid, made.texels.chart, -1)
+    # Invalid texels take the light of the nearest valid one, of the same chart where it has any.
+    image = dilated(image, valid, padding(made.atlas.mips))
+    if clean:
+        image = denoised(image, chart_of, padding(made.atlas.mips))
+        image = dilated(image, valid, padding(made.atlas.mips))
+    return image
+
+
+def mask_image(made: Chart) -> np.ndarray:
+    """[n, n, 3] uint8: red where the eye matters, green where there is a light map at all."""
+    n = made.atlas.size
+    image = np.zeros((n * n, 3), np.float32)
+    image[made.texels.index, 0] = 255 * made.glossy
+    image[made.texels.index, 1] = 255
+    covered = made.texels.chart >= 0
+    reach = padding(made.atlas.mips)
+    near = distance_transform_edt(~covered) <= reach
+    return np.where(near[..., None], dilated(image.reshape(n, n, 3), covered, reach), 0).astype(np.uint8)
+
+
+def direction_image(made: Chart) -> np.ndarray:
+    """[n, n, 3] in [-1, 1]: mean direction of the light, as long as the light is directed."""
+    n = made.atlas.size
+    image = np.zeros((n * n, 3), np.float32)
+    brightness = made.light.mean @ np.float32([0.2126, 0.7152, 0.0722])
+    image[made.texels.index] = made.light.direction / np.maximum(brightness, 1e-6)[:, None]
+    covered = np.zeros(n * n, bool)
+    covered[made.texels.index] = made.stored & np.isfinite(image[made.texels.index]).all(axis=1)
+    return np.clip(dilated(image.reshape(n, n, 3), covered.reshape(n, n), padding(made.atlas.mips)), -1, 1)
+
+
+def reduced(image: np.ndarray, factor: int) -> np.ndarray:
+    """[n / f, n / f, C] means of squares of texels."""
+    n = image.shape[0] // factor
+    return image.reshape(n, factor, n, factor, -1).mean(axis=(1, 3))
+
+
+@dataclass(frozen=True)
+class EyeSamples:
+    """N surface points with views, and the radiance that leaves them."""
+
+    query: MappedQuery
+    half_a: np.ndarray
+    half_b: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """[N, 3] both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+    def __getitem__(self, rows: np.ndarray) -> EyeSamples:
+        """Some of them."""
+        query = MappedQuery(**{n: getattr(self.query, n)[rows] for n in MappedQuery.__dataclass_fields__})
+        return EyeSamples(query, self.half_a[rows], self.half_b[rows], self.weight[rows])
+
+    def __add__(self, other: EyeSamples) -> EyeSamples:
+        """Both, the weights of the second relative to the mean of the first."""
+        names = MappedQuery.__dataclass_fields__
+        query = MappedQuery(**{n: np.concatenate([getattr(s.query, n) for s in (self, other)]) for n in names})
+        halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
+        return EyeSamples(query, *halves, np.concatenate([self.weight, other.weight * self.weight.mean()]))
+
+
+def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, known: np.ndarray | None) -> EyeSamples:
+    """Points on surfaces that the eye matters to, half of them seen from places where it may stand, and their radiance.
+
+    A Lambertian surface needs none: what arrives there says all. Without any other surface, a few points of all.
+
+    known   [n, n, 3] E' of the atlas, at which paths end; None: they are traced to their ends.
+    """
+    wanted = ~matte(scene) & ~clear_glass(scene)
+    draw = _drawn(scene, wanted, count, seed)
+    points = _towards_eyes(scene, draw.points, seed)
+    if media_meshes(scene).any():
+        a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
+    elif known is None:
+        a, b = static(scene, points, paths, seed)
+    else:
+        a, b = corrected(scene, made.atlas, points, known, paths, seed)
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    query = mapped_query(scene, made.atlas, points)
+    good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
+    weight = np.where(good, draw.weight, 0).astype(np.float32)
+    return EyeSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
+    """``count`` points on the meshes [M] that are wanted; a few of all where none of them sees air."""
+    if wanted.any():
+        try:
+            return draw_surface(scene, count, seed, floor=64, only=wanted)
+        except ValueError:
+            pass
+    return draw_surface(scene, FEW_EYES, seed, floor=64)
+
+
+def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
+    """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
+    light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
+    query = mapped_query(scene, atlas, points)
+    color = _albedo(query)
+    # E' is that of normals without relief, and directions below a bent horizon are never drawn.
+    stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True) & ~relief(scene)[points.shape, None]
+    return light + np.where(stored, color * (bilinear(known, query.uv1) - seen), 0)
+
+
+def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """[N, C] reads of an image [n, n, C] at uv [N, 2], as the graph's ``texture`` reads it."""
+    n = image.shape[0]
+    at = np.clip(uv * np.float32(n) - np.float32(0.5), 0, n - 1)
+    low = at.astype(np.int64)
+    high, t = np.minimum(low + 1, n - 1), (at - low)[..., None].astype(np.float32)
+    upper = image[low[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[low[:, 1], high[:, 0]] * t[:, 0]
+    lower = image[high[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[high[:, 1], high[:, 0]] * t[:, 0]
+    return upper * (1 - t[:, 1]) + lower * t[:, 1]
+
+
+def _towards_eyes(scene: Scene, points: SurfacePoints, seed: int) -> SurfacePoints:
+    """Turn a share of the views towards free places that the surface faces; occlusion is not asked: what lies behind
+    another surface is seen through a door, or never."""
+    rng = np.random.default_rng([seed, 0xE7E])
+    places = free_places(scene, rng)
+    position, _, flat = frames(scene, points)
+    flat = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
+    eye = places[rng.integers(len(places), size=len(points))] - position
+    eye /= np.maximum(np.linalg.norm(eye, axis=1, keepdims=True), 1e-9)
+    turned = (rng.random(len(points)) < TOWARDS_EYES) & ((eye * flat).sum(axis=1) > 0.05)
+    view = np.where(turned[:, None], eye, points.view).astype(np.float32)
+    return SurfacePoints(points.shape, points.triangle, points.barycentric, view)

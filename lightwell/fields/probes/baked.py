@@ -1,0 +1,176 @@
+"""Probes as they were baked: the light of some states, how they are mixed to bases, and the code that mixes the bases.
+
+From this everything is written: the shading graph, files, the page, and the state that an incremental bake starts from.
+Notation: P nodes, F fine probes, S states, K bases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from lightwell.fields.protocol import ExtraFile, Shown
+from lightwell.files import write_atomically
+from lightwell.graph import Graph, evaluate
+from lightwell.graph.builder import Builder
+from lightwell.probes import ddgi, keep
+from lightwell.probes.code import Code
+from lightwell.probes.file import encode_volume
+from lightwell.probes.light import Lit, relit
+from lightwell.probes.lower import lower
+from lightwell.probes.page import write_page
+from lightwell.probes.volume import ProbeVolume
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+
+# Lattices with more nodes than this have no baselines in their page: a kilobyte a node.
+MOST_COMPARED = 4096
+
+
+@dataclass(frozen=True)
+class BakedProbes:
+    """See the module."""
+
+    lit: Lit
+    mix: np.ndarray
+    """[S, K] float64: basis k is the sum of the states times column k; [1, 1] for the scene's own light."""
+    code: Code | None
+    """From the place of the light to K factors; None: the scene's own light."""
+    unit: float
+    """Radiance unit S of the shading graph."""
+    preset: str
+    coding: str = "zh3"
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """[P + F, 9, 3, K] float32."""
+        return mixed(self.lit.solution.light, self.mix)
+
+    def lower(self) -> Graph:
+        """The query as a shading graph; the light's network runs once a frame."""
+        return lower(self.lit.geometry.volume, self.unit, self.basis / self.unit, self.code)
+
+    def factors(self, light: np.ndarray) -> np.ndarray:
+        """[K] of a light at [3]."""
+        if self.code is None:
+            return np.ones(1)
+        b = Builder(light=3)
+        graph = b.build(code=self.code.node(b))
+        return evaluate(graph, {"light": np.asarray(light, np.float32).reshape(1, 3)})["code"][0]
+
+    def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
+        """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
+        return self.lit.geometry.volume.lit(self._under(self.basis, light, intensity))
+
+    def _under(self, basis: np.ndarray, light, intensity) -> np.ndarray:
+        gain = np.ones(3) if self.code is None else np.broadcast_to(intensity, 3)
+        return (basis @ self.factors(light)) * gain
+
+    def files(
+        self, role: str, glb: Path, scene: Scene, shown: Shown, keep: bool
+    ) -> tuple[list[ExtraFile], dict[str, float]]:
+        """List the files beside the asset ``glb``, and bytes per live probe by part.
+
+        ``probes-ROLE.lwp`` is for lights of three.js, ``probes-ROLE-compare.lwp`` has the baselines in the same file,
+        ``probes.html`` shows that and the scene; ``keep``: ``probes-ROLE.npz``, from which ``rebaked`` starts.
+        """
+        lit = self.volume(shown.light, shown.intensity)
+        mean = float(np.abs(lit.light[lit.alive, 0]).mean()) if lit.alive.any() else 1.0
+        plain, parts = encode_volume(lit, self.coding, unit=max(mean, 1e-20))
+        data = plain
+        if len(lit.lattice) <= MOST_COMPARED:
+            as_traced = self._under(mixed(self.lit.start, self.mix), shown.light, shown.intensity)
+            support = self.lit.geometry.support
+            moments = ddgi.bake_moments(scene, support, as_traced[: len(lit.lattice)], 0.0)
+            data, _ = encode_volume(lit, self.coding, unit=max(mean, 1e-20), baselines=moments)
+        files = [_bytes_file(f"probes-{role}.lwp", plain)]
+        files += [_bytes_file(f"probes-{role}-compare.lwp", data)] if data is not plain else []
+        files.append(ExtraFile("probes.html", "text/html", lambda path: write_page(path, data, glb.read_bytes())))
+        if keep:
+            state = f"probes-{role}.npz"
+            files.append(ExtraFile(state, "application/zip", lambda path: self.keep(path.parent, role, shown)))
+        return files, parts
+
+    def keep(self, out: Path, role: str, shown: Shown) -> None:
+        """Write ``probes-ROLE.npz``, from which ``rebaked`` starts."""
+        facts = {"preset": self.preset, "unit": self.unit, "coding": self.coding, "role": role}
+        more = {"mix": self.mix, "light": np.float64(shown.light), "intensity": np.float64(shown.intensity)}
+        if self.code is not None:
+            facts |= {"center": list(self.code.center), "half": self.code.half, "layers": len(self.code.layers)}
+            for k, (w, b) in enumerate(self.code.layers):
+                more |= {f"w{k}": np.asarray(w), f"b{k}": np.asarray(b)}
+        keep.save(out / f"probes-{role}.npz", self.lit, facts, more)
+
+    @staticmethod
+    def kept(path: Path) -> tuple[BakedProbes, Shown]:
+        """What ``keep`` wrote, checked."""
+        lit, facts, more = keep.load(path)
+        try:
+            states = 1 if lit.lights is None else len(lit.lights)
+            mix, code = np.asarray(more["mix"], np.float64), None
+            good = mix.ndim == 2 and len(mix) == states and 0 < mix.shape[1] <= 64 and bool(np.isfinite(mix).all())
+            if lit.lights is not None:
+                layers = [(more[f"w{k}"], more[f"b{k}"]) for k in range(int(facts["layers"]))]
+                code = Code(tuple(float(c) for c in facts["center"]), float(facts["half"]), layers)
+                good &= _fits(code, mix.shape[1])
+            shown = Shown(*(np.asarray(more[name], np.float64).reshape(3) for name in ("light", "intensity")))
+            made = BakedProbes(lit, mix, code, float(facts["unit"]), str(facts["preset"]), str(facts["coding"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path}: not the state of light probes; bake again with --keep") from error
+        if not good or not 0 < made.unit < 1e30 or made.coding not in ("l2", "zh3"):
+            raise ValueError(f"{path}: not the state of light probes; bake again with --keep")
+        return made, shown
+
+    def rebaked(
+        self, scene: Scene, variable: Variable, box: np.ndarray, fit: Callable | None
+    ) -> tuple[BakedProbes, np.ndarray]:
+        """The probes after the scene has changed inside ``box`` [2, 3], and the numbers of what was solved again.
+
+        Bases are mixed as before, so that the light's network stays what it was and nothing is trained.
+        """
+        lit, again = relit(scene, self.lit, box, fit, variable)
+        return replace(self, lit=lit), again
+
+
+def mixed(light: np.ndarray, mix: np.ndarray) -> np.ndarray:
+    """[P, 9, 3, K] float32 bases of the states [S, P, 9, 3] (or the one state [P, 9, 3]). Probe by probe and state by
+    state, so that a probe's bytes depend on its own light alone."""
+    states = light if light.ndim == 4 else light[None]
+    out = np.zeros((*states.shape[1:], mix.shape[1]))
+    for state, row in zip(states, mix):
+        out += state[..., None] * row
+    return out.astype(np.float32)
+
+
+def singular_mix(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
+    """[S, K] of the leading right singular vectors of states [S, P, 9, 3], sized so that codes are about 1."""
+    matrix = states[:, live].reshape(len(states), -1).astype(np.float64)
+    # States count alike, whether the light is near a wall or far: each is divided by its size.
+    size = np.linalg.norm(matrix, axis=1, keepdims=True)
+    share = np.where(size > 0, 1 / np.maximum(size, 1e-30), 0)
+    u, s, _ = np.linalg.svd(matrix * share, full_matrices=False)
+    k = min(rank, len(s))
+    return u[:, :k] * share * float(np.median(size)) / np.sqrt(len(states))
+
+
+def _fits(code: Code, rank: int) -> bool:
+    """Whether each layer takes what the one before gives, in finite numbers."""
+    width = code.width
+    for w, b in code.layers:
+        if (
+            w.ndim != 2
+            or w.shape[1] != width
+            or b.shape != (len(w),)
+            or not np.isfinite(w).all() & np.isfinite(b).all()
+        ):
+            return False
+        width = len(w)
+    return width == rank and 0 < code.half < 1e9 and len(code.layers) <= 16
+
+
+def _bytes_file(name: str, data: bytes) -> ExtraFile:
+    return ExtraFile(name, "application/octet-stream", lambda path: write_atomically(path, data) and None)

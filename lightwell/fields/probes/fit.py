@@ -1,0 +1,330 @@
+"""Learned light probes: harmonics on a lattice in the air, with learned interpolation weights: light stops at walls.
+
+The geometry (``lightwell.probes``) knows no light. A declared light makes the probes relightable: some light states
+are solved for, their singular vectors are the stored bases, and a small network on the place of the light, run once a
+frame, mixes them; it is trained on the same samples as every other field.
+
+Notation: P nodes, S states, K bases, N samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import FieldSetup, Progress
+from lightwell.fields.probes.baked import BakedProbes, mixed, singular_mix
+from lightwell.fields.protocol import ExtraFile, Shown
+from lightwell.graph import Graph
+from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks.losses import EPSILON
+from lightwell.networks.training import TrainingState
+from lightwell.probes import ddgi, sh
+from lightwell.probes.bake import Geometry, bake_geometry
+from lightwell.probes.baselines import compare
+from lightwell.probes.code import Code
+from lightwell.probes.generator import fit_with
+from lightwell.probes.light import Lit, light_volume, refined
+from lightwell.probes.samples import Effort
+from lightwell.probes.volume import ProbeVolume, coefficients
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene_cache import Derived
+from lightwell.transport.samples import Query, Samples
+
+# Probes along the longest edge where no spacing is asked for.
+ALONG = 8
+# Samples that the light's network is trained on at most.
+MOST_SAMPLES = 1 << 18
+# Rows whose harmonics are evaluated together.
+CHUNK = 1 << 14
+# What is traced for each light state, and for a light that stands still; how the light's network is trained.
+MOVING, STILL = Effort(24, 64, 256, most=4), Effort(32, 256, 1024, most=8)
+TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
+# The seed of the light states is this far from that of the samples.
+STATE_SEED = 7919
+
+
+GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
+Solved = tuple[Lit, np.ndarray, dict]
+LIGHT = Derived[Solved]("probes.light", most=4)
+
+
+@dataclass(frozen=True)
+class ProbesPreset:
+    """Everything that defines a probe field beside its spacing."""
+
+    function: str = "relu-field"
+    """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
+    effort: Effort = MOVING
+    static_effort: Effort = STILL
+    states: int = 48
+    """Light states that are solved for (S)."""
+    rank: int = 8
+    """Bases that are kept of them (K)."""
+    generator: bool = False
+    """Whether fits start from the generator: a network per probe wants it, a grid's convex problem does not."""
+    refine: bool = True
+    """Whether what the generator finds is refined, probe by probe."""
+    coding: str = "zh3"
+    """Of the light in files: 'l2' or 'zh3'."""
+    bricks: float = 1.0
+    """Fine probes per live probe of the lattice, at most; 0: no bricks."""
+    hidden: tuple[int, ...] = (48, 48)
+    """Widths of the network on the place of the light."""
+    training: TrainingSettings = TRAINING
+
+
+DRAFT = ProbesPreset(effort=Effort(8, 16, 64, most=1), static_effort=Effort(8, 64, 128, most=1), states=12, rank=4)
+# Ours, hat × ratio: default (a ReLU field of 4³ bytes) and the others by their names; ``bare-``: the published forms.
+PRESETS: dict[str, ProbesPreset] = {
+    "default": ProbesPreset(),
+    "draft": DRAFT,
+    "l2": ProbesPreset(coding="l2"),
+    **{name: ProbesPreset(function=name) for name in ("relu-field", "relu-field-5", "product-field")},
+    "mlp": ProbesPreset(function="mlp", generator=True),
+    "mlp-generated": ProbesPreset(function="mlp", generator=True, refine=False),
+    "mlp-direct": ProbesPreset(function="mlp"),
+    **{name: ProbesPreset(function=name) for name in ("bare-relu-field-5", "bare-product-field", "bare-mlp")},
+}
+
+
+@dataclass(frozen=True)
+class CodeNetwork:
+    """Mixes K bases by the place of the light: rows are (features of the light [F], light per basis [3 K])."""
+
+    mlp: Mlp
+
+    @property
+    def rank(self) -> int:
+        """K."""
+        return self.mlp.sizes[-1]
+
+    def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
+        """Named arrays of parameters."""
+        return self.mlp.initial(seed, bias)
+
+    def __call__(self, parameters: Any, x: Any) -> Any:
+        """[B, F + 3 K] → [B, 3]."""
+        features = self.mlp.sizes[0]
+        code = self.mlp(parameters, x[:, :features])
+        k = self.rank
+        # The code three times over; then the sum of each colour. Made on the device: a frozen step cannot upload.
+        mixed = x[:, features:] * dr.matmul(code, _ones_where(k, 3 * k, lambda row, column: column % k == row))
+        return dr.matmul(mixed, _ones_where(3 * k, 3, lambda row, column: row // k == column))
+
+    def evaluate(self, parameters: Any, x: np.ndarray) -> np.ndarray:
+        """The same on NumPy arrays."""
+        features = self.mlp.sizes[0]
+        code = self.mlp.evaluate(parameters, x[:, :features])
+        return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
+
+
+def _ones_where(rows: int, columns: int, condition: Callable) -> Any:
+    """[rows, columns] tensor of ones where a condition on (row, column) holds."""
+    index = dr.arange(mi.UInt32, rows * columns)
+    return mi.TensorXf(dr.select(condition(index // columns, index % columns), mi.Float(1), 0), (rows, columns))
+
+
+@dataclass
+class ProbesFit:
+    """See ``lightwell.fields.base.Learner``."""
+
+    setup: FieldSetup
+    preset: ProbesPreset
+    seed: int
+    solved: Solved
+    """The light that ``solved`` has found for this set-up, preset and seed."""
+    facts: dict[str, Any] = field(default_factory=dict)
+    name: str = "default"
+    """Of the preset."""
+
+    def __post_init__(self) -> None:
+        self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
+        self._static = self.setup.light == "static"
+        self._lit, self._mix, baselines = self.solved
+        self._basis = mixed(self._lit.solution.light, self._mix)
+        sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
+        self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
+        self._data: TrainingSet | None = None
+        self._validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        volume = self._lit.geometry.volume
+        self.facts |= {
+            "probes": int(volume.alive.sum()),
+            "nodes": len(volume.lattice),
+            "bricks": 0 if volume.bricks is None else len(volume.bricks.table),
+            "spacing": volume.lattice.spacing,
+            "weights": volume.function,
+            "coding": self.preset.coding,
+            "bytes_per_probe": volume.bytes_per_probe(self.preset.coding),
+            "bytes_of_distance_moments": ddgi.BYTES,
+            "weight_seconds": self._lit.geometry.seconds,
+            "baselines": baselines,
+        }
+
+    @property
+    def state(self) -> TrainingState:
+        """Steps, errors and history."""
+        return self._trainer.state
+
+    @property
+    def macs(self) -> int:
+        """Multiply-accumulates per pixel."""
+        return self.lower().macs
+
+    def _factors(self, query: Query) -> np.ndarray:
+        """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
+        volume, k = self._lit.geometry.volume, self._basis.shape[-1]
+        out = np.empty((len(query), 3 * k), np.float32)
+        flat = self._basis.reshape(len(volume.state), -1)
+        for start in range(0, len(query), CHUNK):
+            part = slice(start, start + CHUNK)
+            normal = np.asarray(query.normal[part], np.float64)
+            node, share, _ = coefficients(volume, query.position[part], normal)
+            e = np.zeros((len(node), flat.shape[1]), np.float32)
+            for corner in range(node.shape[1]):
+                e += share[:, corner, None].astype(np.float32) * flat[node[:, corner]]
+            values = np.einsum("nb,nbck->nck", sh.basis(normal), e.reshape(len(node), 9, 3, k))
+            out[part] = values.reshape(len(node), -1) / (np.pi * self.setup.unit)
+        return out
+
+    def _rows(self, query: Query) -> np.ndarray:
+        light = np.zeros_like(query.position) if self._static else query.light
+        return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
+
+    def learn_from(self, samples: Samples) -> None:
+        """Set the training samples of the light's network; the scene's own light needs none."""
+        if self._static:
+            return
+        order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))[:MOST_SAMPLES]
+        part = samples[order]
+        target = part.radiance / (self.setup.unit * part.query.reflectance)
+        self._data = TrainingSet.from_numpy(self._rows(part.query), target, np.asarray(part.weight))
+
+    def validate_on(self, samples: Samples) -> None:
+        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
+
+    def _error(self, parameters: dict[str, np.ndarray]) -> float:
+        inputs, scale, truth = self._validation
+        found = np.maximum(self._mixed(parameters, inputs), 0) * scale
+        return float(np.mean(np.abs(found - truth) / (truth + EPSILON)))
+
+    def _mixed(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
+        if self._static:
+            return inputs[:, self._code.width :]
+        return self._trainer.network.evaluate(parameters, inputs)
+
+    def train(
+        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
+    ) -> bool:
+        """Train the light's network to step ``until`` of ``total``."""
+        if not self._static:
+            return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+        state = self.state
+        if not state.history:
+            state.best_error = self._error({})
+            state.history.append((0, state.best_error, state.best_error))
+        state.step = until
+        return False
+
+    def predict(self, query: Query) -> np.ndarray:
+        """[N, 3] radiance, reflectance included."""
+        mixed = self._mixed(self._trainer.best, self._rows(query))
+        return np.maximum(mixed, 0) * self.setup.unit * query.reflectance
+
+    @property
+    def baked(self) -> BakedProbes:
+        """What is shipped, by the best weights of the light's network so far."""
+        code = None
+        if not self._static:
+            best, layers = self._trainer.best, self._trainer.network.mlp.layers
+            weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
+            code = Code(self._code.center, self._code.half, weights)
+        return BakedProbes(self._lit, self._mix, code, self.setup.unit, self.name, self.preset.coding)
+
+    def lower(self) -> Graph:
+        """The query as a shading graph."""
+        return self.baked.lower()
+
+    def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
+        """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
+        return self.baked.volume(light, intensity)
+
+    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+        """List the files beside the asset; ``keep``: also the state that an incremental bake starts from."""
+        role = "static" if self._static else "indirect"
+        files, in_file = self.baked.files(role, glb, self.setup.scene, shown, keep)
+        self.facts["file_bytes_per_probe"] = in_file
+        self.note = payload(self._lit.geometry.volume, self.preset.coding, in_file)
+        return files
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint atomically; the volume itself is found again from the seed."""
+        self._trainer.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        self._trainer.load(path)
+
+
+def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
+    """One line: bytes of a probe."""
+    parts = volume.bytes_per_probe(coding)
+    told = ", ".join(f"{name} {value:.0f}" for name, value in parts.items() if name != "record")
+    return (
+        f"{int(volume.alive.sum())} probes of {len(volume.state)} nodes, {volume.function}; payload "
+        f"{parts['record']:.0f} B a record, {sum(parts.values()) - parts['record']:.0f} B a probe on average ({told}), "
+        f"{sum(in_file.values()):.0f} B in the file; distance moments take {ddgi.BYTES} B"
+    )
+
+
+def _geometry(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) -> Geometry:
+    """The volume's weights, baked once for a scene and kept with it."""
+    spacing = spacing or 2 * setup.half_extent / ALONG
+    make = lambda: bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))  # noqa: E731
+    arguments = (float(spacing), preset.function, preset.generator, preset.refine)
+    return setup.scene.cache.get(GEOMETRY, make, arguments)
+
+
+def fit_of(preset: ProbesPreset) -> Callable | None:
+    """How weights are fitted; None: from scratch, also where the generator is missing."""
+    return fit_with(preset.function, refine=preset.refine) if preset.generator else None
+
+
+def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | None = None) -> Solved:
+    """Trace the light of all states once and keep it with the scene.
+
+    Args:
+        setup: Made by ``FieldSetup.of``: probes are traced in the air of its scene.
+        preset: Settings of the probes.
+        seed: Seed of the sampler.
+        spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
+
+    Returns:
+        The light of all states, how they are mixed to bases [S, K], and how volume and baselines answer in the air.
+    """
+    if setup.scene is None:
+        raise ValueError("probes: the set-up has no scene; probes are traced in its air, make it with FieldSetup.of")
+    geometry = _geometry(setup, preset, spacing)
+    # The lights of a moving source are drawn from its variable.
+    arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed)
+    return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed), arguments)
+
+
+def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: int) -> Solved:
+    static = setup.light == "static"
+    variable = None if static else setup.variable
+    lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+    effort = preset.static_effort if static else preset.effort
+    lit = light_volume(setup.scene, geometry, effort, seed, variable, lights)
+    lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
+    live = np.flatnonzero(lit.geometry.volume.alive)
+    first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
+    told = compare(setup.scene, lit.geometry, *first, seed, *(() if static else (variable, lights[0])))
+    mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
+    return lit, mix, told

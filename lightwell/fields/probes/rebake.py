@@ -1,0 +1,124 @@
+"""The incremental bake of light probes: ``lightwell bake SCENE --field probes --rebake OLD --box x0,y0,z0,x1,y1,z1``.
+
+Only what the box touches is cast, fitted, traced and solved again. The probes of OLD, baked with ``--keep``, say how;
+nothing is trained, and nothing is measured against the reference: that is what a whole bake is for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lightwell.core.options import flag_of, options_of
+from lightwell.fields.probes.baked import BakedProbes
+from lightwell.fields.probes.fit import PRESETS, fit_of, payload
+from lightwell.fields.protocol import ExtraFile, Job, Lowered, ReBake, Role, Shown, State, Traced, Training
+from lightwell.fields.request import Request
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import declare
+from lightwell.transport.queries import make_query
+from lightwell.transport.samples import Query, SurfacePoints
+
+ROLES: tuple[Role, ...] = ("indirect", "static")
+
+
+@dataclass
+class RebakeState(State):
+    """The probes of an earlier bake."""
+
+    before: dict[Role, tuple[BakedProbes, Shown]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(job: Job) -> RebakeState:
+        """Read the probes of an earlier bake; ``ValueError`` where the scene cannot be an edit of theirs."""
+        old, scene = job.options.rebake, job.scene
+        _check_request(job.request)
+        kept = {role: BakedProbes.kept(path) for role in ROLES if (path := old / f"probes-{role}.npz").is_file()}
+        if not kept:
+            raise ValueError(f"bake: '{old}' holds no probes to start from; bake it with --field probes --keep first")
+        _check(scene, kept, old)
+        return RebakeState(job, scene, declare(job.request.vary, scene), tuple(kept), before=kept)
+
+    def finished(self, fits: Mapping[Role, RebakedFit]) -> ReBake:
+        """What is said of the edit."""
+        options, roles, lines = self.job.options, {}, []
+        for role, fit in fits.items():
+            roles[role] = fit.facts
+            lines.append(
+                f"{role}: {fit.facts['solved_again']} of {fit.facts['probes']} probes solved again "
+                f"in {fit.facts['seconds']:.2f} s"
+            )
+        facts = {"from": str(options.rebake), "box": np.reshape(options.box, (2, 3)).tolist(), "roles": roles}
+        return ReBake(next(iter(self.before.values()))[1], facts, lines)
+
+
+@dataclass
+class RebakedFit:
+    """The probes after an edit; see ``lightwell.fields.protocol.Fit``."""
+
+    scene: Scene
+    role: Role
+    probes: BakedProbes
+    shown: Shown
+    facts: dict[str, Any]
+    traced: Traced = field(default_factory=Traced)
+    plan: dict[str, Any] = field(default_factory=dict)
+    training: Training = field(default_factory=Training)
+    note: str = ""
+
+    @property
+    def unit(self) -> float:
+        """Radiance unit S."""
+        return self.probes.unit
+
+    def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
+        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        return make_query(self.scene, points, light)
+
+    def lower(self) -> Lowered:
+        """Give what ships."""
+        return Lowered(self.probes.lower())
+
+    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+        """List the files beside the asset, the state for the next edit among them."""
+        files, in_file = self.probes.files(self.role, glb, self.scene, self.shown, keep=True)
+        self.note = payload(self.probes.lit.geometry.volume, self.probes.coding, in_file)
+        return files
+
+
+def rebaked(state: RebakeState, role: Role) -> RebakedFit:
+    """Solve again what the box touches."""
+    before, shown = state.before[role]
+    start, box = perf_counter(), np.reshape(state.job.options.box, (2, 3))
+    after, again = before.rebaked(state.scene, state.variable, box, fit_of(PRESETS[before.preset]))
+    facts = {
+        "probes": int(after.lit.geometry.volume.alive.sum()),
+        "solved_again": len(again),
+        "seconds": round(perf_counter() - start, 3),
+    }
+    return RebakedFit(state.scene, role, after, shown, facts)
+
+
+def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path) -> None:
+    """The presets must be known, and the lattice must still hold the scene."""
+    for before, _ in kept.values():
+        if before.preset not in PRESETS:
+            raise ValueError(f"bake: '{old}' has the unknown preset '{before.preset}'; bake the scene whole")
+    lattice = next(iter(kept.values()))[0].lit.geometry.volume.lattice
+    low, high = lattice.origin, lattice.origin + lattice.spacing * np.array(lattice.cells)
+    if (scene.bounds[0] < low - 1e-4).any() or (scene.bounds[1] > high + 1e-4).any():
+        raise ValueError(f"bake: the scene has outgrown the probes of '{old}'; bake it whole, without --rebake")
+
+
+def _check_request(request: Request) -> None:
+    """Refuse what an edit takes from the earlier bake, or has no use for."""
+    for name, (declared, known) in options_of(Request).items():
+        if name != "vary" and getattr(request, name) != declared.default:
+            raise ValueError(
+                f"bake: {flag_of(name, known)} has no meaning with --rebake, which repeats the bake in OLD; omit it"
+            )

@@ -1,0 +1,109 @@
+"""Fields by name: those of lightwell, and those that other distributions add as entry points ``lightwell.fields``.
+
+A distribution adds a field by naming an object that follows ``lightwell.fields.protocol.Field``:
+
+    [project.entry-points."lightwell.fields"]
+    mean = "my_package.mean:FIELD"
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lightwell.fields.protocol import Field
+
+GROUP = "lightwell.fields"
+
+# Name → module that holds the field as ``FIELD``. The first is the default.
+BUILT_IN = {
+    "factored": "lightwell.fields.factored",
+    "mlp": "lightwell.fields.mlp",
+    "tree": "lightwell.fields.tree",
+    "kdtree": "lightwell.fields.kdtree",
+    "experts": "lightwell.fields.experts",
+    "hard-mixture": "lightwell.fields.hard_mixture",
+    "balanced": "lightwell.fields.balanced",
+    "probes": "lightwell.fields.probes.field",
+    "lightmap": "lightwell.fields.lightmap.field",
+}
+DEFAULT = next(iter(BUILT_IN))
+# Fields of lightwell with options of their own, in modules that import nothing heavy: help must be instant.
+OPTIONS = {
+    "probes": ("lightwell.fields.probes.options", "ProbesOptions"),
+    "lightmap": ("lightwell.fields.lightmap.options", "LightmapOptions"),
+}
+
+
+def field_names() -> tuple[str, ...]:
+    """List the names of all fields, those of other distributions last."""
+    return (*BUILT_IN, *(name for name in _added() if name not in BUILT_IN))
+
+
+def find_field(name: str) -> Field:
+    """Return a field; ``ValueError`` for an unknown name or a plug-in that cannot be loaded."""
+    if name in BUILT_IN:
+        return import_module(BUILT_IN[name]).FIELD
+    if name not in _added():
+        raise ValueError(f"bake: unknown field '{name}'; choose one of {', '.join(field_names())} with --field")
+    return _loaded(name)
+
+
+def options_type(name: str) -> type:
+    """Return the dataclass of a field's own options."""
+    if name in OPTIONS:
+        module, kind = OPTIONS[name]
+        return getattr(import_module(module), kind)
+    if name in BUILT_IN:
+        from lightwell.fields.no_options import NoOptions
+
+        return NoOptions
+    return find_field(name).Options
+
+
+def option_homes() -> dict[str, list[str]]:
+    """Map the name of each option that only some of lightwell's fields have to those fields."""
+    from lightwell.core.options import options_of
+
+    homes: dict[str, list[str]] = {}
+    for field in OPTIONS:
+        for name in options_of(options_type(field)):
+            homes.setdefault(name, []).append(field)
+    return homes
+
+
+def field_of(preset: str) -> str:
+    """Return the field that a preset alone means: the first that has it, the default one where none has."""
+    return next((name for name in BUILT_IN if preset in find_field(name).presets), DEFAULT)
+
+
+def check_preset(name: str, preset: str) -> None:
+    """Refuse a preset that a field does not have."""
+    presets = find_field(name).presets
+    if preset not in presets:
+        raise ValueError(
+            f"bake: field '{name}' has no preset '{preset}'; choose one of {', '.join(presets)} with --preset"
+        )
+
+
+@cache
+def _added() -> dict[str, Any]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def _loaded(name: str) -> Field:
+    point = _added()[name]
+    try:
+        field = point.load()
+    except Exception as error:  # Whatever the code of another distribution raises when it is imported.
+        raise ValueError(
+            f"bake: the field '{name}' of '{point.value}' cannot be loaded ({type(error).__name__}: {error}); "
+            "update or remove the distribution that adds it"
+        ) from error
+    missing = [part for part in ("name", "Options", "presets", "prepare", "sample", "fit") if not hasattr(field, part)]
+    if missing:
+        raise ValueError(f"bake: the field '{name}' of '{point.value}' lacks {', '.join(missing)}; see docs/python.md")
+    return field

@@ -1,0 +1,50 @@
+"""What is asked of every field. Nothing heavy is imported here: command lines are made from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lightwell.core.options import option
+from lightwell.fields.budget import Budget
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What is asked of a field, whichever it is. With fixed ``steps`` and ``shards`` the same seed gives the same
+    learned light, to the bit."""
+
+    preset: str = option("default", "settings of the field, e.g. default, report-20, report-200")
+    budget: Budget = option(
+        Budget(),
+        "60s, 5m, 1h of tracing and training, or 5%% of error on validation lights (default: 2m; demo: 60s)",
+        parse=Budget.parse,
+        metavar="TIME|ERROR",
+    )
+    vary: tuple[str, ...] = option(
+        (),
+        "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, sun.direction=arc(az0,el0,az1,el1) "
+        "in degrees, light.clearance=c; light.intensity and light.color set what may always change "
+        "(default: what the scene suggests, else a point light anywhere in its air)",
+        metavar="WHAT=RANGE",
+        repeat=True,
+    )
+    seed: int = option(0, "the same seed and plan give the same result (default: 0)", least=0)
+    paths: int = option(
+        16,
+        "light paths per training sample, even (default: 16)",
+        least=2,
+        check=lambda n: "is odd; give an even number (two independent halves)" if n % 2 else "",
+    )
+    static: bool = option(True, "leave out the light of the scene's own emitters", flag="--no-static")
+    steps: int | None = option(
+        None,
+        "fixed number of training steps per field, instead of a time budget (early stopping may end them)",
+        least=1,
+    )
+    shards: int | None = option(
+        None,
+        "fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
+        least=1,
+    )
+    lights_per_shard: int = 512
+    """Light positions per shard; 128 surface points share each."""

@@ -1,0 +1,41 @@
+"""Seconds of training at each step, over all runs of a bake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from time import perf_counter
+
+from lightwell.files import write_atomically
+
+
+class Clock:
+    """Marks the time of steps; they lie on disk beside the checkpoint."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path = path
+        known = path is not None and path.exists()
+        stored = json.loads(path.read_text()) if known else [(0, 0.0)]
+        self.marks: list[tuple[int, float]] = [(step, seconds) for step, seconds in stored]
+        self._start = perf_counter() - self.marks[-1][1]
+
+    @property
+    def seconds(self) -> float:
+        """Seconds up to now."""
+        return perf_counter() - self._start
+
+    def mark(self, step: int) -> None:
+        """Note the time of a step."""
+        self.marks.append((step, round(self.seconds, 4)))
+
+    def save(self) -> None:
+        """Write the marks."""
+        if self._path:
+            write_atomically(self._path, json.dumps(self.marks))
+
+    def at(self, step: float) -> float:
+        """Return the seconds at a step, between its neighbours on a straight line."""
+        before = max((mark for mark in self.marks if mark[0] <= step), default=self.marks[0])
+        after = min((mark for mark in self.marks if mark[0] >= step), default=self.marks[-1])
+        span = after[0] - before[0]
+        return before[1] if span <= 0 else before[1] + (after[1] - before[1]) * (step - before[0]) / span

@@ -1,0 +1,100 @@
+"""The strategy of all surface fields: one way to sample and to train, whatever learns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.fields.base import FieldSetup, Learner
+from lightwell.fields.no_options import NoOptions
+from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
+from lightwell.fields.surface.training import SurfaceSamples, SurfaceTraining, surface_samples
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import declare
+from lightwell.transport.queries import make_query
+from lightwell.transport.samples import Query, SurfacePoints
+
+
+@dataclass
+class SurfaceFit:
+    """A trained surface field of one role; see ``lightwell.fields.protocol.Fit``."""
+
+    scene: Scene
+    learner: Learner
+    unit: float
+    traced: Traced
+    plan: dict[str, Any]
+    training: Training
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the learner tells of itself."""
+        return getattr(self.learner, "facts", None) or {}
+
+    @property
+    def note(self) -> str:
+        """One line about the files beside the asset."""
+        return getattr(self.learner, "note", "")
+
+    def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
+        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        return make_query(self.scene, points, light)
+
+    def lower(self) -> Lowered:
+        """Give what ships."""
+        return Lowered(self.learner.lower())
+
+    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+        """List the files beside the asset: those of the learner, if it has any."""
+        more = getattr(self.learner, "files", None)
+        return more(glb, shown, keep) if more else []
+
+
+class SurfaceField:
+    """A field that learns the light at surface points from samples of it; see ``lightwell.fields.protocol.Field``."""
+
+    Options: type = NoOptions
+    shares = "surface"
+
+    def __init__(
+        self, name: str, presets: Mapping[str, Any], learner: Callable[[FieldSetup, Any, int], Learner]
+    ) -> None:
+        """Declare a field.
+
+        Args:
+            name: What ``--field`` calls it.
+            presets: Settings by name, the default first.
+            learner: Makes an untrained learner from (setup, settings, seed).
+        """
+        self.name, self.presets, self._learner = name, dict(presets), learner
+
+    def start(self, setup: FieldSetup, preset: str, seed: int) -> Learner:
+        """Make an untrained learner with a named preset."""
+        return self._learner(setup, self.presets[preset], seed)
+
+    def prepare(self, job: Job) -> State:
+        """Find the light that moves; a box without free air is refused."""
+        request = job.request
+        variable = declare(request.vary, job.scene)
+        sample_lights(job.scene, variable, 1, request.seed)
+        static = request.static and job.scene.has_static_light and not job.shared
+        return State(job, job.scene, variable, ("indirect", "static") if static else ("indirect",))
+
+    def sample(self, state: State, role: Role) -> SurfaceSamples:
+        """Trace area-uniform samples."""
+        return surface_samples(state, role)
+
+    def fit(self, state: State, role: Role, samples: SurfaceSamples, folder: Path | None = None) -> SurfaceFit:
+        """Train, trace where the error is, and train on; ``folder``: where checkpoints lie."""
+        training = SurfaceTraining(state, role, samples, self.starter(state), folder)
+        learner = training.run()
+        return SurfaceFit(state.scene, learner, samples.unit, training.traced, training.plan, training.summary(learner))
+
+    def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
+        """Return what makes an untrained learner from (setup, seed)."""
+        return lambda setup, seed: self.start(setup, state.job.request.preset, seed)

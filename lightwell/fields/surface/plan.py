@@ -1,0 +1,88 @@
+"""From seconds to counts: how many shards and steps a budget buys on this machine.
+
+A plan is measured once and written down; everything after it depends on the plan and the seed alone, so that a bake
+that was killed and resumed ends with the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from lightwell.files import write_atomically
+
+# Share of a round's seconds that goes into tracing; the rest trains. Small networks are short of samples, not of steps:
+# four times the samples lower the error by a fifth, twice the steps change nothing (Cornell box). Where several fields
+# share the samples, each trains as long as they took.
+TRACE_SHARE, SHARED_TRACE_SHARE = 0.65, 0.5
+# Share of the shards that the adaptive stage places where the error is.
+ADAPTIVE_SHARE = 0.25
+# Share of the steps before the adaptive stage.
+FIRST_STEPS_SHARE = 0.4
+# A fit on fewer shards or steps than this is not worth starting.
+FEWEST_SHARDS, FEWEST_STEPS = 2, 100
+# Memory bound: 128 shards of 2^16 samples with 90 features are 3 GB.
+MOST_SHARDS = 128
+
+
+@dataclass(frozen=True)
+class SamplePlan:
+    """Counts of samples."""
+
+    shards: int
+    """Area-uniform shards."""
+    adaptive_shards: int
+    seconds_per_shard: float = 0.0
+
+    def extended(self) -> SamplePlan:
+        """The plan of the next round: half as many shards again, all of them adaptive."""
+        more = min(max(self.shards // 2, 1), max(MOST_SHARDS - self.shards - self.adaptive_shards, 0))
+        return replace(self, adaptive_shards=self.adaptive_shards + more)
+
+
+@dataclass(frozen=True)
+class StepPlan:
+    """Counts of training steps."""
+
+    first_steps: int
+    """Steps before the adaptive stage."""
+    steps: int
+    """Steps in all."""
+    seconds_per_step: float = 0.0
+
+    def extended(self) -> StepPlan:
+        """The plan of the next round: as many steps again."""
+        return replace(self, steps=self.steps + 2 * max(self.steps - self.first_steps, FEWEST_STEPS))
+
+
+def plan_samples(seconds: float, seconds_per_shard: float, fixed: int | None, shared: bool) -> SamplePlan:
+    """Spend the share of ``seconds`` that traces, or plan ``fixed`` shards; ``shared``: none of them are adaptive."""
+    share = SHARED_TRACE_SHARE if shared else TRACE_SHARE
+    total = min(max(int(share * seconds / max(seconds_per_shard, 1e-6)), FEWEST_SHARDS), MOST_SHARDS)
+    adaptive = int(ADAPTIVE_SHARE * total)
+    if fixed:
+        total, adaptive = fixed + max(fixed // 4, 1), max(fixed // 4, 1)
+    if shared:
+        return SamplePlan(fixed or total, 0, seconds_per_shard)
+    return SamplePlan(total - adaptive, adaptive, seconds_per_shard)
+
+
+def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> StepPlan:
+    """Spend ``seconds`` on steps, or plan ``fixed`` ones."""
+    steps = fixed or max(int(seconds / max(seconds_per_step, 1e-6)), FEWEST_STEPS)
+    return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
+
+
+Plan = TypeVar("Plan", SamplePlan, StepPlan)
+
+
+def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
+    """Write a plan, whole or not at all."""
+    write_atomically(path, json.dumps(asdict(plan)))
+
+
+def load_plan(path: Path, kind: type[Plan]) -> Plan:
+    """Read a plan that ``save_plan`` wrote."""
+    return kind(**json.loads(path.read_text()))

@@ -1,0 +1,70 @@
+"""Training and validation samples of a bake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+from lightwell.core.progress import Stage
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport import PathReport, Samples, draw_surface
+from lightwell.transport.collect import collect
+from lightwell.transport.shards import ShardSettings, generate, load_samples
+
+# Stream of the validation set of early stopping; never shared with training or evaluation.
+VALIDATION_SEED = 0xA11D
+# The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
+VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
+
+# A shard that took fewer seconds than this was there already.
+ON_DISK = 0.01
+
+
+@dataclass(frozen=True)
+class TracedShards:
+    """Samples of a folder of shards."""
+
+    samples: Samples
+    report: PathReport
+    """Path counts of all shards."""
+    seconds_per_shard: float
+    """What the last shard cost; next to nothing when it was on disk already."""
+
+
+def trace_shards(
+    scene: Scene,
+    variable: Variable,
+    shards: ShardSettings,
+    folder: Path,
+    count: int,
+    make: Callable | None,
+    stage: Stage,
+) -> TracedShards:
+    """Write the shards that ``folder`` lacks and read all ``count``; ``make`` as in ``generate``."""
+    last, cost = perf_counter(), 0.0
+
+    def ready(index: int, total: int) -> None:
+        nonlocal last, cost
+        now = perf_counter()
+        cost, last = now - last, now
+        rate = shards.size * shards.paths / max(cost, 1e-9) / 1e6
+        stage.move_to(index, "on disk" if cost < ON_DISK else f"{rate:.2f} M paths/s")
+
+    options = {"settings": shards, "make": make}
+    report = generate(scene, variable, None, folder, count, shards.paths, shards.seed, ready, **options)
+    return TracedShards(load_samples(folder, scene, shards=count), report, cost)
+
+
+def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: bool = False) -> Samples:
+    """The held-out samples of early stopping; ``own_light``: of the scene's own emitters."""
+    seed += VALIDATION_SEED
+    draw = draw_surface(scene, VALIDATION_POINTS, seed, floor=8)
+    lights = sample_lights(scene, variable, VALIDATION_LIGHTS, seed).repeat(
+        VALIDATION_POINTS // VALIDATION_LIGHTS, axis=0
+    )
+    options = {"weight": draw.weight, "own_light": own_light}
+    return collect(scene, variable, draw.points, lights, VALIDATION_PATHS, seed, **options)

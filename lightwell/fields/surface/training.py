@@ -1,0 +1,262 @@
+"""The training of a surface field: trace, train, trace where the error is, train on."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+from lightwell.core.progress import Stage
+from lightwell.fields.base import FieldSetup, Learner, radiance_unit
+from lightwell.fields.protocol import Role, State, Traced, Training
+from lightwell.fields.surface.clock import Clock
+from lightwell.fields.surface.plan import (
+    FEWEST_SHARDS,
+    SHARED_TRACE_SHARE,
+    SamplePlan,
+    StepPlan,
+    load_plan,
+    plan_samples,
+    plan_steps,
+    save_plan,
+)
+from lightwell.fields.surface.tracing import TracedShards, trace_shards, validation_samples
+from lightwell.networks.training import TrainingState
+from lightwell.transport import Samples
+from lightwell.transport.adaptive_shards import AdaptiveShards
+from lightwell.transport.collect import join
+from lightwell.transport.shards import ShardSettings, make_shard
+
+# Steps that are timed to make a plan; the first ones compile kernels.
+WARM_UP_STEPS, TIMED_STEPS = 5, 15
+# Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
+NOMINAL_STEPS = 1 << 16
+# Share of the budget that the static field gets when there is also a light that moves.
+STATIC_SHARE = 0.4
+# Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
+# of this many places.
+PATIENCE, PLACES = 1.25, 40
+
+
+@dataclass(frozen=True)
+class SurfaceSamples:
+    """Training and validation samples of one role."""
+
+    training: Samples
+    validation: Samples
+    unit: float
+    """Radiance unit S."""
+    plan: SamplePlan
+    traced: Traced
+
+
+def role_seconds(state: State, role: Role) -> float:
+    """Return the seconds of the first round of a role."""
+    share = {"indirect": 1 - STATIC_SHARE, "static": STATIC_SHARE}[role] if len(state.roles) > 1 else 1.0
+    return share * state.job.request.budget.round_seconds
+
+
+def surface_samples(state: State, role: Role) -> SurfaceSamples:
+    """Trace the area-uniform samples that the budget buys; what an interrupted bake has traced is read."""
+    request, path = state.job.request, _folder(state, role) / "plan.json"
+    count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or FEWEST_SHARDS
+    if not path.exists():
+        # Without a plan the shards must be timed, so that those of a bake that was killed are of no use.
+        shutil.rmtree(path.parent / "uniform", ignore_errors=True)
+    make = partial(make_shard, own_light=role == "static")
+    traced = _trace(state, role, "uniform", count, make, f"trace {role}")
+    unit = radiance_unit(traced.samples)
+    if not path.exists():
+        cost = max(traced.seconds_per_shard, 1e-3)
+        save_plan(path, plan_samples(role_seconds(state, role), cost, request.shards, state.job.shared))
+    plan = load_plan(path, SamplePlan)
+    if plan.shards > count:
+        traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
+        unit = radiance_unit(traced.samples)
+    validation = validation_samples(state.scene, state.variable, request.seed, own_light=role == "static")
+    rate = _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
+    cost = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
+    return SurfaceSamples(traced.samples, validation, unit, plan, cost)
+
+
+def _folder(state: State, role: Role) -> Path:
+    return state.job.work.part(role)
+
+
+def _shards(state: State, role: Role) -> ShardSettings:
+    request = state.job.request
+    # Both roles share the seed but not the numbers.
+    seed = 2 * request.seed + (role == "static")
+    return ShardSettings(paths=request.paths, seed=seed, lights=request.lights_per_shard)
+
+
+def _trace(state: State, role: Role, name: str, count: int, make: Callable, title: str) -> TracedShards:
+    """Write the shards that are missing and read them all."""
+    folder, shards = _folder(state, role) / name, _shards(state, role)
+    with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
+        return trace_shards(state.scene, state.variable, shards, folder, count, make, stage)
+
+
+class SurfaceTraining:
+    """Trains one role of a surface field on samples."""
+
+    def __init__(
+        self,
+        state: State,
+        role: Role,
+        samples: SurfaceSamples,
+        start: Callable[[FieldSetup, int], Learner],
+        folder: Path | None = None,
+    ) -> None:
+        """``start`` makes an untrained learner; ``folder``: where checkpoints lie, by default that of the role."""
+        self.state, self.role, self.samples = state, role, samples
+        self.folder = folder or _folder(state, role)
+        self.cut = False
+        """Whether the time ran out before the planned steps."""
+        self.adaptive = Traced()
+        """What the adaptive shards cost."""
+        self._start, self._title = start, f"train {role}"
+        self._sample_plan = samples.plan
+
+    # ------------------------------------------------------------------ the whole
+
+    def run(self) -> Learner:
+        """Return the trained learner; a checkpoint that is there is taken up."""
+        checkpoint, marks = self.folder / "fit.npz", self.folder / "clock.json"
+        self._plan = self._planned()
+        if not checkpoint.exists():
+            marks.unlink(missing_ok=True)
+        # The clock counts what a learner makes of the samples before it trains.
+        self.clock = Clock(marks)
+        learner = self._prepared()
+        if checkpoint.exists():
+            learner.load(checkpoint)
+        if self.state.job.shared:
+            self._within_time(learner, checkpoint)
+        else:
+            self._rounds(learner, checkpoint)
+        self._seconds = self.clock.seconds
+        return learner
+
+    @property
+    def plan(self) -> dict:
+        """The plan as it was carried out."""
+        return asdict(self._sample_plan) | asdict(self._plan)
+
+    @property
+    def traced(self) -> Traced:
+        """What all samples cost."""
+        a, b = self.samples.traced, self.adaptive
+        return replace(a, paths=a.paths + b.paths, dropped=a.dropped + b.dropped)
+
+    def summary(self, learner: Learner) -> Training:
+        """How long it took, and how good it became when."""
+        curve = [(self.clock.at(step), error) for step, _, error in learner.state.history]
+        return Training(self._seconds, learner.state.step, curve, self.cut)
+
+    def _prepared(self) -> Learner:
+        state, samples = self.state, self.samples
+        light = "static" if self.role == "static" else state.variable.kind
+        setup = FieldSetup.of(state.scene, samples.unit, light, state.variable)
+        learner = self._start(setup, state.job.request.seed)
+        learner.learn_from(samples.training)
+        learner.validate_on(samples.validation)
+        return learner
+
+    # ------------------------------------------------------------------ plan
+
+    def _planned(self) -> StepPlan:
+        """What the budget buys, measured once; fixed counts where the settings give them."""
+        request, path = self.state.job.request, self.folder / "steps.json"
+        if not path.exists():
+            with self.state.job.work.timed("plan"):
+                cost = 0.0 if request.steps else self._seconds_per_step()
+                save_plan(path, plan_steps(self._seconds_left(), cost, request.steps))
+        return load_plan(path, StepPlan)
+
+    def _seconds_left(self) -> float:
+        """Seconds that tracing leaves for training."""
+        seconds, plan = role_seconds(self.state, self.role), self.samples.plan
+        if self.state.job.shared:
+            return (1 - SHARED_TRACE_SHARE) * seconds
+        return seconds - (plan.shards + plan.adaptive_shards) * plan.seconds_per_shard
+
+    def _seconds_per_step(self) -> float:
+        """Time of a training step on a scratch learner, compilation excluded."""
+        scratch = self._prepared()
+        if scratch.train(WARM_UP_STEPS, NOMINAL_STEPS):
+            return math.inf  # It learns in one go.
+        start = perf_counter()
+        scratch.train(WARM_UP_STEPS + TIMED_STEPS, NOMINAL_STEPS)
+        return (perf_counter() - start) / TIMED_STEPS
+
+    # ------------------------------------------------------------------ train
+
+    def _rounds(self, learner: Learner, checkpoint: Path) -> None:
+        """Train to the adaptive stage and on; with an error budget, round after round until the goal is met."""
+        budget = self.state.job.request.budget
+        self._train(learner, self._plan.first_steps, checkpoint)
+        for _ in range(budget.rounds if budget.error else 1):
+            if self._sample_plan.adaptive_shards:
+                learner.learn_from(join([self.samples.training, self._adaptive(learner)]))
+            self._train(learner, self._plan.steps, checkpoint)
+            if budget.error is None or learner.state.best_error <= budget.error:
+                return
+            self._sample_plan, self._plan = self._sample_plan.extended(), self._plan.extended()
+            save_plan(self.folder / "plan.json", self._sample_plan)
+            save_plan(self.folder / "steps.json", self._plan)
+        self.state.job.progress.say(
+            f"[yellow]{self.role}: {learner.state.best_error:.1%} after {budget.rounds} rounds, "
+            f"asked for {budget.error:.1%}"
+        )
+
+    def _adaptive(self, learner: Learner) -> Samples:
+        """Samples where the squared residual of the fit so far is large."""
+        make = AdaptiveShards(self.state.scene, self.samples.training, learner.predict, own_light=self.role == "static")
+        count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
+        traced = _trace(self.state, self.role, "adaptive", count, make, title)
+        self.adaptive = Traced(traced.report.paths, traced.report.dropped)
+        return traced.samples
+
+    def _train(self, learner: Learner, until: int, checkpoint: Path) -> bool:
+        if learner.state.step >= until:
+            return False
+        job = self.state.job
+        with job.work.timed("train"), job.progress.stage(self._title, until, "steps") as stage:
+            look, save = self._watch(learner, checkpoint, stage)
+            return learner.train(until, self._plan.steps, look, checkpoint=save)
+
+    def _within_time(self, learner: Learner, checkpoint: Path) -> None:
+        """Train to the planned steps, to the learner's own end, or until the time has run out."""
+        steps, timed = self._plan.steps, not self.state.job.request.steps
+        deadline = PATIENCE * self._seconds_left()
+        place = max(-(-steps // PLACES), 1) if timed else steps
+        with self.state.job.progress.stage(self._title, steps, "steps") as stage:
+            look, save = self._watch(learner, checkpoint, stage)
+            while learner.state.step < steps:
+                self.cut = timed and self.clock.seconds > deadline
+                if self.cut:
+                    return
+                before = learner.state.step
+                until = min((before // place + 1) * place, steps)
+                stopped = learner.train(until, steps, look, checkpoint=save)
+                save()
+                if stopped or learner.state.step == before:
+                    return
+
+    def _watch(self, learner: Learner, checkpoint: Path, stage: Stage) -> tuple[Callable, Callable]:
+        """What a training calls when it looks at the validation samples, and to save itself."""
+
+        def look(state: TrainingState, _: int) -> None:
+            self.clock.mark(state.step)
+            stage.move_to(state.step, f"error {state.best_error:.1%}")
+
+        def save() -> None:
+            learner.save(checkpoint)
+            self.clock.save()
+
+        return look, save

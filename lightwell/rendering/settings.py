@@ -1,0 +1,108 @@
+"""What a person asks of a picture. Nothing heavy is imported here: the command line is made from it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lightwell.core.options import check, made, option, options_of
+from lightwell.core.scene_options import SceneOptions
+
+# Largest picture, pixels: beyond it the sums no longer fit into the memory of a small machine.
+MOST_PIXELS = 1 << 26
+Place = tuple[float, float, float]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read ``640x400`` as (640, 400)."""
+    match = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text)
+    width, height = (int(v) for v in match.groups()) if match else (0, 0)
+    if not 0 < width * height <= MOST_PIXELS:
+        raise ValueError(f"'{text}' is not a picture; write width x height such as 640x400")
+    return width, height
+
+
+def parse_place(texts: Sequence[str]) -> Place:
+    """Read three words as a place in metres."""
+    try:
+        x, y, z = (float(v) for v in texts)
+    except ValueError:
+        x = y = z = math.nan
+    if not all(math.isfinite(v) for v in (x, y, z)):
+        raise ValueError(f"{' '.join(texts)} is not a place; write three numbers such as 0 1.5 0")
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """``--integrator path`` has no options of its own."""
+
+
+@dataclass(frozen=True)
+class NrcOptions:
+    """Options of ``--integrator nrc``, the radiance cache."""
+
+    nrc: tuple[str, ...] = option(
+        (),
+        "an option of the radiance cache, such as seconds=10, preset=paper, estimator=residual, view=cache",
+        metavar="NAME=VALUE",
+        repeat=True,
+    )
+    frames: int | None = option(None, "an orbit of so many frames; OUT is then a folder", least=1)
+    format: str | None = option(None, "format of the frames (default: exr)", choices=("exr", "png"))
+    resume: bool = option(False, "keep the frames that are there")
+    force: bool = option(False, "overwrite files in OUT that lightwell did not write")
+
+    def __post_init__(self) -> None:
+        """Refuse what only a sequence has where there is none."""
+        for name in ("format", "resume", "force"):
+            if self.frames is None and getattr(self, name):
+                raise ValueError(f"render: --{name} is for sequences; add --frames N, or leave it out")
+
+
+INTEGRATORS: dict[str, type] = {"path": PathOptions, "nrc": NrcOptions}
+
+
+@dataclass(frozen=True)
+class RenderSettings(SceneOptions):
+    """Everything that decides a picture."""
+
+    scene: str
+    """Path of a scene or the name of a built-in one."""
+    out: Path
+    """Picture to write, .png (tone-mapped) or .exr (linear); a folder for a sequence."""
+    size: tuple[int, int] = option(
+        (640, 400), "width x height in pixels (default: 640x400)", parse=parse_size, metavar="WxH"
+    )
+    spp: int = option(128, "light paths per pixel (default: 128)", least=1)
+    camera: int = option(0, "index of the scene's camera (default: 0)", least=0)
+    light: Place | None = option(
+        None, "place of a point light, metres (default: see docs)", parse=parse_place, metavar=("X", "Y", "Z")
+    )
+    intensity: float | None = option(
+        None,
+        "candela of that light (default: 1; a .png is then exposed by itself)",
+        check=lambda v: "" if 0 < v < math.inf else "is not a light; give a positive number of candela",
+    )
+    seed: int = option(0, "seed of the random numbers (default: 0)", least=0)
+    integrator: str = option("path", "path, or nrc: the radiance cache", choices=tuple(INTEGRATORS))
+    options: Any = None
+    """Options of the integrator: an instance or a dictionary; None: the defaults."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing, by the name of their option."""
+        check(self, "render")
+        if self.options is None or isinstance(self.options, Mapping):
+            object.__setattr__(self, "options", _options(self.integrator, self.options or {}))
+
+
+def _options(integrator: str, given: Mapping[str, Any]) -> Any:
+    homes: dict[str, list[str]] = {}
+    for name, kind in INTEGRATORS.items():
+        for option_name in options_of(kind):
+            homes.setdefault(option_name, []).append(name)
+    return made(INTEGRATORS[integrator], given, "render", "integrator", integrator, homes)
