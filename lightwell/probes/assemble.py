@@ -1,7 +1,8 @@
-"""From targets of trust to a volume: open flags, parameters, octant masks and the table of fallbacks.
+"""Builds a volume from trust targets: states of nodes, parameters, octant masks and the table of fallback probes.
 
-Everything is found node by node (or cell by cell, with what lies a few cells round it), so that an edit of the scene
-computes the same bits as a whole bake, only fewer of them. Notation: n nodes of a level; see ``support``.
+Every node (or cell, with its neighbours within a few cells) is computed independently of the others, so that an
+incremental bake gives the same bits as a whole one. Notation: n nodes of a level, B of them chosen; P nodes of
+the lattice, C cells; Q points of a cube and X places at surfaces of a cell, see ``support``.
 """
 
 from __future__ import annotations
@@ -13,70 +14,86 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
-from lightwell.probes.lattice import CORNERS, hat
+from lightwell.probes.lattice import CORNERS, Lattice, hat
 from lightwell.probes.pattern import octants
 from lightwell.probes.support import CLOSE, Support, cube_near, cube_valid
-from lightwell.probes.volume import ALL_OCTANTS, DROPPED, OPEN, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS, Close, point_weight
+from lightwell.probes.volume import ALL_OCTANTS, DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
+from lightwell.probes.weights import FUNCTIONS, Close, Fit, point_weight
 
-# A probe whose target is nowhere (in the air) further from 1 than this needs no record.
+# A probe whose target differs from 1 by at most this everywhere in air needs no record.
 OPEN_TOLERANCE = 0.02
-# A point counts for the octants that lie within this of it: a wall may leave a sliver of one without points.
+# A point counts for the octants within this distance: a wall may leave a thin part of an octant without points.
 SLIVER = 0.04
-# Octants without a probe ask their neighbours this many times.
+# Rounds in which octants without a fallback probe take one from their neighbours.
 ROUNDS = 2
-# Points with little trusted weight decide which probe an octant falls back to: they count 1 / (Z + this).
+# Points with little trusted weight Z decide which probe an octant falls back to: their weight is 1 / (Z + this).
 LITTLE = 0.02
-# Fewer points than this that no probe is trusted at say nothing.
+# Least number of points without a trusted probe that is evidence of an enclosed space.
 SHUT_IN = 2
-# Cells of which the fallbacks are found together, and nodes.
+# Cells or nodes that are processed together.
 BATCH = 1024
 
 
 @dataclass(frozen=True)
 class Level:
-    """Nodes of a lattice with what is known of their trust."""
+    """Nodes of a lattice with the targets of their trust."""
 
     support: Support
     nodes: np.ndarray
-    """[n] numbers in the lattice, in the order of the probes."""
+    """[n] indices in the lattice, in the order of the probes."""
     target: np.ndarray
-    """[n, Q + 8 X] float16: trust at the points of the cube, then at its places at surfaces."""
+    """[n, Q + 8 X] float16 trust in [0, 1]: at the points of the cube, then at its places at surfaces."""
 
     @property
     def points(self) -> int:
-        """Q."""
+        """Q, the number of points of a cube."""
         return len(self.support.pattern.u)
 
 
 @dataclass(frozen=True)
 class Records:
-    """What is stored of the weights of a level."""
+    """Stored data of the weights of a level."""
 
     state: np.ndarray
-    """[n] uint8."""
+    """[n] uint8: ``DROPPED``, ``OPEN`` or ``WEIGHTED``."""
     params: np.ndarray
-    """[R, C] float32 of its weighted nodes, in order."""
+    """[R, C] float32 parameters of the weighted nodes, in order."""
     octant: np.ndarray
-    """[R] uint64."""
+    """[R] uint64 masks of octants with trust, see ``masks``."""
 
 
 def states(level: Level, rows: np.ndarray) -> np.ndarray:
-    """[B] uint8 of some nodes of a level: open where all air of the cube is trusted."""
+    """Classify nodes as open (trusted wherever the cube is air), weighted or dropped.
+
+    Args:
+        level: Nodes with their targets.
+        rows: [B] indices of nodes in the level.
+
+    Returns:
+        [B] uint8: ``DROPPED``, ``OPEN`` or ``WEIGHTED``.
+    """
     out = np.empty(len(rows), np.uint8)
     for start in range(0, len(rows), BATCH):
         part = rows[start : start + BATCH]
         nodes, target = level.nodes[part], level.target[part]
         asked = np.concatenate([cube_valid(level.support, nodes), cube_near(level.support, nodes)[1] >= 0], axis=1)
         useful = level.support.alive[nodes] & (target > 0).any(axis=1)
-        # What lies inside of geometry is never asked; ρ may be anything there.
+        # Points inside geometry are never queried; any ρ is right there.
         open_ = useful & ((target >= 1 - OPEN_TOLERANCE) | ~asked).all(axis=1)
         out[start : start + BATCH] = np.where(open_, OPEN, np.where(useful, WEIGHTED, DROPPED))
     return out
 
 
 def masks(level: Level, rows: np.ndarray) -> np.ndarray:
-    """[B] uint64: octants of a cube near a point that may be trusted."""
+    """Find the octants of each cube that contain, or lie within ``SLIVER`` of, a point with trust above 0.
+
+    Args:
+        level: Nodes with their targets.
+        rows: [B] indices of nodes in the level.
+
+    Returns:
+        [B] uint64; bit o stands for octant o of the 4³.
+    """
     shifts = [np.zeros(3), *(SLIVER * (2 * CORNERS - 1))]
     shared = np.zeros((level.points, 64), bool)
     for shift in shifts:
@@ -96,29 +113,64 @@ def masks(level: Level, rows: np.ndarray) -> np.ndarray:
 
 
 def close_points(level: Level, rows: np.ndarray) -> Close:
-    """Places at surfaces of some nodes, as a fit asks for them."""
+    """Collect the places at surfaces in the cubes of some nodes, with targets and weights for a fit.
+
+    Args:
+        level: Nodes with their targets.
+        rows: [B] indices of nodes in the level.
+
+    Returns:
+        [B, 8 X] places with their targets and weights; places that do not exist have weight 0.
+    """
     u, source = cube_near(level.support, level.nodes[rows])
     target = level.target[rows, level.points :].astype(np.float32)
     return Close(u, target, point_weight(target, hat(u), target >= 0) * (source >= 0))
 
 
-def fitted(level: Level, rows: np.ndarray, function: str, fit=None) -> np.ndarray:
-    """[B, C] stored parameters of some nodes of a level."""
+def fitted(level: Level, rows: np.ndarray, function: str, fit: Fit | None = None) -> np.ndarray:
+    """Fit the weight function of some nodes to their targets.
+
+    Args:
+        level: Nodes with their targets.
+        rows: [B] indices of nodes in the level.
+        function: Name of the weight function, one of ``FUNCTIONS``.
+        fit: Replaces the function's own fit, such as one that starts from the generator; None for its own.
+
+    Returns:
+        [B, C] float32 parameters, quantised as they are stored.
+    """
     f = FUNCTIONS[function]
     params = np.zeros((len(rows), f.parameters), np.float32)
     for start in range(0, len(rows), BATCH):
         part = rows[start : start + BATCH]
         target = level.target[part, : level.points].astype(np.float32)
         weight = point_weight(target, level.support.pattern.hat, cube_valid(level.support, level.nodes[part]))
-        # Small products in a row: threads of BLAS would cost more than they give.
+        # Many small products: BLAS threads would be slower.
         with threadpool_limits(1, "blas"):
             found = (fit or f.fit)(target, weight, level.support.pattern, close_points(level, part))
         params[start : start + BATCH] = f.quantised(found)
     return params
 
 
-def records(level: Level, function: str, fit=None, changed: np.ndarray | None = None, kept=None) -> Records:
-    """Weights of a level, or of those nodes that have ``changed`` (rows of the level), the others ``kept``."""
+def records(
+    level: Level,
+    function: str,
+    fit: Fit | None = None,
+    changed: np.ndarray | None = None,
+    kept: Records | None = None,
+) -> Records:
+    """Compute the stored weights of a level, or only those of the nodes that have changed.
+
+    Args:
+        level: Nodes with their targets.
+        function: Name of the weight function.
+        fit: Replaces the function's own fit; None for its own.
+        changed: [B] indices of the nodes to compute again; None for all of them.
+        kept: Records of the level before the change; required with ``changed``.
+
+    Returns:
+        Records of all nodes of the level.
+    """
     rows = np.arange(len(level.nodes)) if changed is None else changed
     found = states(level, rows)
     fresh = rows[found == WEIGHTED]
@@ -138,9 +190,15 @@ def records(level: Level, function: str, fit=None, changed: np.ndarray | None = 
 
 
 def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """[len(cells), 8] int32 node that is trusted most where little is, for each octant of some cells; -1: none.
+    """Choose a fallback probe for each octant of some cells: the one most trusted where the total trust is low.
 
-    The level holds all nodes of its lattice.
+    Args:
+        level: All nodes of its lattice, with their targets.
+        state: [n] uint8 states of the nodes.
+        cells: [C'] indices of cells.
+
+    Returns:
+        [C', 8] int32 index of the node; -1: none is trusted there.
     """
     out = np.full((len(cells), 8), -1, np.int32)
     for start in range(0, len(cells), BATCH):
@@ -155,8 +213,8 @@ def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.nda
 
 
 def _trust_in(level: Level, state: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Of some cells: nodes [B, 8], places [B, K + X, 3] of points and of places at surfaces, which of them lie in air
-    [B, K + X], trust [8, B, K + X] of the nodes there, and its sum by the hats."""
+    """For some cells: nodes [B, 8], positions [B, K + X, 3] of points and of places at surfaces, whether they lie in
+    air [B, K + X], trust [8, B, K + X] of the nodes there, and its hat-weighted sum [B, K + X]."""
     support, lattice, layout = level.support, level.support.lattice, level.support.pattern
     k, rows = len(layout.points), support.slot[part]
     node = lattice.node_number(lattice.cell_corner(part)[:, None] + CORNERS)
@@ -174,11 +232,19 @@ def _trust_in(level: Level, state: np.ndarray, part: np.ndarray) -> tuple[np.nda
 
 
 def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """[len(cells), 8] bool: octants of some cells that have no fallback, as what no probe is trusted at there is shut
-    in: the inside of a wall that is made of sheets with two sides counts as air, and a fallback would light it
-    (veach-ajar, one offset: nine tenths of the bright leak).
+    """Find octants of cells that must not fall back to a probe, because their points without trust are enclosed.
 
-    Points without trust are shut in unless free edges of the cell lead from them to one that has some.
+    The inside of a wall modelled as two-sided sheets counts as air, and a fallback would light it (veach-ajar, one
+    offset: nine tenths of the bright leak). Points without trust are enclosed unless free edges of the cell connect
+    them to a point with trust.
+
+    Args:
+        level: All nodes of its lattice, with their targets.
+        state: [n] uint8 states of the nodes.
+        cells: [C'] indices of cells.
+
+    Returns:
+        [C', 8] bool: octants without a fallback.
     """
     support, layout = level.support, level.support.pattern
     k, out = len(layout.points), np.zeros((len(cells), 8), bool)
@@ -197,7 +263,7 @@ def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
         shape = (len(asked) * k,) * 2
         count, group = connected_components(csr_matrix((np.ones(len(cell), bool), ends), shape=shape), directed=False)
         known = z[asked] > 0
-        # A trusted place at a surface speaks for the point that sees it.
+        # A trusted place at a surface makes the point that sees it trusted.
         row, near = np.nonzero(known[:, k:] & (support.source[rows] >= 0))
         trusted = known[:, :k].copy()
         trusted[row, support.source[rows[row], near]] = True
@@ -210,16 +276,34 @@ def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def fallbacks(level: Level, state: np.ndarray, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """[len(cells), 8] int32 node that octants of some cells fall back to, -1: none; ``first`` [C, 8] before octants ask
-    their neighbours."""
+    """Compute the fallback probes of some cells.
+
+    Args:
+        level: All nodes of its lattice, with their targets.
+        state: [n] uint8 states of the nodes.
+        first: [C, 8] int32 result of ``nearest_probes`` for all cells.
+        cells: [C'] indices of cells.
+
+    Returns:
+        [C', 8] int32 index of the node; -1: none.
+    """
     return np.where(sealed(level, state, cells), -1, spread(level.support, first, cells))
 
 
 def spread(support: Support, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """[len(cells), 8] int32 of ``first`` [C, 8]: octants without a probe take that of a neighbour by a free edge."""
+    """Give octants without a fallback probe that of a neighbouring octant to which a free edge leads.
+
+    Args:
+        support: Edges of the lattice's cells.
+        first: [C, 8] int32 fallback probes of all cells; -1: none.
+        cells: [C'] indices of cells.
+
+    Returns:
+        [C', 8] int32 index of the node; -1: still none after ``ROUNDS`` rounds.
+    """
     lattice, layout = support.lattice, support.pattern
     octant = (layout.points >= 0.5) @ np.array([1, 2, 4])
-    # Edges between two octants of a cell and its neighbours stand together: one of them is enough.
+    # Edges between the same two octants are grouped: one free edge of a group connects them.
     kind = np.stack([octant[layout.start], octant[layout.end], *(layout.step.T + 1)], axis=1) @ (1, 8, 64, 192, 576)
     order = np.argsort(kind, kind="stable")
     kinds, begin = np.unique(kind[order], return_index=True)
@@ -239,8 +323,17 @@ def spread(support: Support, first: np.ndarray, cells: np.ndarray) -> np.ndarray
     return found.reshape(first.shape)[cells]
 
 
-def around(lattice, cells: np.ndarray, rings: int) -> np.ndarray:
-    """Sorted cells within some rings of ``cells``."""
+def around(lattice: Lattice, cells: np.ndarray, rings: int) -> np.ndarray:
+    """Return the cells within some rings of given cells.
+
+    Args:
+        lattice: The lattice.
+        cells: [C'] indices of cells.
+        rings: Number of cells in each direction, ≥ 0.
+
+    Returns:
+        [C''] sorted indices of cells, the given ones included.
+    """
     inside = np.zeros(lattice.cells[::-1], bool)
     x, y, z = lattice.cell_corner(cells).T
     inside[z, y, x] = True
@@ -254,8 +347,25 @@ def around(lattice, cells: np.ndarray, rings: int) -> np.ndarray:
     return np.flatnonzero(inside.ravel())
 
 
-def assemble(coarse: Level, function: str, found: Records, fallback: np.ndarray, fine=None) -> ProbeVolume:
-    """A volume without light of the records of its nodes; ``fine``: (records, bricks)."""
+def assemble(
+    coarse: Level,
+    function: str,
+    found: Records,
+    fallback: np.ndarray,
+    fine: tuple[Records, Bricks] | None = None,
+) -> ProbeVolume:
+    """Build a volume without light from the records of its nodes.
+
+    Args:
+        coarse: The lattice's level.
+        function: Name of the weight function.
+        found: Records of the lattice's nodes.
+        fallback: [C, 8] int32 fallback probes of all cells.
+        fine: Records of the fine probes and the tables of the bricks; None without bricks.
+
+    Returns:
+        The volume; its light is 0.
+    """
     parts = [found] if fine is None else [found, fine[0]]
     state = np.concatenate([part.state for part in parts])
     row = np.where(state == WEIGHTED, np.cumsum(state == WEIGHTED) - 1, -1).astype(np.int32)
@@ -273,7 +383,15 @@ def assemble(coarse: Level, function: str, found: Records, fallback: np.ndarray,
 
 
 def plain(support: Support, valid_only: bool) -> ProbeVolume:
-    """Trilinear interpolation as a volume: every node open, or only those that lie in air."""
+    """Build trilinear interpolation, the baseline, as a volume without light.
+
+    Args:
+        support: Geometry of the lattice.
+        valid_only: Use only probes that lie in air (within ``MOVE`` of their node); else all nodes.
+
+    Returns:
+        The volume; every node is open or dropped, and its light is 0.
+    """
     count = len(support.lattice)
     state = np.where(support.stands, OPEN, DROPPED) if valid_only else np.full(count, OPEN)
     return ProbeVolume(

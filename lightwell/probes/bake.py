@@ -1,7 +1,8 @@
-"""Baking the weights of a volume, whole or only where a box of the scene has changed."""
+"""Bakes the weights of a volume: all of them, or only where the scene has changed inside a box."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -11,42 +12,64 @@ from lightwell.probes import bricks
 from lightwell.probes.assemble import ROUNDS, Level, Records, around, assemble, fallbacks, nearest_probes, records
 from lightwell.probes.lattice import Lattice
 from lightwell.probes.pattern import pattern
-from lightwell.probes.support import bake_support, touched, trust, update
+from lightwell.probes.support import Support, bake_support, touched, trust, update
 from lightwell.probes.volume import Bricks, ProbeVolume
+from lightwell.probes.weights import Fit
 from lightwell.scenes.scene import Scene
 
-# Largest lattice that a bake takes on without being asked for a coarser one.
+# Largest number of nodes that a bake accepts.
 MOST_NODES = 200_000
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A volume without light, and what it was made of: kept for incremental bakes."""
+    """A volume without light and the data that it was computed from, which incremental bakes need."""
 
     volume: ProbeVolume
     levels: tuple[Level, ...]
     """The lattice; with bricks also their fine lattice."""
     records: tuple[Records, ...]
+    """Stored weights of each level."""
     first: np.ndarray
-    """[C, 8] int32 fallbacks before octants ask their neighbours."""
+    """[C, 8] int32 fallback probes before octants take those of their neighbours; see ``nearest_probes``."""
     seconds: dict[str, float]
-    """Of rays, trust and fit."""
+    """Duration of each stage, such as rays, trust and fit."""
 
     @property
-    def support(self):
-        """Rays of the lattice."""
+    def support(self) -> Support:
+        """Geometry of the lattice's level."""
         return self.levels[0].support
 
     @property
     def target(self) -> np.ndarray:
-        """[P, Q] float16 trust of the lattice's nodes."""
+        """[P, Q] float16 trust of the lattice's nodes at the points of their cubes."""
         return self.levels[0].target[:, : self.levels[0].points]
 
 
 def bake_geometry(
-    scene: Scene, spacing: float, function: str, offset=(0.0, 0.0, 0.0), fit=None, lattice: Lattice | None = None
+    scene: Scene,
+    spacing: float,
+    function: str,
+    offset: Sequence[float] = (0.0, 0.0, 0.0),
+    fit: Fit | None = None,
+    lattice: Lattice | None = None,
 ) -> Geometry:
-    """Rays, trust and weights of a whole scene."""
+    """Compute rays, trust and weights for a whole scene.
+
+    Args:
+        scene: The scene.
+        spacing: Distance of the probes, metres, > 0.
+        function: Name of the weight function, one of ``FUNCTIONS``.
+        offset: [3] start of the lattice within a cell, in [0, 1).
+        fit: Replaces the function's own fit; None for its own.
+        lattice: Lattice to use in place of one made from ``spacing`` and ``offset``.
+
+    Returns:
+        The volume without bricks and without light.
+
+    Raises:
+        ValueError: The lattice has more than ``MOST_NODES`` nodes.
+    """
     lattice = lattice or Lattice.around(scene.bounds, spacing, offset)
     if len(lattice) > MOST_NODES:
         raise ValueError(
@@ -67,8 +90,18 @@ def bake_geometry(
     return Geometry(volume, (level,), (found,), first, dict(zip(names, np.diff(clock).tolist())))
 
 
-def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit=None) -> Geometry:
-    """The same volume with bricks in ``chosen`` cells (sorted)."""
+def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit: Fit | None = None) -> Geometry:
+    """Add bricks to a volume.
+
+    Args:
+        scene: The scene.
+        geometry: Volume without bricks.
+        chosen: [B] sorted indices of the cells that get a brick.
+        fit: Replaces the weight function's own fit; None for its own.
+
+    Returns:
+        The volume with bricks; the same object when no cell is chosen.
+    """
     if not len(chosen):
         return geometry
     clock, coarse, volume = perf_counter(), geometry.levels[0], geometry.volume
@@ -83,11 +116,20 @@ def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit=None) 
     return Geometry(made, (coarse, level), (geometry.records[0], found), geometry.first, seconds)
 
 
-def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[Geometry, np.ndarray]:
-    """The weights after the scene has changed inside ``box`` [2, 3]; and the probes whose weights were computed again.
+def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit: Fit | None = None) -> tuple[Geometry, np.ndarray]:
+    """Compute the weights again after the scene has changed inside a box.
 
-    Everything that the box does not touch keeps its bytes, and what it touches gets those of a whole bake. Bricks stay
-    where they are.
+    Everything that the box does not touch keeps its bytes, and what it touches gets those of a whole bake. Bricks
+    stay where they are.
+
+    Args:
+        scene: The scene after the change.
+        before: The bake before the change.
+        box: [2, 3] least and greatest corner, metres.
+        fit: Replaces the weight function's own fit; None for its own.
+
+    Returns:
+        The new bake, and the indices of the probes whose weights were computed again.
     """
     clock, box = perf_counter(), np.asarray(box, np.float64)
     levels, found, rows = [], [], []
@@ -97,7 +139,7 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[G
         found.append(records(made, before.volume.function, fit, changed, kept))
         rows.append(changed)
     coarse, volume = levels[0], before.volume
-    # Fallbacks of the cells whose corners have changed, and of those that ask them.
+    # Fallbacks of the cells whose corners have changed, and of the cells that take theirs.
     near = _cells_of(coarse.support.lattice, coarse.nodes[rows[0]])
     first = before.first.copy()
     first[near] = nearest_probes(coarse, found[0].state, near)
@@ -112,7 +154,7 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit=None) -> tuple[G
 
 
 def _again(scene: Scene, level: Level, box: np.ndarray) -> tuple[Level, np.ndarray]:
-    """A level after its touched cells and cubes have been cast again, and the rows of these."""
+    """A level after the rays of touched cells and cubes have been cast again, and the rows of the changed nodes."""
     support = level.support.copy()
     cells, near, nodes = touched(support.lattice, box)
     cells, near = (part[support.slot[part] >= 0] for part in (cells, near))
@@ -125,6 +167,6 @@ def _again(scene: Scene, level: Level, box: np.ndarray) -> tuple[Level, np.ndarr
 
 
 def _cells_of(lattice: Lattice, nodes: np.ndarray) -> np.ndarray:
-    """Sorted cells round nodes."""
+    """Sorted indices of the cells around some nodes."""
     cells = np.unique(lattice.node_cells(nodes))
     return cells[cells >= 0]

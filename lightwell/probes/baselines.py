@@ -1,6 +1,7 @@
-"""How a baked volume and the baselines answer at places that took no part in the solve: for the report.
+"""Compares a baked volume with the baselines at places that the solve has not seen; for the report.
 
-The places are in the air, asked without an offset; all methods have the same probes, traced the same way.
+The places lie in air and are looked up without an offset. All methods use the same probes, traced in the same
+way.
 """
 
 from __future__ import annotations
@@ -28,10 +29,21 @@ def compare(
     variable: Variable | None = None,
     place: np.ndarray | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Method to its errors (sMAPE in [0, 1], leaks as shares of the light).
+    """Measure the errors of the volume and of the baselines.
 
-    light   [P + F, 9, 3] solved light; ``start`` [P + F, 9, 3]: as traced, which the baselines interpolate. Both under
-            the scene's own light, or under a light of ``variable`` at ``place`` [3].
+    Args:
+        scene: The scene.
+        geometry: The baked weights.
+        light: [P + F, 9, 3] solved light, which the volume interpolates.
+        start: [P + F, 9, 3] traced light, which the baselines interpolate.
+        seed: Seed of the places, normals and reference.
+        variable: Declared light under which ``light`` and ``start`` were computed; None for the scene's own
+            emitters.
+        place: [3] position (or direction) of the declared light.
+
+    Returns:
+        By method: ``smape`` in [0, 1], and ``bright_leak`` and ``dark_leak`` as fractions of the light. Empty when
+        there are no places in air.
     """
     support, count = geometry.support, len(geometry.volume.lattice)
     start = start[:count] * support.stands[:, None, None]

@@ -1,4 +1,4 @@
-"""Bricks: cells where the error is high get a lattice three times finer. Notation: C cells, B bricks, F fine probes."""
+"""Bricks: cells with high errors get a lattice three times finer. Notation: C cells, B bricks, F fine probes."""
 
 from __future__ import annotations
 
@@ -7,29 +7,52 @@ import numpy as np
 from lightwell.probes.lattice import Lattice, _grid
 from lightwell.probes.volume import FINE, Bricks
 
-# Support points of a fine cell: three times finer cells need fewer points a cell.
+# Support points of a fine cell; smaller cells need fewer points.
 FINE_POINTS = 128
-# A cell may keep this error (90th percentile of the relative error of its samples, noise taken off).
+# Error up to which a cell gets no brick (90th percentile of the relative error of its samples, noise subtracted).
 GOOD_ENOUGH = 0.04
-# Power of the brightness in the choice between cells.
+# Exponent of the brightness in the ranking of cells.
 BRIGHTNESS = 0.25
-# Fine probes per probe that stands at its node, at most.
+# Largest number of fine probes per probe that looks from near its node.
 BUDGET = 1.0
 
 
 def fine_lattice(lattice: Lattice) -> Lattice:
-    """The lattice of all fine nodes; only those of bricks are ever used."""
+    """Return the lattice of all fine nodes; only those of bricks are used.
+
+    Args:
+        lattice: The coarse lattice.
+
+    Returns:
+        Lattice over the same box with ``FINE`` times smaller spacing.
+    """
     return Lattice(lattice.origin, lattice.spacing / FINE, tuple(FINE * (n - 1) + 1 for n in lattice.shape))
 
 
 def fine_cells(lattice: Lattice, chosen: np.ndarray) -> np.ndarray:
-    """Sorted numbers of the fine cells inside chosen cells."""
+    """Return the fine cells inside some cells.
+
+    Args:
+        lattice: The coarse lattice.
+        chosen: [B] indices of its cells.
+
+    Returns:
+        [27 B] sorted indices in the fine lattice.
+    """
     at = FINE * lattice.cell_corner(chosen)[:, None] + _grid((FINE,) * 3)
     return np.sort(fine_lattice(lattice).cell_number(at).ravel())
 
 
 def layout(lattice: Lattice, chosen: np.ndarray) -> tuple[np.ndarray, Bricks]:
-    """Fine nodes [F] (sorted numbers in the fine lattice) and the tables of bricks in ``chosen`` cells (sorted)."""
+    """Number the fine nodes of some bricks.
+
+    Args:
+        lattice: The coarse lattice.
+        chosen: [B] sorted indices of the cells with a brick.
+
+    Returns:
+        [F] sorted indices of the fine nodes in the fine lattice, and the tables of the bricks.
+    """
     fine = fine_lattice(lattice)
     node = fine.node_number(FINE * lattice.cell_corner(chosen)[:, None] + _grid((FINE + 1,) * 3))
     nodes, table = np.unique(node, return_inverse=True)
@@ -43,18 +66,28 @@ def layout(lattice: Lattice, chosen: np.ndarray) -> tuple[np.ndarray, Bricks]:
 
 
 def worst(error: np.ndarray, bright: np.ndarray, cell: np.ndarray, live: int, budget: float = BUDGET) -> np.ndarray:
-    """Sorted cells that deserve a brick: the highest 90th percentile of ``error`` [I] of the samples in ``cell`` [I].
+    """Choose the cells that get a brick: those with the highest 90th percentile of the error of their samples.
 
-    bright   [I] how bright a sample is. The relative error counts by its fourth root: the eye sees ratios, but what is
-             lost beside a lamp is most of the light (S1, equal bytes: + 1.3 dB).
-    All cells have one volume and all bricks about one size, so that error by volume and byte is the error itself.
+    The relative error is multiplied by the fourth root of the brightness: perception follows ratios, but most of
+    the light is lost next to lamps (S1, equal bytes: + 1.3 dB). All cells have one volume and all bricks about one
+    size, so the error needs no division by either.
+
+    Args:
+        error: [I] relative error of the samples, noise subtracted.
+        bright: [I] brightness of the samples, any unit.
+        cell: [I] cell of the coarse lattice in which each sample lies.
+        live: Number of probes that look from near their node.
+        budget: Largest number of fine probes per such probe.
+
+    Returns:
+        [B] sorted indices of cells; only cells with an error above ``GOOD_ENOUGH``.
     """
     order = np.argsort(cell, kind="stable")
     cells, first = np.unique(cell[order], return_index=True)
     high = lambda values: np.array([np.quantile(part, 0.9) for part in np.split(values[order], first[1:])])  # noqa: E731
     relative = np.maximum(bright, 0) / max(float(np.mean(bright)), 1e-30)
     plain, score = high(error), high(error * relative**BRIGHTNESS)
-    # A brick beside another one adds 27 probes, one alone 64.
+    # A brick next to others adds 27 probes, an isolated one 64.
     most = int(budget * live / (FINE + 0.5) ** 3)
     ranked = np.argsort(-score, kind="stable")[: max(most, 0)]
     return np.sort(cells[ranked[plain[ranked] > GOOD_ENOUGH]])

@@ -1,4 +1,4 @@
-"""How the place of a light becomes K factors: an encoding and a small network, run once a frame."""
+"""Maps the position of a light to K mixing factors: an encoding and a small network, evaluated once per frame."""
 
 from __future__ import annotations
 
@@ -11,29 +11,44 @@ from lightwell.graph import Builder, evaluate
 
 @dataclass(frozen=True)
 class Code:
-    """The encoding, and the layers behind it."""
+    """Encoding of a light's position, and the layers of the network that follows."""
 
     center: tuple[float, float, float]
-    """Metres."""
+    """Centre of the light's box, metres."""
     half: float
     """Half of the longest edge, metres; the same for all axes."""
     layers: list[tuple[np.ndarray, np.ndarray]]
-    """(weights [out, in], bias [out])."""
+    """(weights [out, in], bias [out]) of each layer."""
     octaves: int = 2
+    """Frequencies of the encoding."""
 
     @property
     def width(self) -> int:
-        """Features of a light."""
+        """Number of features of the encoding."""
         return 3 + 6 * self.octaves
 
     def encoding(self, b: Builder) -> str:
-        """Features of the input ``light``."""
+        """Add the encoding of the input ``light`` to a graph.
+
+        Args:
+            b: Graph under construction with the input ``light`` [3].
+
+        Returns:
+            Name of the node with ``width`` features.
+        """
         x = b.affine("light", [1 / self.half] * 3, [-c / self.half for c in self.center], per_frame=True)
         waves = b.frequency(b.affine(x, [0.5] * 3, [0.5] * 3, per_frame=True), self.octaves, per_frame=True)
         return b.concat(x, waves, per_frame=True)
 
     def node(self, b: Builder) -> str:
-        """The K factors."""
+        """Add the encoding and the network to a graph.
+
+        Args:
+            b: Graph under construction with the input ``light`` [3].
+
+        Returns:
+            Name of the node with the K factors.
+        """
         x = self.encoding(b)
         for k, (weights, bias) in enumerate(self.layers):
             x = b.linear(x, weights, bias, per_frame=True)
@@ -42,7 +57,14 @@ class Code:
         return x
 
     def features(self, light: np.ndarray) -> np.ndarray:
-        """[N, width] of places [N, 3]."""
+        """Compute the encoding of light positions.
+
+        Args:
+            light: [N, 3] positions in metres, or unit directions.
+
+        Returns:
+            [N, width] float32 features.
+        """
         b = Builder(light=3)
         graph = b.build(features=self.encoding(b))
         return evaluate(graph, {"light": np.ascontiguousarray(light, np.float32)})["features"]

@@ -1,9 +1,10 @@
-r"""The baseline with distance moments: probes weighed by Chebyshev's inequality on mean and mean squared distance.
+"""The baseline with distance moments: probes weighted by Chebyshev's inequality on mean and mean squared distance.
 
-Own code after the papers: Majercik, Guertin, Nowrouzezahrai and McGuire, Dynamic Diffuse Global Illumination with
-Ray-Traced Irradiance Fields, JCGT 8(2), 2019, and Scaling Probe-Based Real-Time Dynamic Global Illumination for
-Production, JCGT 10(2), 2021. Distances lie in octahedral maps of 16² texels; the irradiance is ours (L2 harmonics), so
-that only the weights are compared.
+An implementation of our own after the papers: Majercik, Guertin, Nowrouzezahrai and McGuire, Dynamic Diffuse
+Global Illumination with Ray-Traced Irradiance Fields, JCGT 8(2), 2019, and Scaling Probe-Based Real-Time
+Dynamic Global Illumination for Production, JCGT 10(2), 2021. Distances are stored in octahedral maps of 16²
+texels; irradiance is stored as in ``ProbeVolume`` (L2 harmonics), so that only the weights are compared.
+Notation: P nodes, N points.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from lightwell.probes.support import Support
 from lightwell.scenes.scene import Scene
 
 SIDE = 16
-# Rays of a probe; lobe of a texel: cos to this power; distances are cut at this many spacings.
+# Rays of a probe; exponent of the cosine lobe of a texel; distances are clamped to this many spacings.
 RAYS, SHARPNESS, FARTHEST = 1024, 50.0, 1.5 * np.sqrt(3)
 # Constants of the papers.
 WRAP, LEAST, CRUSH, FLOOR = 0.2, 0.05, 0.2, 1e-3
@@ -31,26 +32,37 @@ class Moments:
     """The baked baseline."""
 
     lattice: Lattice
+    """Lattice of the probes."""
     origin: np.ndarray
-    """[P, 3] where probes stand after relocation."""
+    """[P, 3] positions of the probes after relocation, metres."""
     alive: np.ndarray
-    """[P] bool."""
+    """[P] bool: probes that lie in air."""
     maps: np.ndarray
     """[P, 16, 16, 2] float32 mean and mean squared distance, metres."""
     light: np.ndarray
-    """[P, 9, 3]."""
+    """[P, 9, 3] irradiance harmonics."""
     bias: float = 0.2
-    """Of the place, along the normal, units of h."""
+    """Offset of queries along the normal, units of the spacing."""
 
 
 def bake_moments(scene: Scene, support: Support, light: np.ndarray, bias: float = 0.2) -> Moments:
-    """Trace the distances of the probes that stand at their nodes; others keep no light."""
+    """Trace the distances of the probes that lie in air; other probes get no light.
+
+    Args:
+        scene: The scene.
+        support: Geometry of the lattice.
+        light: [P, 9, 3] irradiance harmonics at the probes.
+        bias: Offset of queries along the normal, units of the spacing.
+
+    Returns:
+        The baseline.
+    """
     stands = support.stands
     nodes = np.flatnonzero(stands)
     compass = sh.directions(RAYS)
     far = FARTHEST * support.lattice.spacing
     found = rays.distances(scene, support.origin[nodes], compass)
-    # Back faces count as near (a fifth of their distance), as in the papers' code.
+    # Back faces count at a fifth of their distance, as in the papers' code.
     found = np.minimum(np.where(found < 0, -0.2 * found, found), far)
     y, x = np.mgrid[0:SIDE, 0:SIDE]
     texel = octahedral((np.stack([x, y], axis=-1).reshape(-1, 2) + 0.5) / SIDE * 2 - 1)
@@ -64,7 +76,14 @@ def bake_moments(scene: Scene, support: Support, light: np.ndarray, bias: float 
 
 
 def octahedral(p: np.ndarray) -> np.ndarray:
-    """[N, 3] unit directions of places [N, 2] in [-1, 1]²."""
+    """Map points of the octahedral square to directions.
+
+    Args:
+        p: [N, 2] in [-1, 1]².
+
+    Returns:
+        [N, 3] unit directions.
+    """
     z = 1 - np.abs(p).sum(axis=1)
     fold = np.maximum(-z, 0)[:, None]
     xy = p - np.where(p >= 0, fold, -fold)
@@ -73,14 +92,21 @@ def octahedral(p: np.ndarray) -> np.ndarray:
 
 
 def to_octahedral(d: np.ndarray) -> np.ndarray:
-    """[N, 2] places in [-1, 1]² of directions [N, 3]."""
+    """Map directions to points of the octahedral square.
+
+    Args:
+        d: [N, 3] directions of any length above 0.
+
+    Returns:
+        [N, 2] in [-1, 1]².
+    """
     p = d / np.maximum(np.abs(d).sum(axis=-1, keepdims=True), 1e-30)
     folded = (1 - np.abs(p[..., 1::-1])) * np.where(p[..., :2] >= 0, 1, -1)
     return np.where(p[..., 2:3] < 0, folded, p[..., :2])
 
 
 def _fetch(maps: np.ndarray, node: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """[N, 2] bilinear moments of nodes [N] in directions [N, 3]; the map's edge continues by the fold."""
+    """[N, 2] bilinear moments of nodes [N] in directions [N, 3]; edges of the map wrap as on an octahedron."""
     at = (to_octahedral(d) + 1) * 0.5 * SIDE - 0.5
     low = np.floor(at).astype(np.int64)
     f = at - low
@@ -88,7 +114,7 @@ def _fetch(maps: np.ndarray, node: np.ndarray, d: np.ndarray) -> np.ndarray:
     for k in range(4):
         bit = np.array([k & 1, k >> 1])
         texel = low + bit
-        # Beyond an edge, the other coordinate is mirrored.
+        # Past an edge, the other coordinate is mirrored.
         for axis in (0, 1):
             over = (texel[:, axis] < 0) | (texel[:, axis] >= SIDE)
             texel[over, 1 - axis] = SIDE - 1 - texel[over, 1 - axis]
@@ -99,7 +125,16 @@ def _fetch(maps: np.ndarray, node: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def shares(moments: Moments, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes [N, 8] and their shares [N, 8]."""
+    """Compute the normalised weights of the eight probes around each point.
+
+    Args:
+        moments: The baseline.
+        x: [N, 3] float64 points, metres.
+        n: [N, 3] float64 unit normals.
+
+    Returns:
+        [N, 8] indices of nodes, and [N, 8] weights that sum to 1 (0 where no probe is alive).
+    """
     lattice = moments.lattice
     y = x + moments.bias * lattice.spacing * n
     node, _, u = lattice.corners(y)
@@ -123,6 +158,15 @@ def shares(moments: Moments, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, 
 
 
 def query(moments: Moments, x: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """[N, 3] irradiance at places [N, 3] for normals [N, 3]."""
+    """Compute the irradiance at some points.
+
+    Args:
+        moments: The baseline.
+        x: [N, 3] points, metres.
+        n: [N, 3] unit normals.
+
+    Returns:
+        [N, 3] irradiance, ≥ 0.
+    """
     node, share = shares(moments, np.asarray(x, np.float64), np.asarray(n, np.float64))
     return np.maximum(sh.evaluate(np.einsum("nk,nkbc->nbc", share, moments.light[node]), n), 0)

@@ -1,7 +1,7 @@
-"""The query in Dr.Jit: one function unrolled over eight corners, plain gathers, for LLVM and CUDA alike.
+"""The query in Dr.Jit: one function unrolled over eight corners with plain gathers, for LLVM and CUDA.
 
-Tested against ``volume.query``; the baselines stand beside it with the same fetch of the harmonics, so that
-times compare weights with weights. Notation: P nodes, R records; one lane is one query.
+Tested against ``volume.query``. The baselines fetch the harmonics in the same way, so that timings compare the
+weights alone. Notation: P nodes, R records; one lane is one query.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
 # Harmonics of a node: 27 numbers in seven packets of four.
 PACKETS = 7
-# Records 0 and 1 are constants: trust nothing, trust all.
+# Records 0 and 1 are constants: ρ = 0 and ρ = 1.
 CONSTANTS = 2
 
 Query = Callable[[mi.Point3f, mi.Vector3f], tuple[mi.Color3f, mi.Float]]
@@ -44,7 +44,7 @@ class _Light:
 
     def __init__(self, light: np.ndarray) -> None:
         rows = np.zeros((len(light), 4 * PACKETS), np.float32)
-        # Colour by colour, so that the dot product with the normal's harmonics reads in order.
+        # Ordered by colour, so that the dot product with the normal's harmonics reads in sequence.
         rows[:, :27] = np.swapaxes(light, 1, 2).reshape(len(light), 27)
         self.table = _table(rows)
 
@@ -65,7 +65,7 @@ class _Light:
 
 
 class _Cell:
-    """Where a place lies in the lattice."""
+    """Cell of a point, and the position in it."""
 
     base = 0
 
@@ -78,7 +78,7 @@ class _Cell:
         self.shape = lattice.shape
 
     def corner(self, corner: np.ndarray) -> tuple:
-        """Node, hat and probe-local place of one corner."""
+        """Node, hat and probe-local position of one corner."""
         x, y, z = (low + int(c) for low, c in zip(self.low, corner))
         node = (z * self.shape[1] + y) * self.shape[0] + x + self.base
         hat = mi.Float(1)
@@ -87,7 +87,7 @@ class _Cell:
         return node, hat, [f - float(c) for f, c in zip(self.f, corner)]
 
     def brick(self, number) -> _Cell:
-        """The place in the cell's brick; corners are rows of the bricks' table."""
+        """The fine cell in the cell's brick; its corners are rows of the bricks' table."""
         fine, side = object.__new__(_Cell), FINE + 1
         at = [f * FINE for f in self.f]
         fine.low = [dr.minimum(mi.UInt32(a), FINE - 1) for a in at]
@@ -96,18 +96,25 @@ class _Cell:
         return fine
 
     def number(self) -> mi.UInt32:
-        """Of the cell."""
+        """Index of the cell."""
         x, y, z = self.low
         return (z * (self.shape[1] - 1) + y) * (self.shape[0] - 1) + x
 
     def octant(self) -> tuple:
-        """Cell number and octant of the place."""
+        """8 · index of the cell + octant of the point."""
         bits = [dr.select(f >= 0.5, mi.UInt32(1), 0) for f in self.f]
         return self.number() * 8 + bits[0] + 2 * bits[1] + 4 * bits[2]
 
 
 def learned(volume: ProbeVolume) -> Query:
-    """The query of a volume: (place, normal) → (irradiance, trusted share)."""
+    """Build the Dr.Jit query of a volume.
+
+    Args:
+        volume: The baked volume.
+
+    Returns:
+        Function of points (metres) and unit normals that returns irradiance and trusted weight Z in [0, 1].
+    """
     lattice, light = volume.lattice, _Light(volume.light)
     record = np.where(volume.state == WEIGHTED, CONSTANTS + volume.row, np.where(volume.state == OPEN, 1, 0))
     records = _table(record.astype(np.uint32), mi.UInt32)
@@ -167,7 +174,7 @@ def learned(volume: ProbeVolume) -> Query:
 
 
 def _rho(volume: ProbeVolume) -> Callable:
-    """ρ of records [lanes] at probe-local places, given the hat there."""
+    """ρ of records [lanes] at probe-local positions, given the hat there."""
     f = FUNCTIONS[volume.function]
     value = _value(core(f), volume)
     if not isinstance(f, Bare):
@@ -178,7 +185,7 @@ def _rho(volume: ProbeVolume) -> Callable:
 
 
 def _value(f, volume: ProbeVolume) -> Callable:
-    """The same without a hat."""
+    """Value of a record, before it is divided by the hat for ``Bare`` functions."""
     constants = np.zeros((CONSTANTS, f.parameters), np.float32)
     if isinstance(f, ReluField) and f.side == 4:
         constants[0], constants[1] = LOW, HIGH
@@ -223,7 +230,7 @@ def _grid(table, side: int, row, u, active):
 
 
 def _bytes(words, row, u, active):
-    """The same for a grid of 4³ bytes: a row of four along x is one word, so that four reads give eight values."""
+    """Trilinear value of a grid of 4³ bytes: a row of four along x is one word, so four reads give eight values."""
     at = [(value + 1) * 1.5 for value in u]
     low = [dr.minimum(mi.UInt32(a), 2) for a in at]
     f = [a - mi.Float(v) for a, v in zip(at, low)]
@@ -245,7 +252,7 @@ def _wide_pairs(codes: np.ndarray) -> np.ndarray:
 
 
 def _wide_bytes(words, row, u, active):
-    """The same for a grid of 5³ bytes: two packets."""
+    """Trilinear value of a grid of 5³ bytes: two packets."""
     at = [(value + 1) * 2 for value in u]
     low = [dr.minimum(mi.UInt32(a), 3) for a in at]
     f = [a - mi.Float(v) for a, v in zip(at, low)]
@@ -262,7 +269,7 @@ def _wide_bytes(words, row, u, active):
 
 
 def _corners(words, row, u, active):
-    """The same for a grid of 2³ bytes: one packet."""
+    """Trilinear value of a grid of 2³ bytes: one packet."""
     packet = dr.gather(mi.Vector2u, words, row, active)
     value = [mi.Float(mi.Int32((word >> s) & 255)) for word in packet for s in (0, 8, 16, 24)]
     for place in u:
@@ -273,7 +280,7 @@ def _corners(words, row, u, active):
 def _network(table, row, u, active):
     """Value of a record's network, from the bytes of a file's record: eight reads of four words, not 29.
 
-    Each layer's step counts once per neuron, and that of a layer before it in the step: the activation is homogeneous.
+    The steps are applied to the neurons instead of the weights, because the activation is homogeneous.
     """
     words = [w for k in range(8) for w in dr.gather(mi.Vector4u, table, row * 8 + k, active)]
     steps = [dr.reinterpret_array(mi.Float, w) for w in words[29:]]
@@ -294,7 +301,14 @@ def _dot(a, b, start):
 
 
 def trilinear(volume: ProbeVolume) -> Query:
-    """Eight nodes by their hats, dropped ones left out."""
+    """Build the Dr.Jit query of trilinear interpolation, without dropped nodes.
+
+    Args:
+        volume: The baked volume; its weights are not used.
+
+    Returns:
+        Function of points (metres) and unit normals that returns irradiance and the sum of the weights.
+    """
     lattice, light, live = volume.lattice, _Light(volume.light), mi.Bool(volume.state != DROPPED)
 
     def query(x, n):
@@ -310,7 +324,16 @@ def trilinear(volume: ProbeVolume) -> Query:
 
 
 def chebyshev(moments: ddgi.Moments) -> Query:
-    """The baseline of distance moments, its maps with a border of one texel so that a fetch is bilinear."""
+    """Build the Dr.Jit query of the baseline with distance moments.
+
+    The maps get a border of one texel, so that a fetch is a plain bilinear one.
+
+    Args:
+        moments: The baseline.
+
+    Returns:
+        Function of points (metres) and unit normals that returns irradiance and the sum of the weights.
+    """
     lattice, light = moments.lattice, _Light(moments.light)
     side, wide = ddgi.SIDE, ddgi.SIDE + 2
     maps = _table(_bordered(moments.maps))
@@ -353,7 +376,7 @@ def chebyshev(moments: ddgi.Moments) -> Query:
 
 
 def _bordered(maps: np.ndarray) -> np.ndarray:
-    """[P, 18, 18, 2] octahedral maps with a border that continues them by the fold."""
+    """[P, 18, 18, 2] octahedral maps with a border that wraps as on an octahedron."""
     side = maps.shape[1]
     at = np.arange(-1, side + 1)
     y, x = np.meshgrid(at, at, indexing="ij")

@@ -1,12 +1,12 @@
-r"""How far a probe may be trusted at the points of its cube: 1 where it sees them, and round corners by diffusion.
+"""Computes trust ρ, the visibility weight of a probe at the points of its cube: 1 where it sees them, else diffused.
 
 On the graph of points that see one another, with weights w_ij = exp(-d² / 2 s²) along free edges,
 
     ρ_i ← Σ_j w_ij ρ_j / ((1 + λ) Σ_j w_ij)
 
 where ρ = 1 is fixed at points that the probe sees and ρ = 0 at invalid ones. The fixed point solves a symmetric
-positive definite system, which conjugate gradients reach in a few dozen products; ``sweeps`` iterates the line above:
-the oracle. Notation: B cubes, Q points of a cube, M edges of a cube.
+positive definite system, which conjugate gradients solve in a few dozen products; ``sweeps`` iterates the line
+above and is the reference in tests. Notation: B cubes, Q points of a cube, M edges of a cube.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from scipy.sparse import csr_matrix, diags
 
 from lightwell.probes.pattern import Pattern
 
-# ℓ: distance over which diffused trust falls by e, in units of h.
+# ℓ: distance over which diffused trust falls by a factor of e, units of the spacing.
 REACH = 0.33
-# Trust below this is none.
+# Trust below this is set to 0.
 LEAST = 0.01
-# Conjugate gradients end at this relative residual, or after so many products.
+# Relative residual at which conjugate gradients end, and largest number of products.
 TOLERANCE, MOST = 1e-4, 200
 
 
@@ -31,16 +31,22 @@ def diffuse(
     reach: float = REACH,
     likeness: np.ndarray | None = None,
 ) -> np.ndarray:
-    """[B, Q] float32 trust ρ in [0, 1].
+    """Solve the diffusion of trust in some cubes.
 
-    sees       [B, Q] bool: valid points that the probe sees.
-    edges      [B, M] bool: edges of ``pattern.cube_edges`` whose ends are valid and see each other.
-    reach      ℓ, units of h.
-    likeness   [B, M] factors of the weights by the likeness of the light at both ends: then ρ depends on the light.
+    Args:
+        pattern: Points and edges of a cube.
+        sees: [B, Q] bool: valid points that the probe sees.
+        edges: [B, M] bool: edges of ``pattern.cube_edges`` whose ends are valid and see each other.
+        reach: Distance ℓ over which diffused trust falls by a factor of e, units of the spacing.
+        likeness: [B, M] factors on the edge weights by the similarity of the light at both ends, which makes ρ
+            depend on the light; None for 1.
+
+    Returns:
+        [B, Q] float32 trust in [0, 1]; values below ``LEAST`` are 0.
     """
     a, b, w = _active(pattern, sees, edges, likeness)
     count = sees.size
-    # Every free edge pulls at both of its ends; only ends that are not seen are unknown.
+    # Every free edge enters the equations of both its ends; only ends that are not seen are unknown.
     degree = np.bincount(a, w, count) + np.bincount(b, w, count)
     flat = sees.ravel()
     unknown = np.flatnonzero((degree > 0) & ~flat)
@@ -62,7 +68,7 @@ def diffuse(
 
 
 def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.ndarray | None):
-    """Ends (flat numbers) and weight of the free edges that have an end which the probe does not see."""
+    """Ends (flat indices) and weights of the free edges with an end that the probe does not see."""
     first, second, _, number = pattern.cube_edges.T
     cube, m = np.nonzero(edges & ~(sees[:, first] & sees[:, second]))
     w = pattern.weights()[number[m]]
@@ -73,10 +79,10 @@ def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.
 
 
 def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Solution of a symmetric positive definite system, preconditioned by its diagonal.
+    """Solve a symmetric positive definite system, preconditioned by its diagonal.
 
-    first   Where the unknowns of each cube begin: cubes do not touch, and each has its own steps and end, so that its
-            bits do not depend on the others.
+    ``first`` gives the first unknown of each cube: cubes are independent, and each has its own steps and end, so that
+    its bits do not depend on the others.
     """
     inverse = 1 / matrix.diagonal()
     counts = np.diff(np.r_[first, len(right)])
@@ -104,7 +110,18 @@ def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray, first: np.ndarra
 def sweeps(
     pattern: Pattern, sees: np.ndarray, edges: np.ndarray, reach: float = REACH, count: int = 1500
 ) -> np.ndarray:
-    """The same by plain iteration, one cube at a time: slow and evidently right."""
+    """Compute ``diffuse`` by plain iteration, one cube at a time; slow, the reference in tests.
+
+    Args:
+        pattern: Points and edges of a cube.
+        sees: [B, Q] bool: valid points that the probe sees.
+        edges: [B, M] bool: edges whose ends are valid and see each other.
+        reach: Distance ℓ over which diffused trust falls by a factor of e, units of the spacing.
+        count: Number of iterations.
+
+    Returns:
+        [B, Q] float64 trust in [0, 1].
+    """
     out = np.zeros(sees.shape)
     first, second, _, number = pattern.cube_edges.T
     for cube, (seen, open_) in enumerate(zip(sees, edges)):

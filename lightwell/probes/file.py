@@ -1,7 +1,8 @@
-"""Probe volumes as files (``format/PROBES.md``).
+"""Reads and writes probe volumes as files (``format/PROBES.md``).
 
-A line of JSON, then sections: kinds of nodes, octants, weights, harmonics, cells, fallbacks, bricks; rows only where
-there is something to say. Readers trust nothing: sizes, numbers and indices are checked before they are used.
+A line of JSON, then sections: states of nodes, octants, weights, harmonics, cells, fallbacks, bricks; only nodes
+and cells that need a record have one. Readers do not trust the file: sizes, numbers and indices are checked before
+use.
 """
 
 from __future__ import annotations
@@ -35,21 +36,27 @@ from lightwell.probes.weights import FUNCTIONS
 
 MAGIC, VERSION = b"LWPROBES", 3
 MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
-# Words of a probe's light by coding. A record of weights: ``file_weights``; tables: ``file_tables``.
+# Words of a probe's light by coding. Records of weights: see ``file_weights``; tables: see ``file_tables``.
 LIGHT = {coding: size // 4 for coding, size in LIGHT_BYTES.items()}
-# Sections start at multiples of this many bytes: a texel.
+# Sections start at multiples of this many bytes, the size of a texel.
 ALIGN = 16
-# Memory of a node while a file is read: nine coefficients of three colours and eight fallbacks, four bytes each.
+# Memory per node while a file is read: nine coefficients of three colours and eight fallbacks, four bytes each.
 BYTES_PER_NODE = 4 * (9 * 3 + 8)
-# Largest irradiance.
+# Largest stored irradiance, in the file's unit.
 BRIGHTEST = 6e4
 
 
 def write(volume: ProbeVolume, path: str | os.PathLike, coding: str = "zh3", unit: float = 1.0) -> dict[str, float]:
-    """Write a volume; returns bytes per live probe by part.
+    """Write a volume to a file.
 
-    coding   'l2' or 'zh3': harmonics of band 0 as half floats, of the others as bytes with a step for each probe.
-    unit     Irradiance of 1 in the file; choose it so that values lie near 1.
+    Args:
+        volume: The volume.
+        path: File to write.
+        coding: "l2" (nine harmonics) or "zh3"; band 0 as float16, other bands as bytes with one step per probe.
+        unit: Irradiance that is stored as 1; choose it so that stored values are near 1.
+
+    Returns:
+        Bytes per live probe, by section.
     """
     data, parts = encode_volume(volume, coding, unit)
     write_atomically(path, data)
@@ -59,9 +66,20 @@ def write(volume: ProbeVolume, path: str | os.PathLike, coding: str = "zh3", uni
 def encode_volume(
     volume: ProbeVolume, coding: str = "zh3", unit: float = 1.0, baselines: Moments | None = None
 ) -> tuple[bytes, dict[str, float]]:
-    """Bytes of a volume, and bytes per live probe by part.
+    """Encode a volume as the bytes of a file.
 
-    baselines   Light as it was traced, for trilinear weights, and distance moments: the file then answers by them too.
+    Args:
+        volume: The volume.
+        coding: "l2" or "zh3", see ``write``.
+        unit: Irradiance that is stored as 1.
+        baselines: Traced light and distance moments of the same lattice, so that the file can also be evaluated with
+            the weights of the baselines; None to leave them out.
+
+    Returns:
+        The bytes, and bytes per live probe by section.
+
+    Raises:
+        ValueError: The coding is unknown.
     """
     if coding not in LIGHT:
         raise ValueError(f"probes: no coding '{coding}', expected l2 or zh3")
@@ -104,13 +122,13 @@ def encode_volume(
 
 
 def _light(light: np.ndarray, coding: str) -> np.ndarray:
-    """[A, 8 or 5] words of A probes: three half floats of band 0, one of the step, then bytes, colour by colour."""
+    """[A, 8 or 5] words of A probes: band 0 and the step as four float16, then bytes, ordered by colour."""
     e = np.clip(np.nan_to_num(np.asarray(light, np.float64)), -BRIGHTEST, BRIGHTEST)
     e = sh.windowed(e, sh.deringing(e))
     rest = e[:, 1:] if coding == "l2" else sh.zh3(e)[:, 1:]
     rest = np.swapaxes(rest, 1, 2).reshape(len(e), -1)
     step = (np.abs(rest).max(axis=1, initial=0) / 127).astype(np.float16)
-    # A step that rounds to nothing has nothing to tell.
+    # Where the step rounds to 0, all bytes are 0.
     code = np.rint(rest / np.where(step > 0, step, 1).astype(np.float64)[:, None]) * (step > 0)[:, None]
     half = np.concatenate([e[:, 0], step[:, None]], axis=1).astype("<f2")
     code = np.clip(code, -127, 127).astype(np.int8)
@@ -118,7 +136,18 @@ def _light(light: np.ndarray, coding: str) -> np.ndarray:
 
 
 def read(path: str | os.PathLike, limits: Limits | None = None) -> ProbeVolume:
-    """The volume of a file; one line of ``ValueError`` for anything that is not one or is above ``limits``."""
+    """Read a volume from a file.
+
+    Args:
+        path: The file.
+        limits: Largest memory that the volume may need; None for the defaults of ``Limits``.
+
+    Returns:
+        The volume.
+
+    Raises:
+        ValueError: The file is not a probe volume, is damaged or exceeds the limits; one line.
+    """
     path = Path(path)
     if path.stat().st_size > MOST_BYTES:
         raise ValueError(f"{path}: larger than {MOST_BYTES >> 20} MiB, which no probe volume is")
@@ -126,7 +155,19 @@ def read(path: str | os.PathLike, limits: Limits | None = None) -> ProbeVolume:
 
 
 def decode_volume(data: bytes, name: str = "probes", limits: Limits | None = None) -> ProbeVolume:
-    """The volume of some bytes; raises as ``read``."""
+    """Decode the bytes of a file.
+
+    Args:
+        data: The bytes.
+        name: Name of the file, for messages.
+        limits: Largest memory that the volume may need; None for the defaults of ``Limits``.
+
+    Returns:
+        The volume.
+
+    Raises:
+        ValueError: The bytes are not a probe volume, are damaged, exceed the limits or the machine's memory; one line.
+    """
     try:
         return _decode_volume(data, name, limits or Limits())
     except MemoryError as error:
@@ -169,7 +210,16 @@ def _decode_volume(data: bytes, name: str, limits: Limits) -> ProbeVolume:
 
 
 def read_baselines(path: str | os.PathLike) -> Moments | None:
-    """Traced light and distance moments of a file; None where it holds none."""
+    """Read the traced light and the distance moments of a file.
+
+    A damaged file is a ``ValueError``, as for ``read``.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The baselines, or None when the file has none.
+    """
     path = Path(path)
     header, words = _parts(path.read_bytes(), str(path))
     sections = header.get("sections")
@@ -229,7 +279,7 @@ def _lattice(header: dict, name: str) -> Lattice:
 
 
 def _section(header: dict, words: np.ndarray, section: str, width: int, name: str, kind: str = "<u4") -> np.ndarray:
-    """[rows, width] of numbers of some kind."""
+    """[rows, width] numbers of a section."""
     sections = header.get("sections")
     place = sections.get(section) if isinstance(sections, dict) else None
     good = isinstance(place, list) and len(place) == 2 and all(type(v) is int and v >= 0 for v in place)
@@ -243,7 +293,7 @@ def _section(header: dict, words: np.ndarray, section: str, width: int, name: st
 
 
 def _decoded(rows: np.ndarray, coding: str, name: str) -> np.ndarray:
-    """[P + F, 9, 3] of stored light."""
+    """[P + F, 9, 3] harmonics of stored light."""
     half = np.ascontiguousarray(rows[:, :2]).view("<f2").astype(np.float64)
     _check(bool(np.isfinite(half).all()), name, "finite light")
     count = 8 if coding == "l2" else 4

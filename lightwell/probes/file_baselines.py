@@ -1,7 +1,7 @@
-"""Baselines in a file of probes: distance moments, so that a page compares weights with weights on the same probes.
+"""Distance moments in a file of probes, so that a page can compare weights on the same probes.
 
-A row for each node of the lattice: where it looks from (three floats, and whether it does), then 16² texels of an
-octahedral map, each two half floats: mean distance and mean square, in spacings.
+One row per node of the lattice: its position (three floats) and whether it is alive, then 16² texels of an
+octahedral map, each two float16: mean distance and mean squared distance, in spacings.
 """
 
 from __future__ import annotations
@@ -11,12 +11,19 @@ import numpy as np
 from lightwell.probes.ddgi import SIDE, Moments
 from lightwell.probes.lattice import Lattice
 
-# Words of a row.
+# Words of a row: position, whether it is alive, texels.
 MOMENTS = 4 + SIDE * SIDE
 
 
 def moment_rows(moments: Moments) -> np.ndarray:
-    """[P, 260] words."""
+    """Encode the moments of all nodes.
+
+    Args:
+        moments: The baseline with P nodes.
+
+    Returns:
+        [P, 260] uint32 words.
+    """
     h, count = moments.lattice.spacing, len(moments.lattice)
     rows = np.zeros((count, MOMENTS), "<u4")
     rows[:, :3] = moments.origin.astype("<f4").view("<u4")
@@ -27,7 +34,21 @@ def moment_rows(moments: Moments) -> np.ndarray:
 
 
 def read_moments(rows: np.ndarray, light: np.ndarray, lattice: Lattice, bias: float, name: str) -> Moments:
-    """The baseline of some rows; ``light`` [P, 9, 3] as it was traced."""
+    """Decode the moments of all nodes.
+
+    Args:
+        rows: [P, 260] uint32 words.
+        light: [P, 9, 3] traced irradiance harmonics.
+        lattice: Lattice with P nodes.
+        bias: Offset of queries along the normal, units of the spacing.
+        name: Name of the file, for messages.
+
+    Returns:
+        The baseline.
+
+    Raises:
+        ValueError: The number of rows is wrong, or a number is not finite.
+    """
     if not len(rows) == len(light) == len(lattice):
         raise ValueError(f"{name}: damaged, expected moments of {len(lattice)} nodes; bake it again")
     h = lattice.spacing

@@ -1,6 +1,6 @@
-"""Records of weights in files: as many bytes as a function needs, in whole texels of four words.
+"""Records of weights in a probe file: as many bytes as a function needs, in whole texels of four words.
 
-Grids are bytes, x fastest. A network is laid out for the shader that runs it: the rows of its first layer as
+Grids are bytes, x fastest. A network is ordered for the shader that evaluates it: the rows of its first layer as
 (x, y, z, bias), the rows of its second, their biases, the last layer, its bias, and the three steps as floats.
 """
 
@@ -13,7 +13,7 @@ from lightwell.probes.weights.mlp import HIDDEN, TinyMlp
 from lightwell.probes.weights.product import SMOOTH_HIGH, SMOOTH_LOW, ProductField
 from lightwell.probes.weights.relu import decode, encode
 
-# Bytes of a network before its steps, padded.
+# Bytes of a network without its steps, padded to whole words.
 NETWORK = 116
 # Largest step of a network that is read.
 STEEPEST = 1e4
@@ -21,14 +21,29 @@ _SPAN = SMOOTH_HIGH - SMOOTH_LOW
 
 
 def words_of(function: str) -> int:
-    """Words of a record."""
+    """Return the size of a record.
+
+    Args:
+        function: Name of the weight function.
+
+    Returns:
+        Number of 32-bit words, a multiple of four.
+    """
     f = core(FUNCTIONS[function])
     size = NETWORK + 12 if isinstance(f, TinyMlp) else f.parameters
     return -(-size // 16) * 4
 
 
 def encode_weights(function: str, params: np.ndarray) -> np.ndarray:
-    """[R, words] of stored parameters [R, C]."""
+    """Encode parameters as records.
+
+    Args:
+        function: Name of the weight function.
+        params: [R, C] quantised parameters.
+
+    Returns:
+        [R, words] uint32.
+    """
     f = core(FUNCTIONS[function])
     out = np.zeros((len(params), 4 * words_of(function)), np.uint8)
     if isinstance(f, TinyMlp):
@@ -41,7 +56,16 @@ def encode_weights(function: str, params: np.ndarray) -> np.ndarray:
 
 
 def decode_weights(function: str, words: np.ndarray, name: str) -> np.ndarray:
-    """[R, C] float32 parameters of records [R, words]."""
+    """Decode records to parameters.
+
+    Args:
+        function: Name of the weight function.
+        words: [R, words] uint32.
+        name: Name of the file, for messages.
+
+    Returns:
+        [R, C] float32 parameters.
+    """
     f, data = core(FUNCTIONS[function]), np.ascontiguousarray(words).view(np.uint8)
     if isinstance(f, TinyMlp):
         return _of_network(data, name)

@@ -1,18 +1,18 @@
-"""The generator: one evaluation of a small network from a sampled weight function to the parameters that show it.
+"""The generator: predicts the parameters of a weight function from its samples with one evaluation of a small network.
 
     c = (ρ - mean) · components        h ← h + leaky(W h + b)        parameters = W h + b
 
-The samples are those of the pattern, weighed by the hat; the components are their principal ones. The network was
-trained by ``tools/train_probe_generator.py`` on made-up rooms, through the decoder: its error is that of the weights,
-never that of parameters (hidden units that change places give one function many parameters). What it finds is a start:
-a few local steps follow. Without the file, or for another pattern, every function is fitted from scratch.
+The samples are those at the points of the pattern, multiplied by the hat; ``components`` are their principal
+components. The network was trained by ``tools/train_probe_generator.py`` on generated rooms, through the decoder:
+its loss is the error of the weights, not of the parameters (permuted hidden units give one function many
+parameters). Its output is a start for a few local optimisation steps. Without the file, or with another pattern,
+every function is fitted from scratch.
 
 Notation: B probes, Q points, K components, H width, C parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,39 +22,52 @@ import numpy as np
 from lightwell.files import load_arrays, save_arrays
 from lightwell.graph.ops.activate import LEAK
 from lightwell.probes.pattern import Pattern, pattern
-from lightwell.probes.weights import FUNCTIONS, Close, TinyMlp, error, trusted
+from lightwell.probes.weights import FUNCTIONS, Close, Fit, TinyMlp, error, trusted
 from lightwell.probes.weights import refine as descend
 from lightwell.probes.weights.common import INSIDE_WEIGHT
 
 FILE = Path(__file__).with_name("generator.npz")
 # Largest file that is read, and largest number in it.
 MOST_BYTES, LARGEST = 4 << 20, 1e4
-# Local steps after the network: Newton's for a grid, Adam's (with their rate) for a network.
+# Local optimisation steps after the network: Newton steps for a grid; Adam steps and their rate for a network.
 NEWTON, ADAM, RATE = 10, 50, 0.003
-# A network whose hat-weighted RMSE is still above this goes on for so many steps, of fewer points each: steps count,
-# not points (RMSE over that of 2,500 steps of 1,024 points from scratch, 16 probes of S2: 1,300 steps of 512 1.7,
-# 1,600 of 384 1.06, 1,900 of 256 0.99, 2,400 of 512 0.58 in one and a half times of the time).
+# A network whose hat-weighted RMSE is still above GATE is optimised for MORE further steps with fewer points each: the
+# number of steps matters more (RMSE relative to 2,500 steps of 1,024 points from scratch, 16 probes of S2: 1.7 with
+# 1,300 steps of 512 points; 1.06 with 1,600 of 384; 0.99 with 1,900 of 256; 0.58 with 2,400 of 512, 1.5 times slower).
 GATE, MORE, MORE_POINTS, MORE_RATE = 0.004, 1900, 256, 0.01
 
 
 @dataclass(frozen=True)
 class Generator:
-    """Principal components, and a network for each weight function."""
+    """Principal components of targets, and a network for each weight function."""
 
     mean: np.ndarray
-    """[Q] mean of hat · ρ."""
+    """[Q] mean of hat · ρ over the training set."""
     components: np.ndarray
-    """[Q, K]."""
+    """[Q, K] principal components of hat · ρ."""
     networks: dict[str, list[np.ndarray]]
-    """By weight function: W [in, out] and b [out] of each layer."""
+    """Weights [in, out] and bias [out] of each layer in turn, by weight function."""
 
     def __call__(self, function: str, target: np.ndarray, layout: Pattern) -> np.ndarray:
-        """[B, C] parameters for targets [B, Q]."""
+        """Predict parameters.
+
+        Args:
+            function: Name of the weight function, one of ``networks``.
+            target: [B, Q] trust at the points of the pattern.
+            layout: The pattern for which the generator was trained.
+
+        Returns:
+            [B, C] parameters.
+        """
         x = (target * layout.hat.astype(np.float32) - self.mean) @ self.components
         return run(self.networks[function], x)[0]
 
     def save(self, path: Path) -> None:
-        """Components as bytes with a step each, layers as half floats."""
+        """Write the generator: components as bytes with one step each, layers as float16.
+
+        Args:
+            path: File to write.
+        """
         step = np.abs(self.components).max(axis=0) / 127
         arrays = {"mean": self.mean.astype(np.float16), "step": step.astype(np.float32)}
         arrays["components"] = np.rint(self.components / step).astype(np.int8)
@@ -64,7 +77,15 @@ class Generator:
 
 
 def run(layers: list[np.ndarray], x: np.ndarray) -> tuple[np.ndarray, list]:
-    """Output [B, C] of inputs [B, K], and what a gradient needs: inputs and slopes of each layer."""
+    """Evaluate a residual network.
+
+    Args:
+        layers: Weights [in, out] and bias [out] of each layer in turn.
+        x: [B, K] inputs.
+
+    Returns:
+        [B, C] outputs, and per layer what the gradient needs: its input and the slope of its activation.
+    """
     kept, count = [], len(layers) // 2
     for k in range(count):
         w, b = layers[2 * k : 2 * k + 2]
@@ -73,15 +94,22 @@ def run(layers: list[np.ndarray], x: np.ndarray) -> tuple[np.ndarray, list]:
         steep = None if last else np.where(z > 0, np.float32(1), np.float32(LEAK))
         kept.append((x, steep))
         y = z if last else z * steep
-        # Residual wherever the widths agree.
+        # Hidden layers are residual.
         x = y if last or k == 0 else x + y
     return x, kept
 
 
 def load(path: Path = FILE) -> Generator | None:
-    """The generator of a file; None where there is none.
+    """Read a generator; sizes, types and numbers are checked before use.
 
-    Raises ``ValueError`` for a file that is not one: sizes, types and numbers are checked before use.
+    Args:
+        path: File to read.
+
+    Returns:
+        The generator, or None when the file does not exist.
+
+    Raises:
+        ValueError: The file is not a generator.
     """
     if not path.is_file():
         return None
@@ -108,7 +136,7 @@ def _count(arrays: dict, name: str) -> int:
 
 
 def _fits(layers: list[np.ndarray], width: int, parameters: int) -> bool:
-    """Whether each layer takes what the one before gives."""
+    """Whether the widths of consecutive layers agree."""
     for k, (w, b) in enumerate(zip(layers[::2], layers[1::2])):
         last = 2 * k + 2 == len(layers)
         if w.ndim != 2 or w.shape[0] != width or b.shape != w.shape[1:] or (0 < k and not last and w.shape[1] != width):
@@ -122,9 +150,17 @@ def _shipped() -> Generator | None:
     return load()
 
 
-def fit_with(function: str, generator: Generator | None = None, refine: bool = True) -> Callable | None:
-    """A fit (target, weight, pattern, close) → parameters that starts from the generator and, with ``refine``, goes on
-    probe by probe; None where it knows nothing of this function, or there is none."""
+def fit_with(function: str, generator: Generator | None = None, refine: bool = True) -> Fit | None:
+    """Return a fit that starts from the output of the generator.
+
+    Args:
+        function: Name of the weight function.
+        generator: The generator; None for the one in the package.
+        refine: Continue with local optimisation steps for each probe.
+
+    Returns:
+        The fit, or None when there is no generator or it has no network for the function.
+    """
     made = generator or _shipped()
     if made is None or function not in made.networks:
         return None
@@ -145,9 +181,9 @@ def fit_with(function: str, generator: Generator | None = None, refine: bool = T
 
 
 def _gated(f: TinyMlp, found: np.ndarray, target, weight, layout: Pattern, close: Close | None) -> np.ndarray:
-    """Networks that are good enough, and the others after more steps."""
+    """The parameters, after more steps for networks whose error is above ``GATE``."""
     rho = trusted(f.values(f.quantised(found), layout.u)[0])
-    # Points inside geometry weigh next to nothing, and are not asked.
+    # Points inside geometry have a tiny weight; the error leaves them out.
     asked = weight > 2 * INSIDE_WEIGHT * layout.hat.astype(np.float32) ** 2
     rows = np.flatnonzero(error(target, rho, layout.hat, asked) > GATE)
     if len(rows):

@@ -1,7 +1,7 @@
-"""What an incremental bake needs of the bake before it, as one .npz of plain arrays: rays, trust, records and samples.
+"""Stores what an incremental bake needs of the bake before it, as one .npz file: rays, trust, records and samples.
 
-A reader checks every shape, type and index against the lattice before anything relies on it. Large arrays are float32,
-because what an edit does not touch keeps its bytes.
+The reader checks every shape, type and index against the lattice before it is used. Large arrays are float32,
+because everything that an edit does not touch keeps its bytes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,21 @@ from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
 VERSION = 3
-# Largest state that is read, unpacked.
+# Largest state that is read, bytes after decompression.
 MOST_BYTES = 4 << 30
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
 _ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
 
 
 def save(path: Path, lit: Lit, facts: dict[str, Any], more: dict[str, np.ndarray]) -> None:
-    """Write a bake; ``facts`` (JSON) and ``more`` arrays belong to the caller."""
+    """Write the state of a bake.
+
+    Args:
+        path: File to write.
+        lit: The bake.
+        facts: JSON values of the caller.
+        more: Arrays of any shape of the caller, by name.
+    """
     arrays = {f"more.{name}": value for name, value in more.items()}
     for k, (level, found) in enumerate(zip(lit.geometry.levels, lit.geometry.records)):
         s = level.support
@@ -68,7 +75,17 @@ def save(path: Path, lit: Lit, facts: dict[str, Any], more: dict[str, np.ndarray
 
 
 def load(path: Path) -> tuple[Lit, dict[str, Any], dict[str, np.ndarray]]:
-    """The bake of a file, and what its caller had added; one line of ``ValueError`` for anything that is none."""
+    """Read the state of a bake.
+
+    Args:
+        path: File that ``save`` wrote.
+
+    Returns:
+        The bake, and ``facts`` and ``more`` of the caller.
+
+    Raises:
+        ValueError: The file is not the state of a bake; one line.
+    """
     cure = "not the state of light probes; bake again with --keep"
     try:
         with ZipFile(path) as archive:
@@ -77,12 +94,10 @@ def load(path: Path) -> tuple[Lit, dict[str, Any], dict[str, np.ndarray]]:
         arrays = load_arrays(path, cure)
         head = json.loads(arrays.pop("head").tobytes())
         return _read(head, arrays), dict(head["facts"]), _under("more.", arrays)
-    except FileNotFoundError:
-        raise
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, BadZipFile, RecursionError) as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise ValueError(f"{path}: {cure} ({' '.join(str(error).split())[:80]})") from error
+        text = str(error)
+        named = text if text.startswith(str(path)) else f"{path}: {cure} ({' '.join(text.split())[:80]})"
+        raise ValueError(named) from error
 
 
 def _read(head: dict, arrays: dict[str, np.ndarray]) -> Lit:
@@ -168,7 +183,7 @@ def _under(prefix: str, arrays: dict) -> dict[str, np.ndarray]:
 
 
 def _array(arrays: dict, name: str, kind: str, shape: tuple, cast: bool = False) -> np.ndarray:
-    """An array of a type and shape (None: any length), finite. ``cast``: other numbers of the same sort will do."""
+    """An array of a type and shape (None: any length), finite; with ``cast`` the size of its numbers may differ."""
     value = arrays[name]
     same = value.dtype == np.dtype(kind) or (cast and value.dtype.kind == np.dtype(kind).kind)
     fits = value.ndim == len(shape) and all(b is None or a == b for a, b in zip(value.shape, shape))

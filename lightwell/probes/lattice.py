@@ -1,17 +1,18 @@
 """The probe lattice: nodes at the corners of cubic cells. Notation: P nodes, C cells, N points, h the spacing.
 
-Node (i, j, k) has the number (k · ny + j) · nx + i; cells are numbered the same way with nx - 1, ny - 1, nz - 1.
+Node (i, j, k) has the index (k · ny + j) · nx + i; cells are numbered in the same way with nx - 1, ny - 1, nz - 1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-# Corners of a cell in the order of their bits: x is bit 0.
+# Corners of a cell; bit 0 of the index is x, bit 1 y, bit 2 z.
 CORNERS = np.array([[k & 1, k >> 1 & 1, k >> 2 & 1] for k in range(8)])
-# Whole cells between the outermost surface and the border: a volume cut to the room's air fails silently.
+# Whole cells between the outermost surface and the border, so that every surface has probes on both sides.
 PADDING = 1
 MAX_NODES = 1 << 22
 
@@ -21,9 +22,9 @@ class Lattice:
     """A regular lattice of probes."""
 
     origin: np.ndarray
-    """[3] float64 place of the first node, metres."""
+    """[3] float64 position of the first node, metres."""
     spacing: float
-    """h, metres."""
+    """Distance h of the nodes, metres."""
     shape: tuple[int, int, int]
     """(nx, ny, nz) nodes, at least 2 each."""
 
@@ -38,10 +39,20 @@ class Lattice:
             )
 
     @staticmethod
-    def around(bounds: np.ndarray, spacing: float, offset=(0.0, 0.0, 0.0)) -> Lattice:
-        """A lattice that covers ``bounds`` [2, 3] and one whole cell more on every side.
+    def around(bounds: np.ndarray, spacing: float, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Lattice:
+        """Create a lattice that covers a box and one whole cell more on every side.
 
-        offset   [3] in [0, 1): where in a cell the lattice starts; one lucky place can hide a wall.
+        Args:
+            bounds: [2, 3] least and greatest corner, metres.
+            spacing: Distance of the nodes, metres, > 0.
+            offset: [3] start of the lattice within a cell, in [0, 1); benchmarks average over several, because the
+                error depends on where walls lie between the nodes.
+
+        Returns:
+            The lattice.
+
+        Raises:
+            ValueError: The spacing is not a positive number.
         """
         if not (spacing > 0 and np.isfinite(spacing)):
             raise ValueError(f"probes: --spacing {spacing} is not a length; give metres, such as 1m")
@@ -60,45 +71,92 @@ class Lattice:
 
     @property
     def cell_count(self) -> int:
-        """C."""
+        """C, the number of cells."""
         return int(np.prod(self.cells))
 
     def nodes(self) -> np.ndarray:
-        """[P, 3] float64 places of the nodes."""
+        """Return the positions of all nodes.
+
+        Returns:
+            [P, 3] float64, metres.
+        """
         return self.origin + self.spacing * _grid(self.shape)
 
     def cell_corner(self, cell: np.ndarray) -> np.ndarray:
-        """[..., 3] int64 coordinates of the least node of cells [...]."""
+        """Return the coordinates of the least node of some cells.
+
+        Args:
+            cell: [...] indices of cells.
+
+        Returns:
+            [..., 3] int64.
+        """
         cx, cy, _ = self.cells
         cell = np.asarray(cell)
         return np.stack([cell % cx, cell // cx % cy, cell // (cx * cy)], axis=-1)
 
     def node_number(self, at: np.ndarray) -> np.ndarray:
-        """[...] numbers of nodes at integer coordinates [..., 3]."""
+        """Return the indices of nodes.
+
+        Args:
+            at: [..., 3] integer coordinates inside the lattice.
+
+        Returns:
+            [...] indices.
+        """
         nx, ny, _ = self.shape
         return (at[..., 2] * ny + at[..., 1]) * nx + at[..., 0]
 
     def cell_number(self, at: np.ndarray) -> np.ndarray:
-        """[...] numbers of cells at integer coordinates [..., 3]; -1 outside."""
+        """Return the indices of cells.
+
+        Args:
+            at: [..., 3] integer coordinates of their least nodes.
+
+        Returns:
+            [...] indices; -1 outside of the lattice.
+        """
         size = np.array(self.cells)
         inside = np.all((at >= 0) & (at < size), axis=-1)
         return np.where(inside, (at[..., 2] * size[1] + at[..., 1]) * size[0] + at[..., 0], -1)
 
     def node_cells(self, nodes: np.ndarray) -> np.ndarray:
-        """[K, 8] numbers of the cells round nodes [K], in the order of ``CORNERS``; -1 beyond the border."""
+        """Return the eight cells around some nodes.
+
+        Args:
+            nodes: [K] indices of nodes.
+
+        Returns:
+            [K, 8] indices of cells in the order of ``CORNERS``; -1 outside of the lattice.
+        """
         nx, ny, _ = self.shape
         at = np.stack([nodes % nx, nodes // nx % ny, nodes // (nx * ny)], axis=-1)
         return self.cell_number(at[:, None] + CORNERS - 1)
 
     def locate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cell [N, 3] int64 of points [N, 3], and the place in it [N, 3] in [0, 1]; outside: the nearest border."""
+        """Find the cells of some points; points outside are moved to the nearest border.
+
+        Args:
+            x: [N, 3] points, metres.
+
+        Returns:
+            [N, 3] int64 coordinates of the cell, and [N, 3] position in it in [0, 1].
+        """
         at = (np.asarray(x, np.float64) - self.origin) / self.spacing
         at = np.clip(at, 0, np.array(self.cells))
         cell = np.minimum(np.floor(at), np.array(self.cells) - 1).astype(np.int64)
         return cell, at - cell
 
     def corners(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Node numbers [N, 8], trilinear weights (hat) [N, 8] and probe-local places u [N, 8, 3] in [-1, 1]."""
+        """Find the eight nodes around some points.
+
+        Args:
+            x: [N, 3] points, metres.
+
+        Returns:
+            [N, 8] indices of the nodes, [N, 8] trilinear weights (hat), and [N, 8, 3] positions relative to the nodes
+            (probe-local, u) in [-1, 1], units of the spacing.
+        """
         cell, f = self.locate(x)
         node = self.node_number(cell[:, None] + CORNERS)
         u = f[:, None] - CORNERS
@@ -113,5 +171,12 @@ def _grid(shape) -> np.ndarray:
 
 
 def hat(u: np.ndarray) -> np.ndarray:
-    """[...] trilinear weight of probe-local places [..., 3]."""
+    """Compute the trilinear weight of a node.
+
+    Args:
+        u: [..., 3] probe-local positions, units of the spacing.
+
+    Returns:
+        [...] weights in [0, 1].
+    """
     return np.maximum(0, 1 - np.abs(u)).prod(axis=-1)

@@ -1,6 +1,6 @@
-"""Rooms made to show light that leaks: thin walls, doorways, columns, floors, corners. Closed-form geometry, own light.
+"""Test scenes for light leaks: thin walls, doorways, columns, storeys and corners, with their own light.
 
-Each is a ``LeakScene``: the scene, and a function that says in which connected region a point lies.
+Each is a ``LeakScene``: the scene, and a function that returns the connected region of a point.
 """
 
 from __future__ import annotations
@@ -17,23 +17,25 @@ from lightwell.scenes.builtin.shapes import box
 from lightwell.scenes.scene import Camera, Material, Scene
 from lightwell.scenes.still_light import under_sky
 
-# Outer walls, metres.
+# Thickness of outer walls, metres.
 OUTER = 0.1
-# Candela of the lit room over that of the dark one.
+# Intensity of the lamp in the lit room relative to that in the dark room.
 CONTRAST = 1000.0
 WHITE = Finish("white", "floor", "white")
 
 
 @dataclass(frozen=True)
 class LeakScene:
-    """A scene with its light, and what counts as one region."""
+    """A scene with its light, and the connected regions of its air."""
 
     name: str
+    """Short name for tables."""
     scene: Scene
+    """The scene with its emitters."""
     region: Callable[[np.ndarray], np.ndarray]
-    """[N, 3] places → [N] int: number of the connected region, -1 where it does not matter (inside walls)."""
+    """Maps points [N, 3] to [N] int: index of the connected region; -1: not scored, such as inside walls."""
     bounds: np.ndarray
-    """[2, 3] where light is asked for."""
+    """[2, 3] box of the queries, metres."""
 
 
 def _kit(name: str) -> Kit:
@@ -67,8 +69,16 @@ def _block(low, high) -> Masonry:
 
 
 def two_rooms(wall: float = 0.05, door: bool = False, shut: bool = False) -> LeakScene:
-    """S1 and S2: two rooms of 3 x 2.6 x 3 m, a wall between them, the left one lit; S2 has a doorway, which a door leaf
-    may shut."""
+    """Build S1 or S2: two rooms of 3 x 2.6 x 3 m with a wall between them, the left one lit.
+
+    Args:
+        wall: Thickness of the wall, metres.
+        door: Cut a doorway into the wall (S2).
+        shut: Close the doorway with a door leaf.
+
+    Returns:
+        The scene.
+    """
     half = wall / 2
     low, high = np.array([-3 - half, 0, 0]), np.array([3 + half, 2.6, 3])
     rooms = _block(low, high)
@@ -79,7 +89,7 @@ def two_rooms(wall: float = 0.05, door: bool = False, shut: bool = False) -> Lea
     kit = _kit(f"two-rooms-{wall}-{door}-{shut}")
     if shut:
         kit.add("leaf", "white", box((-0.8 * half, 0, 1.0), (0.8 * half, 2.0, 1.9)))
-    # The dark room has a light of its own, a thousandth as bright: without it any leak would be a whole.
+    # The dark room has a lamp too, a thousandth as bright: without it the relative leak would always be 1.
     scene = _finish(kit, rooms, (-1.6, 2.2, 1.4, 10.0), (1.7, 2.2, 1.6, 10.0 / CONTRAST))
 
     def region(x):
@@ -89,7 +99,11 @@ def two_rooms(wall: float = 0.05, door: bool = False, shut: bool = False) -> Lea
 
 
 def column() -> LeakScene:
-    """S3: a thin column in one room; a probe behind it is cut off from what is close."""
+    """Build S3: thin columns in one room, which hide a probe from places close to it.
+
+    Returns:
+        The scene.
+    """
     low, high = np.zeros(3), np.array([5, 2.6, 4])
     room = _block(low, high)
     room.carve(low, high, WHITE)
@@ -101,7 +115,11 @@ def column() -> LeakScene:
 
 
 def storeys() -> LeakScene:
-    """S4: two storeys, a slab of 10 cm with a stair hole, the upper one lit."""
+    """Build S4: two storeys with a slab of 10 cm and a stair hole between them, the upper one lit.
+
+    Returns:
+        The scene.
+    """
     low, high = np.zeros(3), np.array([5, 5.1, 4])
     house = _block(low, high)
     house.carve(low, (5, 2.5, 4), WHITE)
@@ -113,7 +131,11 @@ def storeys() -> LeakScene:
 
 
 def corridor() -> LeakScene:
-    """S5: an L-shaped corridor, lit at one end: light must bend."""
+    """Build S5: an L-shaped corridor lit at one end, where light reaches the other end only around the corner.
+
+    Returns:
+        The scene.
+    """
     low, high = np.zeros(3), np.array([6, 2.4, 6])
     way = _block(low, high)
     way.carve((0, 0, 0), (6, 2.4, 1.4), WHITE)
@@ -124,7 +146,11 @@ def corridor() -> LeakScene:
 
 
 def shed() -> LeakScene:
-    """S6: a shed of 5 cm walls with a slit, under a bright sky."""
+    """Build S6: a shed with walls of 5 cm and a slit, under a bright sky.
+
+    Returns:
+        The scene.
+    """
     low, high = np.array([-3.0, 0, -3]), np.array([3.0, 3.0, 3])
     kit = _kit("shed")
     kit.add("ground", "floor", box((-5, -0.1, -5), (5, 0, 5)))
@@ -148,7 +174,11 @@ def shed() -> LeakScene:
 
 
 def dividers() -> LeakScene:
-    """S7: a coloured box of 3 m with thin walls that stand askew."""
+    """Build S7: a coloured box of 3 m with thin walls that are not aligned with the lattice.
+
+    Returns:
+        The scene.
+    """
     low, high = np.zeros(3), np.array([3.0, 3.0, 3.0])
     room = _block(low, high)
     room.carve(low, high, WHITE)

@@ -1,4 +1,7 @@
-"""The light of a volume: what is path traced, at probes and between them, and the solve through the weights."""
+"""The light of a volume: path tracing at probes and between them, and the solve with the run-time weights.
+
+Notation: P nodes of the lattice, F fine probes, I samples, S states of a declared light.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,34 @@ from lightwell.probes.solve import Rows, Solution, solve
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
+from lightwell.probes.weights import Fit
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
-# Random streams: fine probes from here on.
+# First random stream of the fine probes.
 FINE_STREAM = 1 << 28
 
 
 @dataclass(frozen=True)
 class Lit:
-    """A volume with its light, and what that was solved from: kept for incremental bakes."""
+    """A volume with its light and the data of its solve, which incremental bakes need."""
 
     geometry: Geometry
+    """Volume without light, and what its weights were computed from."""
     start: np.ndarray
-    """[P + F, 9, 3] light traced where the probes look from; [S, P + F, 9, 3] of S states of a declared light."""
+    """[P + F, 9, 3] traced light at the probes; [S, P + F, 9, 3] for S states of a declared light."""
     samples: Rows
+    """Radiance samples of the solve."""
     number: np.ndarray
-    """[I] of the samples' random streams: which cell, which point."""
+    """[I] random streams of the samples, which encode cell and support point."""
     solution: Solution
+    """Result of the solve."""
     effort: Effort
+    """Numbers of samples and paths."""
     seed: int
+    """Seed of the paths."""
     lights: np.ndarray | None = None
-    """[S, 3] places of the declared light."""
+    """[S, 3] positions (or directions) of the declared light; None without one."""
 
     @property
     def volume(self) -> ProbeVolume:
@@ -43,7 +52,14 @@ class Lit:
 
 
 def origins(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
-    """[P + F, 3] where all probes look from, and [P + F] numbers of their random streams."""
+    """Return the points from which all probes are traced.
+
+    Args:
+        geometry: The weights.
+
+    Returns:
+        [P + F, 3] positions in metres, and [P + F] numbers of their random streams.
+    """
     place = [level.support.origin[level.nodes] for level in geometry.levels]
     return np.concatenate(place), np.concatenate(
         [level.nodes + k * FINE_STREAM for k, level in enumerate(geometry.levels)]
@@ -51,10 +67,29 @@ def origins(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
 
 
 def traced(
-    scene: Scene, geometry: Geometry, probes: np.ndarray, effort: Effort, seed: int, variable=None, light=None
+    scene: Scene,
+    geometry: Geometry,
+    probes: np.ndarray,
+    effort: Effort,
+    seed: int,
+    variable: Variable | None = None,
+    light: np.ndarray | None = None,
 ) -> np.ndarray:
-    """[P + F, 9, 3] light where ``probes`` (numbers in the volume) look from; 0 for others and for those that have no
-    place to look from."""
+    """Path trace the light at some probes.
+
+    Args:
+        scene: The scene.
+        geometry: The weights.
+        probes: [B] indices of probes in the volume.
+        effort: Number of paths.
+        seed: Seed of the paths.
+        variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced; None for the scene's own
+            emitters.
+        light: [3] position (or direction) of the declared light.
+
+    Returns:
+        [P + F, 9, 3] irradiance harmonics; 0 for other probes and for those without a point in air.
+    """
     place, number = origins(geometry)
     alive = np.concatenate([level.support.alive[level.nodes] for level in geometry.levels])
     out = np.zeros((len(place), 9, 3), np.float32)
@@ -75,9 +110,19 @@ def light_volume(
     lights: np.ndarray | None = None,
     coarse: Lit | None = None,
 ) -> Lit:
-    """The volume under the scene's own light, or under each of ``lights`` [S, 3] of ``variable``.
+    """Compute the light of a volume for the scene's own emitters, or for each state of a declared light.
 
-    coarse   The same without bricks: what has been traced for it is not traced again.
+    Args:
+        scene: The scene.
+        geometry: The weights.
+        effort: Numbers of samples and paths.
+        seed: Seed of the paths.
+        variable: Declared light; None for the scene's own emitters.
+        lights: [S, 3] positions (or directions) of the declared light; None without one.
+        coarse: Light of the same volume without bricks; what was traced for it is reused.
+
+    Returns:
+        The volume with its light.
     """
     probes, first = np.flatnonzero(geometry.volume.alive), 0
     if coarse is not None:
@@ -92,20 +137,32 @@ def light_volume(
 
 
 def _traced_states(scene, geometry, probes, effort, seed, variable, lights) -> np.ndarray:
-    """[P + F, 9, 3], or [S, P + F, 9, 3] of some lights."""
+    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states of a declared light."""
     if lights is None:
         return traced(scene, geometry, probes, effort, seed)
     return np.stack([traced(scene, geometry, probes, effort, seed + k, variable, at) for k, at in enumerate(lights)])
 
 
 def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
-    """Samples share no random numbers with the probes."""
+    """Seed of the samples, different from those of the probes."""
     return seed + (1 if lights is None else len(lights))
 
 
-def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None, variable: Variable | None = None) -> Lit:
-    """The same with bricks where the error is highest; at most ``budget`` fine probes per probe at its
-    node."""
+def refined(
+    scene: Scene, lit: Lit, budget: float = BUDGET, fit: Fit | None = None, variable: Variable | None = None
+) -> Lit:
+    """Add bricks where the error is highest, and compute the light again.
+
+    Args:
+        scene: The scene.
+        lit: Volume without bricks, with its light.
+        budget: Largest number of fine probes per probe that looks from near its node.
+        fit: Replaces the weight function's own fit; None for its own.
+        variable: Declared light of ``lit``; None for the scene's own emitters.
+
+    Returns:
+        The volume with bricks; the same object when no cell needs one.
+    """
     chosen = placed(lit.geometry, lit.samples, lit.solution, budget)
     if not len(chosen):
         return lit
@@ -114,19 +171,39 @@ def refined(scene: Scene, lit: Lit, budget: float = BUDGET, fit=None, variable: 
 
 
 def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
-    """Sorted cells that deserve a brick."""
+    """Choose the cells that get a brick.
+
+    Args:
+        geometry: The weights.
+        samples: Samples of the solve.
+        solution: Result of the solve.
+        budget: Largest number of fine probes per probe that looks from near its node.
+
+    Returns:
+        [B] sorted indices of cells.
+    """
     error = np.maximum(solution.residual - samples.noise, 0)
     mean = samples.light if samples.light.ndim == 3 else samples.light.mean(axis=0)
     return worst(error, mean[:, 0].mean(axis=1), samples.cell, int(geometry.support.stands.sum()), budget)
 
 
 def relit(
-    scene: Scene, before: Lit, box: np.ndarray, fit=None, variable: Variable | None = None
+    scene: Scene, before: Lit, box: np.ndarray, fit: Fit | None = None, variable: Variable | None = None
 ) -> tuple[Lit, np.ndarray]:
-    """The volume after the scene has changed inside ``box`` [2, 3], and the probes whose light was solved again.
+    """Compute the volume again after the scene has changed inside a box.
 
-    Light is traced again in touched cells and at touched probes alone; probes of which nothing has changed are held
-    fixed, so that a bake of an unchanged scene gives the same bytes.
+    Light is traced again only in touched cells and at touched probes. Probes for which nothing has changed are held
+    fixed, so that an unchanged scene gives the same bytes.
+
+    Args:
+        scene: The scene after the change.
+        before: The bake before the change.
+        box: [2, 3] least and greatest corner, metres.
+        fit: Replaces the weight function's own fit; None for its own.
+        variable: Declared light of ``before``; None for the scene's own emitters.
+
+    Returns:
+        The new bake, and the indices of the probes whose light was solved again.
     """
     geometry, again = rebake(scene, before.geometry, box, fit)
     start, lights = before.start.copy(), before.lights
@@ -159,7 +236,7 @@ def _differs(a: np.ndarray, b: np.ndarray, rows_a: np.ndarray, rows_b: np.ndarra
 
 
 def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tuple[Rows, np.ndarray]:
-    """Samples with those of touched cells replaced, in the order of a whole bake: by number."""
+    """Samples with those of touched cells replaced, in the order of a whole bake (by stream)."""
     inside = np.zeros(len(before.number), bool)
     for k, level in enumerate(before.geometry.levels):
         size = level.support.valid.shape[1]
@@ -174,14 +251,14 @@ def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tu
 
 
 def _changed_rows(before: Lit, samples: Rows, numbers: np.ndarray) -> np.ndarray:
-    """Samples that are new or whose light is another."""
+    """Indices of samples that are new or whose light has changed."""
     at = np.minimum(np.searchsorted(before.number, numbers), len(before.number) - 1)
     moved = _differs(before.samples.light, samples.light, at, np.arange(len(numbers)))
     return np.flatnonzero((before.number[at] != numbers) | moved)
 
 
 def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.ndarray:
-    """[len(probes)] bool: neither the kind of a probe nor its record has changed."""
+    """[len(probes)] bool: neither the state of a probe nor its record has changed."""
     same = old.state[probes] == new.state[probes]
     a, b = old.row[probes], new.row[probes]
     both = np.flatnonzero((a >= 0) & (b >= 0))
@@ -192,7 +269,7 @@ def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.
 
 
 def _near(volume: ProbeVolume, samples: Rows, free: np.ndarray) -> np.ndarray:
-    """Samples that a free probe may have a share of."""
+    """Indices of samples in cells that use a free probe."""
     lattice, count = volume.lattice, len(volume.lattice)
     nodes = np.flatnonzero(free[:count])
     cells = set(lattice.node_cells(nodes).ravel().tolist())

@@ -1,4 +1,4 @@
-"""The oracle that leaks nothing and cannot bend: trilinear weights times exact visibility, by a ray for every probe."""
+"""A baseline without leaks and without diffusion around corners: trilinear weights times traced visibility."""
 
 from __future__ import annotations
 
@@ -13,7 +13,19 @@ from lightwell.scenes.scene import Scene
 def query(
     scene: Scene, support: Support, light: np.ndarray, x: np.ndarray, n: np.ndarray, offset: float = OFFSET
 ) -> np.ndarray:
-    """[N, 3] irradiance; 0 where no probe is seen."""
+    """Compute the irradiance at some points, with one visibility ray per point and probe.
+
+    Args:
+        scene: The scene.
+        support: Geometry of the lattice with P nodes.
+        light: [P, 9, 3] irradiance harmonics at the probes.
+        x: [N, 3] points, metres.
+        n: [N, 3] unit normals.
+        offset: Offset of the points along their normals, units of the spacing.
+
+    Returns:
+        [N, 3] irradiance; 0 where no probe is visible.
+    """
     y = x + offset * support.lattice.spacing * n
     node, hat, _ = support.lattice.corners(y)
     seen = support.stands[node] & (hat > 0)

@@ -1,9 +1,9 @@
-"""A probe volume as a shading graph, out of ops that every runtime has: no op of its own.
+"""Converts a probe volume to a shading graph with ops that every runtime has.
 
-Per pixel: the cell by ``nearest``; for its eight corners the record by ``rows``, ρ by ``grid`` in an atlas of 4³ blocks
-(or three indexed ``linear`` layers), the harmonics by ``rows``; the same for the cell's brick, where there are bricks;
-the fallback; a division; the dot product with the normal's harmonics. Notation: P nodes, F fine probes, L live probes,
-B bricks, K numbers of the light's code.
+Per pixel: the cell by ``nearest``; for its eight corners the record by ``rows``, ρ by ``grid`` in an atlas of 4³
+blocks (or three indexed ``linear`` layers), the harmonics by ``rows``; the same for the cell's brick, where there
+are bricks; the fallback; a division; the dot product with the normal's harmonics. Notation: P nodes, F fine probes,
+L live probes, B bricks, K mixing factors of a relightable volume.
 """
 
 from __future__ import annotations
@@ -24,17 +24,24 @@ from lightwell.probes.weights.mlp import TinyMlp
 from lightwell.probes.weights.product import FULL, SMOOTH_HIGH, SMOOTH_LOW, ProductField
 from lightwell.probes.weights.relu import HIGH, LOW, ReluField, encode
 
-# Largest irradiance that is let through, in the field's unit.
+# Irradiance is clamped to this, in the field's unit.
 BRIGHTEST = 1e6
-# The octant's index is kept below the next block's by this much.
+# Margin that keeps the octant's coordinate inside its block.
 BELOW = 1e-4
 
 
 def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: Code | None = None) -> Graph:
-    """The graph whose output ``radiance`` is E / π, for a Lambertian surface divided by its reflectance.
+    """Build the shading graph of a volume.
 
-    basis   [P + F, 9, 3, K] light per unit of each code number, with ``code``; else the volume's own light.
-    Other outputs: ``trust`` (Z).
+    Args:
+        volume: The volume.
+        unit: Irradiance of 1 in the volume's light.
+        basis: [P + F, 9, 3, K] light per unit of each mixing factor, with ``code``; None for the volume's own light.
+        code: Network that computes the K mixing factors from the input ``light``; None for light that does not change.
+
+    Returns:
+        Graph with the outputs ``radiance``, which is E / π (the radiance of a Lambertian surface divided by its
+        reflectance), and ``trust``, the trusted weight Z.
     """
     b = Builder(position=3, normal=3, **({"light": 3} if code else {}))
     light = volume.light[..., None] if basis is None else basis
@@ -78,7 +85,7 @@ def _with_bricks(b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f
 
 def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str, shape, nodes: str, base=None) -> tuple:
     """N and Z over the eight corners of a lattice of ``shape``; with ``base``, the first node of a brick, also the
-    share of inner nodes."""
+    interpolated flag of inner nodes."""
     nx, ny, _ = shape
     strides = np.array([1.0, nx, nx * ny])
     first = b.linear(low, strides[None], np.zeros(1))
@@ -100,7 +107,7 @@ def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str, sha
 
 
 def _light_row(b: Builder, record: str, tables: _Tables) -> str:
-    """Band 0 of three colours, then bands 1 and 2; times K."""
+    """[27 K] harmonics of a record: band 0 of three colours, then bands 1 and 2."""
     return b.concat(b.rows(record, b.buffer(tables.mean, "mean")), b.rows(record, b.buffer(tables.shape, "shape")))
 
 
@@ -116,13 +123,13 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, ha
     else:
         raw = _block(b, tables.blocks, getattr(f, "sharp", getattr(f, "side", 0)), b.slice(node, 1, 3), u, "blocks")
         if isinstance(f, ProductField):
-            # A place of a block of the sharp grid is one of the smooth grid, the sides apart.
+            # Blocks have the same order in both atlases; only their sides differ.
             at = b.scale(b.slice(node, 1, 3), f.smooth / f.sharp)
             smooth = b.activate(_block(b, tables.smooth, f.smooth, at, u, "smooth"), "sigmoid")
             raw = b.multiply(b.clamp(raw, 0.0, 1.0), b.scale(smooth, 1 / FULL))
     rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]), 0.0, 1.0)
     if isinstance(FUNCTIONS[volume.function], Bare):
-        # Φ / hat, but for probes that trust their whole cube: their record, number 1, holds ρ.
+        # ρ = Φ / hat, except for probes that are trusted in their whole cube: their record, index 1, holds ρ.
         open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]), 0.0, 1.0)
         inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), 1e-9)
         rest = b.multiply(b.affine(open_, [-1.0], [1.0]), inverse)
@@ -138,7 +145,7 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, ha
 
 
 def _block(b: Builder, blocks: Buffer, side: int, place: str, u: str, name: str) -> str:
-    """Trilinear value of the block at ``place`` (vertices) of an atlas."""
+    """Trilinear value of the block at ``place`` (in vertices) of an atlas."""
     size, half = np.array(blocks.shape[2::-1]), (side - 1) / 2
     at = b.add(place, b.affine(u, [half] * 3, [half + 0.5] * 3))
     return b.grid(b.affine(at, (1 / size).tolist(), [0.0] * 3), b.buffer(blocks, name))
@@ -151,21 +158,21 @@ class _Tables:
     cells: Buffer
     """[Cz, Cy, Cx, 3] least corner of each cell."""
     nodes: np.ndarray
-    """[P, 8] record of the light; place of the block; record of the weights; place of the octants. Rows beyond the
-    lattice are those of fine probes."""
+    """[P, 8] index of the light's record, position of the block [3], index of the weights' record, position of the
+    octants [3]."""
     mean: Buffer
     """[L + 1, 3 K] float16: band 0 of each colour; row 0 is black."""
     shape: Buffer
     """[L + 1, 24 K] int8 with a step for each record: bands 1 and 2 of each colour."""
     fallback: np.ndarray
-    """[2 Cz, 2 Cy, 2 Cx, 1] record of the light."""
+    """[2 Cz, 2 Cy, 2 Cx, 1] index of the light's record of the fallback probe."""
     blocks: Buffer | None
     octants: Buffer | None
     layers: tuple = ()
     smooth: Buffer | None = None
     """Atlas of the second grid of a product field."""
     bricks: np.ndarray | None = None
-    """[Cz, Cy, Cx, 1] number of a cell's brick + 1; brick 0 trusts nothing."""
+    """[Cz, Cy, Cx, 1] index of a cell's brick + 1; 0 stands for none."""
     fine: np.ndarray | None = None
     """[64 (B + 1), 9] as ``nodes``, then 1 for inner nodes."""
 
@@ -174,7 +181,7 @@ class _Tables:
         live = np.flatnonzero(volume.state != DROPPED)
         record = np.zeros(len(volume.state))
         record[live] = 1 + np.arange(len(live))
-        # Weights: record 0 trusts nothing, record 1 all.
+        # Weights: record 0 is ρ = 0, record 1 is ρ = 1.
         weights = np.where(volume.state == WEIGHTED, 2 + volume.row, np.where(volume.state == OPEN, 1, 0))
         places, shape = _atlas(2 + len(volume.params))
         f = core(FUNCTIONS[volume.function])
@@ -200,7 +207,7 @@ class _Tables:
 
 
 def _atlas(count: int) -> tuple[np.ndarray, tuple[int, int, int]]:
-    """Places [count, 3] (x, y, z in blocks) of blocks in a box, and its size in blocks."""
+    """Positions [count, 3] (x, y, z in blocks) of blocks in a box, and its size in blocks."""
     side = max(1, int(np.ceil(count ** (1 / 3))))
     k = np.arange(count)
     depth = -(-count // side**2)
@@ -247,7 +254,7 @@ def _cells(volume: ProbeVolume) -> Buffer:
 
 
 def _bricks(volume: ProbeVolume, nodes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Number of each cell's brick, and the rows of its nodes."""
+    """Tables ``bricks`` and ``fine``."""
     if volume.bricks is None:
         return None, None
     table, count = volume.bricks.table, len(volume.lattice)
@@ -266,7 +273,7 @@ def _fine_cells() -> np.ndarray:
 
 
 def _light(light: np.ndarray, live: np.ndarray) -> tuple[Buffer, Buffer]:
-    """Band 0 and the others; (colour, harmonic, code) with the code fastest, so that each number has its place."""
+    """Tables of band 0 and of the other bands; the order is (colour, harmonic, mixing factor), the last one fastest."""
     rows = np.concatenate([np.zeros((1, *light.shape[1:])), light[live]])
     rows = np.moveaxis(rows, 2, 1)
     mean, shape = rows[:, :, 0].reshape(len(rows), -1), rows[:, :, 1:].reshape(len(rows), -1)

@@ -1,4 +1,4 @@
-"""How far a probe volume is from the truth, and how much of it is leak. Arrays are [N, 3] irradiance, linear."""
+"""Measures the error of a probe volume against the reference, and the part of it that is leaked light."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from lightwell.probes.solve import EPSILON, smape
 
-# Light beyond this share of the truth is bright leak; below that one, dark leak.
+# Light above this multiple of the reference is bright leak; below the second one, dark leak.
 BRIGHT, DARK = 1.1, 0.9
-# Bound of the relative squared error.
+# Regularisation of the relative squared error, relative to the mean.
 RELATIVE = 0.01
 
 
@@ -19,23 +19,36 @@ class Scores:
     """Errors of one method on one set of queries."""
 
     smape: float
+    """Mean symmetric relative error, in [0, 1]."""
     smape_99: float
+    """Its 99th percentile."""
     log_psnr: float
-    """dB, of log2(1 + E) with E in units of the scene's mean."""
+    """PSNR of log2(1 + E) with E in units of the mean, dB."""
     rel_mse: float
+    """Mean relative squared error."""
     bright: float
-    """Σ max(Ê - 1.1 E, 0) / Σ Ê, mean over the connected regions."""
+    """Bright leak Σ max(Ê - 1.1 E, 0) / Σ Ê, mean over the connected regions."""
     bright_worst: float
-    """... the worst region."""
+    """Bright leak of the worst region."""
     dark: float
-    """Σ max(0.9 E - Ê, 0) / Σ E, mean over regions."""
+    """Dark leak Σ max(0.9 E - Ê, 0) / Σ E, mean over the connected regions."""
     dark_worst: float
+    """Dark leak of the worst region."""
     leak_rate: float
-    """Share of queries with Ê > 2 E."""
+    """Fraction of queries with Ê > 2 E."""
 
 
 def score(truth: np.ndarray, found: np.ndarray, region: np.ndarray) -> Scores:
-    """Scores of ``found`` against ``truth``; ``region`` [N] int, negative: not counted as leak."""
+    """Compare irradiance with the reference.
+
+    Args:
+        truth: [N, 3] reference irradiance, linear.
+        found: [N, 3] irradiance of the method.
+        region: [N] int connected region of each query; negative: not part of the leak scores.
+
+    Returns:
+        The scores.
+    """
     mean = max(float(truth.mean()), 1e-30)
     error = smape(truth, found, EPSILON * mean)
     t, f = np.log2(1 + truth / mean), np.log2(1 + found / mean)

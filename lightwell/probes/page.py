@@ -1,5 +1,4 @@
-"""The page of a probe volume: the scene, an object to drag through it, probes and weights drawn, the leak of trilinear
-weights; one file that opens anywhere."""
+"""Writes the page of a probe volume: one HTML file with the scene, a movable object, the probes and their weights."""
 
 from __future__ import annotations
 
@@ -13,7 +12,17 @@ PLACE = "<!--lightwell-probes-->"
 
 
 def write_page(path: str | os.PathLike, volume: bytes, glb: bytes, shell: str | None = None) -> None:
-    """Write the page of a volume (``file.encode_volume``) and its scene; ``shell`` replaces the built page."""
+    """Write the page of a volume and its scene.
+
+    Args:
+        path: File to write.
+        volume: Bytes of ``file.encode_volume``.
+        glb: The baked asset.
+        shell: HTML of the page; None for the one that is built into the package.
+
+    Raises:
+        RuntimeError: The page does not contain the placeholder for its data exactly once.
+    """
     shell = files("lightwell").joinpath("viewer/probes.html").read_text("utf-8") if shell is None else shell
     if shell.count(PLACE) != 1:
         raise RuntimeError(f"probes: the page must contain {PLACE} once, found {shell.count(PLACE)}")

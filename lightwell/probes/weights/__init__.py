@@ -4,6 +4,7 @@ from lightwell.probes.weights.bare import Bare as Bare
 from lightwell.probes.weights.bare import core as core
 from lightwell.probes.weights.bare import ratio as ratio
 from lightwell.probes.weights.common import Close as Close
+from lightwell.probes.weights.common import Fit as Fit
 from lightwell.probes.weights.common import WeightFunction as WeightFunction
 from lightwell.probes.weights.common import error as error
 from lightwell.probes.weights.common import leak as leak

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+
+from lightwell.probes.pattern import Pattern
 
 # Trust below this is none: residual leak is cut off before normalisation can amplify it.
 THRESHOLD = 0.02
@@ -32,6 +35,10 @@ class Close:
     def part(self, rows: slice, size: int) -> Close:
         """Some probes, brought to ``size``."""
         return Close(*padded(size, self.u[rows], self.target[rows], self.weight[rows]))
+
+
+# A fit of weight functions: ``target`` [B, Q], ``weight`` [B, Q], pattern and places at surfaces → parameters [B, C].
+Fit = Callable[[np.ndarray, np.ndarray, Pattern, Close | None], np.ndarray]
 
 
 def padded(size: int, *arrays: np.ndarray) -> list[np.ndarray]:
