@@ -1,4 +1,4 @@
-"""Rays of the probe bake: inside or outside, free segments, distances. All batched, none of them path traced."""
+"""Casts the rays of the probe bake in batches: inside or outside of geometry, visibility, distances."""
 
 from __future__ import annotations
 
@@ -11,19 +11,28 @@ from lightwell.scenes.scene import Scene
 from lightwell.transport.air import room
 from lightwell.transport.interactions import upload
 
-# More than this share of back faces: the point lies inside geometry (RTXGI's threshold).
+# A point that sees more than this fraction of back faces lies inside geometry (RTXGI's threshold).
 BACK_FACES = 0.25
-# Rays of the first vote and, where it is close, of the second; what counts as close.
+# Rays of the first test, and of a second one for results closer to the threshold than CLOSE.
 FIRST, SECOND, CLOSE = 16, 64, 0.15
-# Fewer hits than this in a room: the point lies outside of everything.
+# In a closed scene, a point with a smaller fraction of hits lies outside.
 SEEN = 0.05
-# Segments end this share of their length before the end, and no nearer than this share of the extent.
+# Visibility rays are shortened by this fraction of their length; those shorter than this fraction of the scene's
+# extent are free.
 SHORT, LEAST = 1e-4, 1e-6
 LAUNCH = 1 << 21
 
 
 def valid(scene: Scene, points: np.ndarray) -> np.ndarray:
-    """[N] bool: whether points [N, 3] lie in air: at most a quarter of what they see are back faces."""
+    """Test whether points lie in air: at most a quarter of the surfaces that they see are back faces.
+
+    Args:
+        scene: The scene.
+        points: [N, 3] points, metres.
+
+    Returns:
+        [N] bool.
+    """
     is_room = room(scene)
     wrong, seen = _votes(scene, points, FIRST)
     close = np.flatnonzero((np.abs(wrong - BACK_FACES) < CLOSE) & (wrong > 0))
@@ -33,7 +42,7 @@ def valid(scene: Scene, points: np.ndarray) -> np.ndarray:
 
 
 def _votes(scene: Scene, points: np.ndarray, rays: int) -> tuple[np.ndarray, np.ndarray]:
-    """Share of hits that are back faces and share of rays that hit: [N] each."""
+    """Fraction [N] of hits that are back faces, and fraction [N] of rays that hit."""
     sheets = mi.Bool(free_air(scene)._sheets)
     compass = upload(mi.Vector3f, directions(rays).astype(np.float32))
     out = np.zeros((2, len(points)), np.float32)
@@ -52,7 +61,7 @@ def _votes(scene: Scene, points: np.ndarray, rays: int) -> tuple[np.ndarray, np.
 
 
 def _first(scene: Scene, sheets: mi.Bool, ray: mi.Ray3f) -> tuple[mi.Bool, mi.Bool, mi.Float]:
-    """Whether rays hit, whether the back of something that has an inside, and the distance."""
+    """Whether rays hit, whether they hit the back of a solid (not of a sheet), and the distance."""
     pi = scene.mi.ray_intersect_preliminary(ray)
     si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
     hit = pi.is_valid()
@@ -61,7 +70,16 @@ def _first(scene: Scene, sheets: mi.Bool, ray: mi.Ray3f) -> tuple[mi.Bool, mi.Bo
 
 
 def free(scene: Scene, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """[N] bool: whether nothing stands between points a and b, [N, 3] each."""
+    """Test whether pairs of points see each other.
+
+    Args:
+        scene: The scene.
+        a: [N, 3] first points, metres.
+        b: [N, 3] second points, metres.
+
+    Returns:
+        [N] bool.
+    """
     out = np.empty(len(a), bool)
     for start in range(0, len(a), LAUNCH):
         rows = slice(start, start + LAUNCH)
@@ -70,7 +88,16 @@ def free(scene: Scene, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def free_rows(scene: Scene, a: mi.Point3f, b: mi.Point3f) -> np.ndarray:
-    """The same for points that lie on the device."""
+    """Test whether pairs of points on the device see each other.
+
+    Args:
+        scene: The scene.
+        a: N first points, metres.
+        b: N second points, metres.
+
+    Returns:
+        [N] bool.
+    """
     way = b - a
     length = dr.norm(way)
     ray = mi.Ray3f(a, way * dr.rcp(dr.maximum(length, 1e-30)))
@@ -80,7 +107,17 @@ def free_rows(scene: Scene, a: mi.Point3f, b: mi.Point3f) -> np.ndarray:
 
 
 def ends(scene: Scene, a: np.ndarray, d: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Whether rays from a [N, 3] along d [N, 3] hit within ``most`` metres, and the distance: [N] each."""
+    """Find where short rays end.
+
+    Args:
+        scene: The scene.
+        a: [N, 3] origins, metres.
+        d: [N, 3] unit directions.
+        most: Length of the rays, metres.
+
+    Returns:
+        [N] bool, whether a ray hits a surface; and [N] float32 its distance in metres, 0 without a hit.
+    """
     hit, t = np.zeros(len(a), bool), np.zeros(len(a), np.float32)
     for start in range(0, len(a), LAUNCH):
         rows = slice(start, start + LAUNCH)
@@ -92,7 +129,16 @@ def ends(scene: Scene, a: np.ndarray, d: np.ndarray, most: float) -> tuple[np.nd
 
 
 def distances(scene: Scene, points: np.ndarray, compass: np.ndarray) -> np.ndarray:
-    """[N, D] metres to the first surface along directions [D, 3]; negative where it is a back face, inf: none."""
+    """Measure the distance to the first surface along the same directions from every point.
+
+    Args:
+        scene: The scene.
+        points: [N, 3] origins, metres.
+        compass: [D, 3] unit directions.
+
+    Returns:
+        [N, D] float32, metres; negative where the surface is seen from behind, infinite where there is none.
+    """
     sheets, count = mi.Bool(free_air(scene)._sheets), len(compass)
     on_device = upload(mi.Vector3f, compass.astype(np.float32))
     out = np.empty((len(points), count), np.float32)

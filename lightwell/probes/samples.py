@@ -1,9 +1,10 @@
-"""Radiance samples between the probes: where they lie, and how many paths each is worth.
+"""Radiance samples between the probes: their points, and the number of paths of each.
 
-All get the same number of paths first. Cells where the two halves of them differ much get up to ``MOST`` times more: a
-room that is lit through a doorway is dark and noisy, and what is noisy is dark to a solve that counts ratios. Cells
-decide by themselves, by the mean over their samples: by its own noise alone a sample that is too dark by chance would
-pass for a quiet one; and an edit traces a cell as a whole bake does. Notation: I samples, S light states.
+All samples get the same number of paths first. Samples of cells where the two halves of the paths differ much get
+up to ``MOST`` times as many: a room lit through a doorway is dark and noisy, and a solve of relative errors answers
+noise with darkness. The decision is made per cell, from the mean over its samples: judged by itself, a sample that
+is too dark by chance would look like one without noise. An edit therefore traces a cell in the same way as a whole
+bake. Notation: I samples, S light states.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ from lightwell.scenes.variables import Variable
 SAMPLES = 32
 # Paths of a sample, and of a probe.
 PATHS, PROBE_PATHS = 256, 1024
-# A cell whose samples are noisier than this (relative error of their mean, in [0, 1]) gets more paths, at most this
-# many times as many.
+# A cell whose samples are noisier than QUIET (relative error of their mean, in [0, 1]) gets more paths, at most MOST
+# times as many.
 QUIET, MOST = 0.04, 16
-# Random streams: samples of each level from a multiple of this on; more paths of a sample have other seeds.
+# Random streams of each level start at a multiple of the first; further paths of a sample use a seed plus the second.
 SAMPLE_STREAM, MORE_SEED = 1 << 30, 1 << 20
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is traced."""
+    """Numbers of samples and paths."""
 
     samples: int = SAMPLES
     """Radiance samples per cell."""
@@ -41,19 +42,27 @@ class Effort:
     probe_paths: int = PROBE_PATHS
     """Paths per probe, even."""
     direct: bool = True
-    """Whether light straight from the scene's own emitters counts; False leaves it to the renderer and its shadows."""
+    """Include direct light of the scene's own emitters; False leaves it to the renderer's lights and shadows."""
     most: int = MOST
-    """Times ``paths`` that samples of a noisy cell may get; a power of two."""
+    """Largest multiple of ``paths`` for samples of noisy cells; a power of two."""
 
 
 def places(
     geometry: Geometry, effort: Effort, box: np.ndarray | None = None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Valid support points [I, 3], numbers of their streams [I], cells of the lattice [I] and cells of their own level
-    [I]; at most ``effort.samples`` for each cell, evenly spread, as any run of the low-discrepancy pattern is.
+    """Choose the points of the radiance samples: valid support points, at most ``effort.samples`` per cell.
 
-    box     [2, 3]: only of cells that it overlaps.
-    first   Level to begin with.
+    They are evenly distributed, as every run of the low-discrepancy pattern is.
+
+    Args:
+        geometry: The weights.
+        effort: Number of samples per cell.
+        box: [2, 3] box; only cells that overlap it get samples. None for all cells.
+        first: First level that gets samples; 1 leaves out the coarse lattice.
+
+    Returns:
+        [I, 3] points in metres, [I] numbers of their random streams, [I] cells of the coarse lattice, and [I] cells of
+        their own level.
     """
     found, lattice = [], geometry.volume.lattice
     for k, level in list(enumerate(geometry.levels))[first:]:
@@ -79,7 +88,21 @@ def rows(
     box: np.ndarray | None = None,
     first: int = 0,
 ) -> tuple[Rows, np.ndarray]:
-    """Radiance samples, for the scene's own light or for each of ``lights`` [S, 3], and their numbers [I]."""
+    """Path trace radiance samples.
+
+    Args:
+        scene: The scene.
+        geometry: The weights.
+        effort: Numbers of samples and paths.
+        seed: Seed of the paths.
+        variable: Declared light; None for the scene's own emitters.
+        lights: [S, 3] positions (or directions) of the declared light; None without one.
+        box: [2, 3] box; only cells that overlap it get samples. None for all cells.
+        first: First level that gets samples.
+
+    Returns:
+        The samples, and [I] numbers of their random streams.
+    """
     at, number, cell, own = places(geometry, effort, box, first)
     halves = _halves(scene, at, number, effort.paths, seed, effort.direct, variable, lights)
     times = _times(_noise(halves), own, effort.most)
@@ -93,14 +116,22 @@ def rows(
 
 
 def joined(a: Rows, b: Rows) -> Rows:
-    """Samples of one set, then of another."""
+    """Concatenate two sets of samples.
+
+    Args:
+        a: First samples.
+        b: Samples that follow.
+
+    Returns:
+        All samples.
+    """
     join = lambda name: np.concatenate([getattr(a, name), getattr(b, name)])  # noqa: E731
     light = np.concatenate([a.light, b.light], axis=-3)
     return Rows(join("place"), join("normal"), light, join("cell"), join("noise"))
 
 
 def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndarray:
-    """[2, S, I, 9, 3] float64 harmonics by each half of the paths."""
+    """[2, S, I, 9, 3] float64 harmonics from each half of the paths."""
     if variable is None:
         found = [air_light(scene, at, paths, seed, numbers=number, direct=direct)]
     else:
@@ -112,12 +143,12 @@ def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndar
 
 
 def _noise(halves: np.ndarray) -> np.ndarray:
-    """[I] relative error that the noise of the samples' mean over all states makes."""
+    """[I] relative error that noise causes in the samples' mean over all states."""
     return 0.5 * relative_error(*halves.mean(axis=1))
 
 
 def _times(noise: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
-    """[I] powers of two: how many times the paths each sample needs for its cell to be quiet."""
+    """[I] factor, a power of two, on the paths of each sample that brings its cell's noise below ``QUIET``."""
     _, index = np.unique(cell, return_inverse=True)
     mean = np.bincount(index, noise) / np.maximum(np.bincount(index), 1)
     asked = np.ceil(2 * np.log2(np.maximum(mean / QUIET, 1e-9)))

@@ -1,9 +1,10 @@
-r"""The light of the probes, solved through the run-time weights.
+"""Solves for the light of the probes, given the run-time weights.
 
     min over L   Σ_i ω_i ‖Σ_p a_ip L_p - L_i‖² + Σ_p μ_p ‖L_p - L_p⁰‖² + Σ_pq ν_pq ‖L_p - L_q‖²
 
 with ω reweighted so that the sum becomes the symmetric relative error (IRLS; Holland and Welsch 1977). One weight
-per row lets one factorisation serve all 27 columns. Notation: I rows (radiance samples), P nodes.
+per row allows one factorisation for all 27 columns. Notation: I rows (radiance samples), P nodes (fine probes
+included), S states of a declared light.
 """
 
 from __future__ import annotations
@@ -18,63 +19,88 @@ from lightwell.probes import sh
 from lightwell.probes.volume import ORPHAN, ProbeVolume, coefficients
 
 PASSES = 8
-# Pull towards the traced value, and towards neighbours, relative to the diagonal.
+# Regularisation towards the traced light, and towards neighbours, relative to the diagonal.
 TO_TRACED, TO_NEIGHBOUR = 0.1, 0.01
 # ω = 1 / (D^RELATIVE max(r, …)): 1 is the relative error itself, 0 the absolute one. The relative error of noisy rows
-# is least for a median, below the mean where light is uneven: dark leak. Held-out places have both errors least here
-# (two rooms: symmetric relative error 0.062 -> 0.053, dark leak over that of line of sight 1.6 -> 1.0).
+# is least at their median, which is below the mean where light is uneven and so too dark. At this value held-out
+# places have the least error and dark leak (two rooms, against 1: symmetric relative error 0.062 -> 0.053, dark leak
+# relative to line of sight 1.6 -> 1.0).
 RELATIVE = 0.3
-# ε of the relative error: this share of the mean irradiance.
+# ε of the relative error, relative to the mean irradiance.
 EPSILON = 1e-3
-# Directions in which the error of a row is measured.
+# Number of directions in which the error of a row is measured.
 DIRECTIONS = 20
-# The error of a row counts at least this share of its size: a bound on ω. With less, noise of a half and more is taken
-# for its median (Erlang noise of 58 %: 7 % too dark at 0.3, 0.1 % at 1); what is out of all proportion counts less.
+# Lower bound of a row's error in ω, relative to its size. With a smaller bound, strong noise pulls the result to its
+# median (Erlang noise of 58 %: 7 % too dark at 0.3, 0.1 % at 1); outliers beyond it still get a smaller ω.
 LEAST_RESIDUAL = 1.0
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Radiance samples: where, on which side, and how much."""
+    """Radiance samples: the equations of the solve."""
 
     place: np.ndarray
-    """[I, 3]."""
+    """[I, 3] points, metres."""
     normal: np.ndarray
-    """[I, 3] side of a sample on a surface; 0 in free air: the offset then has no direction."""
+    """[I, 3] unit normal of a sample on a surface; 0 in air, where no offset applies."""
     light: np.ndarray
     """[I, 9, 3] irradiance harmonics, or [S, I, 9, 3] of S light states."""
     cell: np.ndarray | None = None
-    """[I] cell of the lattice in which each lies."""
+    """[I] index of the lattice's cell that contains each sample."""
     noise: np.ndarray | None = None
-    """[I] relative error that the noise of the samples alone makes: half of that between their two halves."""
+    """[I] relative error that noise causes: half of the error between the two halves of the paths."""
 
     def part(self, chosen: np.ndarray) -> Rows:
-        """Some of the rows."""
+        """Return some of the rows.
+
+        Args:
+            chosen: [I'] indices, or [I] bool.
+
+        Returns:
+            The chosen rows.
+        """
         more = [None if v is None else v[chosen] for v in (self.cell, self.noise)]
         return Rows(self.place[chosen], self.normal[chosen], self.light[..., chosen, :, :], *more)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solve found."""
+    """Result of the solve."""
 
     light: np.ndarray
-    """[P, 9, 3], or [S, P, 9, 3]; P counts fine probes too."""
+    """[P, 9, 3] float32 irradiance harmonics, or [S, P, 9, 3] of S states."""
     orphans: np.ndarray
-    """[I] bool: rows that no probe may be trusted at."""
+    """[I] bool: rows without a trusted probe."""
     errors: tuple[float, ...]
     """Mean symmetric relative error after each pass, the traced light first."""
     residual: np.ndarray
-    """[I] error of each row, 1 for orphans."""
+    """[I] symmetric relative error of each row, 1 for orphans."""
 
 
 def smape(truth: np.ndarray, found: np.ndarray, epsilon: float) -> np.ndarray:
-    """|a - b| / (|a| + |b| + ε), in [0, 1]."""
+    """Compute the symmetric relative error |a - b| / (|a| + |b| + ε).
+
+    Args:
+        truth: [...] reference values.
+        found: [...] values of the same shape.
+        epsilon: ε > 0, in the unit of the values.
+
+    Returns:
+        [...] errors in [0, 1].
+    """
     return np.abs(truth - found) / (np.abs(truth) + np.abs(found) + epsilon)
 
 
 def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
-    """[I, P] shares of the nodes and the trusted weight Z [I]."""
+    """Build the matrix of the interpolation weights.
+
+    Args:
+        volume: The weights.
+        rows: I samples.
+
+    Returns:
+        [I, P] normalised weights of the nodes, and [I] trusted weight Z.
+    """
     node, share, z = coefficients(volume, rows.place, rows.normal)
     at = np.repeat(np.arange(len(node)), node.shape[1])
     shape = (len(node), len(volume.state))
@@ -82,12 +108,27 @@ def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
 
 
 def solve(
-    volume: ProbeVolume, rows: Rows, traced: np.ndarray, passes: int = PASSES, free: np.ndarray | None = None, held=None
+    volume: ProbeVolume,
+    rows: Rows,
+    traced: np.ndarray,
+    passes: int = PASSES,
+    free: np.ndarray | None = None,
+    held: np.ndarray | None = None,
 ) -> Solution:
-    """Solve for the light of all live nodes, or of those that are ``free`` [P] while the others keep ``held`` light.
+    """Solve for the light of all live nodes, or of some of them while the others are held fixed.
 
-    traced   [P, 9, 3] (or [S, P, 9, 3]) light traced where each probe looks from: the start, and the pull.
-    Several states share ω, computed from their mean, so that the solve is linear in the light.
+    Several states share ω, computed from their mean, so that the result is linear in the light.
+
+    Args:
+        volume: The weights.
+        rows: Radiance samples.
+        traced: [P, 9, 3] or [S, P, 9, 3] traced light at each probe: the start, and the target of the regularisation.
+        passes: Number of reweighted solves.
+        free: [P] bool: nodes to solve for; None for all live ones.
+        held: Light of the shape of ``traced`` for the other nodes; required with ``free``.
+
+    Returns:
+        The light of the best pass, with its errors.
     """
     a, z = matrix(volume, rows)
     good = z >= ORPHAN
@@ -107,7 +148,7 @@ def solve(
     measure = _Measure(goal.mean(axis=0))
     mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
     predict = lambda x: columns @ mean_of(x) + mean_of(fixed)  # noqa: E731
-    # The traced light is the start: relative least squares first would leave a good place for a worse one.
+    # Start at the traced light: a first pass without weights would move away from a good solution.
     predicted = predict(prior)
     omega, residual = measure.omega(predicted), measure.residual(predicted)
     best, errors = prior, [float(residual.mean())]
@@ -115,7 +156,7 @@ def solve(
         found = _weighted(columns, omega, right, prior, ties)
         predicted = predict(found)
         errors.append(float(measure.residual(predicted).mean()))
-        # A frozen denominator does not guarantee descent: the best pass is kept.
+        # Reweighting does not guarantee descent, so the best pass is kept.
         if errors[-1] <= min(errors):
             best, residual = found, measure.residual(predicted)
         omega = measure.omega(predicted)
@@ -129,12 +170,20 @@ def solve(
 
 
 def relative_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """[I] symmetric relative error between two sets of harmonics [I, 9, 3]; each row by itself."""
+    """Compute the symmetric relative error between two sets of irradiance harmonics, row by row.
+
+    Args:
+        a: [I, 9, 3] first harmonics.
+        b: [I, 9, 3] second harmonics.
+
+    Returns:
+        [I] errors in [0, 1].
+    """
     return _Measure(a, 0.0).residual(b.reshape(len(b), 27))
 
 
 class _Measure:
-    """The error of rows in a few directions."""
+    """Measures the error of rows in a few directions."""
 
     def __init__(self, light: np.ndarray, epsilon: float = EPSILON) -> None:
         self._basis = sh.basis(sh.directions(DIRECTIONS))
@@ -153,14 +202,14 @@ class _Measure:
     def omega(self, light: np.ndarray) -> np.ndarray:
         """[I] weights of the next pass."""
         found = self._irradiance(light)
-        # By what was found, not by the noisy sample: one that is too bright by chance would count for less.
+        # Relative to the solution, not to the noisy sample: one that is too bright by chance would get a smaller ω.
         d = 2 * np.abs(found).mean(axis=(1, 2)) + self.epsilon
         r = np.abs(self._truth - found).mean(axis=(1, 2))
         return 1 / (d**RELATIVE * np.maximum(r, LEAST_RESIDUAL * d))
 
 
 def _ties(columns: csc_matrix) -> csc_matrix:
-    """[P', P'] overlap of neighbours' weights, 0 on the diagonal: never across a wall."""
+    """[P', P'] overlap of neighbours' weights, 0 on the diagonal; probes on two sides of a wall have none."""
     gram = (columns.T @ columns).tocsr()
     size = np.sqrt(np.maximum(gram.diagonal(), 1e-30))
     overlap = diags(1 / size) @ gram @ diags(1 / size)
@@ -174,7 +223,7 @@ def _weighted(columns: csc_matrix, omega: np.ndarray, right: np.ndarray, prior: 
     weighted = diags(omega) @ columns
     gram = (columns.T @ weighted).tocsc()
     diagonal = gram.diagonal()
-    # A node that no row asks keeps its traced light.
+    # A node without a weight in any row keeps its traced light.
     floor = 1e-6 * max(float(diagonal.max(initial=0)), 1e-30)
     pull = TO_TRACED * diagonal + floor
     root = np.sqrt(diagonal + floor)

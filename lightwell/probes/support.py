@@ -1,8 +1,8 @@
-"""The geometry of a probe volume: which support points lie in air, which see one another, and where probes look from.
+"""Geometry of a probe volume: support points that lie in air, which of them see each other, and the probes' positions.
 
-Everything is kept, so that an edit of the scene recomputes only the cells and cubes that it touches. Notation: P nodes,
-C cells, S of which are covered (all of them, or those inside bricks), K points, E edges and X places at surfaces of a
-cell, Q = 8 K points of a cube.
+Everything is kept, so that an edit of the scene recomputes only the cells and cubes that it touches. Notation: P
+nodes and C cells of the lattice; S covered cells (all of them, or those inside bricks); K points, E edges and X
+places at surfaces of a cell; Q = 8 K points and M edges of a cube; B chosen nodes.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from lightwell.transport.interactions import upload
 
 # A probe inside geometry looks from the nearest valid support point, at most this far from its node, units of h.
 MOVE = 0.45
-# Nodes further behind a surface are probes too where their hat reaches this at a valid point: their light is what the
-# solve finds, so that light goes on to the surface as it came. Without them it stays what the last inner probe has.
-# (S5, one offset, no bricks: bright leak 0.0043 -> 0.0031, dark leak 0.0043 -> 0.0028, + 1.1 dB.)
+# Nodes further behind a surface are probes too if their hat reaches this at a valid point. The solve determines their
+# light, so that light is extrapolated to the surface; without them it would be constant beyond the last inner probe
+# (S5, one offset, no bricks: bright leak 0.0043 -> 0.0031, dark leak 0.0043 -> 0.0028, + 1.1 dB).
 LEAST_HAT = 0.1
-# Cubes whose weights are computed together: a few hundred megabytes of edges at most.
+# Cubes whose weights are computed together; their edges take a few hundred megabytes at most.
 CUBES = 256
-# Places at surfaces that a cell keeps (X); they stand off this far, and rays look for them this far, units of h.
+# Places at surfaces per cell (X), their distance from the surface, and the length of the rays that find them, in
+# units of h.
 CLOSE, OFF, REACHED = 48, 0.004, 0.5
 
 
 @dataclass
 class Support:
-    """What rays found, with no light in it."""
+    """Results of the rays; they do not depend on light."""
 
     lattice: Lattice
     pattern: Pattern
@@ -44,41 +45,66 @@ class Support:
     free: np.ndarray
     """[S, E] bool: edges whose ends lie in air and see each other."""
     near: np.ndarray
-    """[S, X, 3] float32 places at surfaces, in the cell, [0, 1]: walls stop light at their face, not at some point."""
+    """[S, X, 3] float32 places at surfaces, in the cell [0, 1]³; with them, trust ends at the face of a wall."""
     source: np.ndarray
-    """[S, X] int32 support point of the cell that sees each of them; -1: none."""
+    """[S, X] int32 support point of the cell that sees each of them; -1: no place."""
     origin: np.ndarray
-    """[P, 3] float32: where probes look from; the node itself unless it lies inside geometry."""
+    """[P, 3] float32 positions of the probes, metres: the node itself unless it lies inside geometry."""
     alive: np.ndarray
-    """[P] bool: probes that have such a place."""
+    """[P] bool: probes with a position in air."""
 
     @property
     def stands(self) -> np.ndarray:
-        """[P] bool: probes that look from within MOVE of their node; baselines, which solve for no light, have only
-        these."""
+        """[P] bool: probes within MOVE of their node; baselines, which have no solve, use only these."""
         way = np.linalg.norm(self.origin - self.lattice.nodes(), axis=1)
         return self.alive & (way <= 1.001 * MOVE * self.lattice.spacing)
 
     @property
     def covered(self) -> np.ndarray:
-        """[S] cells in the order of their rows."""
+        """[S] indices of the covered cells in the order of their rows."""
         return np.flatnonzero(self.slot >= 0)
 
     def copy(self) -> Support:
-        """One that may be changed while this one stays."""
+        """Return a copy whose arrays may be changed.
+
+        Returns:
+            The copy.
+        """
         kept = {name: getattr(self, name).copy() for name in ("valid", "free", "near", "source", "origin", "alive")}
         return replace(self, **kept)
 
     def points(self, cells: np.ndarray) -> np.ndarray:
-        """[len(cells), K, 3] float32 support points."""
+        """Return the support points of some cells.
+
+        Args:
+            cells: [C'] indices of cells.
+
+        Returns:
+            [C', K, 3] float32, metres.
+        """
         corner = self.lattice.cell_corner(cells)[:, None]
         return (self.lattice.origin + self.lattice.spacing * (corner + self.pattern.points)).astype(np.float32)
 
 
 def bake_support(
-    scene: Scene, lattice: Lattice, layout: Pattern | None = None, cells: np.ndarray | None = None, nodes=None
+    scene: Scene,
+    lattice: Lattice,
+    layout: Pattern | None = None,
+    cells: np.ndarray | None = None,
+    nodes: np.ndarray | None = None,
 ) -> Support:
-    """Cast all rays of a volume, or of some of its cells (sorted) and nodes."""
+    """Cast all rays of a volume, or of some of its cells and nodes.
+
+    Args:
+        scene: The scene.
+        lattice: The lattice.
+        layout: Pattern of the support points; None for the default one.
+        cells: [S] sorted indices of the cells to cover; None for all.
+        nodes: [B] indices of the nodes that are probes; None for all.
+
+    Returns:
+        The geometry.
+    """
     layout = layout or pattern()
     cells = np.arange(lattice.cell_count) if cells is None else cells
     slot = np.full(lattice.cell_count, -1, np.int32)
@@ -99,7 +125,15 @@ def bake_support(
 
 
 def update(scene: Scene, support: Support, cells: np.ndarray, edge_cells: np.ndarray, nodes: np.ndarray) -> None:
-    """Cast the rays of some covered cells (points), cells (edges) and nodes again."""
+    """Cast the rays of some cells and nodes again, in place.
+
+    Args:
+        scene: The scene.
+        support: Geometry to change.
+        cells: [C'] indices of covered cells whose points are tested.
+        edge_cells: [C''] indices of covered cells whose edges are tested.
+        nodes: [B] indices of nodes.
+    """
     batch = max(1, (1 << 20) // support.valid.shape[1])
     for start in range(0, len(cells), batch):
         part = cells[start : start + batch]
@@ -111,7 +145,7 @@ def update(scene: Scene, support: Support, cells: np.ndarray, edge_cells: np.nda
 
 
 def _approach(scene: Scene, support: Support, cells: np.ndarray) -> None:
-    """Places at surfaces: where a short ray from each support point ends, if that is in the same cell."""
+    """Find the places at surfaces: ends of short rays from the support points, if in the same cell."""
     layout, h = support.pattern, support.lattice.spacing
     rows, count = support.slot[cells], len(support.pattern.points)
     start = support.points(cells)
@@ -127,7 +161,7 @@ def _approach(scene: Scene, support: Support, cells: np.ndarray) -> None:
 
 
 def _join(scene: Scene, support: Support, cells: np.ndarray) -> None:
-    """Which edges of some covered cells are free."""
+    """Test which edges of some covered cells are free."""
     layout, lattice = support.pattern, support.lattice
     batch = max(1, (1 << 21) // len(layout.start))
     for start in range(0, len(cells), batch):
@@ -145,7 +179,7 @@ def _join(scene: Scene, support: Support, cells: np.ndarray) -> None:
 
 
 def _place(scene: Scene, support: Support, nodes: np.ndarray) -> None:
-    """Where probes look from: their node, else the nearest valid support point of their cube that counts for them."""
+    """Place the probes: at their node if it is in air, else at the nearest valid support point of their cube."""
     lattice, layout = support.lattice, support.pattern
     place = lattice.nodes()[nodes].astype(np.float32)
     good = rays.valid(scene, place)
@@ -160,19 +194,43 @@ def _place(scene: Scene, support: Support, nodes: np.ndarray) -> None:
 
 
 def cube_rows(support: Support, nodes: np.ndarray) -> np.ndarray:
-    """[B, 8] rows of the cells round some nodes; -1: beyond the border, or not covered."""
+    """Return the rows of the eight cells around some nodes.
+
+    Args:
+        support: The geometry.
+        nodes: [B] indices of nodes.
+
+    Returns:
+        [B, 8] rows of the geometry's arrays; -1: outside of the lattice, or not covered.
+    """
     cells = support.lattice.node_cells(nodes)
     return np.where(cells >= 0, support.slot[np.maximum(cells, 0)], -1)
 
 
 def cube_valid(support: Support, nodes: np.ndarray) -> np.ndarray:
-    """[B, Q] bool: points of the cubes of some nodes that lie in air and in the lattice."""
+    """Return which points of some cubes lie in air.
+
+    Args:
+        support: The geometry.
+        nodes: [B] indices of nodes.
+
+    Returns:
+        [B, Q] bool; False outside of the lattice.
+    """
     rows = cube_rows(support, nodes)
     return (support.valid[np.maximum(rows, 0)] & (rows >= 0)[..., None]).reshape(len(nodes), len(support.pattern.u))
 
 
 def cube_edges(support: Support, nodes: np.ndarray) -> np.ndarray:
-    """[B, M] bool: free edges inside the cubes of some nodes."""
+    """Return which edges inside some cubes are free.
+
+    Args:
+        support: The geometry.
+        nodes: [B] indices of nodes.
+
+    Returns:
+        [B, M] bool.
+    """
     rows = cube_rows(support, nodes)
     _, _, corner, edge = support.pattern.cube_edges.T
     at = rows[:, corner]
@@ -180,7 +238,15 @@ def cube_edges(support: Support, nodes: np.ndarray) -> np.ndarray:
 
 
 def cube_near(support: Support, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[B, 8 X, 3] float32 probe-local places at surfaces, and [B, 8 X] the point of the cube that sees each, or -1."""
+    """Return the places at surfaces in some cubes.
+
+    Args:
+        support: The geometry.
+        nodes: [B] indices of nodes.
+
+    Returns:
+        [B, 8 X, 3] float32 probe-local positions, and [B, 8 X] the point of the cube that sees each; -1: no place.
+    """
     rows = cube_rows(support, nodes)
     at, k = np.maximum(rows, 0), len(support.pattern.points)
     u = support.near[at] + (CORNERS - 1).astype(np.float32)[:, None]
@@ -190,7 +256,16 @@ def cube_near(support: Support, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
-    """[B, Q] bool: valid points of each cube that its probe sees, by a segment from its origin."""
+    """Find the valid points of each cube that its probe sees, by a visibility ray from the probe's origin.
+
+    Args:
+        scene: The scene.
+        support: The geometry.
+        nodes: [B] indices of nodes.
+
+    Returns:
+        [B, Q] bool.
+    """
     valid = cube_valid(support, nodes) & support.alive[nodes][:, None]
     row, point = np.nonzero(valid)
     h, layout = support.lattice.spacing, support.pattern
@@ -206,11 +281,20 @@ def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
 
 
 def trust(scene: Scene, support: Support, nodes: np.ndarray, reach: float = REACH) -> np.ndarray:
-    """[B, Q + 8 X] float16 target ρ of the probes of some nodes: what their weight functions are fitted to, at the
-    points of the cube and at its places at surfaces."""
+    """Compute the trust of some probes, to which their weight functions are fitted.
+
+    Args:
+        scene: The scene.
+        support: The geometry.
+        nodes: [B] indices of nodes.
+        reach: Distance over which trust falls by a factor of e around corners, units of the spacing.
+
+    Returns:
+        [B, Q + 8 X] float16 in [0, 1]: at the points of the cube, then at its places at surfaces.
+    """
     seen = sees(scene, support, nodes)
     out = np.zeros(seen.shape, np.float32)
-    # A probe that sees its whole cube has nothing to diffuse.
+    # A probe that sees its whole cube needs no diffusion.
     valid = cube_valid(support, nodes)
     rows = np.flatnonzero(seen.any(axis=1) & (valid & ~seen).any(axis=1))
     out[:] = seen
@@ -221,7 +305,7 @@ def trust(scene: Scene, support: Support, nodes: np.ndarray, reach: float = REAC
 
 
 def _trust_near(scene: Scene, support: Support, nodes: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    """[B, 8 X]: 1 where the probe sees a place at a surface, else the trust of the point that does."""
+    """[B, 8 X] trust: 1 where the probe sees a place at a surface, else the trust of the point that sees it."""
     u, source = cube_near(support, nodes)
     used = (source >= 0) & rho.any(axis=1)[:, None]
     row, k = np.nonzero(used)
@@ -233,7 +317,16 @@ def _trust_near(scene: Scene, support: Support, nodes: np.ndarray, rho: np.ndarr
 
 
 def touched(lattice: Lattice, box: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cells that a box [2, 3] overlaps, cells with an edge into them, and nodes whose cube it overlaps."""
+    """Find the cells and nodes that an edit inside a box can change.
+
+    Args:
+        lattice: The lattice.
+        box: [2, 3] least and greatest corner, metres.
+
+    Returns:
+        Indices of the cells that the box overlaps, of the cells with an edge into them, and of the nodes whose cube it
+        overlaps.
+    """
     low = np.floor((box[0] - lattice.origin) / lattice.spacing).astype(np.int64)
     high = np.floor((box[1] - lattice.origin) / lattice.spacing).astype(np.int64)
     at, nodes = _grid(lattice.cells), _grid(lattice.shape)

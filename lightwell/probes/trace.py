@@ -1,6 +1,6 @@
-"""Light in the air: path-traced spherical harmonics and irradiance at points that lie on no surface.
+"""Path traces light in air: irradiance harmonics, and irradiance, at points that lie on no surface.
 
-Notation: N points; one lane is one path, two independent halves of the paths belong to each point.
+Notation: N points; one lane is one path; each point has two independent halves of the paths.
 """
 
 from __future__ import annotations
@@ -35,24 +35,25 @@ UNIFORM = 1 / (4 * np.pi)
 
 @dataclass(frozen=True)
 class AirLight:
-    """What arrives at N points."""
+    """Light that arrives at N points."""
 
     half_a: np.ndarray
-    """[N, 9, 3] float32 irradiance harmonics by the first half of the paths."""
+    """[N, 9, 3] float32 irradiance harmonics from the first half of the paths."""
     half_b: np.ndarray
-    """[N, 9, 3] ... by the second."""
+    """[N, 9, 3] float32 irradiance harmonics from the second half."""
     e_a: np.ndarray
-    """[N, 3] irradiance at the given normals by the first half, without harmonics (0 where no normals were given)."""
+    """[N, 3] irradiance for the given normals from the first half, without harmonics; 0 without normals."""
     e_b: np.ndarray
+    """[N, 3] irradiance from the second half."""
 
     @property
     def sh(self) -> np.ndarray:
-        """[N, 9, 3] both halves."""
+        """[N, 9, 3] mean of both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
     @property
     def irradiance(self) -> np.ndarray:
-        """[N, 3] both halves."""
+        """[N, 3] mean of both halves."""
         return 0.5 * (self.e_a + self.e_b)
 
 
@@ -68,13 +69,26 @@ def air_light(
     numbers: np.ndarray | None = None,
     direct: bool = True,
 ) -> AirLight:
-    """Light at points [N, 3] in the air, ``paths`` (even) for each.
+    """Path trace the light at points in air.
 
-    normals   [N, 3]: also the irradiance there, all bands.
-    variable  None: the scene's own emitters, direct and indirect. Else the indirect light of the declared light of 1 cd
-              (1 lx) at ``light`` [3] or [N, 3]; its direct light is the rasteriser's.
-    numbers   [N] of the points' random streams (their row): a point that keeps its number keeps its bits.
-    direct    Whether light straight from the scene's own emitters counts; a renderer may add it, with its shadows.
+    Args:
+        scene: The scene.
+        points: [N, 3] points, metres.
+        paths: Paths per point, even and ≥ 2.
+        seed: Seed of the paths; the same seed gives the same bits.
+        normals: [N, 3] unit normals for which irradiance is estimated too, without harmonics; None to leave it out.
+        variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced, because renderers add the
+            direct light; None for the scene's own emitters, direct and indirect.
+        light: [3] or [N, 3] position (or direction) of the declared light.
+        numbers: [N] random streams of the points, which make their bits independent of the other points; None for
+            their indices.
+        direct: Include the light that arrives straight from the scene's own emitters.
+
+    Returns:
+        Light of each half of the paths.
+
+    Raises:
+        ValueError: ``paths`` is odd or below 2.
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")

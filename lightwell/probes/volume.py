@@ -1,20 +1,22 @@
-r"""A baked probe volume and its query in NumPy: the definition that every other evaluator is tested against.
+"""A baked probe volume and its query in NumPy, which is the definition that every other evaluator is tested against.
 
     E(x, n) = ⟨Y(n), (N + δ F) / (Z + δ)⟩    N = Σ_p Φ_p L_p    Z = Σ_p Φ_p    δ = ε_z (1 - Z)    Φ_p = hat_p ρ_p
 
-at y = x + offset · h · n. Z is the share of trilinear weight that may be trusted; F is the probe to fall back to, the
-nearest by a free path. In a cell with a brick, a lattice three times finer joins in:
+at y = x + offset · h · n. Z is the trusted share of the trilinear weight; F is the light of the fallback probe, the
+nearest one along a free path. In a cell with a brick, a lattice three times finer is blended in:
 
     N = (1 - m) N_coarse + m N_fine    Z = (1 - m) Z_coarse + m Z_fine    m = inner(y) · smoothstep(Z_fine / 0.05)
 
-where inner is 1 on fine nodes all of whose cells lie in bricks, 0 on others, trilinear between: light has no seam at
-the face of a brick. Notation: P nodes of the lattice, F fine probes (numbers P … P + F - 1), R records, C cells, B
-bricks, N points.
+where inner is 1 at fine nodes all of whose cells lie in bricks, 0 at others and trilinear between, so that light
+has no seam at the faces of bricks. Notation: P nodes of the lattice, F fine probes (indices P … P + F - 1), R
+records, C cells, B bricks, N points.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,65 +26,78 @@ from lightwell.probes.lattice import hat as hat_of
 from lightwell.probes.pattern import octants
 from lightwell.probes.weights import FUNCTIONS, ratio, trusted
 
-# Places on surfaces are looked up this far off along the normal, units of h: a weight knows a place, not a side. What
-# moves has no wall behind it and asks without an offset, which could carry it through a wall in front of it.
+# Offset of queries on surfaces along the normal, units of h, because weights depend on a position, not on a side.
+# Moving objects are queried without it: they have no wall behind them, and it could cross a wall in front of them.
 OFFSET = 0.2
-# ε_z: the weight of the fallback where nothing may be trusted.
+# ε_z: the weight of the fallback where no probe is trusted.
 FALLBACK = 1e-5
-# What a node is.
+# States of a node.
 DROPPED, OPEN, WEIGHTED = 0, 1, 2
-# A query with less trusted weight than this is an orphan: probes or bricks are missing there.
+# A sample with less trusted weight than this is an orphan: it needs more probes or a brick.
 ORPHAN = 0.05
 ALL_OCTANTS = np.uint64(0xFFFFFFFFFFFFFFFF)
-# Bytes of a probe's light by coding (three half floats and one of a step, then bytes), and of a brick: its cell, its
-# probes.
+# Bytes of a probe's light by coding (band 0 and the step as four float16, then bytes), and of a brick (its cell, its
+# probes).
 LIGHT_BYTES, BRICK_BYTES = {"l2": 32, "zh3": 20}, 260
 
-# Fine cells along an edge of a brick, and what a fine lattice must be trusted before it takes over.
+# Fine cells along an edge of a brick, and the trusted weight at which the fine lattice replaces the coarse one.
 FINE, TAKES_OVER = 3, 0.05
 
 
 @dataclass(frozen=True)
 class Bricks:
-    """Cells with a lattice of their own: FINE³ cells, (FINE + 1)³ probes, those on a common face shared."""
+    """Cells with a lattice of their own: FINE³ cells and (FINE + 1)³ probes; probes on a common face are shared."""
 
     cell: np.ndarray
-    """[C] int32 brick of each cell, -1: none."""
+    """[C] int32 index of the brick of each cell; -1: none."""
     table: np.ndarray
-    """[B, 64] int32 numbers of the fine probes, x fastest."""
+    """[B, 64] int32 indices of the fine probes in the volume, x fastest."""
     inner: np.ndarray
-    """[F] bool: all cells round the fine node lie in bricks."""
+    """[F] bool: all cells around the fine node lie in bricks."""
 
 
 @dataclass(frozen=True)
 class ProbeVolume:
-    """Geometry (weights) and light (harmonics) of a lattice of probes."""
+    """Weights and light (irradiance harmonics) of a lattice of probes."""
 
     lattice: Lattice
+    """Lattice of the P nodes."""
     function: str
     """Name of the weight function, one of ``FUNCTIONS``."""
     state: np.ndarray
     """[P + F] uint8: DROPPED, OPEN (ρ = 1 everywhere) or WEIGHTED."""
     row: np.ndarray
-    """[P + F] int32 record of a weighted node, -1 for others."""
+    """[P + F] int32 index of the record of a weighted node, -1 for others."""
     params: np.ndarray
     """[R, ...] float32 parameters, quantised as stored."""
     octant: np.ndarray
-    """[R] uint64: bit o is set where octant o of the cube may be trusted at all."""
+    """[R] uint64: bit o is set where ρ may be above 0 in octant o of the cube."""
     fallback: np.ndarray
-    """[C, 8] int32 node to fall back to in each octant of each cell; -1: none (black)."""
+    """[C, 8] int32 fallback node of each octant of each cell; -1: none (black)."""
     light: np.ndarray
     """[P + F, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
     offset: float = OFFSET
-    """Of surfaces, along their normals, units of h."""
+    """Offset of queries along the normal, units of the spacing."""
     bricks: Bricks | None = None
+    """Finer lattices in some cells."""
 
     def in_air(self) -> ProbeVolume:
-        """The same volume asked by what moves: without an offset."""
+        """Return the same volume without the offset along the normal, for objects that move.
+
+        Returns:
+            The volume.
+        """
         return replace(self, offset=0.0)
 
     def lit(self, light: np.ndarray) -> ProbeVolume:
-        """The same weights under other light [P + F, 9, 3]."""
+        """Return the same weights with other light.
+
+        Args:
+            light: [P + F, 9, 3] irradiance harmonics.
+
+        Returns:
+            The volume.
+        """
         return replace(self, light=np.asarray(light, np.float32))
 
     @property
@@ -92,17 +107,24 @@ class ProbeVolume:
 
     @property
     def in_doubt(self) -> np.ndarray:
-        """[C] bool: cells that may ask for a fallback: not all of their nodes are open. Files hold no others."""
+        """[C] bool: cells that may need a fallback, as not all of their nodes are open; files store only these."""
         cells = np.arange(self.lattice.cell_count)
         node = self.lattice.node_number(self.lattice.cell_corner(cells)[:, None] + CORNERS)
         return (self.state[node] != OPEN).any(axis=1) & (self.fallback >= 0).any(axis=1)
 
     def bytes_per_probe(self, coding: str = "zh3") -> dict[str, float]:
-        """Bytes of the parts of a live probe, as in files: weights, light, mask and tables; averages."""
+        """Return the average size of a live probe in a file.
+
+        Args:
+            coding: Coding of the light, "l2" or "zh3".
+
+        Returns:
+            Bytes of weights, light, octants and tables per live probe; ``record`` is one record with its light.
+        """
         live = max(int(self.alive.sum()), 1)
         f, light = FUNCTIONS[self.function], LIGHT_BYTES[coding]
         bricks = 0 if self.bricks is None else BRICK_BYTES * len(self.bricks.table)
-        # A byte a node, a byte a cell, eight where there is a fallback.
+        # One byte per node and per cell, eight per cell with a fallback.
         tables = len(self.state) + len(self.fallback) + 8 * int(self.in_doubt.sum()) + bricks
         return {
             "weights": f.stored * len(self.params) / live,
@@ -114,7 +136,7 @@ class ProbeVolume:
 
 
 def _rho(volume: ProbeVolume, node: np.ndarray, hat: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """[N, 8] float32 ρ of nodes [N, 8] at their places [N, 8, 3]."""
+    """[N, 8] float32 ρ of nodes [N, 8] at probe-local positions [N, 8, 3]."""
     state = volume.state[node]
     rho = (state == OPEN).astype(np.float32)
     asked = (state == WEIGHTED) & (hat > 0)
@@ -127,13 +149,30 @@ def _rho(volume: ProbeVolume, node: np.ndarray, hat: np.ndarray, u: np.ndarray) 
 
 
 def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes [N, 8], hat [N, 8] and ρ [N, 8] of the lattice at places [N, 3] (already off their surfaces)."""
+    """Evaluate the trust of the eight lattice nodes around each point.
+
+    Args:
+        volume: The volume.
+        y: [N, 3] points with the offset along the normal applied, metres.
+
+    Returns:
+        [N, 8] indices of nodes, [N, 8] hat and [N, 8] trust ρ in [0, 1].
+    """
     node, hat, u = volume.lattice.corners(y)
     return node, hat.astype(np.float32), _rho(volume, node, hat, u)
 
 
 def fine_trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fine probes [N, 8], hat [N, 8], ρ [N, 8] and share m [N] at places [N, 3]; m = 0 where there is no brick."""
+    """Evaluate the trust of the eight fine probes around each point.
+
+    Args:
+        volume: Volume with bricks.
+        y: [N, 3] points with the offset along the normal applied, metres.
+
+    Returns:
+        [N, 8] indices of probes, [N, 8] hat, [N, 8] trust ρ in [0, 1], and [N] share m of the fine lattice, which is 0
+        in cells without a brick.
+    """
     bricks = volume.bricks
     cell, f = volume.lattice.locate(y)
     brick = bricks.cell[volume.lattice.cell_number(cell)]
@@ -149,14 +188,30 @@ def fine_trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def smoothstep(x: np.ndarray) -> np.ndarray:
-    """3 x² - 2 x³ of x clipped to [0, 1]."""
+    """Compute 3 x² - 2 x³.
+
+    Args:
+        x: [...] numbers, clamped to [0, 1].
+
+    Returns:
+        [...] numbers in [0, 1].
+    """
     x = np.clip(x, 0, 1)
     return x * x * (3 - 2 * x)
 
 
 def coefficients(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes [N, 9], their shares [N, 9] of the light at x on the side of n, and Z [N]; the last is the fallback. With
-    bricks there are 17: eight of the lattice, eight fine ones, the fallback."""
+    """Compute the normalised weights of all probes that contribute to a query.
+
+    Args:
+        volume: The volume.
+        x: [N, 3] points, metres.
+        n: [N, 3] unit normals; 0 for no offset.
+
+    Returns:
+        [N, 9] indices of probes, [N, 9] their weights, and [N] trusted weight Z; the last of the nine is the fallback.
+        With bricks there are 17: eight of the lattice, eight fine ones and the fallback.
+    """
     y = np.asarray(x, np.float64) + volume.offset * volume.lattice.spacing * np.asarray(n, np.float64)
     node, hat, rho = trust_at(volume, y)
     phi = hat * rho
@@ -173,21 +228,47 @@ def coefficients(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.
 
 
 def fallback_node(volume: ProbeVolume, y: np.ndarray) -> np.ndarray:
-    """[N] node to fall back to."""
+    """Return the fallback probe of each point.
+
+    Args:
+        volume: The volume.
+        y: [N, 3] points with the offset along the normal applied, metres.
+
+    Returns:
+        [N] int32 index of the node; -1: none.
+    """
     cell, f = volume.lattice.locate(y)
     octant = (f >= 0.5) @ np.array([1, 2, 4])
     return volume.fallback[volume.lattice.cell_number(cell), octant]
 
 
 def query(volume: ProbeVolume, x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Irradiance [N, 3] at places x [N, 3] for unit normals n [N, 3], and the trusted share Z [N]."""
+    """Compute the irradiance at some points.
+
+    Args:
+        volume: The volume.
+        x: [N, 3] points, metres.
+        n: [N, 3] unit normals.
+
+    Returns:
+        [N, 3] irradiance, ≥ 0, and [N] trusted weight Z in [0, 1].
+    """
     node, share, z = coefficients(volume, x, n)
     e = np.einsum("nk,nkbc->nbc", share, volume.light[node])
     return np.maximum(sh.evaluate(e, n), 0), z
 
 
-def explain(volume: ProbeVolume, x, n) -> list[dict]:
-    """What each probe adds at one place: node, hat, ρ, share. For people who ask why it is dark here."""
+def explain(volume: ProbeVolume, x: Sequence[float], n: Sequence[float]) -> list[dict[str, Any]]:
+    """List what each probe contributes at one point, to find out why it is dark or leaks.
+
+    Args:
+        volume: The volume.
+        x: [3] point, metres.
+        n: [3] unit normal.
+
+    Returns:
+        One entry per probe: ``node``, ``state``, ``hat``, ``rho`` and ``share``, the last one for the fallback.
+    """
     x, n = np.asarray(x, float).reshape(1, 3), np.asarray(n, float).reshape(1, 3)
     y = x + volume.offset * volume.lattice.spacing * n
     node, hat, rho = (v[0] for v in trust_at(volume, y))
