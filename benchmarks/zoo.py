@@ -1,12 +1,12 @@
-"""The main job at default settings on every scene that is there: given scenes, further third-party scenes, built-in ones.
+"""The main job at default settings on every scene that is there: given, further third-party and built-in ones.
 
     python benchmarks/zoo.py --out FOLDER              every scene; writes results/zoo.json and docs/zoo.md (hours)
     python benchmarks/zoo.py --out FOLDER --subset 8   eight scenes while working on the field; writes nothing
     python benchmarks/zoo.py --out FOLDER --only drake-living-room,courtyard -- --budget 60s
     python benchmarks/zoo.py --out FOLDER --reuse      only the table and the pictures of bakes that are in FOLDER
 
-Each scene is baked in a process of its own by the command that a user would type. A scene whose bake is in FOLDER is not
-baked again. What follows ``--`` goes to the bake.
+Each scene is baked in a process of its own by the command that a user would type. A scene whose bake is in FOLDER is
+not baked again. What follows ``--`` goes to the bake.
 
 The scenes of ``KEPT_OUT`` took no part in choosing any constant.
 """
@@ -237,13 +237,13 @@ def write_page(results: Sequence[Result], folder: Path) -> None:
 HEAD = """\
 # The zoo
 
-`lightwell bake SCENE -o OUT` with default settings on scenes of many kinds, by `python benchmarks/zoo.py`. Nothing is set for a
-scene. Scenes marked * took no part in choosing any constant. Figures of merit are medians and 90th percentiles over scenes
-(`benchmarks/results/zoo.json`), not single lines of this table.
+`lightwell bake SCENE -o OUT` with default settings on scenes of many kinds, by `python benchmarks/zoo.py`. Nothing is
+set for a scene. Scenes marked * took no part in choosing any constant. Figures of merit are medians and 90th percentiles
+over scenes (`benchmarks/results/zoo.json`), not single lines of this table.
 
-PSNR is that of the displayed indirect light with the noise of the reference taken off; FLIP is that of the whole picture; *mottle*
-is the standard deviation of the logarithm of learned over reference on smooth lit patches; *leak* is the light that is wrong on the
-darkest quarter of the surface, over the mean of all.
+PSNR is that of the displayed indirect light with the noise of the reference taken off; FLIP is that of the whole picture;
+*mottle* is the standard deviation of the logarithm of learned over reference on smooth lit patches; *leak* is the light
+that is wrong on the darkest quarter of the surface, over the mean of all.
 
 | scene | wall / budget, s | PSNR, dB | FLIP | mottle | leak | error | kB | MAC |
 |---|---|---|---|---|---|---|---|---|"""
