@@ -237,13 +237,13 @@ def write_page(results: Sequence[Result], folder: Path) -> None:
 HEAD = """\
 # The zoo
 
-`lightwell bake SCENE -o OUT` with default settings on scenes of many kinds, by `python benchmarks/zoo.py`. Nothing is
-set for a scene. Scenes marked * took no part in choosing any constant. Figures of merit are medians and 90th percentiles
-over scenes (`benchmarks/results/zoo.json`), not single lines of this table.
+`lightwell bake SCENE -o OUT` with default settings on scenes of many kinds, by `python benchmarks/zoo.py`.
+Nothing is set for a scene. Scenes marked * took no part in choosing any constant. Figures of merit are medians
+and 90th percentiles over scenes (`benchmarks/results/zoo.json`), not single lines of this table.
 
-PSNR is that of the displayed indirect light with the noise of the reference taken off; FLIP is that of the whole picture;
-*mottle* is the standard deviation of the logarithm of learned over reference on smooth lit patches; *leak* is the light
-that is wrong on the darkest quarter of the surface, over the mean of all.
+PSNR is that of the displayed indirect light with the noise of the reference taken off; FLIP is that of the
+whole picture; *mottle* is the standard deviation of the logarithm of learned over reference on smooth lit
+patches; *leak* is the light that is wrong on the darkest quarter of the surface, over the mean of all.
 
 | scene | wall / budget, s | PSNR, dB | FLIP | mottle | leak | error | kB | MAC |
 |---|---|---|---|---|---|---|---|---|"""
