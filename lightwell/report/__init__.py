@@ -1,4 +1,4 @@
-"""How far the learned light is from the truth: metrics, figures, and a report for people and machines."""
+"""Compare learned light with the path-traced reference: metrics, figures, and a report as JSON and HTML."""
 
 from lightwell.report.html import WrittenReport as WrittenReport
 from lightwell.report.html import write_report as write_report

@@ -1,4 +1,4 @@
-"""Line and bar charts as inline SVG; the page's style sheet gives them their colours, light and dark.
+"""Line and bar charts as inline SVG; the page's style sheet defines their colours, light and dark.
 
 Every text is escaped. Class names: ``grid``, ``line line-0``, ``line-1`` …, ``tone-0`` … where a series names its own,
 ``bar``, ``mark``, ``label``.
@@ -14,9 +14,9 @@ from html import escape
 # Size and margins of a line chart, user units (CSS pixels at full size).
 WIDTH, HEIGHT = 560, 280
 LEFT, RIGHT, TOP, BOTTOM = 46, 12, 34, 46
-# Geometry of a bar chart: a row, its bar, the column of names, the column of values.
+# Bar chart, user units: height of a row and of its bar, width of the columns of names and of values.
 ROW, THICKNESS, NAMES, VALUES = 24, 10, 168, 96
-# Ticks that a linear axis aims for.
+# Approximate number of ticks of a linear axis.
 LINEAR_TICKS = 5
 # Longest name that fits beside a bar, characters.
 MAX_NAME = 22
@@ -31,26 +31,33 @@ class Series:
     y: Sequence[float]
     dashed: bool = False
     tone: str = ""
-    """Class that colours it, such as ``tone-3`` or ``floor``; empty: by its place in the chart."""
+    """CSS class of its colour, such as ``tone-3`` or ``floor``; empty: by its position in the chart."""
 
     def style(self, index: int) -> str:
-        """Class of its line and its key."""
+        """Return the CSS classes of the line and its legend key.
+
+        Args:
+            index: Position of the series in the chart, from 0.
+
+        Returns:
+            Class names, separated by spaces.
+        """
         return (self.tone or f"line-{index}") + (" dashed" if self.dashed else "")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One direction of a chart."""
+    """Label, format and scaling of one axis."""
 
     label: str
     format: Callable[[float], str]
-    """A value as its tick says it."""
+    """Converts a value to the text of its tick."""
     log: bool = False
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Values of an axis to user units."""
+    """Maps values of an axis to user units of the SVG."""
 
     low: float
     high: float
@@ -59,12 +66,30 @@ class Scale:
     log: bool
 
     def __call__(self, value: float) -> float:
+        """Map a value.
+
+        Args:
+            value: Value on the axis; > 0 on a logarithmic one.
+
+        Returns:
+            Position in user units.
+        """
         low, high, value = (math.log10(v) if self.log else v for v in (self.low, self.high, value))
         return self.start + (value - low) / (high - low) * (self.end - self.start)
 
 
 def line_chart(series: Sequence[Series], x: Axis, y: Axis, title: str) -> str:
-    """An SVG of one or more lines over shared axes; points that a logarithm cannot show are left out."""
+    """Draw one or more lines over shared axes; values ≤ 0 are omitted on a logarithmic axis.
+
+    Args:
+        series: Lines.
+        x: Horizontal axis.
+        y: Vertical axis.
+        title: Title for screen readers.
+
+    Returns:
+        SVG and legend; empty when there is nothing to draw.
+    """
     series = [_drawable(s, x.log, y.log) for s in series]
     xs = [v for s in series for v in s.x]
     ys = [v for s in series for v in s.y]
@@ -78,7 +103,16 @@ def line_chart(series: Sequence[Series], x: Axis, y: Axis, title: str) -> str:
 
 
 def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float], str], title: str) -> str:
-    """An SVG of horizontal bars: (name, value, mark), with a thin mark on each bar (a noise floor)."""
+    """Draw horizontal bars, each with a thin mark.
+
+    Args:
+        rows: (name, value, mark) of every bar, values ≥ 0; the mark is for example a noise floor.
+        format: Converts a value to text.
+        title: Title for screen readers.
+
+    Returns:
+        SVG; empty when there are no bars.
+    """
     if not rows:
         return ""
     scale = Scale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
@@ -103,7 +137,16 @@ def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
 
 
 def ends(values: Sequence[float], log: bool, tight: bool = False) -> tuple[float, float]:
-    """Ends of an axis: the data's own when ``tight``, else with room around it; linear axes start at 0."""
+    """Choose the ends of an axis.
+
+    Args:
+        values: All values on the axis, not empty.
+        log: The axis is logarithmic; then values are > 0.
+        tight: Use the range of the values; otherwise with a margin, and linear axes start at 0.
+
+    Returns:
+        Lowest and highest value of the axis.
+    """
     low, high = min(values), max(values)
     if log:
         margin = 1.0 if tight else 1.25
@@ -112,13 +155,22 @@ def ends(values: Sequence[float], log: bool, tight: bool = False) -> tuple[float
 
 
 def ticks(low: float, high: float, log: bool) -> list[float]:
-    """Round values between the ends of an axis."""
+    """Choose round values between the ends of an axis.
+
+    Args:
+        low: Lowest value.
+        high: Highest value, > ``low``.
+        log: The axis is logarithmic; then ``low`` > 0.
+
+    Returns:
+        Values, ascending.
+    """
     if not log:
         step = _round_step((high - low) / LINEAR_TICKS)
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
         return [i * step for i in range(first, last + 1)]
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    # Few decades leave room for the steps between them.
+    # Few decades leave room for ticks between them.
     multiples = (1,) if len(decades) > 4 else (1, 3) if len(decades) > 3 else (1, 2, 5)
     values = [m * 10.0**d for d in decades for m in multiples]
     return [v for v in values if low * (1 - 1e-9) <= v <= high * (1 + 1e-9)]
@@ -130,7 +182,15 @@ def _round_step(step: float) -> float:
 
 
 def horizontal_axis(axis: Axis, scale: Scale) -> str:
-    """Line, ticks and title below a chart."""
+    """Draw line, ticks and label below a chart.
+
+    Args:
+        axis: Label and format.
+        scale: Scale of the axis.
+
+    Returns:
+        SVG elements.
+    """
     bottom = HEIGHT - BOTTOM
     parts = [f'<path class="axis" d="M{LEFT} {bottom}H{WIDTH - RIGHT}"/>']
     for value in ticks(scale.low, scale.high, axis.log):
@@ -142,7 +202,15 @@ def horizontal_axis(axis: Axis, scale: Scale) -> str:
 
 
 def vertical_axis(axis: Axis, scale: Scale) -> str:
-    """Grid, ticks and title of the values."""
+    """Draw grid lines, ticks and label of the vertical axis.
+
+    Args:
+        axis: Label and format.
+        scale: Scale of the axis.
+
+    Returns:
+        SVG elements.
+    """
     parts = []
     for value in ticks(scale.low, scale.high, axis.log):
         at = scale(value)
@@ -155,7 +223,7 @@ def vertical_axis(axis: Axis, scale: Scale) -> str:
 
 
 def _line(series: Series, index: int, x: Scale, y: Scale) -> str:
-    # A lone point is written twice: a line of no length with round ends is a dot.
+    # A single point is written twice: a line of length zero with round ends is displayed as a dot.
     places = list(zip(series.x, series.y)) * (2 if len(series.x) == 1 else 1)
     points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in places)
     return f'<polyline class="line {series.style(index)}" points="{points}"/>'
@@ -172,6 +240,16 @@ def _legend(series: Sequence[Series]) -> str:
 
 
 def svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
-    """An SVG element with a title for readers who cannot see it."""
+    """Wrap SVG elements.
+
+    Args:
+        width: Width, user units.
+        height: Height, user units.
+        title: Title for screen readers.
+        parts: SVG elements.
+
+    Returns:
+        The ``svg`` element.
+    """
     body = "".join(parts)
     return f'<svg viewBox="0 0 {width} {height}" role="img"><title>{escape(title)}</title>{body}</svg>'

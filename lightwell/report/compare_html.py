@@ -1,4 +1,4 @@
-"""The comparison of fields: ``compare.json`` for machines, ``compare.html`` for people, one file that can be mailed."""
+"""Comparison of fields: ``compare.json`` with the numbers and ``compare.html``, a self-contained page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,17 @@ from lightwell.report.sections import provenance, warnings
 def write_comparison(
     folder: str | Path, fields: Sequence[ComparedField], failed: Mapping[str, str], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write ``compare.json`` and ``compare.html``; returns the numbers. Each file appears whole or not at all."""
+    """Write ``compare.json`` and ``compare.html``; each file is either complete or absent.
+
+    Args:
+        folder: Folder to write to; created if missing.
+        fields: Fields that were baked, at least one.
+        failed: Name → reason of the fields that failed.
+        settings: Settings of the comparison; JSON values.
+
+    Returns:
+        Content of ``compare.json``. A number that is NaN or infinite raises ``ValueError`` and nothing is written.
+    """
     numbers = comparison_numbers(fields, failed, settings)
     text, html = report_json(numbers), comparison_html(numbers, fields)
     folder = make_folder(folder)
@@ -32,7 +42,15 @@ def write_comparison(
 
 
 def comparison_html(numbers: Mapping[str, Any], fields: Sequence[ComparedField]) -> str:
-    """The self-contained page. A picture is stored once, as the background of a class, however often it is shown."""
+    """Build the page; each picture is stored once, as the background of a CSS class.
+
+    Args:
+        numbers: Content of ``compare.json``.
+        fields: Fields that were baked, with their pictures.
+
+    Returns:
+        HTML.
+    """
     limits = [*numbers["warnings"], *(f"{name} failed: {reason}" for name, reason in numbers["failed"].items())]
     parts = [
         sections.masthead(numbers),
@@ -51,7 +69,7 @@ def comparison_html(numbers: Mapping[str, Any], fields: Sequence[ComparedField])
 
 
 def _picture_styles(fields: Sequence[ComparedField], unit: float) -> str:
-    """A class for every picture: ``reference-VIEW``, ``prediction-FIELD-VIEW``, ``difference-…``, ``regions-…``."""
+    """Return a class per picture: ``reference-VIEW``, ``prediction-FIELD-VIEW``, ``difference-…``, ``regions-…``."""
     rules = []
     for k, field in enumerate(fields):
         for v, view in enumerate(field.data.views):

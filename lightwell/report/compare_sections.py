@@ -1,4 +1,4 @@
-"""The parts of compare.html, each a function from the numbers to HTML. Every text that is not ours is escaped."""
+"""Sections of compare.html, each a function from the numbers to HTML. Every text from outside is escaped."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from lightwell.report.numbers import (
 )
 from lightwell.report.scatter import MARKERS, Point, scatter_chart
 
-# An object whose error is above this many times the scene's mean stands out; so does a seam above this ratio.
+# Highlighted: an object whose error is above this multiple of the field's mean, and a seam above this ratio.
 HIGH_OBJECT, HIGH_BORDER = 3.0, 1.2
-# Objects in the table of errors by object, worst first.
+# Largest number of objects in the table of errors by object.
 MOST_OBJECTS = 24
 
 Numbers = Mapping[str, Any]
 
-# Heading; key; how it is written; whether small (-1) or large (1) is best, 0: neither.
+# Heading; key; formatting; whether small (-1) or large (1) values are better, 0: neither.
 COLUMNS = (
     ("Error", "relative_error", percent, -1),
     ("Median", "relative_error_median", percent, -1),
@@ -58,12 +58,19 @@ def _swatch(index: int) -> str:
 
 
 def _ranked(numbers: Numbers) -> list[tuple[int, Numbers]]:
-    """(index, field), smallest error first."""
+    """Return (index, field), smallest error first."""
     return sorted(enumerate(numbers["fields"]), key=lambda item: item[1]["relative_error"])
 
 
 def masthead(numbers: Numbers) -> str:
-    """Title and the one sentence that matters."""
+    """Build the title and the main result.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     _, best = _ranked(numbers)[0]
     count = len(numbers["fields"])
     settings = numbers["settings"]
@@ -74,12 +81,19 @@ def masthead(numbers: Numbers) -> str:
 ({duration(numbers["trace_seconds"])} of tracing), trained for {time} each · seed {numbers["seed"]}</p>
 <div class="hero"><div class="number">{percent(best["relative_error"])}</div>
 <p>is the smallest error, that of <strong>{escape(best["name"])}</strong>, over {grouped(numbers["points"])} surface
-points under lights that training never saw. The truth itself is known to {percent(numbers["noise_floor"])}; errors near
-that cannot be told from it.</p></div></header>"""
+points under held-out lights. The noise floor of the path-traced reference is {percent(numbers["noise_floor"])}; errors
+near it cannot be distinguished from noise.</p></div></header>"""
 
 
 def fields_table(numbers: Numbers) -> str:
-    """Every field, best first; the best figure of a column stands out."""
+    """Build the table of fields, smallest error first; the best value of each column is highlighted.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     fields = numbers["fields"]
     best = {}
     for _, key, _, sign in COLUMNS:
@@ -103,13 +117,13 @@ def fields_table(numbers: Numbers) -> str:
 
 
 def _limits(numbers: Numbers) -> str:
-    """What the noise of the truth leaves to be measured."""
+    """State what the noise of the reference leaves measurable."""
     if numbers["psnr_ceiling_db"] is None:
         return ""
     return (
-        '<p class="soft note">The noise of the truth limits what can be measured: a perfect field would score an error '
-        f"of {percent(numbers['noise_floor'])} and a PSNR of {digits(numbers['psnr_ceiling_db'])} dB. "
-        "<code>--truth 10m</code> traces a truth with less noise.</p>"
+        '<p class="soft note">The noise of the reference limits what can be measured: a perfect field would have an '
+        f"error of {percent(numbers['noise_floor'])} and a PSNR of {digits(numbers['psnr_ceiling_db'])} dB. "
+        "<code>--truth 10m</code> traces a reference with less noise.</p>"
     )
 
 
@@ -117,7 +131,14 @@ def _limits(numbers: Numbers) -> str:
 
 
 def cost_charts(numbers: Numbers) -> str:
-    """Error over bytes, multiply-adds, training time and the light's place."""
+    """Build the charts of error over bytes, multiply-adds, training time and light position.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     parts = [
         _scatter(
             numbers, "bytes", Axis("bytes as stored", lambda v: brief_amount(v, "B"), log=True), "Error over size."
@@ -126,14 +147,14 @@ def cost_charts(numbers: Numbers) -> str:
             numbers,
             "macs_per_pixel",
             Axis("multiply-adds per pixel", brief_amount, log=True),
-            "Error over multiply-adds. A field without any is not shown; table entries read are in the table above.",
+            "Error over multiply-adds. A field without any is not shown; table reads are in the table above.",
         ),
         _training(numbers),
         _sweep(numbers),
     ]
-    about = "Down and to the left is better; the thin line joins the fields that no other beats in both."
+    about = "Lower left is better; the thin line is the Pareto front."
     figures = "".join(part for part in parts if part)
-    heading = f'<h2>Error over size, work, time and light</h2><p class="soft">{about}</p>'
+    heading = f'<h2>Error over size, cost, training time and light position</h2><p class="soft">{about}</p>'
     return f'{heading}<div class="charts trio">{figures}</div>'
 
 
@@ -177,8 +198,8 @@ def _sweep(numbers: Numbers) -> str:
     at, floors = ([point[key] for point in first] for key in ("at", "noise_floor"))
     lines.append(Series("noise floor", at, floors, dashed=True, tone="floor"))
     x, y = Axis("position along the sweep", brief), Axis("relative error", brief_percent, log=True)
-    svg = charts.line_chart(lines, x, y, "Error along the light's path")
-    caption = "Error at held-out places of the light, each next to the last; peaks are places near a surface."
+    svg = charts.line_chart(lines, x, y, "Error along the sweep of the light")
+    caption = "Error at held-out positions along the sweep of the light; peaks are positions near a surface."
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
 
 
@@ -192,7 +213,14 @@ def _picture(name: str, label: str, title: str) -> str:
 
 
 def contact_sheet(numbers: Numbers) -> str:
-    """The first view by every field beside the truth."""
+    """Build the first view as rendered by every field, beside the reference.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML; empty when there is no view.
+    """
     views = numbers["fields"][0]["per_view"]
     if not views:
         return ""
@@ -200,15 +228,22 @@ def contact_sheet(numbers: Numbers) -> str:
     for k, field in _ranked(numbers):
         title = f"{_swatch(k)}{escape(field['name'])} · {percent(field['per_view'][0]['relative_error'])}"
         pictures.append(_picture(f"prediction-{k}-0", f"learned by {field['name']}", title))
-    about = f"Indirect light alone, {escape(views[0]['caption'])}, a light that training never saw; the same exposure."
+    about = f"Indirect light only, {escape(views[0]['caption'])}, a held-out light; the same exposure."
     return f'<h2>Side by side</h2><p class="soft">{about}</p><div class="sheet">{"".join(pictures)}</div>'
 
 
 def panels(numbers: Numbers) -> str:
-    """For every field: learned, path-traced, their difference, and which expert is where."""
+    """Build the panels of every field: learned light, reference, difference, and regions of the experts.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     fields = "".join(_field_panels(k, field) for k, field in _ranked(numbers))
     scale = (
-        f'<div class="scale"><p class="soft">log₁₀ of (|learned − true| + 0.0001) / (true + 0.01), '
+        f'<div class="scale"><p class="soft">log₁₀ of (|learned − reference| + 0.0001) / (reference + 0.01), '
         f"the same scale everywhere</p>{sections.difference_scale(0)}</div>"
     )
     return f"<h2>Every field</h2>{scale}{fields}"
@@ -221,12 +256,12 @@ def _field_panels(index: int, field: Numbers) -> str:
         count = len(views) - 1
         more = f"<details><summary>{count} more view{'s' if count > 1 else ''}</summary>{''.join(views[1:])}</details>"
     told = facts_html(field["facts"])
-    facts = f"<details><summary>What {escape(field['name'])} tells of itself</summary>{told}</details>" if told else ""
+    facts = f"<details><summary>Facts about {escape(field['name'])}</summary>{told}</details>" if told else ""
     links = (
         f'<a href="{escape(field["folder"], quote=True)}/index.html">open the page</a> · '
         f'<a href="{escape(field["folder"], quote=True)}/report.html">its report</a>'
     )
-    cut = ", stopped by the clock before its schedule ended" if field["cut"] else ""
+    cut = ", stopped by the time limit before its schedule ended" if field["cut"] else ""
     line = (
         f"Error {percent(field['relative_error'])}, {digits(field['psnr_db'])} dB, {amount(field['bytes'], 'B')}, "
         f"{amount(field['macs_per_pixel'])} MAC per pixel, {grouped(field['steps'])} steps{cut}. {links}"
@@ -265,7 +300,14 @@ def _view_panels(index: int, field: Numbers, number: int) -> str:
 
 
 def where(numbers: Numbers) -> str:
-    """Errors beside borders and by object."""
+    """Build the tables of errors beside region borders and by object.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     return f"<h2>Where the error is</h2>{_borders(numbers)}{_objects(numbers)}"
 
 
@@ -292,9 +334,9 @@ def _borders(numbers: Numbers) -> str:
 
 
 def _objects(numbers: Numbers) -> str:
-    """A table of objects by fields; a darker cell is a larger error."""
+    """Build a table of objects by fields; a darker cell is a larger error."""
     ranked = _ranked(numbers)
-    # All fields are scored at the same points, so that their rows are in the same order; names may repeat.
+    # All fields are scored at the same points, so that their objects are in the same order; names may repeat.
     first = ranked[0][1]["per_object"]
     rows = sorted(range(len(first)), key=lambda k: -first[k]["relative_error"])[:MOST_OBJECTS]
     body = []
@@ -326,19 +368,26 @@ def _heads(texts: Sequence[str]) -> str:
 
 
 def terms(numbers: Numbers) -> str:
-    """What every figure means."""
+    """Build the explanations of all figures.
+
+    Args:
+        numbers: Content of ``compare.json``.
+
+    Returns:
+        HTML.
+    """
     own = (
-        ("Bytes, zlib", "Weights and tables of the learned light as stored, and after zlib."),
-        ("Fetches", "Table entries that the shading graph reads per pixel, beside its multiply-adds."),
+        ("Bytes, zlib", "Weights and tables of the learned light as stored, and compressed by zlib."),
+        ("Fetches", "Table entries that the shading graph reads per pixel, in addition to its multiply-adds."),
         (
             "Training",
-            "Wall time of a field's own training, its preparation of the samples included; tracing them is shared "
-            "and apart.",
+            "Wall time of a field's training, including its preparation of the samples; tracing the samples is shared "
+            "and not included.",
         ),
         (
             "Segments",
-            "Which expert answers for a point, one colour each; hatched where a second expert is blended in. A field "
-            "of one network has none.",
+            "The expert that is evaluated at a point, one colour each; hatched where a second expert is blended in. A "
+            "field of one network has none.",
         ),
     )
     return sections.terms(numbers, own)

@@ -1,4 +1,4 @@
-"""The numbers of a comparison of fields: what compare.json holds."""
+"""Numbers of a comparison of fields: the content of compare.json."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from lightwell.report.records import ReportData
 
 # Version of compare.json.
 VERSION = 1
-# What a field's entry takes over from its report.json.
+# Keys of a field's report.json that its entry contains.
 KEPT = (
     *("field", "preset", "relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse"),
     *("psnr_db", "ssim", "flip", "energy_ratio", "border_ratio", "bytes", "compressed_bytes", "asset_bytes"),
     *("parameters", "macs_per_pixel", "fetches_per_pixel", "training", "per_object", "per_view", "sweep", "facts"),
 )
-# What the comparison takes over from any report: it is the same for all fields.
+# Keys of report.json that are the same for all fields.
 SHARED = (
     "scene",
     "seed",
@@ -36,23 +36,32 @@ class ComparedField:
     """One finished field of a comparison."""
 
     name: str
-    """``mlp:report-20``."""
+    """For example ``mlp:report-20``."""
     folder: str
-    """Where its asset, page and report are, beside compare.html."""
+    """Folder of its asset, page and report, relative to compare.html."""
     data: ReportData
-    """What its pictures are made of."""
+    """Predictions and references of its pictures."""
     numbers: Mapping[str, Any]
-    """Its report.json."""
+    """Content of its report.json."""
     steps: int
     """Training steps."""
     cut: bool = False
-    """Whether its time ran out before the steps that were planned."""
+    """Whether the time limit ended training before the planned steps."""
 
 
 def comparison_numbers(
     fields: Sequence[ComparedField], failed: Mapping[str, str], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The content of compare.json; ``failed`` is name → reason of the fields that are not there."""
+    """Collect the content of compare.json.
+
+    Args:
+        fields: Fields that were baked, at least one.
+        failed: Name → reason of the fields that failed.
+        settings: Settings of the comparison; JSON values.
+
+    Returns:
+        JSON-serialisable data.
+    """
     first = fields[0].numbers
     return {
         "version": VERSION,
@@ -72,6 +81,6 @@ def _entry(field: ComparedField) -> dict[str, Any]:
 
 
 def _segments(data: ReportData) -> int | None:
-    """Number of experts that the views show; None for one network."""
+    """Return the number of experts that the views show; None for one network."""
     shown = [set(view.regions[view.regions >= 0].tolist()) for view in data.views if view.regions is not None]
     return len(set().union(*shown)) if shown else None

@@ -1,13 +1,13 @@
-"""What a field tells of itself (``Fit.facts``): plain values as a table, number lists as small charts.
+"""Tables and charts of what a field reports about itself (``Fit.facts``).
 
-Understood forms, by the type of a value:
+Supported forms, by the type of a value:
 
-    number, text, truth value          a row of the table
-    [number, …]                        a curve over the x axis of its dictionary or where it is long; else bars by place
-    [[number, …], …]                   one curve per column (the share of every expert over time)
+    number, text, boolean              a row of the table
+    [number, …]                        a curve over the x axis of its dictionary or where it is long; else bars by index
+    [[number, …], …]                   one curve per column (for example the share of every expert over time)
     {name: [number, …], …}             one curve per name; a name of ``ABSCISSAE`` (``step`` …) is the x axis
     {name: number, …}                  bars (a histogram)
-    {name: anything, …}                its entries, under its name
+    {name: anything, …}                its entries, prefixed by its name
 """
 
 from __future__ import annotations
@@ -20,14 +20,21 @@ from typing import Any
 from lightwell.report import charts
 from lightwell.report.numbers import brief, digits
 
-# Names whose list is the horizontal axis of the curves beside it.
+# Names whose list is the horizontal axis of the other curves in its dictionary.
 ABSCISSAE = ("step", "steps", "seconds", "epoch", "epochs", "round", "rounds")
-# Tones of the curves repeat after this many; bars and curves beyond MOST are left out, and said to be.
+# Number of colours, which then repeat; largest number of bars or curves in a chart.
 TONES, MOST = 12, 24
 
 
 def facts_html(facts: Mapping[str, Any]) -> str:
-    """Charts and a table; nothing for no facts."""
+    """Build charts and a table of facts.
+
+    Args:
+        facts: Name → value in one of the supported forms.
+
+    Returns:
+        HTML; empty when there are no facts.
+    """
     rows, figures = _parts(facts)
     table = ""
     if rows:
@@ -38,7 +45,7 @@ def facts_html(facts: Mapping[str, Any]) -> str:
 
 
 def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, str]], list[str]]:
-    """Rows of the table and figures of the charts."""
+    """Return the rows of the table and the figures of the charts."""
     rows: list[tuple[str, str]] = []
     figures: list[str] = []
     shared = next(((key, facts[key]) for key in ABSCISSAE if _numbers(facts.get(key))), None)
@@ -63,7 +70,7 @@ def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, 
 
 
 def _curves(name: str, table: Sequence[Sequence[float]], shared: tuple[str, Sequence[float]] | None) -> str:
-    """One line per column of [time][column]."""
+    """Draw one line per column of [time][column]."""
     x = shared[1] if shared and len(shared[1]) == len(table) else range(1, len(table) + 1)
     columns = list(zip(*table))[:MOST]
     names = [name] if len(columns) == 1 else [f"{k}" for k in range(len(columns))]

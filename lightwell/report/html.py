@@ -1,4 +1,4 @@
-"""The report of a bake: ``report.json`` for machines, ``report.html`` for people, one file that can be mailed."""
+"""Report of a bake: ``report.json`` with the numbers and ``report.html``, a self-contained page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lightwell.report.summary import summary
 
 @dataclass(frozen=True)
 class WrittenReport:
-    """Where a report went and what it says."""
+    """Files and numbers of a report."""
 
     json: Path
     html: Path
@@ -29,10 +29,16 @@ class WrittenReport:
 
 
 def write_report(folder: str | Path, data: ReportData) -> WrittenReport:
-    """Score the bake and write ``report.json`` and ``report.html`` into ``folder``, which is created when absent.
+    """Score a bake and write ``report.json`` and ``report.html``.
 
-    Raises ``ValueError`` when anything that is scored, or any number that is reported, is NaN or infinite: nothing is
-    written then.
+    NaN or infinity in anything that is scored or reported raises ``ValueError``; nothing is written then.
+
+    Args:
+        folder: Folder to write to; created if missing.
+        data: What was baked, with its references.
+
+    Returns:
+        Paths of the files, and the numbers.
     """
     numbers = summary(data)
     text = report_json(numbers)
@@ -45,7 +51,18 @@ def write_report(folder: str | Path, data: ReportData) -> WrittenReport:
 
 
 def report_json(numbers: Mapping[str, Any]) -> str:
-    """The numbers as JSON text without NaN."""
+    """Encode numbers as JSON text.
+
+    Args:
+        numbers: JSON values.
+
+    Returns:
+        The text.
+
+    Raises:
+        ValueError: A number is NaN or infinite.
+        TypeError: A value is not a JSON value.
+    """
     try:
         return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     except ValueError as error:
@@ -55,7 +72,15 @@ def report_json(numbers: Mapping[str, Any]) -> str:
 
 
 def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
-    """The self-contained page: pictures as data URIs, inline style and charts, no scripts."""
+    """Build the page: pictures as data URIs, inline style and charts, no scripts.
+
+    Args:
+        numbers: Content of ``report.json``.
+        data: What was baked, with its pictures.
+
+    Returns:
+        HTML.
+    """
     pairs = zip(numbers["per_view"], data.views)
     views = [_view(i, scores, view, numbers["unit"]) for i, (scores, view) in enumerate(pairs)]
     parts = [
@@ -75,7 +100,16 @@ def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
 
 
 def page(title: str, parts: Sequence[str], style: str = "") -> str:
-    """A self-contained page of parts that are HTML already; ``style`` is CSS on top of the template's."""
+    """Build a self-contained page.
+
+    Args:
+        title: Title; escaped.
+        parts: Sections, HTML.
+        style: CSS added to that of the template.
+
+    Returns:
+        HTML.
+    """
     template = resources.files("lightwell.report").joinpath("template.html").read_text("utf-8")
     before, after = template.split("{{body}}")
     before = before.replace("{{title}}", escape(title)).replace("/*style*/", style)
@@ -91,5 +125,5 @@ def _view(number: int, scores: Mapping[str, Any], view: ViewComparison, unit: fl
 def _views(views: list[str]) -> str:
     if not views:
         return ""
-    about = "Indirect light in views and under lights that training never saw, the same exposure left and right."
-    return f'<h2>Learned beside true</h2><p class="soft">{about}</p>{"".join(views)}'
+    about = "Indirect light in held-out views under held-out lights, with the same exposure."
+    return f'<h2>Learned and path-traced light</h2><p class="soft">{about}</p>{"".join(views)}'

@@ -1,4 +1,4 @@
-"""Numbers as people read them."""
+"""Format numbers for text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ PREFIXES = ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"))
 
 
 def digits(value: float, count: int = 3) -> str:
-    """``value`` with ``count`` significant digits and no exponent: 0.0312, 1.25, 412."""
+    """Format a number with significant digits and no exponent: 0.0312, 1.25, 412.
+
+    Args:
+        value: The number.
+        count: Significant digits, ≥ 1; at most 6 decimals are written.
+
+    Returns:
+        Text; "–" for NaN and infinity.
+    """
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "–"
     decimals = max(count - 1 - math.floor(math.log10(abs(value))), 0)
@@ -18,32 +26,75 @@ def digits(value: float, count: int = 3) -> str:
 
 
 def grouped(count: int) -> str:
-    """A count with thin spaces between thousands: 1 250 000."""
+    """Format a count with thin spaces between thousands: 1 250 000.
+
+    Args:
+        count: The count.
+
+    Returns:
+        Text.
+    """
     return f"{count:,}".replace(",", "\u202f")
 
 
 def brief(value: float) -> str:
-    """A round number without superfluous zeros, for ticks: 0.5, 20, 1.25."""
+    """Format a round number without superfluous zeros, for ticks: 0.5, 20, 1.25.
+
+    Args:
+        value: The number.
+
+    Returns:
+        Text.
+    """
     return f"{value:.6g}" if abs(value) >= 1e-4 or value == 0 else digits(value)
 
 
 def brief_percent(ratio: float) -> str:
-    """A round ratio as a tick says it: 0.02 as '2 %'."""
+    """Format a round ratio for ticks: 0.02 as '2 %'.
+
+    Args:
+        ratio: The ratio.
+
+    Returns:
+        Text.
+    """
     return f"{brief(round(100 * ratio, 9))}\u202f%"
 
 
 def brief_duration(seconds: float) -> str:
-    """A round number of seconds as a tick says it: '50 s', '2000 s'."""
+    """Format a round number of seconds for ticks: '50 s', '2000 s'.
+
+    Args:
+        seconds: Seconds.
+
+    Returns:
+        Text.
+    """
     return f"{brief(seconds)}\u202fs"
 
 
 def percent(ratio: float | None) -> str:
-    """0.0312 as '3.12 %'."""
+    """Format a ratio as percent: 0.0312 as '3.12 %'.
+
+    Args:
+        ratio: The ratio; None: not available.
+
+    Returns:
+        Text; "–" for None.
+    """
     return "–" if ratio is None else f"{digits(100 * ratio)}\u202f%"
 
 
 def amount(value: float | None, unit: str = "") -> str:
-    """A count or size with a decimal prefix: 412 kB, 1.25 M."""
+    """Format a count or size with a decimal prefix: 412 kB, 1.25 M.
+
+    Args:
+        value: Count or size; None: not available.
+        unit: Unit without prefix, for example "B".
+
+    Returns:
+        Text; "–" for None.
+    """
     if value is None:
         return "–"
     for size, prefix in PREFIXES:
@@ -55,13 +106,28 @@ def amount(value: float | None, unit: str = "") -> str:
 
 
 def brief_amount(value: float, unit: str = "") -> str:
-    """A round count or size as a tick says it: '30 kB', '1 M', '300'."""
+    """Format a round count or size for ticks: '30 kB', '1 M', '300'.
+
+    Args:
+        value: Count or size, ≥ 0.
+        unit: Unit without prefix, for example "B".
+
+    Returns:
+        Text.
+    """
     size, prefix = next(((s, p) for s, p in PREFIXES if value >= s), (1.0, ""))
     return f"{brief(round(value / size, 9))}\u202f{prefix}{unit}".rstrip("\u202f")
 
 
 def duration(seconds: float | None) -> str:
-    """Seconds as '2 h 03 min', '4 min 10 s', '12.5 s' or '320 ms'."""
+    """Format a duration: '2 h 03 min', '4 min 10 s', '12.5 s' or '320 ms'.
+
+    Args:
+        seconds: Seconds, ≥ 0; None: not available.
+
+    Returns:
+        Text; "–" for None.
+    """
     if seconds is None:
         return "–"
     if seconds < 1:

@@ -1,4 +1,4 @@
-"""What the report is made of. N points; pictures [height, width, 3], first row at the top; radiance in any one unit."""
+"""Input of a report. N points; pictures [height, width, 3], first row at the top; radiance in any one unit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PointComparison:
-    """Held-out surface points, each with a view and a value of the variable that training never saw."""
+    """Held-out surface points, each with a view and a value of the variable that training did not use."""
 
     prediction: np.ndarray
     """[N, 3] radiance of the baked field."""
@@ -23,7 +23,7 @@ class PointComparison:
     objects: Sequence[str]
     """Names of the objects of the scene."""
     weight: np.ndarray | None = None
-    """[N] makes means area-uniform; None: all the same."""
+    """[N] weight that makes means area-uniform; None: all the same."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class ViewComparison:
     half_b: np.ndarray
     """... over the second half."""
     regions: np.ndarray | None = None
-    """[height, width] integer index of the expert, leaf or probe; negative where there is no surface. Or None."""
+    """[height, width] integer index of the expert, leaf or probe; negative where there is no surface; or None."""
     blend: np.ndarray | None = None
     """[height, width] bool: where regions are blended; drawn hatched."""
     caption: str = ""
-    """One line about the view: where the light stands, for example."""
+    """One line about the view, for example the position of the light."""
 
     @property
     def reference(self) -> np.ndarray:
@@ -52,7 +52,7 @@ class ViewComparison:
 
 @dataclass(frozen=True)
 class ReportData:
-    """One bake: what was asked, what it cost, and how close it came."""
+    """One bake: its settings, cost and results."""
 
     scene: str
     field: str
@@ -62,7 +62,7 @@ class ReportData:
     points: PointComparison
     views: Sequence[ViewComparison]
     bytes: int
-    """Of the learned light as stored: weights and textures."""
+    """Size of the learned light as stored: weights and textures."""
     macs_per_pixel: int
     """Multiply-adds of the shading graph per pixel."""
     seconds: dict[str, float]
@@ -71,24 +71,24 @@ class ReportData:
     """Paths traced for training."""
     paths_per_second: float
     versions: dict[str, str]
-    """Name to version of what computed this."""
+    """Versions of the software that computed this, by name."""
     settings: dict[str, object] = field(default_factory=dict)
-    """Everything that the bake was told; JSON values."""
+    """All settings of the bake; JSON values."""
     training: Sequence[tuple[float, float]] = ()
     """(seconds, relative error on validation samples)."""
     sweep: Sequence[tuple[float, float, float]] = ()
     """(position along the sweep of the variable in [0, 1], relative error, noise floor)."""
     asset_bytes: int | None = None
-    """Of the whole file that was written."""
+    """Size of the whole file."""
     warnings: Sequence[str] = ()
     licences: Sequence[str] = ()
-    """One line for each work that the asset contains: what, whose, under which licence."""
+    """One line for each work that the asset contains: title, author, licence."""
     facts: dict[str, object] = field(default_factory=dict)
-    """What the representation tells of itself: numbers, histograms, curves over training; JSON values."""
+    """Facts that the representation reports: numbers, histograms, curves over training; JSON values."""
     compressed_bytes: int | None = None
-    """``bytes`` after zlib."""
+    """``bytes`` compressed by zlib."""
     parameters: int | None = None
-    """Stored numbers."""
+    """Number of stored numbers."""
     fetches_per_pixel: int | None = None
     """Table entries that the shading graph reads per pixel."""
     unit: float | None = None

@@ -1,4 +1,4 @@
-"""A chart of labelled points, such as error over size, with the best ones joined and a floor drawn."""
+"""Scatter chart of labelled points, such as error over size, with the Pareto front and a noise floor."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from lightwell.report.charts import (
     vertical_axis,
 )
 
-# Half the size of a marker, and a rough width of a character of a label, user units.
+# Half the size of a marker, and the approximate width of a character of a label, user units.
 RADIUS, CHARACTER = 4.5, 6.3
-# Places of a label around its point, best first: offset of its anchor, and which end of the text is there.
+# Positions of a label around its point, in order of preference: offset of its anchor, and its text-anchor.
 PLACES = ((9, -7, "start"), (9, 4, "start"), (0, -10, "middle"), (0, 18, "middle"), (-9, -7, "end"), (-9, 16, "end"))
 MARKERS = ("circle", "square", "diamond", "triangle")
 
@@ -36,12 +36,23 @@ class Point:
     x: float
     y: float
     tone: str
-    """Class that colours it."""
+    """CSS class of its colour."""
     marker: str = "circle"
 
 
 def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: float | None = None) -> str:
-    """An SVG of the points that the axes can show; the front of those that nothing beats in both is a thin line."""
+    """Draw labelled points and their Pareto front (those that no other point undercuts in both directions).
+
+    Args:
+        points: The points; values ≤ 0 are omitted on a logarithmic axis.
+        x: Horizontal axis.
+        y: Vertical axis.
+        title: Title for screen readers.
+        floor: Noise floor on the vertical axis; None for none.
+
+    Returns:
+        SVG; empty when there is nothing to draw.
+    """
     points = [p for p in points if (p.x > 0 or not x.log) and (p.y > 0 or not y.log)]
     if not points:
         return ""
@@ -64,7 +75,7 @@ def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: 
 
 
 def _front(points: Sequence[Point], x: Scale, y: Scale) -> str:
-    """A staircase through the points than which none is smaller in both directions."""
+    """Draw a staircase through the points of the Pareto front."""
     best, corners = float("inf"), []
     for point in sorted(points, key=lambda p: (p.x, p.y)):
         if point.y < best:
@@ -88,7 +99,7 @@ def _marker(point: Point, x: float, y: float) -> str:
 
 
 def _labels(placed: Sequence[tuple[Point, float, float]]) -> list[str]:
-    """A label beside every point, where it covers neither another point nor an earlier label."""
+    """Draw a label beside every point, where it covers neither another point nor an earlier label."""
     taken = [(x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS) for _, x, y in placed]
     texts = []
     for point, x, y in placed:

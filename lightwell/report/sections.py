@@ -1,4 +1,4 @@
-"""The parts of report.html, each a function from the numbers to HTML. Every text that is not ours is escaped."""
+"""Sections of report.html, each a function from the numbers to HTML. Every text from outside is escaped."""
 
 from __future__ import annotations
 
@@ -12,63 +12,75 @@ from lightwell.report import charts, figures
 from lightwell.report.facts import facts_html
 from lightwell.report.numbers import amount, brief, brief_duration, brief_percent, digits, duration, grouped, percent
 
-# Objects that the bar chart shows; the table below it has them all.
+# Largest number of objects in the bar chart; the table has all of them.
 MAX_BARS = 16
 
 TERMS = (
     (
         "Relative error",
-        "|f − y| / (y + 0.01), averaged over held-out points that are spread evenly over all surfaces: f is the "
-        "learned radiance, y the true one, both in the unit S, four times the mean radiance of the scene. Lights "
-        "and views of these points took no part in training.",
+        "|f − y| / (y + 0.01), averaged over held-out points that are distributed uniformly over all surfaces: f is "
+        "the learned radiance, y the path-traced reference, both in the unit S, four times the mean radiance of the "
+        "scene. Lights and views of these points were not used in training.",
     ),
     (
         "Noise floor",
-        "The relative error that the reference itself still has, from the difference between its two independent "
-        "halves. A perfect prediction scores this much, and an error near it cannot be told from the truth.",
+        "The relative error that remains in the reference, from the difference between its two independent halves. A "
+        "perfect prediction has this error; an error near it cannot be distinguished from noise.",
     ),
     (
         "Relative MSE",
-        "(f − A)(f − B) / (y² + 0.01²), with A and B the two halves of the reference: a squared error from which the "
-        "reference's noise cancels. Near 0, chance can make it negative.",
+        "(f − A)(f − B) / (y² + 0.01²), with A and B the two halves of the reference: a squared error without the "
+        "noise of the reference. Near 0 it can be negative by chance.",
     ),
     (
         "Energy ratio",
-        "Mean learned light divided by mean true light. 1 means that none is lost or invented on average.",
+        "Mean learned light divided by mean reference light. 1 means that none is lost or added on average.",
     ),
     (
         "PSNR",
         "Peak signal-to-noise ratio of the displayed picture. Above 40 dB a difference is hard to see. The ceiling is "
-        "what a perfect prediction would score: the rest is noise of the reference.",
+        "the value of a perfect prediction, limited by the noise of the reference.",
     ),
     ("SSIM", "Structural similarity of the displayed picture, 1 for identical ones."),
     (
         "FLIP",
-        "The difference that a person notices when flipping between the displayed pictures at 67 pixels per degree: 0 "
-        "is none, 1 is black against white.",
+        "The difference that an observer notices when alternating between the displayed pictures at 67 pixels per "
+        "degree: 0 is none, 1 is black against white.",
     ),
 )
 
 
 def masthead(data: Mapping[str, Any]) -> str:
-    """Title and the one sentence that matters."""
+    """Build the title and the main result.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML.
+    """
     about = f"{escape(data['field'])} · preset {escape(data['preset'])} · seed {data['seed']}"
     return f"""<header><p class="eyebrow">lightwell report</p>
 <h1>{escape(data["scene"])}</h1><p class="soft">{about}</p>
 <div class="hero"><div class="number">{percent(data["relative_error"])}</div>
-<p>is how far the learned indirect light of a surface point is from the path-traced truth, on average over
-{grouped(data["points"])} points that training never saw. The truth itself is known to
+<p>is the mean relative error of the learned indirect light against the path-traced reference, over
+{grouped(data["points"])} held-out surface points. The noise floor of the reference is
 {percent(data["noise_floor"])}.</p></div></header>"""
 
 
 def headline(data: Mapping[str, Any]) -> str:
-    """The headline numbers, each with what it means."""
+    """Build the cards of the main numbers, each with its meaning.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML.
+    """
     seconds = data["seconds"]
-    spread = (
-        f"Half of all points are closer than this; 95\u202f% are closer than {percent(data['relative_error_p95'])}."
-    )
+    spread = f"Half of all points have a smaller error; 95\u202f% have one below {percent(data['relative_error_p95'])}."
     time = " · ".join(f"{escape(k)} {duration(v)}" for k, v in seconds.items() if k != "total")
-    rate = f"Traced for training, {amount(data['paths_per_second'])} a second."
+    rate = f"Traced for training, {amount(data['paths_per_second'])} per second."
     whole = f"Weights and textures. The whole asset: {amount(data['asset_bytes'], 'B')}."
     size = "Weights and textures of the learned light." if data["asset_bytes"] is None else whole
     cards = [("Median error", percent(data["relative_error_median"]), spread)]
@@ -77,15 +89,19 @@ def headline(data: Mapping[str, Any]) -> str:
         cards += [
             ("PSNR", f"{digits(data['psnr_db'])}\u202fdB", ceiling),
             ("SSIM", f"{data['ssim']:.4f}", "Structural similarity; 1 is identical."),
-            ("FLIP", digits(data["flip"]), "What the eye notices when flipping between both; 0 is nothing."),
+            (
+                "FLIP",
+                digits(data["flip"]),
+                "Difference noticed when alternating between both; 0 is none.",
+            ),
         ]
     cards += [
-        ("Energy ratio", f"{data['energy_ratio']:.3f}", "Learned light over true light; 1 is none lost or invented."),
+        ("Energy ratio", f"{data['energy_ratio']:.3f}", "Learned over reference light; 1: none is lost or added."),
         ("Size", amount(data["bytes"], "B"), size),
-        ("Cost of a pixel", f"{amount(data['macs_per_pixel'])} MAC", _pixel(data["fetches_per_pixel"])),
+        ("Cost per pixel", f"{amount(data['macs_per_pixel'])} MAC", _pixel(data["fetches_per_pixel"])),
         ("Time to bake", duration(seconds["total"]), time),
     ]
-    # Light maps do not count them.
+    # Light maps do not count paths.
     cards += [("Paths", amount(data["paths"]), rate)] if data["paths"] else []
     items = "".join(
         f'<div><dt>{name}</dt><dd><div class="value">{value}</div><div class="why">{why}</div></dd></div>'
@@ -95,13 +111,21 @@ def headline(data: Mapping[str, Any]) -> str:
 
 
 def _pixel(fetches: int | None) -> str:
-    """What the multiply-adds of a pixel are, and the table entries beside them."""
-    beside = f", beside {grouped(fetches)} table entries read" if fetches else ""
-    return f"Multiply-adds of the network, once a pixel{beside}."
+    """Describe the cost of a pixel: multiply-adds, and table entries that are read."""
+    beside = f", and {grouped(fetches)} table reads" if fetches else ""
+    return f"Multiply-adds of the network per pixel{beside}."
 
 
 def warnings(texts: Sequence[str], title: str = "Limits of this bake") -> str:
-    """What could not be done, if anything."""
+    """Build the list of what could not be done.
+
+    Args:
+        texts: Warnings, plain text.
+        title: Heading.
+
+    Returns:
+        HTML; empty when there are none.
+    """
     if not texts:
         return ""
     items = "".join(f"<li>{escape(text)}</li>" for text in texts)
@@ -109,7 +133,17 @@ def warnings(texts: Sequence[str], title: str = "Limits of this bake") -> str:
 
 
 def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], tile: Mapping[str, bytes]) -> str:
-    """Panels of held-out view ``number``, its worst tile, and its scores."""
+    """Build the panels of a held-out view, its worst tile, and its scores.
+
+    Args:
+        number: Position of the view in the page, for unique ids.
+        scores: Entry of ``per_view``.
+        pictures: Name → PNG, from ``figures.view_pictures``.
+        tile: Name → PNG, from ``figures.worst_tile_pictures``.
+
+    Returns:
+        HTML.
+    """
     name, caption = escape(scores["name"]), escape(scores["caption"])
     worst = scores["worst_tile"]
     line = (
@@ -120,14 +154,21 @@ def view(number: int, scores: Mapping[str, Any], pictures: Mapping[str, bytes], 
     )
     return f"""<figure><h3>{name}</h3>
 <div class="panels">{_panels(pictures, scores["name"])}</div>
-<div class="below"><div class="scale"><p>|learned − true| / true</p>{difference_scale(number)}</div>
+<div class="below"><div class="scale"><p>|learned − reference| / reference</p>{difference_scale(number)}</div>
 <div><p>Worst 16 × 16 tile, framed above: {percent(worst["relative_error"])}</p>
 <div class="panels small">{_panels(tile, "worst tile of " + scores["name"], sharp=True)}</div></div></div>
 <figcaption>{caption + ". " if caption else ""}{line}</figcaption></figure>"""
 
 
 def seams(border: Mapping[str, float] | None) -> str:
-    """The error beside borders between regions, as a sentence."""
+    """Describe the error beside borders between regions.
+
+    Args:
+        border: Errors near and away from borders; None where there are no borders.
+
+    Returns:
+        A sentence; empty where there are no borders.
+    """
     if not border:
         return ""
     ratio = border["border"] / border["interior"]
@@ -146,7 +187,14 @@ def _panels(pictures: Mapping[str, bytes], name: str, sharp: bool = False) -> st
 
 
 def difference_scale(number: int) -> str:
-    """The colour scale of the log-difference, the same in every report; ``number`` keeps ids in a page apart."""
+    """Draw the colour scale of the log-difference, the same in every report.
+
+    Args:
+        number: Number that makes the ids of the SVG unique in a page.
+
+    Returns:
+        SVG.
+    """
     low, high = figures.DIFFERENCE_LOW, figures.DIFFERENCE_HIGH
     stops = "".join(
         f'<stop offset="{i / (len(figures.INFERNO) - 1):.3f}" stop-color="rgb({r},{g},{b})"/>'
@@ -164,12 +212,19 @@ def difference_scale(number: int) -> str:
 
 
 def curves(data: Mapping[str, Any]) -> str:
-    """Training, the sweep of the light, and the objects, as charts."""
+    """Build the charts of training, the sweep of the light, and the objects.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML; empty when there is nothing to draw.
+    """
     parts = []
     if data["training"]:
         parts.append(_chart(_training_chart(data), "Error on validation samples while training."))
     if data["sweep"]:
-        parts.append(_chart(_sweep_chart(data), "Error at held-out positions along the light's path."))
+        parts.append(_chart(_sweep_chart(data), "Error at held-out positions along the sweep of the light."))
     rows = sorted(data["per_object"], key=lambda row: -row["relative_error"])[:MAX_BARS]
     if rows:
         bars = [(row["name"], row["relative_error"], row["noise_floor"]) for row in rows]
@@ -179,9 +234,16 @@ def curves(data: Mapping[str, Any]) -> str:
 
 
 def about_the_field(data: Mapping[str, Any]) -> str:
-    """What the representation tells of itself."""
+    """Build the section with the facts that the field reports about itself.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML; empty when there are none.
+    """
     told = facts_html(data["facts"])
-    return f"<h2>What the field tells of itself</h2>{told}" if told else ""
+    return f"<h2>Facts about the field</h2>{told}" if told else ""
 
 
 def _chart(svg: str, caption: str) -> str:
@@ -206,11 +268,19 @@ def _sweep_chart(data: Mapping[str, Any]) -> str:
         charts.Series("noise floor", columns["at"], columns["noise_floor"], dashed=True),
     ]
     x, y = charts.Axis("position along the sweep", brief), charts.Axis("relative error", brief_percent)
-    return charts.line_chart(lines, x, y, "Error along the light's path")
+    return charts.line_chart(lines, x, y, "Error along the sweep of the light")
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """An HTML table: the first column is text, the others are numbers; every cell is escaped."""
+    """Build a table: the first column is text, the others are numbers.
+
+    Args:
+        headers: Headings; escaped.
+        rows: Cells of every row; escaped.
+
+    Returns:
+        HTML.
+    """
     body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
     head = f"<thead><tr>{_cells('th', headers)}</tr></thead>"
     return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
@@ -222,7 +292,14 @@ def _cells(tag: str, texts: Sequence[str]) -> str:
 
 
 def pairs(entries: Mapping[str, Any]) -> str:
-    """A table of names and values, all text."""
+    """Build a table of names and values.
+
+    Args:
+        entries: Name → text or JSON value; escaped.
+
+    Returns:
+        HTML.
+    """
     rows = "".join(
         f"<tr><td>{escape(name)}</td><td>{escape(_text(value))}</td></tr>" for name, value in entries.items()
     )
@@ -234,7 +311,14 @@ def _text(value: Any) -> str:
 
 
 def tables(data: Mapping[str, Any]) -> str:
-    """The numbers per view and per object."""
+    """Build the tables of numbers per view and per object.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML.
+    """
     views = [
         (
             v["name"],
@@ -263,14 +347,29 @@ def tables(data: Mapping[str, Any]) -> str:
 
 
 def terms(data: Mapping[str, Any], more: Sequence[tuple[str, str]] = ()) -> str:
-    """What every metric means; ``more`` are terms of a page's own."""
+    """Build the explanations of all metrics.
+
+    Args:
+        data: Content of ``report.json``.
+        more: Further (name, explanation), HTML.
+
+    Returns:
+        HTML.
+    """
     items = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in (*TERMS, *more))
     tone = f"<dt>Displayed</dt><dd>{escape(data['tone_mapping'])}. Here S is {digits(data['unit'])}.</dd>"
     return f'<h2>How to read this</h2><dl class="terms">{items}{tone}</dl>'
 
 
 def provenance(data: Mapping[str, Any]) -> str:
-    """Settings, versions and licences."""
+    """Build the section on settings, versions and licences.
+
+    Args:
+        data: Content of ``report.json``.
+
+    Returns:
+        HTML.
+    """
     settings = f"<div><h3>Settings</h3>{pairs(data['settings'])}</div>" if data["settings"] else ""
     versions = f"<div><h3>Versions</h3>{pairs(data['versions'])}</div>"
     items = "".join(f"<li>{escape(line)}</li>" for line in data["licences"])

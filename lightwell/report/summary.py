@@ -1,4 +1,4 @@
-"""The numbers of a report: what report.json holds."""
+"""Numbers of a report: the content of report.json."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ TONE_MAPPING = "x / (1 + x) of radiance in the unit S, then sRGB"
 
 
 def summary(data: ReportData) -> dict[str, Any]:
-    """Every number of the report as JSON values, radiance relative to the unit S."""
+    """Compute every number of a report.
+
+    Args:
+        data: What was baked, with its references. NaN or infinity in it raises ``ValueError``.
+
+    Returns:
+        JSON-serialisable data; radiance is relative to the unit S.
+    """
     scale = data.unit if data.unit is not None else reference_unit(data.points)
     views = [view_scores(view, scale) for view in data.views]
     return {
@@ -51,12 +58,27 @@ def summary(data: ReportData) -> dict[str, Any]:
 
 
 def reference_unit(points: PointComparison) -> float:
-    """The unit S of held-out points: 4 × their mean reference radiance."""
+    """Compute the unit S of held-out points: 4 × their mean reference radiance.
+
+    Args:
+        points: The points.
+
+    Returns:
+        S, in the unit of the points.
+    """
     return metrics.unit(0.5 * (np.asarray(points.half_a, np.float64) + points.half_b), points.weight)
 
 
 def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
-    """Errors over the held-out points, overall and per object."""
+    """Compute errors over the held-out points, for all and by object.
+
+    Args:
+        points: The points.
+        scale: The unit S.
+
+    Returns:
+        Entries of report.json.
+    """
     f, a, b = (np.asarray(x, np.float64) / scale for x in (points.prediction, points.half_a, points.half_b))
     y, weight = 0.5 * (a + b), points.weight
     error, floor = metrics.relative_error(f, y, weight), metrics.noise_floor(a, b, weight)
@@ -73,7 +95,15 @@ def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
 
 
 def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
-    """Scores of one picture."""
+    """Compute the scores of one picture.
+
+    Args:
+        view: The picture.
+        scale: The unit S.
+
+    Returns:
+        An entry of ``per_view``.
+    """
     f, a, b = (np.asarray(x, np.float64) / scale for x in (view.prediction, view.half_a, view.half_b))
     y = 0.5 * (a + b)
     row, column, worst = metrics.worst_tile(f, y)
@@ -95,7 +125,7 @@ def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
 
 
 def _border(view: ViewComparison, f: np.ndarray, y: np.ndarray) -> dict[str, float] | None:
-    """Errors near and away from the borders between regions, None where there are none."""
+    """Return errors near and away from the borders between regions, None where there are none."""
     if view.regions is None:
         return None
     found = metrics.border_error(f, y, np.asarray(view.regions))
@@ -103,7 +133,14 @@ def _border(view: ViewComparison, f: np.ndarray, y: np.ndarray) -> dict[str, flo
 
 
 def border_ratio(views: Sequence[Mapping[str, Any]]) -> float | None:
-    """Mean border error over mean interior error of all views that have borders; None when none has."""
+    """Compute mean border error over mean interior error of all views that have borders.
+
+    Args:
+        views: Entries of ``per_view``.
+
+    Returns:
+        The ratio; None when no view has borders.
+    """
     pairs = [view["border"] for view in views if view["border"]]
     if not pairs:
         return None
@@ -112,5 +149,5 @@ def border_ratio(views: Sequence[Mapping[str, Any]]) -> float | None:
 
 
 def _mean(views: list[dict[str, Any]], name: str) -> float | None:
-    """Mean over the views, None when there is none."""
+    """Return the mean over the views, None when there is none."""
     return float(np.mean([view[name] for view in views])) if views else None

@@ -1,4 +1,4 @@
-"""One line of words on how good a bake is, from its figures."""
+"""Rate a bake in one sentence, from its metrics."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 
 Level = Literal["good", "fair", "poor"]
 LEVELS: tuple[Level, ...] = ("good", "fair", "poor")
-# A view that is so many decibels below the median of the views is named.
+# A view whose PSNR is this far below the median of the views is named, decibels.
 WORSE_DB = 3.0
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A figure with the bars of its levels and what a person sees where it is missed."""
+    """A metric, the thresholds of its levels, and the visible fault where they are missed."""
 
     name: str
-    """Key of the figure."""
+    """Key of the metric."""
     good: float
-    """Bar of "good"."""
+    """Threshold of "good"."""
     fair: float
-    """Bar of "fair"."""
+    """Threshold of "fair"."""
     higher_is_better: bool
     seen: str
-    """What is wrong with the picture, in words."""
+    """Description of the visible fault."""
 
     def level(self, value: float) -> Level:
         """Grade a value.
 
         Args:
-            value: The figure.
+            value: The metric.
 
         Returns:
             "good", "fair" or "poor".
@@ -41,8 +41,8 @@ class Criterion:
         return "good" if sign * value >= sign * self.good else "fair" if sign * value >= sign * self.fair else "poor"
 
 
-# The bars of "good" leave room below the medians that are asked for over many scenes (36 dB, FLIP 0.06, mottle 0.03,
-# leak 0.5 %); those of "fair" are their 90th percentiles (31 dB, 0.12, 0.08, 2 %).
+# The thresholds of "good" are less strict than the required medians over many scenes (36 dB, FLIP 0.06, mottle 0.03,
+# leak 0.5 %); those of "fair" are the required 90th percentiles (31 dB, 0.12, 0.08, 2 %).
 CRITERIA = (
     Criterion("leak", 0.01, 0.02, False, "dark places glow"),
     Criterion("mottle", 0.05, 0.08, False, "smooth surfaces show blotches"),
@@ -53,7 +53,7 @@ CRITERIA = (
 
 @dataclass(frozen=True)
 class Verdict:
-    """How good a bake is."""
+    """Rating of a bake."""
 
     level: Level
     text: str
@@ -66,13 +66,13 @@ def verdict(
     view_psnr_db: Sequence[float | None] = (),
     cure: str = "--quality best",
 ) -> Verdict:
-    """Say in words how good a bake is.
+    """Rate a bake in words.
 
     Args:
-        figures: Name of a criterion to its value; None or absent: not measured.
+        figures: Name of a criterion → its value; None or absent: not measured.
         views: Names of the scored views.
         view_psnr_db: PSNR of each view in decibels, None where a view shows no indirect light.
-        cure: What the reader can try next; empty: nothing.
+        cure: Option that the user can try next; empty: none.
 
     Returns:
         The level, which is that of the worst criterion, and the sentence.
@@ -91,7 +91,7 @@ def verdict(
 
 
 def _worst_view(views: Sequence[str], psnr_db: Sequence[float | None]) -> str:
-    """Which view is much worse than the others; empty when none is."""
+    """Name the view that is much worse than the others; empty when none is."""
     known = [(value, name) for value, name in zip(psnr_db, views) if value is not None]
     if len(known) < 2:
         return ""

@@ -1,4 +1,4 @@
-"""Charts of what a field tells of itself, and labelled points."""
+"""Charts of the facts that a field reports, and labelled points."""
 
 import re
 
