@@ -1,8 +1,8 @@
-"""How far learned light is from the truth.
+"""Metrics of learned light against a path-traced reference.
 
 Notation: f is the prediction, y the reference, A and B the two independent halves of its paths, y = (A + B) / 2. All
 are radiance in the unit S = 4 × mean(y), arrays [..., 3]; a weight has their shape without the channels and makes a
-mean area-uniform. Every function refuses NaN and infinity with a ``ValueError``.
+mean area-uniform. Every function raises ``ValueError`` for NaN, infinity and shapes that differ.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from skimage.metrics import structural_similarity
 
 from lightwell.core.color import display
 
-# Radiance in the unit S is scaled so that its mean is one quarter.
+# The unit S is this multiple of the mean radiance.
 MEANS_PER_UNIT = 4.0
-# Added to the reference before dividing by it, so that black is not infinitely far from nearly black.
+# Added to the reference before dividing by it, so that the relative error of black points is finite.
 SHADOW = 0.01
 # PSNR of identical pictures, decibels; far above what 8 bits can show (about 59 dB).
 MAX_PSNR_DB = 100.0
@@ -40,7 +40,18 @@ class Spread:
 
 
 def unit(reference: np.ndarray, weight: np.ndarray | None = None) -> float:
-    """The unit S = 4 × mean radiance of a reference in any unit."""
+    """Compute the unit S = 4 × mean radiance of a reference.
+
+    Args:
+        reference: Reference radiance [..., 3] in any unit.
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        S, in the unit of the reference.
+
+    Raises:
+        ValueError: The reference is black.
+    """
     (reference,) = _checked(reference=reference)
     mean = _mean(reference.mean(axis=-1), weight)
     if mean <= 0:
@@ -49,30 +60,63 @@ def unit(reference: np.ndarray, weight: np.ndarray | None = None) -> float:
 
 
 def relative_errors(f: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """[...] |f − y| / (y + 0.01) of every point, averaged over its channels."""
+    """Compute |f − y| / (y + 0.01), averaged over the channels.
+
+    Args:
+        f: Prediction [..., 3].
+        y: Reference [..., 3].
+
+    Returns:
+        Error of every point [...].
+    """
     f, y = _checked(prediction=f, reference=y)
     return (np.abs(f - y) / (y + SHADOW)).mean(axis=-1)
 
 
 def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> Spread:
-    """Spread of ``relative_errors`` over all points."""
+    """Compute mean, median and 95th percentile of the relative errors.
+
+    Args:
+        f: Prediction [..., 3].
+        y: Reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        The statistics.
+    """
     return _spread(relative_errors(f, y), weight)
 
 
 def noise_floor(a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> Spread:
-    """The relative error that the reference itself still has.
+    """Compute the relative error that remains in the reference itself.
 
-    (A − B) / 2 has the same variance as the error of (A + B) / 2, so that a perfect prediction scores this much.
+    (A − B) / 2 has the same variance as the error of (A + B) / 2, so that a perfect prediction has this error.
+
+    Args:
+        a: First half of the reference [..., 3].
+        b: Second half of the reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        The statistics.
     """
     a, b = _checked(half_a=a, half_b=b)
     return _spread((np.abs(a - b) / 2 / (0.5 * (a + b) + SHADOW)).mean(axis=-1), weight)
 
 
 def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
-    """mean (f − A)(f − B) / (y² + ε²), ε = 0.01: a relative squared error that the noise of the reference cancels from.
+    """Compute mean (f − A)(f − B) / (y² + ε²), ε = 0.01: a relative squared error without the noise of the reference.
 
-    Its expectation is that of a noise-free reference, but for the little noise left in the denominator; it may come out
-    below 0.
+    Its expectation is that with a noise-free reference, except for noise in the denominator; it can be negative.
+
+    Args:
+        f: Prediction [..., 3].
+        a: First half of the reference [..., 3].
+        b: Second half of the reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        Relative mean squared error.
     """
     f, a, b = _checked(prediction=f, half_a=a, half_b=b)
     y = 0.5 * (a + b)
@@ -80,7 +124,19 @@ def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | No
 
 
 def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float:
-    """mean(f) / mean(y): 1 when no light is lost or invented on average."""
+    """Compute mean(f) / mean(y): 1 when no light is lost or added on average.
+
+    Args:
+        f: Prediction [..., 3].
+        y: Reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        The ratio.
+
+    Raises:
+        ValueError: The reference is black.
+    """
     f, y = _checked(prediction=f, reference=y)
     denominator = _mean(y.mean(axis=-1), weight)
     if denominator <= 0:
@@ -89,16 +145,31 @@ def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None)
 
 
 def psnr_db(f: np.ndarray, y: np.ndarray) -> float:
-    """Peak signal-to-noise ratio of the displayed pictures [height, width, 3], decibels, at most 100."""
+    """Compute the peak signal-to-noise ratio of displayed pictures.
+
+    Args:
+        f: Prediction [height, width, 3].
+        y: Reference [height, width, 3].
+
+    Returns:
+        Decibels, at most ``MAX_PSNR_DB``.
+    """
     f, y = _checked(prediction=f, reference=y)
     error = float(np.mean((display(f) - display(y)) ** 2))
     return min(-10 * np.log10(error), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
 
 
 def psnr_ceiling_db(a: np.ndarray, b: np.ndarray) -> float:
-    """PSNR that a perfect prediction would score against (A + B) / 2: what the reference's own noise leaves of it.
+    """Compute the PSNR that a perfect prediction would have against the noisy reference (A + B) / 2.
 
     A quarter of the mean squared difference of the displayed halves is the variance of the displayed mean.
+
+    Args:
+        a: First half of the reference [height, width, 3].
+        b: Second half of the reference [height, width, 3].
+
+    Returns:
+        Decibels, at most ``MAX_PSNR_DB``.
     """
     a, b = _checked(half_a=a, half_b=b)
     variance = float(np.mean((display(a) - display(b)) ** 2)) / 4
@@ -106,7 +177,21 @@ def psnr_ceiling_db(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def ssim(f: np.ndarray, y: np.ndarray) -> float:
-    """Structural similarity of the displayed pictures [height, width, 3], at most 1 (Wang et al. 2004)."""
+    """Compute the structural similarity of displayed pictures.
+
+    Args:
+        f: Prediction [height, width, 3], at least ``SSIM_WINDOW`` pixels a side.
+        y: Reference [height, width, 3].
+
+    Returns:
+        Similarity, at most 1.
+
+    Raises:
+        ValueError: The pictures are too small.
+
+    Reference: Wang et al., *Image Quality Assessment: From Error Visibility to Structural Similarity*, IEEE TIP 13(4),
+        2004.
+    """
     f, y = _checked(prediction=f, reference=y)
     if f.ndim != 3 or min(f.shape[:2]) < SSIM_WINDOW:
         raise ValueError(f"report: SSIM needs pictures of at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, got {f.shape}")
@@ -115,7 +200,17 @@ def ssim(f: np.ndarray, y: np.ndarray) -> float:
 
 
 def flip(f: np.ndarray, y: np.ndarray) -> float:
-    """Mean LDR-FLIP of the displayed pictures [height, width, 3] in [0, 1], 67 pixels a degree (Andersson 2020)."""
+    """Compute the mean LDR-FLIP of displayed pictures at 67 pixels per degree.
+
+    Args:
+        f: Prediction [height, width, 3].
+        y: Reference [height, width, 3].
+
+    Returns:
+        Difference in [0, 1].
+
+    Reference: Andersson et al., *FLIP: A Difference Evaluator for Alternating Images*, HPG 2020.
+    """
     f, y = _checked(prediction=f, reference=y)
     pictures = (np.ascontiguousarray(display(x), np.float32) for x in (y, f))
     return float(flip_evaluator.evaluate(*pictures, "LDR", applyMagma=False)[1])
@@ -129,7 +224,19 @@ def per_object(
     names: Sequence[str],
     weight: np.ndarray | None = None,
 ) -> list[dict]:
-    """One row for each object with points: name, points, relative_error, noise_floor, energy_ratio (None if black)."""
+    """Compute the errors of each object.
+
+    Args:
+        f: Prediction [N, 3].
+        a: First half of the reference [N, 3].
+        b: Second half of the reference [N, 3].
+        shape: Index of the object of every point [N], into ``names``.
+        names: Names of the objects.
+        weight: Weights [N], ≥ 0; None: all the same.
+
+    Returns:
+        One entry per object with points: name, points, relative_error, noise_floor, energy_ratio (None if black).
+    """
     rows = []
     y = 0.5 * (a + b)
     for index in np.unique(shape):
@@ -154,16 +261,24 @@ class BorderError:
     border: float
     interior: float
     share: float
-    """Part of the picture's surface that is near a border."""
+    """Share of the pixels with a surface that are near a border."""
 
     @property
     def ratio(self) -> float:
-        """Border over interior error: 1 when no seam shows."""
+        """Border over interior error: 1 when no seam is visible."""
         return self.border / self.interior
 
 
 def border_band(regions: np.ndarray, width: int = BORDER_WIDTH) -> np.ndarray:
-    """[height, width] bool: pixels within ``width`` pixels of one of another region; no surface (< 0) is no region."""
+    """Find the pixels near a border between two regions.
+
+    Args:
+        regions: Region of every pixel [height, width], integers; negative where there is no surface.
+        width: Largest distance from a border, pixels.
+
+    Returns:
+        Whether a pixel is near a border [height, width].
+    """
     surface = regions >= 0
     edge = np.zeros(regions.shape, bool)
     for here, there in ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1])):
@@ -176,7 +291,16 @@ def border_band(regions: np.ndarray, width: int = BORDER_WIDTH) -> np.ndarray:
 
 
 def border_error(f: np.ndarray, y: np.ndarray, regions: np.ndarray) -> BorderError | None:
-    """Errors of a picture [height, width, 3] near and away from borders; None where there is not some of both."""
+    """Compute the errors of a picture near and away from borders.
+
+    Args:
+        f: Prediction [height, width, 3].
+        y: Reference [height, width, 3].
+        regions: Region of every pixel [height, width], integers; negative where there is no surface.
+
+    Returns:
+        The errors; None unless there are pixels of both kinds.
+    """
     errors, band = relative_errors(f, y), border_band(regions)
     interior = (regions >= 0) & ~band
     if not band.any() or not interior.any() or not errors[interior].mean() > 0:
@@ -186,7 +310,16 @@ def border_error(f: np.ndarray, y: np.ndarray, regions: np.ndarray) -> BorderErr
 
 
 def worst_tile(f: np.ndarray, y: np.ndarray, size: int = 16) -> tuple[int, int, float]:
-    """Row and column of the first pixel, and mean relative error, of the worst size × size tile of a picture."""
+    """Find the square tile with the largest mean relative error.
+
+    Args:
+        f: Prediction [height, width, 3].
+        y: Reference [height, width, 3].
+        size: Side of a tile, pixels.
+
+    Returns:
+        First row and first column of the tile, and its error.
+    """
     errors = relative_errors(f, y)
     rows, columns = (max(n // size, 1) for n in errors.shape)
     means = {
@@ -199,7 +332,7 @@ def worst_tile(f: np.ndarray, y: np.ndarray, size: int = 16) -> tuple[int, int, 
 
 
 def _checked(**arrays: np.ndarray) -> list[np.ndarray]:
-    """The arrays as float64, all of one shape [..., 3], finite and not empty."""
+    """Return the arrays as float64, all of one shape [..., 3], finite and not empty."""
     checked = {name: np.asarray(array, np.float64) for name, array in arrays.items()}
     shapes = {name: array.shape for name, array in checked.items()}
     if len(set(shapes.values())) > 1:
@@ -214,7 +347,7 @@ def _checked(**arrays: np.ndarray) -> list[np.ndarray]:
 
 
 def _weights(values: np.ndarray, weight: np.ndarray | None) -> np.ndarray:
-    """[N] weights, all ones when None."""
+    """Return weights [N], all ones when None."""
     if weight is None:
         return np.ones(values.size)
     weight = np.asarray(weight, np.float64).reshape(-1)
@@ -232,7 +365,7 @@ def _spread(values: np.ndarray, weight: np.ndarray | None) -> Spread:
 
 
 def _quantile(values: np.ndarray, weight: np.ndarray | None, fraction: float) -> float:
-    """Smallest value below which at least ``fraction`` of the weight lies."""
+    """Return the smallest value below which at least ``fraction`` of the weight lies."""
     order = np.argsort(values.reshape(-1))
     cumulative = np.cumsum(_weights(values, weight)[order])
     index = np.searchsorted(cumulative, fraction * cumulative[-1] * (1 - 1e-12))

@@ -94,7 +94,7 @@ def test_every_picture_is_stored_once(written, fields):
 def test_what_the_page_says(written):
     _, page, _ = written
     assert "one network, no segments" in page and "Seams" in page and "noise floor" in page
-    for chart in ("Error over size", "Error over multiply-adds", "Error over training time", "along the light"):
+    for chart in ("Error over size", "Error over multiply-adds", "Error over training time", "along the sweep"):
         assert chart in page
     assert "gate entropy" in page and "leaves" in page
     # The best comes first.
