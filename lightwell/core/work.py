@@ -12,6 +12,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
+import lightwell
+from lightwell.core.json_files import read_json
 from lightwell.files import make_folder, write_atomically
 
 FOLDER = ".lightwell"
@@ -56,24 +58,24 @@ class Work:
         self._open = True
         signature = self._signature()
         manifest = self.folder / "bake.json"
-        if self.settings.resume and manifest.exists():
-            found = json.loads(manifest.read_text())
-            if found["signature"] != signature:
+        found = read_json(manifest, dict) if self.settings.resume else None
+        if found is not None:
+            if found.get("signature") != signature:
                 raise ValueError(
-                    f"bake: '{self.folder}' holds a bake of other settings or another scene; "
+                    f"bake: '{self.folder}' holds a bake of other settings or another scene, or of another lightwell "
+                    f"({found.get('lightwell', 'unknown')}, this is {lightwell.__version__}); "
                     "repeat it with the same ones, or start anew without --resume"
                 )
-            before = self.folder / "seconds.json"
-            if before.exists():
-                self.seconds |= json.loads(before.read_text())
+            self.seconds |= read_json(self.folder / "seconds.json", dict) or {}
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         make_folder(self.folder)
-        write_json(manifest, {"signature": signature, "settings": _plain(self.settings)})
+        about = {"signature": signature, "lightwell": lightwell.__version__, "settings": _plain(self.settings)}
+        write_json(manifest, about)
 
     def _signature(self) -> str:
         decisive = {k: v for k, v in _plain(self.settings).items() if k not in _FREE}
-        text = json.dumps({"scene": self._digest, **decisive}, sort_keys=True)
+        text = json.dumps({"scene": self._digest, "lightwell": lightwell.__version__, **decisive}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def close(self) -> None:

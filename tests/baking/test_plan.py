@@ -1,9 +1,15 @@
 """Budgets, plans and the work folder."""
 
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
 import pytest
 
 from lightwell.core.options import parsed
+from lightwell.core.work import Work
 from lightwell.fields.budget import Budget
+from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
     FEWEST_SHARDS,
     FEWEST_STEPS,
@@ -65,3 +71,44 @@ def test_a_plan_survives_the_disk(tmp_path):
     save_plan(tmp_path / "plan.json", plan)
     assert load_plan(tmp_path / "plan.json", SamplePlan) == plan
     assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
+
+
+@dataclass(frozen=True)
+class Asked:
+    out: Path
+    resume: bool = False
+    keep: bool = True
+    seed: int = 0
+
+
+@pytest.mark.parametrize("harm", [b"", b"[]", b'{"signature"', b"\xff"])
+def test_a_damaged_manifest_begins_anew_with_a_note(tmp_path, caplog, harm):
+    (Work(Asked(tmp_path), "scene").part("static") / "fit.npz").write_bytes(b"")
+    manifest = tmp_path / ".lightwell" / "bake.json"
+    assert (Work(Asked(tmp_path, resume=True), "scene").part("static") / "fit.npz").exists()
+    manifest.write_bytes(harm)
+    assert not (Work(Asked(tmp_path, resume=True), "scene").part("static") / "fit.npz").exists()
+    assert "bake.json' is damaged and is made again" in caplog.text
+    assert Work(Asked(tmp_path, resume=True), "scene").part("static").is_dir()
+
+
+def test_work_of_another_version_is_refused(tmp_path):
+    Work(Asked(tmp_path), "scene").part("static")
+    manifest = tmp_path / ".lightwell" / "bake.json"
+    found = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps(found | {"lightwell": "0.0.1", "signature": "0"}))
+    with pytest.raises(ValueError, match=r"another lightwell \(0.0.1, this is .*\); .* without --resume"):
+        Work(Asked(tmp_path, resume=True), "scene").part("static")
+
+
+@pytest.mark.parametrize("harm", [b"", b"[]", b'{"steps": 3, "unknown": 1}'])
+def test_a_damaged_plan_is_one_line(tmp_path, harm):
+    (tmp_path / "plan.json").write_bytes(harm)
+    with pytest.raises(ValueError, match=r"plan.json' is damaged .* start anew without --resume") as caught:
+        load_plan(tmp_path / "plan.json", StepPlan)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_clock_starts_at_zero(tmp_path):
+    (tmp_path / "clock.json").write_bytes(b"[[3, ")
+    assert Clock(tmp_path / "clock.json").marks == [(0, 0.0)]

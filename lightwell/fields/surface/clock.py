@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from time import perf_counter
 
+from lightwell.core.json_files import read_json
 from lightwell.files import write_atomically
 
 
@@ -14,8 +15,7 @@ class Clock:
 
     def __init__(self, path: Path | None = None) -> None:
         self._path = path
-        known = path is not None and path.exists()
-        stored = json.loads(path.read_text()) if known else [(0, 0.0)]
+        stored = (read_json(path, list) if path is not None else None) or [(0, 0.0)]
         self.marks: list[tuple[int, float]] = [(step, seconds) for step, seconds in stored]
         self._start = perf_counter() - self.marks[-1][1]
 

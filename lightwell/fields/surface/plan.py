@@ -84,5 +84,13 @@ def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
 
 
 def load_plan(path: Path, kind: type[Plan]) -> Plan:
-    """Read a plan that ``save_plan`` wrote."""
-    return kind(**json.loads(path.read_text()))
+    """Read a plan that ``save_plan`` wrote.
+
+    Raises:
+        ValueError: The file is damaged, or of another version; one line.
+    """
+    try:
+        return kind(**json.loads(path.read_text()))
+    except (ValueError, TypeError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise ValueError(f"bake: '{path}' is damaged ({reason}); start anew without --resume") from error
