@@ -49,7 +49,7 @@ def denoise(
         [H, W, 3] float32, non-negative. Pixels for which the denoiser has no finite value keep theirs.
 
     Raises:
-        ValueError: Open Image Denoise is not installed; ask ``missing`` first where that is no mistake.
+        ValueError: Open Image Denoise is not installed; call ``missing`` first where it is optional.
     """
     try:
         import mitsuba_oidn as oidn

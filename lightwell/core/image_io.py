@@ -1,4 +1,4 @@
-"""Writing pictures."""
+"""Writes pictures."""
 
 from __future__ import annotations
 
@@ -13,15 +13,28 @@ from lightwell.files import write_atomically
 
 
 def check_picture_name(path: Path, verb: str) -> None:
-    """Refuse a name that is neither .png nor .exr."""
+    """Refuse a file name that ends in neither .png nor .exr.
+
+    Args:
+        path: The file.
+        verb: Name of the command, for the message.
+
+    Raises:
+        ValueError: The ending is another one.
+    """
     if path.suffix.lower() not in (".png", ".exr"):
         raise ValueError(f"{verb}: '{path}' is neither .png nor .exr; choose one of them")
 
 
 def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None) -> None:
-    """Write linear radiance [H, W, 3] as it is (.exr), or exposed and tone-mapped (.png); whole or not at all.
+    """Write a picture: linear radiance to .exr, exposed and tone-mapped to other names (.png).
 
-    ``exposure`` multiplies it for a .png; None: ``automatic_exposure``.
+    The file is replaced as a whole: an error leaves no partial file.
+
+    Args:
+        path: File to write.
+        picture: [H, W, 3] linear radiance.
+        exposure: Factor on the radiance for a .png; None for ``automatic_exposure``.
     """
     if path.suffix.lower() == ".exr":
         write_atomically(path, _exr(picture))
@@ -31,7 +44,16 @@ def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None
 
 
 def encoded(pixels: np.ndarray, kind: str, **options: int) -> bytes:
-    """Encode [H, W, C] uint8 as 'PNG' or 'JPEG'."""
+    """Encode a picture.
+
+    Args:
+        pixels: [H, W, C] uint8.
+        kind: 'PNG' or 'JPEG'.
+        **options: Options of Pillow's encoder.
+
+    Returns:
+        Bytes of the file.
+    """
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, kind, **options)
     return stream.getvalue()

@@ -14,7 +14,7 @@ _KEY = "lightwell.option"
 
 @dataclass(frozen=True)
 class Option:
-    """What is known of an option beside its name, type and default."""
+    """Declaration of an option, except for its name, type and default."""
 
     help: str
     """One line; the default is added where it is printed."""
@@ -23,38 +23,66 @@ class Option:
     most: float | None = None
     """Largest one."""
     parse: Callable[[str], Any] | None = None
-    """Reads the text of a command line; None: by the type of the option. Raises ``ValueError``."""
+    """Reads the text of a command line, or raises ``ValueError``; None: by the type of the option."""
     metavar: str | tuple[str, ...] | None = None
-    """What stands for the value in help."""
+    """Placeholder of the value in help texts."""
     choices: tuple[str, ...] = ()
+    """Allowed values; empty: any."""
     check: Callable[[Any], str] | None = None
-    """Says what is wrong with a value, and the cure; nothing where it is right."""
+    """Returns what is wrong with a value, and the cure; '' for a valid one."""
     flag: str | None = None
-    """Name on the command line where it is another one than that of the field, such as ``--no-static``."""
+    """Name on the command line when it differs from that of the field, such as ``--no-static``."""
     repeat: bool = False
     """May be given several times."""
 
 
 def option(default: Any, help: str, **more: Any) -> Any:
-    """Declare a dataclass field as an option; the keyword arguments are the fields of ``Option``."""
+    """Declare a dataclass field as an option.
+
+    Args:
+        default: Default value.
+        help: One line for help texts.
+        **more: Further fields of ``Option``.
+
+    Returns:
+        The dataclass field.
+    """
     return dataclasses.field(default=default, metadata={_KEY: Option(help, **more)})
 
 
 def options_of(kind: type) -> dict[str, tuple[dataclasses.Field, Option]]:
-    """List the options of a dataclass in their order: name → (field, what is known of it)."""
+    """List the options of a dataclass in their order.
+
+    Args:
+        kind: The dataclass.
+
+    Returns:
+        Field and declaration by name.
+    """
     return {f.name: (f, f.metadata[_KEY]) for f in dataclasses.fields(kind) if _KEY in f.metadata}
 
 
 def flag_of(name: str, option: Option) -> str:
-    """Return the name of an option on the command line: ``--max-bytes`` of ``max_bytes``."""
+    """Return the name of an option on the command line, such as ``--max-bytes`` for ``max_bytes``.
+
+    Args:
+        name: Name of the field.
+        option: Its declaration.
+
+    Returns:
+        The name with its dashes.
+    """
     return option.flag or "--" + name.replace("_", "-")
 
 
 def check(settings: Any, verb: str) -> None:
-    """Refuse values outside the declared ranges; None stands for a default that is chosen later.
+    """Refuse values outside of their declared ranges with a one-line ``ValueError`` that names the cure.
 
-    Raises:
-        ValueError: One line that names the verb, the option, the value and the cure.
+    None stands for a default that is chosen later.
+
+    Args:
+        settings: Dataclass with options.
+        verb: Name of the command, for messages.
     """
     for name, (_, known) in options_of(type(settings)).items():
         value = getattr(settings, name)
@@ -75,7 +103,20 @@ def _check_value(verb: str, flag: str, value: Any, known: Option) -> None:
 
 
 def parsed(verb: str, flag: str, text: str, read: Callable[[str], T]) -> T:
-    """Read the text of an option; the error names the verb and the option."""
+    """Read the text of an option.
+
+    Args:
+        verb: Name of the command, for the message.
+        flag: Name of the option, for the message.
+        text: Text to read.
+        read: Reads it; raises ``ValueError`` for other texts.
+
+    Returns:
+        The value.
+
+    Raises:
+        ValueError: The text cannot be read; the message names command and option.
+    """
     try:
         return read(text)
     except ValueError as error:
@@ -85,18 +126,21 @@ def parsed(verb: str, flag: str, text: str, read: Callable[[str], T]) -> T:
 def made(
     kind: type[T], given: Mapping[str, Any], verb: str, choice: str, chosen: str, homes: Mapping[str, Iterable[str]]
 ) -> T:
-    """Make the options that belong to a choice, such as a field; those that it does not know are refused.
+    """Create the options that belong to a choice, such as a field; options that it does not have are refused.
 
     Args:
         kind: Dataclass of options.
-        given: Name → value.
-        verb: Who speaks in errors, such as 'bake'.
-        choice: What is chosen, such as 'field': also the name of the option that chooses.
-        chosen: Which one it is.
-        homes: Name of an option → those that know it.
+        given: Values by name.
+        verb: Name of the command, for messages.
+        choice: What is chosen, such as 'field': also the name of the option that chooses it.
+        chosen: The chosen one.
+        homes: By name of an option, the choices that have it.
+
+    Returns:
+        The options, checked against their ranges.
 
     Raises:
-        ValueError: An unknown option, with what knows it or the nearest name; a value out of range.
+        ValueError: An option is unknown (the message names the choices that have it, or the nearest name).
     """
     known = {f.name for f in dataclasses.fields(kind)}
     for name in given:

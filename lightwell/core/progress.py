@@ -1,4 +1,4 @@
-"""Progress of long work: one bar per stage with rate, error so far and remaining time."""
+"""Progress of long work: one bar per stage with rate, current error and remaining time."""
 
 from __future__ import annotations
 
@@ -11,34 +11,64 @@ from rich.progress import Progress as RichProgress
 
 
 class Stage:
-    """One bar. ``advance`` moves it and may change the text behind it."""
+    """One progress bar with a note behind it."""
 
     def __init__(self, bars: RichProgress | None, task: int) -> None:
+        """Wrap a bar.
+
+        Args:
+            bars: Display that has the bar; None shows nothing.
+            task: Identifier of the bar in the display.
+        """
         self._bars, self._task = bars, task
 
     def advance(self, steps: float = 1, note: str | None = None) -> None:
-        """Move forward by ``steps`` and show ``note``."""
+        """Move the bar forward.
+
+        Args:
+            steps: Steps that were done since the last call.
+            note: Text behind the bar; None keeps the present one.
+        """
         if self._bars:
             extra = {} if note is None else {"note": note}
             self._bars.update(self._task, advance=steps, **extra)
 
     def move_to(self, completed: float, note: str | None = None) -> None:
-        """Show ``completed`` steps as done."""
+        """Set the bar to a number of steps.
+
+        Args:
+            completed: Steps that were done since the start.
+            note: Text behind the bar; None keeps the present one.
+        """
         if self._bars:
             extra = {} if note is None else {"note": note}
             self._bars.update(self._task, completed=completed, **extra)
 
 
 class Progress:
-    """Bars on standard error, or nothing at all when ``quiet``."""
+    """Progress bars on standard error."""
 
     def __init__(self, quiet: bool = False) -> None:
+        """Create the display.
+
+        Args:
+            quiet: Show nothing.
+        """
         self.quiet = quiet
         self._console = Console(stderr=True)
 
     @contextmanager
     def stage(self, title: str, total: float, note: str = "") -> Iterator[Stage]:
-        """A bar that lives for the duration of a ``with`` block."""
+        """Show a bar during a block.
+
+        Args:
+            title: Name of the stage.
+            total: Number of its steps.
+            note: Text behind the bar.
+
+        Yields:
+            The bar.
+        """
         if self.quiet:
             yield Stage(None, 0)
             return
@@ -55,6 +85,10 @@ class Progress:
             yield Stage(bars, bars.add_task(title, total=total, note=note))
 
     def say(self, text: str) -> None:
-        """One line of news."""
+        """Print a line.
+
+        Args:
+            text: The line.
+        """
         if not self.quiet:
             self._console.print(text, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""How a scene file is read: options of everything that loads one."""
+"""Options for reading a scene file, shared by all commands that load one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,17 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 
 
 def metres_per_unit(text: str) -> float:
-    """Return the metres in ``mm``, ``cm``, … or a plain number; ``ValueError`` for anything else."""
+    """Read a unit of length.
+
+    Args:
+        text: Name of a unit, such as 'mm' or 'ft', or a number of metres.
+
+    Returns:
+        Metres per unit, > 0.
+
+    Raises:
+        ValueError: The text is neither.
+    """
     try:
         unit = UNITS[text] if text in UNITS else float(text)
     except ValueError:
@@ -27,7 +37,7 @@ def metres_per_unit(text: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """What a file may ask for, and how it is understood."""
+    """Limits on what a scene file may request, and how it is read."""
 
     limits: Limits = option(
         DEFAULT_LIMITS,
@@ -61,6 +71,6 @@ class SceneOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions:
-    """What an asset may ask for."""
+    """Limits on what an asset may request."""
 
     limits: Limits = SceneOptions.__dataclass_fields__["limits"]

@@ -1,4 +1,4 @@
-"""Times, lengths and sizes as people write them: ``5m`` of time, ``50cm``, ``250kB`` (1 kB = 1000 B)."""
+"""Reads times, lengths and sizes with units: ``5m`` of time, ``50cm``, ``250kB`` (1 kB = 1000 B)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def quantity(text: str, units: Mapping[str, float], what: str) -> float:
 
     Args:
         text: For example '50cm' or '1.5 m'.
-        units: Unit → what a number of that unit is multiplied by; '' where none is needed.
-        what: Ends the message of the error: what is expected, such as "a length; give metres, such as 1m or 50cm".
+        units: Factor by unit; '' for numbers without one.
+        what: End of the error message, such as "a length; give metres, such as 1m or 50cm".
 
     Returns:
         The number in the base unit, > 0 and finite.
@@ -34,12 +34,29 @@ def quantity(text: str, units: Mapping[str, float], what: str) -> float:
 
 
 def metres(text: str) -> float:
-    """Read a length: ``1m``, ``50cm`` or a plain number of metres; ``ValueError`` for anything else."""
+    """Read a length; other texts are a ``ValueError``.
+
+    Args:
+        text: Such as ``1m`` or ``50cm``, or a number of metres.
+
+    Returns:
+        Metres, > 0.
+    """
     return quantity(text, METRES, "a length; give metres, such as 1m or 50cm")
 
 
 def byte_count(text: str) -> int:
-    """Read a size: ``1MB``, ``250kB`` or a plain number of bytes; ``ValueError`` for anything below a byte."""
+    """Read a size.
+
+    Args:
+        text: Such as ``1MB`` or ``250kB`` (1 kB = 1000 B), or a number of bytes.
+
+    Returns:
+        Bytes, ≥ 1.
+
+    Raises:
+        ValueError: The text is not a size, or the size is below one byte.
+    """
     wanted = "a size; write 1MB, 250kB or a number of bytes"
     value = quantity(text, BYTES, wanted)
     if value < 1:

@@ -1,4 +1,4 @@
-"""The work folder of a bake or comparison: what a killed bake is resumed from. It lives inside the output folder."""
+"""The work folder of a bake or comparison, from which an interrupted one is resumed; it is inside the output folder."""
 
 from __future__ import annotations
 
@@ -23,18 +23,26 @@ _FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "field
 
 
 class Settings(Protocol):
-    """What the work folder needs of the dataclass that decides a job."""
+    """Settings of a bake or comparison that the work folder needs."""
 
     out: Path
+    """Output folder."""
     resume: bool
+    """Continue the work of an interrupted bake."""
     keep: bool
+    """Keep the work folder when the bake is done."""
 
 
 class Work:
     """Checkpoints, plans, samples and elapsed seconds of one bake or comparison."""
 
     def __init__(self, settings: Settings, scene_digest: str) -> None:
-        """Nothing is written before the first ``part``, so that a bake that is refused leaves nothing behind."""
+        """Prepare the work folder; nothing is written before the first ``part``: a refused bake leaves no files.
+
+        Args:
+            settings: Settings of the bake.
+            scene_digest: Hash of the scene.
+        """
         self.settings = settings
         self.folder = settings.out / FOLDER
         # Seconds by stage over all runs of this bake.
@@ -43,10 +51,15 @@ class Work:
         self._open = False
 
     def part(self, name: str) -> Path:
-        """Return a sub-folder; the first call takes up the work that is there when ``resume`` was asked for.
+        """Return a sub-folder; the first call reuses or removes the work of an earlier bake.
 
-        Raises:
-            ValueError: What is there belongs to other settings or another scene.
+        The work of a bake with other settings or of another scene cannot be resumed: that is a ``ValueError``.
+
+        Args:
+            name: Name of the sub-folder.
+
+        Returns:
+            Path of the sub-folder, which exists.
         """
         if not self._open:
             self._begin()
@@ -79,13 +92,20 @@ class Work:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def close(self) -> None:
-        """Remove everything, unless it shall be kept."""
+        """Remove the work folder, unless the settings keep it."""
         if not self.settings.keep:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Add the wall time of a block to a stage."""
+        """Add the wall time of a block to a stage.
+
+        Args:
+            stage: Name of the stage.
+
+        Yields:
+            Nothing.
+        """
         start, before = perf_counter(), self.seconds.get(stage, 0.0)
         try:
             yield
@@ -96,7 +116,12 @@ class Work:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Write JSON, whole or not at all."""
+    """Write a JSON file; an error leaves no partial file.
+
+    Args:
+        path: File to write.
+        data: Value of JSON types.
+    """
     write_atomically(path, json.dumps(data))
 
 

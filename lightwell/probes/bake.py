@@ -9,7 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from lightwell.probes import bricks
-from lightwell.probes.assemble import ROUNDS, Level, Records, around, assemble, fallbacks, nearest_probes, records
+from lightwell.probes.assemble import Level, Records, assemble, records
+from lightwell.probes.fallbacks import ROUNDS, around, fallbacks, nearest_probes
 from lightwell.probes.lattice import Lattice
 from lightwell.probes.pattern import pattern
 from lightwell.probes.support import Support, bake_support, touched, trust, update

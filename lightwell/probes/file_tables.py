@@ -69,7 +69,7 @@ def encode_fallbacks(volume: ProbeVolume) -> tuple[np.ndarray, np.ndarray]:
     step = at - volume.lattice.cell_corner(cells)[:, None] + BELOW
     known = node >= 0
     if not ((step >= 0) & (step < SIDE)).all(axis=-1)[known].all():
-        raise ValueError("probes: a fallback is further away than a file can tell")
+        raise ValueError("probes: a fallback probe is too far from its cell for a probe file; bake again")
     code = np.where(known, step @ np.array([1, SIDE, SIDE**2]), NONE)
     return doubt.astype(np.uint8)[:, None], code.astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""Weight functions: how far a probe is trusted at a place in its cube, in a hundred bytes."""
+"""Weight functions: the trust ρ(u) of a probe in its cube, stored in about a hundred bytes."""
 
 from lightwell.probes.weights.bare import Bare as Bare
 from lightwell.probes.weights.bare import core as core
@@ -16,13 +16,13 @@ from lightwell.probes.weights.product import ProductField
 from lightwell.probes.weights.refine import refine as refine
 from lightwell.probes.weights.relu import ReluField
 
-# By the name in files and of presets: ours, hat × ratio, in four sizes.
+# By the name in files: our form, hat × ratio, in four sizes,
 _OURS: dict[str, WeightFunction] = {
     "relu-field": ReluField(4),
     "relu-field-5": ReluField(5),
     "product-field": ProductField(5, 2),
     "mlp": TinyMlp(),
 }
-# ... and the published form of three, which learn the whole weight.
+# and the published form of three of them, which learn the whole weight.
 _BARE = {f"bare-{name}": Bare(_OURS[name]) for name in ("relu-field-5", "product-field", "mlp")}
 FUNCTIONS: dict[str, WeightFunction] = _OURS | _BARE

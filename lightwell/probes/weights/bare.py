@@ -1,7 +1,7 @@
-"""The published form: a function learns the whole weight Φ, and no hat multiplies it.
+"""The published form of the weights: a function learns the whole weight Φ instead of a factor on the hat.
 
-Ours learns the ratio ρ = Φ / hat. Everything else is shared: evaluators multiply the hat by ρ, so that a bare function
-answers Φ / hat, cut off where the hat is next to nothing. It is kept to be compared with.
+Our functions learn the ratio ρ = Φ / hat. Evaluators multiply the hat by ρ, so a bare function returns Φ / hat,
+with the hat bounded from below. This form exists for comparison.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ EDGE = 1e-3
 
 @dataclass(frozen=True)
 class Bare:
-    """``inner`` fitted to Φ; what is not named here is the inner function's."""
+    """``inner`` fitted to Φ; every attribute that is not defined here is that of the inner function."""
 
     inner: WeightFunction
+    """Function that holds the parameters."""
 
     def __getattr__(self, name: str):
         if name.startswith("__") or name == "inner":
@@ -31,18 +32,31 @@ class Bare:
 
     @property
     def name(self) -> str:
+        """Name with its sizes."""
         return f"bare-{self.inner.name}"
 
     @property
     def parameters(self) -> int:
+        """C, the number of parameters."""
         return self.inner.parameters
 
     @property
     def stored(self) -> int:
+        """Bytes of a record."""
         return self.inner.stored
 
     def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
-        """[B, C] parameters for targets ρ [B, Q]; ``weight`` [B, Q] holds the hat's square, which Φ has already."""
+        """Fit the inner function to Φ = hat · ρ.
+
+        Args:
+            target: [B, Q] trust ρ at the points of the pattern.
+            weight: [B, Q] weights of ``point_weight``; they contain the square of the hat, which is divided out.
+            layout: The pattern.
+            close: Places at surfaces; None for none.
+
+        Returns:
+            [B, C] parameters.
+        """
         whole = layout.hat.astype(np.float32)
         if close is not None:
             near = hat_of(close.u).astype(np.float32)
@@ -55,10 +69,26 @@ def _flat(weight: np.ndarray, hat: np.ndarray) -> np.ndarray:
 
 
 def ratio(function: WeightFunction, rho: np.ndarray, hat: np.ndarray) -> np.ndarray:
-    """What the hat is multiplied by, of trusted values [...] where the hat is [...]."""
+    """Convert the value of a weight function to ρ, the factor on the hat.
+
+    Args:
+        function: The weight function.
+        rho: [...] values after ``trusted``.
+        hat: [...] trilinear weights.
+
+    Returns:
+        [...] ρ; ``rho`` itself unless the function is a ``Bare`` one.
+    """
     return rho / np.maximum(hat, EDGE) if isinstance(function, Bare) else rho
 
 
 def core(function: WeightFunction) -> WeightFunction:
-    """The function that holds the parameters."""
+    """Return the function whose parameters are stored.
+
+    Args:
+        function: The weight function.
+
+    Returns:
+        The inner function of a ``Bare`` one, else the function itself.
+    """
     return function.inner if isinstance(function, Bare) else function

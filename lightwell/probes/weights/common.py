@@ -1,4 +1,4 @@
-"""What weight functions share: clip, threshold, loss of a fit. Notation: B probes, Q points, C parameters."""
+"""Shared parts of weight functions: clip, threshold, loss of a fit. Notation: B probes, Q points, C parameters."""
 
 from __future__ import annotations
 
@@ -10,97 +10,212 @@ import numpy as np
 
 from lightwell.probes.pattern import Pattern
 
-# Trust below this is none: residual leak is cut off before normalisation can amplify it.
+# Trust below this is 0: residual leaks are removed before normalisation can amplify them.
 THRESHOLD = 0.02
-# A fit weighs points that must get nothing this much: what is lost on the right side of a wall, the division by Z gives
-# back; what leaks is multiplied by the contrast (5 cm wall, contrast 1000: bright leak 0.89 at 4, 0.20 at 1000).
+# Weight in a fit of points whose target is 0. Weight lost on the right side of a wall is restored by the division by Z,
+# but a leak is multiplied by the contrast (5 cm wall, contrast 1000: bright leak 0.89 with weight 4, 0.20 with 1000).
 LEAK_WEIGHT = 1000.0
-# ... and points inside of geometry, which are never asked, this much.
+# Weight in a fit of points inside geometry, which are never queried.
 INSIDE_WEIGHT = 0.02
-# Slope of the clip outside [0, 1] while fitting, or gradients die.
+# Slope of the clip outside [0, 1] during a fit, so that gradients do not vanish.
 LEAK = 0.02
 
 
 @dataclass(frozen=True)
 class Close:
-    """Points right at surfaces, each probe its own: a wall must stop light at its face, not at the next point."""
+    """Places at surfaces, different for each probe; with them, trust ends at the face of a wall."""
 
     u: np.ndarray
-    """[B, X, 3] probe-local places."""
+    """[B, X, 3] probe-local positions in [-1, 1]."""
     target: np.ndarray
-    """[B, X] ρ there."""
+    """[B, X] trust ρ."""
     weight: np.ndarray
-    """[B, X]; 0 for rows that are not used."""
+    """[B, X] weight in a fit; 0 for entries that are not used."""
 
     def part(self, rows: slice, size: int) -> Close:
-        """Some probes, brought to ``size``."""
+        """Return some probes, padded to a fixed number.
+
+        Args:
+            rows: Slice of the probes.
+            size: Number of probes after padding.
+
+        Returns:
+            Places of ``size`` probes.
+        """
         return Close(*padded(size, self.u[rows], self.target[rows], self.weight[rows]))
 
 
+# What ``values`` keeps for ``gradient``.
+State = tuple[np.ndarray, ...]
 # A fit of weight functions: ``target`` [B, Q], ``weight`` [B, Q], pattern and places at surfaces → parameters [B, C].
 Fit = Callable[[np.ndarray, np.ndarray, Pattern, Close | None], np.ndarray]
 
 
 def padded(size: int, *arrays: np.ndarray) -> list[np.ndarray]:
-    """Arrays [B ≤ size, ...] with B brought to ``size`` by rows of ones: products of matrices of one shape give every
-    row the same bits, whoever stands beside it."""
+    """Pad arrays with rows of ones, so that matrix products have one shape.
+
+    With a fixed shape the bits of a row do not depend on the other rows.
+
+    Args:
+        size: Length after padding, at least B.
+        *arrays: [B, ...] arrays.
+
+    Returns:
+        Arrays [size, ...].
+    """
     return [
         np.concatenate([a, np.ones((size - len(a), *a.shape[1:]), a.dtype)]) if len(a) < size else a for a in arrays
     ]
 
 
 class WeightFunction(Protocol):
-    """One way to write down ρ(u) of a probe in a few numbers."""
+    """A representation of ρ(u), the trust of a probe in its cube, with few parameters."""
 
     name: str
+    """Name with its sizes."""
     parameters: int
-    """C."""
+    """C, the number of parameters."""
     stored: int
     """Bytes of a record."""
 
     def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """[N] value before the clip, of parameters [N, C] at probe-local places [N, 3]."""
+        """Evaluate one probe at one place per row, before the clip.
 
-    def fit(self, target: np.ndarray, weight: np.ndarray, layout, close: Close | None = None) -> np.ndarray:
-        """[B, C] parameters for targets ρ [B, Q] at the points of the pattern, weighed by ``point_weight`` [B, Q], and
-        for places at surfaces."""
+        Args:
+            params: [N, C] parameters.
+            u: [N, 3] probe-local positions in [-1, 1].
 
-    def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, object]:
-        """[B, Q] values before the clip at shared places [Q, 3] or at each probe's own [B, Q, 3], and what ``gradient``
-        needs."""
+        Returns:
+            [N] values.
+        """
 
-    def gradient(self, state: object, slope: np.ndarray) -> np.ndarray:
-        """[B, C] from the derivative of the loss by each value [B, Q]."""
+    def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
+        """Fit the function to targets.
+
+        Args:
+            target: [B, Q] trust ρ at the points of the pattern.
+            weight: [B, Q] weights of ``point_weight``.
+            layout: The pattern.
+            close: Places at surfaces; None for none.
+
+        Returns:
+            [B, C] float32 parameters.
+        """
+
+    def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, State]:
+        """Evaluate probes at many places, before the clip.
+
+        Args:
+            params: [B, C] parameters.
+            u: [Q, 3] probe-local positions for all probes, or [B, Q, 3] for each.
+
+        Returns:
+            [B, Q] values, and the state that ``gradient`` needs.
+        """
+
+    def gradient(self, state: State, slope: np.ndarray) -> np.ndarray:
+        """Compute the gradient of a loss by the parameters.
+
+        Args:
+            state: State of ``values``.
+            slope: [B, Q] derivative of the loss by each value.
+
+        Returns:
+            [B, C] gradient.
+        """
+
+    def bounded(self, params: np.ndarray) -> np.ndarray:
+        """Clamp parameters to the range that can be stored.
+
+        Args:
+            params: [B, C] parameters.
+
+        Returns:
+            [B, C] parameters.
+        """
 
     def quantised(self, params: np.ndarray) -> np.ndarray:
-        """[B, C] parameters as they are stored."""
+        """Round parameters to those that can be stored.
+
+        Args:
+            params: [B, C] parameters.
+
+        Returns:
+            [B, C] float32 parameters.
+        """
 
 
 def trusted(raw: np.ndarray) -> np.ndarray:
-    """ρ in [0, 1] of a raw value: clipped, then the threshold taken off."""
+    """Convert a raw value to trust: clip it to [0, 1], then subtract the threshold and rescale.
+
+    Args:
+        raw: [...] values before the clip.
+
+    Returns:
+        [...] ρ in [0, 1].
+    """
     return np.clip((np.clip(raw, 0, 1) - THRESHOLD) / (1 - THRESHOLD), 0, None)
 
 
 def point_weight(target: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """[B, Q] float32 weight of each point in a fit; ``valid`` [B, Q]: points that lie in air."""
+    """Compute the weight of each point in a fit.
+
+    Args:
+        target: [B, Q] trust ρ.
+        hat: [Q] or [B, Q] trilinear weights.
+        valid: [B, Q] bool: points that lie in air.
+
+    Returns:
+        [B, Q] float32 weights: the hat's square, times ``LEAK_WEIGHT`` where the target is 0, or times
+        ``INSIDE_WEIGHT`` inside geometry.
+    """
     weight = np.where(target > 0, np.float32(1), np.float32(LEAK_WEIGHT))
     return hat.astype(np.float32) ** 2 * np.where(valid, weight, np.float32(INSIDE_WEIGHT))
 
 
 def error(target: np.ndarray, rho: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """[B] root mean square of hat · (ρ̂ - ρ) over the points in air."""
+    """Compute the error of fitted weights: the root mean square of hat · (ρ̂ - ρ) over the points in air.
+
+    Args:
+        target: [B, Q] trust ρ.
+        rho: [B, Q] fitted trust ρ̂.
+        hat: [Q] or [B, Q] trilinear weights.
+        valid: [B, Q] bool: points that lie in air.
+
+    Returns:
+        [B] errors.
+    """
     squares = np.where(valid, (hat * (rho - target)) ** 2, 0)
     return np.sqrt(squares.sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
 
 
 def leak(target: np.ndarray, rho: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> float:
-    """Predicted over trilinear weight where the true one is 0."""
+    """Compute the fitted weight relative to the trilinear weight at points in air whose target is 0.
+
+    Args:
+        target: [B, Q] trust ρ.
+        rho: [B, Q] fitted trust.
+        hat: [Q] or [B, Q] trilinear weights.
+        valid: [B, Q] bool: points that lie in air.
+
+    Returns:
+        Leak in [0, 1].
+    """
     dark = (target == 0) & valid
     return float((hat * rho)[dark].sum() / np.maximum(np.broadcast_to(hat, rho.shape)[dark].sum(), 1e-12))
 
 
 def under(target: np.ndarray, rho: np.ndarray, hat: np.ndarray) -> float:
-    """Share of weight lost where the probe sees the point."""
+    """Compute the fraction of the weight that is lost at points that the probe sees.
+
+    Args:
+        target: [B, Q] trust ρ; 1 at points that the probe sees.
+        rho: [B, Q] fitted trust.
+        hat: [Q] or [B, Q] trilinear weights.
+
+    Returns:
+        Lost fraction in [0, 1].
+    """
     seen = target == 1
     lost = (hat * np.maximum(1 - rho, 0))[seen].sum()
     return float(lost / np.maximum(np.broadcast_to(hat, rho.shape)[seen].sum(), 1e-12))

@@ -1,6 +1,6 @@
-"""Adam on the parameters of many probes at once, against the clip and the threshold that the query has.
+"""Optimises the parameters of many probes at once with Adam, through the clip and the threshold of the query.
 
-Kingma and Ba 2015, with a cosine decay. Every step looks at the same few support points of every probe.
+Kingma and Ba 2015, with a cosine decay of the rate. Every step uses the same few support points of every probe.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from os import cpu_count
 import numpy as np
 
 from lightwell.probes.pattern import Pattern
-from lightwell.probes.weights.common import LEAK, THRESHOLD, Close, padded
+from lightwell.probes.weights.common import LEAK, THRESHOLD, Close, State, WeightFunction, padded
 
-# Points of a step, and probes that fit into the cache together; each batch is a thread's.
+# Points of a step; probes of a batch, which fit into the cache and are one thread's work.
 POINTS, BATCH = 1024, 24
-# ... and places at surfaces.
+# Places at surfaces of a step.
 CLOSE = 96
 DECAY_1, DECAY_2, EPSILON = 0.9, 0.99, 1e-8
 
 
 def refine(
-    function,
+    function: WeightFunction,
     params: np.ndarray,
     target: np.ndarray,
     weight: np.ndarray,
@@ -33,7 +33,23 @@ def refine(
     seed: int = 0,
     close: Close | None = None,
 ) -> np.ndarray:
-    """[B, C] parameters after ``steps`` steps from ``params``; ``target`` and ``weight`` [B, Q]."""
+    """Optimise parameters by gradient descent.
+
+    Args:
+        function: The weight function.
+        params: [B, C] start; it is not changed.
+        target: [B, Q] trust ρ at the points of the pattern.
+        weight: [B, Q] weights of ``point_weight``.
+        layout: The pattern.
+        steps: Number of steps, ≥ 1.
+        rate: Rate of the first step.
+        points: Points of the pattern in each step.
+        seed: Seed of the choice of points.
+        close: Places at surfaces; None for none.
+
+    Returns:
+        [B, C] float32 parameters.
+    """
     out = np.array(params, np.float32)
 
     def some(start: int) -> None:
@@ -42,13 +58,13 @@ def refine(
         near = close and close.part(rows, BATCH)
         out[rows] = _batch(function, *part, layout, steps, rate, points, seed, near)[: len(out[rows])]
 
-    # NumPy lets go of the interpreter's lock; batches share nothing, so that threads change no bit.
+    # NumPy releases the interpreter's lock; batches share nothing, so the bits do not depend on the threads.
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         list(pool.map(some, range(0, len(out), BATCH)))
     return out
 
 
-def _batch(function, params, target, weight, layout, steps, rate, points, seed, close) -> np.ndarray:
+def _batch(function: WeightFunction, params, target, weight, layout, steps, rate, points, seed, close) -> np.ndarray:
     rng = np.random.default_rng(seed)
     mean, square = np.zeros_like(params), np.zeros_like(params)
     order, used = rng.permutation(len(layout.u)), 0
@@ -73,11 +89,11 @@ def _batch(function, params, target, weight, layout, steps, rate, points, seed, 
     return params
 
 
-def _loss(function, params, target, weight, u) -> tuple[np.ndarray, object]:
+def _loss(function: WeightFunction, params, target, weight, u) -> tuple[np.ndarray, State]:
     """Derivative of the weighted squared error by each value, and the state of the function."""
     value, state = function.values(params, u)
     inner = (value - np.float32(THRESHOLD)) * np.float32(1 / (1 - THRESHOLD))
     rho = np.clip(inner, 0, 1)
     steep = np.where((inner < 0) | (inner > 1), np.float32(LEAK), np.float32(1))
-    # Where the clip already gives the target, nothing pulls.
+    # Where the clipped value equals the target, the slope is 0.
     return np.float32(2 / (1 - THRESHOLD)) * weight * (rho - target) * steep, state

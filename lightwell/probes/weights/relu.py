@@ -2,9 +2,9 @@
 
 Karnewar, Ritschel, Wang and Mitra, ReLU Fields, 2022.
 
-Clipping after the interpolation puts a sharp edge anywhere inside a grid cell. ``fit`` solves a convex problem, the
-squared hinge loss (a value below 0 costs nothing where the target is 0, nor one above 1 where it is 1), by Newton's
-method on the active points; ``refine`` polishes with the clip itself.
+The clip after the interpolation can place a sharp edge anywhere inside a grid cell. ``fit`` solves a convex
+problem, the squared hinge loss (a value below 0 costs nothing where the target is 0, nor one above 1 where it is
+1), with Newton's method on the active points.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from lightwell.probes.pattern import Pattern
-from lightwell.probes.weights.common import THRESHOLD, Close, padded
+from lightwell.probes.weights.common import THRESHOLD, Close, State, padded
 
-# Stored values: uint8 over this range. It bounds how steeply the clip can cut: 1 to 0 in a seventeenth of a grid cell,
-# 2 per cent of the spacing for 4³. With -2 … 3 a wall of 5 cm was too thin to fall off in at a spacing of 1 m, and
+# Stored values: uint8 over this range. It bounds how steeply ρ can fall: 1 to 0 in a seventeenth of a grid cell,
+# 2 per cent of the spacing for 4³. With -2 … 3 and a spacing of 1 m, ρ could not fall within a wall of 5 cm, and
 # probes that see its face were not trusted there: bright leak 0.053 instead of 0.028.
 LOW, HIGH = -8.0, 9.0
-# Newton steps, and tries of a step's length; a step that moves no value by more than ``STILL`` is the last.
+# Newton steps, and iterations of a step's line search; a step that moves no value by more than ``STILL`` is the last.
 NEWTON, SECANTS, STILL = 20, 7, 3e-3
-# Pull of the grid towards its middle, relative to the mean diagonal of the normal equations of an empty cube.
+# Regularisation of the grid towards 0.5, relative to the mean diagonal of the normal equations of an empty cube.
 RIDGE = 2e-4
-# Pull of what lies outside of what can be stored.
+# Penalty on values outside of the range that can be stored, in the same unit.
 WALL = 100.0
-# Where nothing may be trusted a value stays below the threshold by half a step of a byte.
+# Goal where the target is 0: below the threshold by half a step of a byte.
 SAFE = THRESHOLD - 0.55 * (HIGH - LOW) / 255
 # Probes that are solved together.
 BATCH = 64
@@ -36,24 +36,35 @@ BATCH = 64
 
 @dataclass(frozen=True)
 class ReluField:
-    """A grid of G³ numbers over the cube [-1, 1]³, x fastest, vertices on the cube's faces."""
+    """A grid of G³ numbers over the cube [-1, 1]³, x fastest, with vertices on the cube's faces."""
 
     side: int = 4
+    """G, vertices along an edge."""
 
     @property
     def name(self) -> str:
+        """Name with its size."""
         return f"relu-field-{self.side}"
 
     @property
     def parameters(self) -> int:
+        """C = G³, the number of parameters."""
         return self.side**3
 
     @property
     def stored(self) -> int:
+        """Bytes of a record."""
         return self.side**3
 
     def corners(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices [..., 8] and weights [..., 8] of probe-local places [..., 3]."""
+        """Find the grid vertices around some places.
+
+        Args:
+            u: [..., 3] probe-local positions in [-1, 1].
+
+        Returns:
+            [..., 8] indices of the vertices, and [..., 8] trilinear weights.
+        """
         at = np.clip((np.asarray(u, np.float64) + 1) * 0.5, 0, 1) * (self.side - 1)
         low = np.minimum(at.astype(np.int64), self.side - 2)
         f = at - low
@@ -62,31 +73,91 @@ class ReluField:
         return vertex, np.where(bits, f[..., None, :], 1 - f[..., None, :]).prod(axis=-1)
 
     def matrix(self, u: np.ndarray) -> np.ndarray:
-        """[..., G³] float32 of places [..., 3]: values are its products with grids."""
+        """Build the interpolation matrix of some places.
+
+        Args:
+            u: [..., 3] probe-local positions in [-1, 1].
+
+        Returns:
+            [..., C] float32; its product with a grid gives the values.
+        """
         vertex, weight = self.corners(u)
         out = np.zeros((*u.shape[:-1], self.parameters), np.float32)
         np.put_along_axis(out, vertex, weight.astype(np.float32), axis=-1)
         return out
 
     def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Evaluate one probe at one place per row, before the clip.
+
+        Args:
+            params: [N, C] grids.
+            u: [N, 3] probe-local positions in [-1, 1].
+
+        Returns:
+            [N] values.
+        """
         vertex, weight = self.corners(u)
         return (np.take_along_axis(params, vertex, axis=1) * weight).sum(axis=1)
 
-    def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        matrix = self.matrix(u)
-        return product(matrix, params), matrix
+    def values(self, params: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, State]:
+        """Evaluate probes at many places, before the clip.
 
-    def gradient(self, state: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        return turned(state, slope)
+        Args:
+            params: [B, C] grids.
+            u: [Q, 3] probe-local positions for all probes, or [B, Q, 3] for each.
+
+        Returns:
+            [B, Q] values, and the state that ``gradient`` needs.
+        """
+        matrix = self.matrix(u)
+        return product(matrix, params), (matrix,)
+
+    def gradient(self, state: State, slope: np.ndarray) -> np.ndarray:
+        """Compute the gradient of a loss by the parameters.
+
+        Args:
+            state: State of ``values``.
+            slope: [B, Q] derivative of the loss by each value.
+
+        Returns:
+            [B, C] gradient.
+        """
+        return turned(state[0], slope)
 
     def quantised(self, params: np.ndarray) -> np.ndarray:
+        """Round grids to those that can be stored.
+
+        Args:
+            params: [B, C] grids.
+
+        Returns:
+            [B, C] float32 grids.
+        """
         return decode(encode(params))
 
     def bounded(self, params: np.ndarray) -> np.ndarray:
-        """Within what can be stored."""
+        """Clamp grids to the range that can be stored.
+
+        Args:
+            params: [B, C] grids.
+
+        Returns:
+            [B, C] grids.
+        """
         return np.clip(params, LOW, HIGH)
 
     def fit(self, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None = None) -> np.ndarray:
+        """Fit grids to targets.
+
+        Args:
+            target: [B, Q] trust ρ at the points of the pattern.
+            weight: [B, Q] weights of ``point_weight``.
+            layout: The pattern.
+            close: Places at surfaces; None for none.
+
+        Returns:
+            [B, C] float32 grids.
+        """
         return self.convex(target, weight, layout, close)
 
     def convex(
@@ -98,9 +169,18 @@ class ReluField:
         start: np.ndarray | None = None,
         steps: int = NEWTON,
     ) -> np.ndarray:
-        """[B, G³] minimisers of the squared hinge, batches of one size: a probe's bits do not depend on its fellows.
+        """Minimise the squared hinge loss in batches of one size, so that a probe's bits do not depend on other probes.
 
-        start   [B, G³] where to begin; ``steps`` of Newton's method follow.
+        Args:
+            target: [B, Q] trust ρ at the points of the pattern.
+            weight: [B, Q] weights of ``point_weight``.
+            layout: The pattern.
+            close: Places at surfaces; None for none.
+            start: [B, C] grids to start from; None for 0.5 everywhere.
+            steps: Largest number of Newton steps.
+
+        Returns:
+            [B, C] float32 grids.
         """
         out = np.empty((len(target), self.parameters), np.float32)
         first = np.full(out.shape, 0.5, np.float32) if start is None else start
@@ -112,14 +192,14 @@ class ReluField:
         return out
 
     def _newton(self, target, weight, grid, layout: Pattern, close: Close | None, steps: int) -> np.ndarray:
-        """Newton's method on the active points, each step as long as is best along it: whole steps cycle."""
+        """Newton's method on the active points with a line search, because whole steps can cycle."""
         problem = _Hinge(self, target, weight, layout, close)
         going = np.ones(len(grid), bool)
         for _ in range(steps):
             step = problem.step(grid)
             share = problem.share(grid, step)
             grid = np.where(going[:, None], grid + share[:, None] * step, grid)
-            # Each probe ends by itself: its bits do not depend on the others of the batch.
+            # Each probe ends independently: its bits do not depend on the others of the batch.
             going &= share * np.abs(step).max(axis=1) >= STILL
             if not going.any():
                 break
@@ -127,17 +207,33 @@ class ReluField:
 
 
 def product(matrix: np.ndarray, params: np.ndarray) -> np.ndarray:
-    """[B, Q] of matrices [Q, C], shared, or [B, Q, C] with parameters [B, C]."""
+    """Multiply interpolation matrices with grids.
+
+    Args:
+        matrix: [Q, C] for all probes, or [B, Q, C] for each.
+        params: [B, C] grids.
+
+    Returns:
+        [B, Q] values.
+    """
     return params @ matrix.T if matrix.ndim == 2 else np.matmul(matrix, params[..., None])[..., 0]
 
 
 def turned(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """[B, C] of slopes [B, Q] with the same matrices."""
+    """Multiply transposed interpolation matrices with slopes.
+
+    Args:
+        matrix: [Q, C] for all probes, or [B, Q, C] for each.
+        slope: [B, Q] derivative of a loss by each value.
+
+    Returns:
+        [B, C] gradient.
+    """
     return slope @ matrix if matrix.ndim == 2 else np.matmul(slope[:, None], matrix)[:, 0]
 
 
 class _Hinge:
-    """Σ w h(tri(G, u) - goal)² with h one-sided where the clip forgives, and a strong pull into what can be stored."""
+    """Σ w h(tri(G, u) - goal)² with h one-sided where values beyond the clip are free, and a penalty on the range."""
 
     def __init__(self, field: ReluField, target, weight, layout: Pattern, close: Close | None) -> None:
         self.basis, self.pairs = _operators(field.side, layout)
@@ -154,7 +250,7 @@ class _Hinge:
         return [product(m, grid) for m in (self.basis, self.own) if m is not None]
 
     def share(self, grid: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """[B] in [0, 1]: where along a step the loss is least, by the sign of its slope."""
+        """[B] in [0, 1]: the position along a step with the least loss, found by the sign of its slope."""
         values, ways = self._values(grid), self._values(step)
 
         def slope(s: np.ndarray) -> np.ndarray:
@@ -171,7 +267,7 @@ class _Hinge:
         a, b = slope(low), slope(high)
         whole, tiny = b <= 0, np.float32(1e-30)
         for _ in range(SECANTS):
-            # Regula falsi, the end that stays put losing half its weight (Illinois).
+            # Regula falsi; the end that is kept twice loses half its weight (Illinois).
             middle = np.clip((low * b - high * a) / np.maximum(b - a, tiny), low, high)
             c = slope(middle)
             over = c > 0
@@ -180,7 +276,7 @@ class _Hinge:
         return np.where(whole, np.float32(1), np.float32(0.5) * (low + high))
 
     def step(self, grid: np.ndarray) -> np.ndarray:
-        """[B, G³] Newton's step: to the minimum of the quadratic of the active points."""
+        """[B, G³] Newton step to the minimum of the quadratic of the active points."""
         size, left, gradient = grid.shape[1], None, None
         for part, matrix, value in zip(self.parts, (self.basis, self.own), self._values(grid)):
             miss, idle = part.miss(value)
@@ -200,7 +296,7 @@ class _Hinge:
 
 
 class _Points:
-    """What is asked of values at some points: arrays [B, Q]."""
+    """Targets at some points: arrays [B, Q]."""
 
     def __init__(self, target: np.ndarray, weight: np.ndarray) -> None:
         self.weight = weight.astype(np.float32)
@@ -208,17 +304,17 @@ class _Points:
         self.low, self.high = target == 0, target >= 1
 
     def miss(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Value less goal, and where that costs nothing."""
+        """Value minus goal, and where this difference costs nothing."""
         miss = value - self.goal
         return miss, (self.low & (miss < 0)) | (self.high & (miss > 0))
 
 
 def _operators(side: int, layout: Pattern) -> tuple[np.ndarray, csr_matrix]:
-    """What every fit on a pattern shares: interpolation matrix [Q, G³], products of pairs of its columns [G⁶, Q]."""
+    """Shared data of all fits on a pattern: interpolation matrix [Q, G³], products of pairs of its columns [G⁶, Q]."""
     return _operators_at(side, layout.u.tobytes(), layout.u.dtype.str)
 
 
-# Patterns are of two sizes (lattice and bricks), functions of two sides.
+# There are two sizes of patterns (lattice and bricks) and two of grids.
 @lru_cache(maxsize=4)
 def _operators_at(side: int, places: bytes, kind: str) -> tuple[np.ndarray, csr_matrix]:
     """``places``: bytes of [Q, 3] numbers of type ``kind``."""
@@ -233,10 +329,24 @@ def _operators_at(side: int, places: bytes, kind: str) -> tuple[np.ndarray, csr_
 
 
 def encode(params: np.ndarray) -> np.ndarray:
-    """uint8 of grid values."""
+    """Encode grid values as bytes.
+
+    Args:
+        params: [...] values, clamped to [``LOW``, ``HIGH``].
+
+    Returns:
+        [...] uint8.
+    """
     return np.clip(np.rint((params - LOW) / (HIGH - LOW) * 255), 0, 255).astype(np.uint8)
 
 
 def decode(stored: np.ndarray) -> np.ndarray:
-    """float32 of stored grid values."""
+    """Decode bytes to grid values.
+
+    Args:
+        stored: [...] uint8.
+
+    Returns:
+        [...] float32 in [``LOW``, ``HIGH``].
+    """
     return (stored.astype(np.float32) * np.float32((HIGH - LOW) / 255) + np.float32(LOW)).astype(np.float32)
