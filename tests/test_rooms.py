@@ -31,6 +31,7 @@ ALLOWED = {
     "interrupts": set(),
     "serve": {"local_server"},
     "baking": {"files", "scenes", "transport", "graph", "fields", "asset", "report", "doctor"},
+    "api": {"asset", "baking", "cache", "fields", "limits", "probes", "rendering", "report"},
     "__main__": {"cli"},
     "cli": {"interrupts", "files", "fields", "asset", "baking", "rendering", "cache", "doctor", "lens", "serve"},
 }

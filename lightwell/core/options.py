@@ -130,7 +130,7 @@ def made(
 
     Args:
         kind: Dataclass of options.
-        given: Values by name.
+        given: Values by name; texts are read as on a command line.
         verb: Name of the command, for messages.
         choice: What is chosen, such as 'field': also the name of the option that chooses it.
         chosen: The chosen one.
@@ -156,6 +156,13 @@ def made(
         near = difflib.get_close_matches(name, known | set(homes), 1)
         cure = f"did you mean {near[0]}" if near else f"its own options are {', '.join(sorted(known)) or 'none'}"
         raise ValueError(f"{verb}: there is no option {flag} of the {choice} '{chosen}'; {cure}")
-    settings = kind(**given)
+    readers = options_of(kind)
+    values = {
+        name: parsed(verb, flag_of(name, readers[name][1]), value, readers[name][1].parse)
+        if isinstance(value, str) and name in readers and readers[name][1].parse
+        else value
+        for name, value in given.items()
+    }
+    settings = kind(**values)
     check(settings, verb)
     return settings

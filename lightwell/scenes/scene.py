@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from html import escape
 from typing import Any, Literal
 
 import numpy as np
@@ -196,6 +197,16 @@ class Scene:
     def extent(self) -> float:
         """Longest edge of the bounds, metres."""
         return float((self.bounds[1] - self.bounds[0]).max())
+
+    def _repr_html_(self) -> str:
+        """Counts and bounds, for notebooks."""
+        triangles = sum(len(mesh.indices) for mesh in self.meshes)
+        low, high = (", ".join(f"{v:.3g}" for v in corner) for corner in self.bounds)
+        facts = {"triangles": f"{triangles:,}", "materials": len(self.materials), "cameras": len(self.cameras)}
+        facts |= {"light of its own": self.has_static_light, "bounds, metres": f"({low}) … ({high})"}
+        facts |= {"warnings": len(self.warnings)}
+        rows = "".join(f"<tr><td>{escape(k)}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
+        return f"<b>{escape(self.name)}</b><table>{rows}</table>"
 
     @property
     def has_static_light(self) -> bool:

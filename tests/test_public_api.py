@@ -1,0 +1,140 @@
+"""``import lightwell``: instant, typed, documented; no submodule hides a function; fields of others work."""
+
+import inspect
+import json
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import lightwell
+
+ROOT = Path(__file__).parents[1]
+FUNCTIONS = ("load", "bake", "compare", "render", "samples", "read")
+TINY = {"shards": 1, "steps": 8, "paths": 2, "lights_per_shard": 8, "views": 1, "view_size": (24, 16), "truth": "0.2s"}
+
+
+def test_importing_it_imports_nothing_heavy():
+    code = "import lightwell, sys; print([m for m in ('numpy', 'mitsuba', 'PIL', 'rich', 'scipy') if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_top_level_help_imports_no_verb():
+    code = (
+        "import sys\nfrom lightwell.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "names = [m for m in sys.modules if m.startswith('lightwell.cli.') or m in ('numpy', 'mitsuba')]\n"
+        "print(names, file=sys.stderr)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stderr.strip() == "['lightwell.cli.main']"
+
+
+def test_names_are_typed_and_listed():
+    stub = (ROOT / "lightwell/__init__.py").read_text()
+    named = set(re.findall(r"^    from \S+ import (\w+) as \1$", stub, re.MULTILINE))
+    assert named == set(lightwell.__all__) - {"__version__"} and set(lightwell.__all__) <= set(dir(lightwell))
+    assert (ROOT / "lightwell/py.typed").exists()
+    with pytest.raises(AttributeError, match="no attribute 'bakke'"):
+        _ = lightwell.bakke
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_functions_say_what_they_take_and_give(name):
+    function = getattr(lightwell, name)
+    text = inspect.getdoc(function)
+    sections = ("Args:", "Returns:", "Raises:") + (("Example:",) if name != "load" else ())
+    assert all(section in text for section in sections)
+    signature = inspect.signature(function)
+    assert signature.return_annotation is not inspect.Signature.empty
+    for parameter in signature.parameters.values():
+        assert f"{parameter.name}:" in text and parameter.annotation is not inspect.Parameter.empty
+
+
+def test_no_submodule_takes_the_place_of_a_function(tmp_path):
+    """Every module is imported; then each function is called."""
+    for found in pkgutil.walk_packages(lightwell.__path__, "lightwell."):
+        if not found.name.endswith("__main__"):
+            import_module(found.name)
+    assert lightwell.load("cornell")._repr_html_().startswith("<b>")
+    report = lightwell.bake("cornell", tmp_path / "out", field="mlp", preset="small", **TINY)
+    assert report["bytes"] > 0 and report.page.exists() and report.verdict and "<table>" in report._repr_html_()
+    assert json.loads((tmp_path / "out/report.json").read_text()) == dict(report)
+    asset = lightwell.read(tmp_path / "out")
+    assert [field.role for field in asset.fields] == ["indirect"] and len(asset.variables) == 1
+    picture = lightwell.render("cornell", tmp_path / "a.png", size=(16, 10), spp=1)
+    assert picture["width"] == 16 and (tmp_path / "a.png").exists()
+    facts = lightwell.samples("cornell", tmp_path / "s.npz", samples=64, paths=2)
+    assert facts["samples"] == 64
+    found = lightwell.compare("cornell", tmp_path / "fields", ["tree"], **TINY)
+    assert [field["name"] for field in found["fields"]] == ["tree"] and "tree" in found._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"size": 64}, "--size is an option of the field 'lightmap', not of 'factored'; add --field lightmap"),
+        ({"field": "lightmap", "spacing": "1m"}, "--spacing is an option of the field 'probes', not of 'lightmap'"),
+        ({"field": "probes", "spacing": "far"}, "--spacing 'far' is not a length"),
+        ({"field": "lightmap", "sise": 64}, "no option --sise of the field 'lightmap'; did you mean size"),
+        ({"budget": "soon"}, "--budget 'soon' is not a time"),
+        ({"field": "magic"}, "unknown field 'magic'"),
+        ({"field": "probes", "box": "0,0,0,1,1,1"}, "belong together"),
+    ],
+)
+def test_mistakes_are_one_line_with_the_cure(tmp_path, options, said):
+    with pytest.raises(ValueError, match=re.escape(said)) as error:
+        lightwell.bake("cornell", tmp_path / "out", **options)
+    assert "\n" not in str(error.value) and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["bake", "cornell", "-o", "x", "--field", "lightmap", "--no-static"], "--no-static leaves nothing to learn"),
+        (["bake", "cornell", "-o", "x", "--mips", "2"], "--mips is an option of the field 'lightmap'"),
+        (["render", "cornell", "-o", "x.png", "--frames", "2"], "--frames is an option of the integrator 'nrc'"),
+        (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--resume"], "--resume is for sequences"),
+        (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--camera", "99"], "--camera 99 is none of them"),
+        (["compare", "a", "b", "--seed", "1"], "--seed needs --fields"),
+    ],
+)
+def test_no_option_is_ignored(tmp_path, monkeypatch, capsys, argv, said):
+    from lightwell.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    assert main(argv) == 2
+    line = capsys.readouterr().err.strip()
+    assert said in line and "\n" not in line and not list(tmp_path.iterdir())
+
+
+def test_help_shows_the_options_of_the_field(capsys):
+    from lightwell.cli.main import verb_parser
+
+    probes = verb_parser("bake", ["--field", "probes"]).format_help()
+    assert "--spacing" in probes and "--mips" not in probes
+    both = verb_parser("bake").format_help()
+    assert "--spacing" in both and "--mips" in both
+
+
+def test_a_distribution_adds_a_field(tmp_path):
+    """The field of docs/python.md, as it stands there, installed beside lightwell."""
+    text = (ROOT / "docs/python.md").read_text()
+    (snippet,) = [s for s in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "FIELD = SurfaceField" in s]
+    entry = re.search(r'\[project\.entry-points\."lightwell\.fields"\]\n(.*?)```', text, re.DOTALL).group(1)
+    (tmp_path / "mean_field.py").write_text(snippet)
+    about = tmp_path / "mean_field-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mean-field\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[lightwell.fields]\n" + entry.replace('"', ""))
+    command = [sys.executable, "-m", "lightwell", "bake", "cornell", "-o", str(tmp_path / "out"), "--field", "mean"]
+    command += ["--shards", "1", "--steps", "2", "--paths", "2", "--views", "1", "--truth", "0.1s", "--json"]
+    paths = os.pathsep.join([str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["field"] == "mean" and (tmp_path / "out/scene.glb").exists()
