@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from lightwell.lens.camera import Camera, distance
 from lightwell.lens.errors import LensError
 from lightwell.lens.pipeline import Lens, Settings
 from lightwell.lens.progress import bars
+from lightwell.lens.report import Report
 from lightwell.limits import Limits
 
 
@@ -42,7 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
 
         return run_check(arguments)
     if arguments.library is not None:
-        raise LensError(f"lens: what is {arguments.library!r}? give one FRAME, or bake or check with a LIBRARY")
+        raise LensError(
+            f"lens: unexpected argument {arguments.library!r}; give one FRAME, or bake or check with a LIBRARY"
+        )
     return _blur(arguments)
 
 
@@ -91,7 +95,7 @@ def _jobs(arguments: argparse.Namespace):
     source, target = arguments.frame, arguments.out
     if arguments.frames is None:
         if "#" in source:
-            raise LensError(f"lens: {source} stands for a sequence; say which frames: --frames 1-48")
+            raise LensError(f"lens: {source} names a sequence; give the frames, for example --frames 1-48")
         yield Path(source), Path(target), None
         return
     first, last = _pair(arguments.frames, "-", "--frames", int)
@@ -158,7 +162,12 @@ def _one(
         out = out[crop:-crop, crop:-crop]
         window = frame.window[0] + crop, frame.window[1] + crop
     _write(target, out, window, None if crop else frame.display)
-    facts = {
+    return _summary(target, camera, frame, report), convention
+
+
+def _summary(target: Path, camera: Camera, frame: frames.FrameFile, report: Report) -> dict[str, Any]:
+    """Return what was done with one frame, for ``--json``."""
+    return {
         "out": str(target),
         "line": report.line(),
         "focus_m": round(camera.focus, 6),
@@ -172,7 +181,6 @@ def _one(
         "channels": frame.notes,
         "seconds": {k: round(v, 4) for k, v in report.seconds.items()},
     }
-    return facts, convention
 
 
 def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
@@ -186,7 +194,7 @@ def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
         "scene_unit": unit,
     }
     if arguments.focus is None and arguments.focus_at is None:
-        raise LensError("lens: nothing says what is sharp; give --focus 2.5m or --focus-at X,Y")
+        raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
     focus = distance(arguments.focus, "--focus", "m") if arguments.focus else None
     if arguments.focus_at is not None:
         far = Camera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
@@ -211,7 +219,9 @@ def _motion(
     words = (arguments.motion_kind or "").replace(",", " ").split()
     if words == ["none"] or frame.motion is None:
         if frame.motion is None and arguments.motion_kind not in (None, "none"):
-            raise LensError("lens: --motion says how to read vectors, but the frame has none; name --motion-channels")
+            raise LensError(
+                "lens: --motion is given, but the frame has no motion vectors; name them with --motion-channels"
+            )
         return None, None
     dw, dh = frame.display[2:]
     if words == ["auto"]:

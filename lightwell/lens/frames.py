@@ -311,7 +311,7 @@ def _depth_file(path, channel, range_, limits) -> tuple[np.ndarray, str, str]:
         return values, f"{path.name}:{name}", _kind(name)
     if range_ is None:
         raise LensError(
-            f"lens: {path} holds shares of a range; say which depths black and white are: --depth-range 1,20"
+            f"lens: {path} has no depth range; give the depths of black and white, for example --depth-range 1,20"
         )
     raw = _open_image(path, "")
     if raw.ndim == 3:

@@ -284,14 +284,7 @@ class Lens:
         report.clamped += int(over.sum())
         s = np.clip(s, -limit, limit)
         if motion is not None:
-            motion = motion * np.float32(camera.shutter)
-            length = np.hypot(motion[..., 0], motion[..., 1])
-            report.longest = float(length.max())
-            most = min(float(max(height, width)), SIZES[-1])
-            report.clamped += int((length > most).sum())
-            motion = (motion * np.minimum(1, most / np.maximum(length, 1e-9))[..., None]).astype(np.float32)
-            if report.longest < STILL:
-                motion = None
+            motion = _displacement(motion, camera.shutter, max(height, width), report)
         if self.settings.cats_eye and motion is not None:
             raise LensError(
                 "lens: a cat's eye together with motion is not baked; set the shutter or the cat's eye to 0"
@@ -339,6 +332,20 @@ class Lens:
             Layer(extend(layer.rgba, pad, self.settings.white), np.pad(layer.s, pad, mode="edge"), motion),
             pad,
         )
+
+
+def _displacement(motion: np.ndarray, shutter: float, side: int, report: Report) -> np.ndarray | None:
+    """Return the displacement while the shutter is open, clamped; None where nothing moves.
+
+    ``side`` is the longer side of the frame, pixels.
+    """
+    motion = motion * np.float32(shutter)
+    length = np.hypot(motion[..., 0], motion[..., 1])
+    report.longest = float(length.max())
+    most = min(float(side), SIZES[-1])
+    report.clamped += int((length > most).sum())
+    motion = (motion * np.minimum(1, most / np.maximum(length, 1e-9))[..., None]).astype(np.float32)
+    return None if report.longest < STILL else motion
 
 
 def _checked(rgba, depth, motion):

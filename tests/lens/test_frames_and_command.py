@@ -160,7 +160,7 @@ GOOD = ["--focus", "2m"]
         (colour() | {"Z": depth()}, [*GOOD, "--blades", "2"], "2 blades"),
         (colour() | {"Z": depth()}, [*GOOD, "--depth-channel", "Y"], "it has A, B, G, R, Z"),
         (colour() | {"Z": depth()}, [*GOOD, "--motion-channels", "u"], "joined by a comma"),
-        (colour() | {"Z": depth()}, [*GOOD, "--motion", "auto"], "the frame has none"),
+        (colour() | {"Z": depth()}, [*GOOD, "--motion", "auto"], "has no motion vectors"),
         (colour() | {"Z": depth()}, [*GOOD, "--depth", "log"], "depth convention"),
         (colour() | {"Z": depth()}, ["--focus-at", "900,1"], "outside the frame"),
         (colour() | {"Z": np.full((H, W), 1e10)}, ["--focus-at", "9,9"], "points at the sky"),
