@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.baking.evaluate import Shipped
+from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.pipeline import loaded, write_asset, write_report_and_page
 from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.reference_budget import ReferenceBudget
@@ -135,6 +136,7 @@ class _Comparison:
     def __init__(self, settings: CompareSettings, work: Work, progress: Progress, scene: Any) -> None:
         self.settings, self.work, self.progress, self.scene = settings, work, progress, scene
         self.reference: Reference | None = None
+        self.notes = LateNotes(progress)
         self._budget: ReferenceBudget | None = None
         # Samples by what fields share.
         self._samples: dict[str, Any] = {}
@@ -150,13 +152,15 @@ class _Comparison:
         reference = self._traced(state, fit)
         traced = self.work.seconds.get("trace", 0.0)
         seconds = {"trace": traced, "train": fit.training.seconds}
-        data = score(state, self.settings, choice.field, [shipped], reference, seconds, self._told(state, fit))
+        data = score(
+            state, self.settings, choice.field, [shipped], reference, seconds, self._told(state, fit), self.notes
+        )
         data = replace(data, paths_per_second=fit.traced.paths / max(traced, 1e-9))
         out.mkdir(exist_ok=True)
         stage = reference.stage
         size = write_asset(out, state, [shipped], stage.intensity, stage.color, stage.views[0][1])
         data = replace(data, asset_bytes=size)
-        numbers = write_report_and_page(out, state, data, reference)
+        numbers = write_report_and_page(out, state, data, reference, self.notes)
         return ComparedField(choice.name, choice.folder, data, numbers, fit.training.steps, fit.training.cut)
 
     def _fit(self, field: Field, state: State, choice: FieldChoice) -> Fit:
@@ -178,6 +182,7 @@ class _Comparison:
                     {ROLE: fit.unit},
                     self.settings,
                     self._budget,
+                    self.notes,
                     self.progress,
                     store,
                 )

@@ -18,7 +18,8 @@ from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
 from lightwell.baking.evaluate import Shipped
-from lightwell.baking.reference import Reference, trace_reference
+from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.reference import Reference, choose_stage, trace_reference
 from lightwell.baking.score import exposure, reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.core.output import BAKE_FILES, holds_output
@@ -93,16 +94,22 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     job, roles = state.job, [s.role for s in shipped]
     units = {s.role: s.fit.unit for s in shipped}
     budget = reference_budget(settings, next((s for s in shipped if s.role == "indirect"), shipped[0]).fit)
+    notes = LateNotes(job.progress)
+    stage = choose_stage(state.scene, state.variable, units, settings)
+    shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
+    # The asset is written before anything is scored: what follows may fail.
+    with job.work.timed("write"):
+        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light)
     with job.work.timed("evaluate"):
-        reference = trace_reference(state.scene, state.variable, roles, units, settings, budget, job.progress)
-        data = score(state, settings, name, shipped, reference, job.work.seconds, _told(settings, state, shipped))
-        traced = job.work.seconds.get("trace", 0.0)
+        reference = trace_reference(
+            state.scene, state.variable, roles, units, settings, budget, notes, job.progress, stage=stage
+        )
+        told, seconds = _told(settings, state, shipped), job.work.seconds
+        data = score(state, settings, name, shipped, reference, seconds, told, notes)
+        traced = seconds.get("trace", 0.0)
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     with job.work.timed("write"):
-        stage = reference.stage
-        shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
-        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light)
-        report = write_report_and_page(settings.out, state, replace(data, asset_bytes=size), reference)
+        report = write_report_and_page(settings.out, state, replace(data, asset_bytes=size), reference, notes)
         _write_files(settings, job.progress, shipped, shown)
     job.progress.say(_verdict(report, settings.out))
     return report
@@ -145,19 +152,35 @@ def write_asset(
     return write_glb(out / "scene.glb", state.shipped, entries, variables, fallback=fallback)
 
 
-def write_report_and_page(out: Path, state: State, data: ReportData, reference: Reference) -> dict[str, Any]:
-    """Write ``report.html``, ``report.json`` and ``index.html``; returns the numbers."""
-    report = write_report(out, data).numbers
-    write_page(
-        out / "index.html",
-        title=_title(state.scene),
-        glb=(out / "scene.glb").read_bytes(),
-        home=reference.stage.views[0][0],
-        views=reference.pictures,
-        exposure=exposure(reference.pictures),
-        report=report,
-    )
-    return report
+def write_report_and_page(
+    out: Path, state: State, data: ReportData, reference: Reference, notes: LateNotes
+) -> dict[str, Any]:
+    """Write ``report.html``, ``report.json`` and ``index.html``.
+
+    Args:
+        out: Folder of the bake, which holds ``scene.glb``.
+        state: The prepared scene.
+        data: What the report says.
+        reference: Views and pictures of the page.
+        notes: Takes a note where figures or pictures must be left out.
+
+    Returns:
+        The content of ``report.json``.
+    """
+    bare = replace(data, points=None, views=(), sweep=(), training=(), facts={})
+    written = notes.attempt("the figures", lambda: write_report(out, data), None)
+    if written is None:
+        written = write_report(out, replace(bare, warnings=[*data.warnings, *notes.texts]))
+    page = {
+        "title": _title(state.scene),
+        "glb": (out / "scene.glb").read_bytes(),
+        "home": reference.stage.views[0][0],
+        "report": written.numbers,
+    }
+    pictures = {"views": reference.pictures, "exposure": exposure(reference.pictures)}
+    if not notes.attempt("the pictures of the page", lambda: write_page(out / "index.html", **page, **pictures), 0):
+        write_page(out / "index.html", **page)
+    return written.numbers
 
 
 def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shipped], again: ReBake) -> dict[str, Any]:
@@ -187,9 +210,12 @@ def _title(scene: Scene) -> str:
 
 
 def _verdict(report: Mapping[str, Any], out: Path) -> str:
+    figures = "not scored"
+    if report["relative_error"] is not None:
+        figures = f"error {report['relative_error']:.1%} (noise of the reference {report['noise_floor']:.1%})"
+    decibels = "" if report["psnr_db"] is None else f", {report['psnr_db']:.1f} dB"
     return (
-        f"[bold]error {report['relative_error']:.1%}[/] (noise of the reference {report['noise_floor']:.1%}), "
-        f"{report['psnr_db']:.1f} dB, {report['bytes'] / 1000:.0f} kB of learned light, "
+        f"[bold]{figures}[/]{decibels}, {report['bytes'] / 1000:.0f} kB of learned light, "
         f"{report['macs_per_pixel']:,} MAC per pixel\n"
         f"{out / 'scene.glb'}  {out / 'report.html'}  open with: lightwell view {os.fspath(out)}"
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from lightwell.asset.page import PageView
 from lightwell.baking.evaluate import lit_views, role_scale, view_name
+from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.baking.references import reference_picture
 from lightwell.baking.settings import Reported
@@ -91,10 +92,11 @@ class Reference:
 
     stage: Stage
     points: dict[str, PointReference]
-    """By role."""
-    views: list[ViewReference]
+    """By role; those that could not be traced are absent."""
+    views: list[ViewReference | None]
+    """One for each view of the stage; None where it could not be traced."""
     sweep: SweepReference | None
-    """None: no light moves."""
+    """None: no light moves, or it could not be traced."""
     pictures: list[PageView]
     """Complete path-traced pictures, for the page."""
 
@@ -106,8 +108,10 @@ def trace_reference(
     units: dict[str, float],
     settings: Reported,
     budget: ReferenceBudget,
+    notes: LateNotes,
     progress: Progress,
     store: Store | None = None,
+    stage: Stage | None = None,
 ) -> Reference:
     """Trace held-out points, views, a sweep of the light, and the page's pictures.
 
@@ -118,8 +122,10 @@ def trace_reference(
         units: Radiance unit S of each role, which decides how bright the light is first.
         settings: Views, seed and declarations.
         budget: Counts of points and paths.
+        notes: Takes a note of each part that fails; the others are traced all the same.
         progress: Shows a bar.
         store: Keeps what is traced between runs; None: nothing is kept.
+        stage: Views and lights; None: ``choose_stage``.
 
     Returns:
         The reference. What a store holds is not traced again.
@@ -133,33 +139,49 @@ def trace_reference(
         return store.get(key(f"reference.{name}", VERSION, **made_from, **more), make, RecordFormat(kind))
 
     with progress.stage("reference", settings.views + 2 + (variable is not None), "held-out lights and views") as bar:
-        stage = _stage(scene, variable, units, settings)
-        points = {
-            role: kept(f"points-{role}", PointReference, lambda r=role: trace_points(scene, variable, r, budget, seed))
-            for role in roles
-        }
+        stage = stage or choose_stage(scene, variable, units, settings)
+        points = {}
+        for role in roles:
+            trace = partial(trace_points, scene, variable, role, budget, seed)
+            make = partial(kept, f"points-{role}", PointReference, trace)
+            if found := notes.attempt(f"the score at surface points ({role})", make, None):
+                points[role] = found
         bar.advance()
         sweep = None
         if "indirect" in roles:
-            sweep = kept("sweep", SweepReference, lambda: trace_sweep(scene, variable, budget, seed))
+            make = partial(kept, "sweep", SweepReference, partial(trace_sweep, scene, variable, budget, seed))
+            sweep = notes.attempt("the error along the path of the light", make, None)
             bar.advance()
         views = []
         for k, (camera, light) in enumerate(stage.views):
             more = (roles, size, budget.pixel_paths, stage.intensity)
             trace = partial(trace_view, scene, variable, camera, light, *more)
-            views.append(kept("view", ViewReference, trace, view=k, of=settings.views, size=list(size)))
+            make = partial(kept, "view", ViewReference, trace, view=k, of=settings.views, size=list(size))
+            views.append(notes.attempt(f"the score of {view_name(camera, k)}", make, None))
             bar.advance()
         pictures = []
         for k, (camera, light) in enumerate(stage.views):
             options = {"intensity": stage.intensity, "color": stage.color, "with_static": "static" in roles}
-            picture = reference_picture(scene, camera, light, variable, size, budget.picture_spp, k, **options)
-            pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
+            make = partial(reference_picture, scene, camera, light, variable, size, budget.picture_spp, k, **options)
+            picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
+            if picture is not None and np.isfinite(picture).all():
+                pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
         bar.advance()
     return Reference(stage, points, views, sweep, pictures)
 
 
-def _stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> Stage:
-    """Views, and an intensity that makes the light's indirect radiance about 0.25, or as bright as the scene's own."""
+def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> Stage:
+    """Choose held-out views and lights, and how bright the light is first.
+
+    Args:
+        scene: What is lit.
+        variable: The light that moves; None: none does.
+        units: Radiance unit S of each role.
+        settings: Views, seed and declarations.
+
+    Returns:
+        The stage; the intensity makes the light's indirect radiance about 0.25, or as bright as the scene's own light.
+    """
     views = lit_views(scene, variable, settings.views, settings.seed)
     declared, color = first_settings(settings.vary)
     if variable is None or "indirect" not in units:

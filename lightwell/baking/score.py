@@ -13,6 +13,7 @@ from lightwell.asset.page import PageView
 from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
+from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference import Reference
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.settings import Reported
@@ -43,6 +44,7 @@ def score(
     reference: Reference,
     seconds: dict[str, float],
     facts: dict[str, Any],
+    notes: LateNotes,
 ) -> ReportData:
     """Compare what ships with the reference.
 
@@ -54,6 +56,7 @@ def score(
         reference: Traced for the same roles.
         seconds: Wall time by stage.
         facts: Further settings for the report; JSON values.
+        notes: What could not be traced; black views are added.
 
     Returns:
         Everything that a report says, but the size of the asset.
@@ -63,22 +66,30 @@ def score(
     first = next((s for s in shipped if s.role == "indirect"), shipped[0])
     ordered = [first, *(s for s in shipped if s is not first)]
     names = evaluate.object_names(scene)
-    points = {s.role: evaluate.compare_points(reference.points[s.role], s, names) for s in ordered}
+    points = {
+        s.role: evaluate.compare_points(reference.points[s.role], s, names)
+        for s in ordered
+        if s.role in reference.points
+    }
     views = []
     for k, ((camera, light), view) in enumerate(zip(stage.views, reference.views)):
         name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light)
-        views.append(evaluate.compare_view(view, ordered, settings.view_size, name, caption, stage.intensity))
+        if view is not None:
+            views.append(evaluate.compare_view(view, ordered, settings.view_size, name, caption, stage.intensity))
+            if not views[-1].reference.any():
+                notes.add(f"{name} shows no indirect light: its figures say little")
     sweep = [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first)
     for s in ordered[1:]:
-        scores = point_scores(points[s.role], s.fit.unit)
-        facts[f"{s.role}_field"] = {k: scores[k] for k in ("relative_error", "noise_floor", "energy_ratio")}
+        if s.role in points:
+            scores = point_scores(points[s.role], s.fit.unit)
+            facts[f"{s.role}_field"] = {k: scores[k] for k in ("relative_error", "noise_floor", "energy_ratio")}
     paths = sum(s.fit.traced.paths for s in shipped)
     return ReportData(
         scene=scene.name,
         field=field,
         preset=state.job.request.preset,
         seed=settings.seed,
-        points=points[first.role],
+        points=points.get(first.role),
         views=views,
         **cost([s.lowered for s in shipped]),
         seconds={name: round(value, 3) for name, value in seconds.items()},
@@ -88,7 +99,7 @@ def score(
         settings=facts,
         training=first.fit.training.curve,
         sweep=sweep,
-        warnings=warnings(state),
+        warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered),
         unit=first.fit.unit,
     )

@@ -123,7 +123,7 @@ def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | No
     return _mean(((f - a) * (f - b) / (y**2 + SHADOW**2)).mean(axis=-1), weight)
 
 
-def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float:
+def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float | None:
     """Compute mean(f) / mean(y): 1 when no light is lost or added on average.
 
     Args:
@@ -132,15 +132,12 @@ def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None)
         weight: Weights [...], ≥ 0; None: all the same.
 
     Returns:
-        The ratio.
-
-    Raises:
-        ValueError: The reference is black.
+        The ratio; None where the reference is black.
     """
     f, y = _checked(prediction=f, reference=y)
     denominator = _mean(y.mean(axis=-1), weight)
     if denominator <= 0:
-        raise ValueError("report: the reference is black, so that no energy ratio exists; is the light on?")
+        return None
     return _mean(f.mean(axis=-1), weight) / denominator
 
 
@@ -248,7 +245,7 @@ def per_object(
                 "points": int(at.sum()),
                 "relative_error": relative_error(f[at], y[at], w).mean,
                 "noise_floor": noise_floor(a[at], b[at], w).mean,
-                "energy_ratio": energy_ratio(f[at], y[at], w) if y[at].sum() > 0 else None,
+                "energy_ratio": energy_ratio(f[at], y[at], w),
             }
         )
     return rows

@@ -9,16 +9,18 @@ DURATIONS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
 PREFIXES = ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"))
 
 
-def digits(value: float, count: int = 3) -> str:
+def digits(value: float | None, count: int = 3) -> str:
     """Format a number with significant digits and no exponent: 0.0312, 1.25, 412.
 
     Args:
-        value: The number.
+        value: The number; None: not available.
         count: Significant digits, ≥ 1; at most 6 decimals are written.
 
     Returns:
-        Text; "–" for NaN and infinity.
+        Text; "–" for None, NaN and infinity.
     """
+    if value is None:
+        return "–"
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "–"
     decimals = max(count - 1 - math.floor(math.log10(abs(value))), 0)

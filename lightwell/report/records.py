@@ -59,7 +59,8 @@ class ReportData:
     """Name of the representation."""
     preset: str
     seed: int
-    points: PointComparison
+    points: PointComparison | None
+    """None: the held-out points could not be scored."""
     views: Sequence[ViewComparison]
     bytes: int
     """Size of the learned light as stored: weights and textures."""

@@ -96,7 +96,7 @@ def headline(data: Mapping[str, Any]) -> str:
             ),
         ]
     cards += [
-        ("Energy ratio", f"{data['energy_ratio']:.3f}", "Learned over reference light; 1: none is lost or added."),
+        ("Energy ratio", digits(data["energy_ratio"], 4), "Learned over reference light; 1: none is lost or added."),
         ("Size", amount(data["bytes"], "B"), size),
         ("Cost per pixel", f"{amount(data['macs_per_pixel'])} MAC", _pixel(data["fetches_per_pixel"])),
         ("Time to bake", duration(seconds["total"]), time),
@@ -327,7 +327,7 @@ def tables(data: Mapping[str, Any]) -> str:
             digits(v["psnr_db"]),
             f"{v['ssim']:.4f}",
             digits(v["flip"]),
-            f"{v['energy_ratio']:.3f}",
+            digits(v["energy_ratio"], 4),
         )
         for v in data["per_view"]
     ]
@@ -337,7 +337,7 @@ def tables(data: Mapping[str, Any]) -> str:
             grouped(o["points"]),
             percent(o["relative_error"]),
             percent(o["noise_floor"]),
-            "–" if o["energy_ratio"] is None else f"{o['energy_ratio']:.3f}",
+            digits(o["energy_ratio"], 4),
         )
         for o in data["per_object"]
     ]

@@ -24,7 +24,9 @@ def summary(data: ReportData) -> dict[str, Any]:
     Returns:
         JSON-serialisable data; radiance is relative to the unit S.
     """
-    scale = data.unit if data.unit is not None else reference_unit(data.points)
+    scale = data.unit
+    if scale is None:
+        scale = 1.0 if data.points is None else reference_unit(data.points)
     views = [view_scores(view, scale) for view in data.views]
     return {
         "version": VERSION,
@@ -33,7 +35,7 @@ def summary(data: ReportData) -> dict[str, Any]:
         "preset": data.preset,
         "seed": data.seed,
         "unit": scale,
-        **point_scores(data.points, scale),
+        **(_no_scores() if data.points is None else point_scores(data.points, scale)),
         **{name: _mean(views, name) for name in ("psnr_db", "psnr_ceiling_db", "ssim", "flip")},
         "border_ratio": border_ratio(views),
         "tone_mapping": TONE_MAPPING,
@@ -92,6 +94,12 @@ def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
         "points": len(f),
         "per_object": metrics.per_object(f, a, b, np.asarray(points.shape), points.objects, weight),
     }
+
+
+def _no_scores() -> dict[str, Any]:
+    """Entries of report.json where the held-out points could not be scored."""
+    names = ("relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse", "energy_ratio")
+    return {**dict.fromkeys(names), "points": 0, "per_object": []}
 
 
 def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:

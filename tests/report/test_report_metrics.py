@@ -115,8 +115,7 @@ def test_nan_is_refused_by_rel_mse(picture):
 def test_nonsense_is_refused(picture):
     with pytest.raises(ValueError, match="shapes differ"):
         metrics.relative_error(picture, picture[1:])
-    with pytest.raises(ValueError, match="the reference is black"):
-        metrics.energy_ratio(picture, 0 * picture)
+    assert metrics.energy_ratio(picture, 0 * picture) is None
     with pytest.raises(ValueError, match="at least one point"):
         metrics.relative_error(np.zeros((0, 3)), np.zeros((0, 3)))
     with pytest.raises(ValueError, match="weights must be 4 finite"):

@@ -1,0 +1,66 @@
+"""What fails after tracing and training is a note of the report: the asset and its page are written all the same."""
+
+import json
+
+import pytest
+
+from lightwell.baking import pipeline, reference
+from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.pipeline import bake
+from lightwell.core.progress import Progress
+
+from .conftest import small
+
+
+def broken(*arguments, **options):
+    raise ValueError("report: the reference is black, so that no relative error exists; is the light on?")
+
+
+# Where a failure is planted: the module, the function, and a word of the note.
+STAGES = {
+    "points": (reference, "trace_points", "surface points"),
+    "view": (reference, "trace_view", "the score of"),
+    "sweep": (reference, "trace_sweep", "path of the light"),
+    "picture": (reference, "reference_picture", "reference picture of"),
+}
+
+
+def test_a_failure_becomes_a_note_and_the_rest_goes_on():
+    notes = LateNotes(Progress(quiet=True))
+    assert notes.attempt("a", lambda: 1, 0) == 1 and notes.attempt("b", broken, 0) == 0
+    assert len(notes.texts) == 1 and notes.texts[0].startswith("b could not be made")
+    with pytest.raises(OSError, match="full"):
+        notes.attempt("c", lambda: (_ for _ in ()).throw(OSError("the disk is full")), 0)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_late_failure_costs_no_bake(stage, tmp_path, monkeypatch):
+    module, function, word = STAGES[stage]
+    monkeypatch.setattr(module, function, broken)
+    report = bake(small(tmp_path / "out", steps=10, views=1))
+    assert any(word in note for note in report["warnings"])
+    for name in ("scene.glb", "index.html", "report.html", "report.json"):
+        assert (tmp_path / "out" / name).stat().st_size > 1000
+    assert json.loads((tmp_path / "out/report.json").read_text()) == report
+
+
+def test_figures_that_cannot_be_computed_leave_a_bare_report(tmp_path, monkeypatch):
+    written = []
+
+    def once(out, data, write=pipeline.write_report):
+        written.append(data)
+        return broken() if len(written) == 1 else write(out, data)
+
+    monkeypatch.setattr(pipeline, "write_report", once)
+    report = bake(small(tmp_path / "out", steps=10, views=1))
+    assert report["relative_error"] is None and any("the figures" in note for note in report["warnings"])
+    assert (tmp_path / "out/index.html").stat().st_size > 1000
+
+
+def test_pictures_that_the_page_cannot_hold_leave_a_page_without(tmp_path, monkeypatch):
+    def picky(path, views=(), write=pipeline.write_page, **options):
+        return broken() if views else write(path, **options)
+
+    monkeypatch.setattr(pipeline, "write_page", picky)
+    bake(small(tmp_path / "out", steps=10, views=1))
+    assert (tmp_path / "out/index.html").stat().st_size > 1000
