@@ -1,4 +1,4 @@
-"""Builds a ``Scene`` from its records: the one place where meshes, materials and lights become a Mitsuba scene."""
+"""Assembly of a ``Scene`` from its records: meshes, materials and lights become a Mitsuba scene here only."""
 
 from __future__ import annotations
 
@@ -31,18 +31,28 @@ def assemble(
     area_lights: Sequence[Any] | None = None,
     emitters: Sequence[Any] = (),
 ) -> Scene:
-    """A ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
+    """Build a ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
 
     Triangles without area are dropped (with a warning), so ``Scene.meshes`` may differ from ``meshes``. A surface whose
-    material is emissive becomes an area light that shines to its front, or to both sides if it is double-sided.
+    material is emissive becomes an area light that shines to its front, or to both sides if it is double-sided. A mesh
+    or light that cannot be used raises ``SceneError``.
 
-    Parameters
-    ----------
-    name:            how messages call the scene
-    environment:     a Mitsuba emitter, or the dictionary of one, that surrounds the scene
-    bsdfs:           per mesh, a Mitsuba BSDF to use in place of the one made from its material, or None
-    area_lights:     per mesh, a Mitsuba area emitter to use in place of the one made from its material, or None
-    emitters:        further Mitsuba emitters, used as they are
+    Args:
+        name: Name of the scene in messages.
+        meshes: Meshes of the scene.
+        materials: Materials that the meshes refer to.
+        lights: Punctual lights.
+        cameras: Cameras of the author.
+        warnings: Warnings found so far; those of the assembly are appended to a copy.
+        source: Path that the scene was loaded from, or 'builtin:NAME'.
+        digest: Hash of everything that changes the transport.
+        environment: A Mitsuba emitter, or the dictionary of one, that surrounds the scene.
+        bsdfs: Per mesh, a Mitsuba BSDF to use instead of the one made from its material, or None.
+        area_lights: Per mesh, a Mitsuba area emitter to use instead of the one made from its material, or None.
+        emitters: Further Mitsuba emitters, used unchanged.
+
+    Returns:
+        The scene.
     """
     found = list(warnings)
     warn = found.append
@@ -72,7 +82,7 @@ def assemble(
 
 
 def _kept(name: str, meshes: Sequence[Mesh], material_count: int, warn) -> list[tuple[int, Mesh]]:
-    """(index in ``meshes``, cleaned mesh) of every mesh that has a triangle."""
+    """Check and clean meshes; returns (index in ``meshes``, mesh) of every one that has a triangle."""
     whole = [checked(name, mesh, material_count) for mesh in meshes]
     points = [m.positions for m in whole if len(m.positions)]
     low, high = (
@@ -89,17 +99,17 @@ def _kept(name: str, meshes: Sequence[Mesh], material_count: int, warn) -> list[
 
 
 def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf, own_light):
-    """The record with its emission filled in, and its Mitsuba mesh."""
+    """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh."""
     uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
     colors = None
     if mesh.colors is not None:
-        # The product with a texture's factor is made in the texture; without a texture it is made here.
+        # With a texture, the factor is multiplied into the texture; without one, into the vertex colours here.
         factor = 1 if material.base_color_texture is not None else np.float32(material.base_color[:3])
         colors = mesh.colors[:, :3] * factor
     if own_bsdf is None:
         mirrored = mirrored_uv(mesh, uv)
         own_bsdf = factory(mesh.material, colors=colors is not None, mirrored=mirrored)
-        # Mitsuba invents coordinates for a mesh without any; viewers sample the texture at (0, 0).
+        # Mitsuba generates coordinates for a mesh without any; viewers sample the texture at (0, 0).
         if uv is None and textures(material):
             uv = np.zeros((len(mesh.positions), 2), np.float32)
     if own_light is None and max(material.emissive) > 0:

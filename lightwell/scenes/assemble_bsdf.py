@@ -1,10 +1,11 @@
 """Materials of the records as Mitsuba BSDFs.
 
-* Opaque materials become ``twosided`` ``principled``: both sides reflect, whether or not the material says
-  ``double_sided``. Culling is a trick of rasterisers; a wall that lets light through its back would leak.
+* Opaque materials become ``twosided`` ``principled``: both sides reflect, whether or not the material is
+  ``double_sided``. Back-face culling is a rasteriser's optimisation; a wall that transmits light through its back would
+  leak.
 * Transmission becomes ``principledthin`` (glTF without a volume is infinitely thin) or, with a thickness, a solid
   ``principled`` with ``spec_trans``; neither is two-sided.
-* ``principled`` squares its roughness as glTF does, so roughness travels unchanged.
+* ``principled`` squares its roughness as glTF does, so roughness is passed unchanged.
 * MASK and BLEND become ``mask``; MASK compares texel by texel, without filtering between them.
 """
 
@@ -25,13 +26,27 @@ MINIMUM_IOR = 1.001
 
 
 def uv_set(material: Material) -> int:
-    """The texture coordinate set that the path tracer uses for ``material``; Mitsuba has one per mesh."""
+    """Select the texture coordinate set that the path tracer uses for a material; Mitsuba has one per mesh.
+
+    Args:
+        material: Material to inspect.
+
+    Returns:
+        Number of the set, 0 or 1.
+    """
     used = [t.uv_set for t in textures(material)]
     return used[0] if used else 0
 
 
 def textures(material: Material) -> list[Texture]:
-    """Textures of a material, base colour first."""
+    """List the textures of a material, base colour first.
+
+    Args:
+        material: Material to inspect.
+
+    Returns:
+        Its textures.
+    """
     every = (
         material.base_color_texture,
         material.emissive_texture,
@@ -44,15 +59,21 @@ def textures(material: Material) -> list[Texture]:
 class Bsdfs:
     """Builds each BSDF once and shares it between the meshes that use it."""
 
-    def __init__(self, materials: list[Material], warn: Callable[[str], None]):
+    def __init__(self, materials: list[Material], warn: Callable[[str], None]) -> None:
+        """Prepare the BSDFs of a scene.
+
+        Args:
+            materials: Materials by index.
+            warn: Called with each property that Mitsuba cannot represent.
+        """
         self._materials = materials
         self._warn = warn
         self._built: dict[tuple, object] = {}
-        # One Mitsuba texture per (picture, layout, use).
+        # One Mitsuba texture per (image, layout, use).
         self._textures: dict[tuple, object] = {}
 
     def __call__(self, index: int, *, colors: bool, mirrored: bool):
-        """BSDF of material ``index`` for a mesh with vertex ``colors``; ``mirrored``: its texture is seen mirrored."""
+        """Return the BSDF of material ``index`` for a mesh with vertex ``colors``; ``mirrored``: mirrored texture."""
         material = self._materials[index]
         key = (index, colors, mirrored and material.normal_texture is not None)
         if key not in self._built:
@@ -140,7 +161,7 @@ class Bsdfs:
 
     def _normal(self, material: Material, mirrored: bool):
         texture, scale = material.normal_texture, material.normal_scale
-        # The shading frame of Mitsuba is right-handed, so the second axis turns round where the texture is mirrored.
+        # Mitsuba's shading frame is right-handed, so the second axis is reversed where the texture is mirrored.
         across = np.float32([scale, -scale if mirrored else scale, 1])
 
         def pixels():

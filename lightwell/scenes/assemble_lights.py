@@ -17,48 +17,126 @@ class TwoSidedArea(mi.Emitter):
     ``radiance`` (texture): emitted radiance, the same in all directions. It cannot start light paths (``sample_ray``).
     """
 
-    def __init__(self, props):
+    def __init__(self, props: Any) -> None:
+        """Read the radiance.
+
+        Args:
+            props: Mitsuba properties with ``radiance``.
+        """
         super().__init__(props)
         self.radiance = props.get_emissive_texture("radiance", 1.0)
         self.m_flags = int(mi.EmitterFlags.Surface)
 
-    def eval(self, si, active=True):
+    def eval(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the emitted radiance, as ``mi.Emitter.eval``.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            Radiance.
+        """
         return self.radiance.eval(si, active)
 
-    def sample_direction(self, it, sample, active=True):
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        """Sample a direction towards the light, as ``mi.Emitter.sample_direction``.
+
+        Args:
+            it: Interactions to light.
+            sample: 2D points in [0, 1)².
+            active: Active lanes.
+
+        Returns:
+            Direction samples and radiance / density.
+        """
         ds = self.get_shape().sample_direction(it, sample, active)
         ds.emitter = mi.EmitterPtr(self)
         weight = self.eval_direction(it, ds, active) / ds.pdf
         return ds, dr.select(active & (ds.pdf > 0), weight, 0)
 
-    def pdf_direction(self, it, ds, active=True):
+    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Compute the density of ``sample_direction``.
+
+        Args:
+            it: Interactions to light.
+            ds: Direction samples.
+            active: Active lanes.
+
+        Returns:
+            Density per solid angle.
+        """
         return self.get_shape().pdf_direction(it, ds, active)
 
-    def eval_direction(self, it, ds, active=True):
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Evaluate the radiance along direction samples.
+
+        Args:
+            it: Interactions to light.
+            ds: Direction samples.
+            active: Active lanes.
+
+        Returns:
+            Radiance.
+        """
         return self.radiance.eval(mi.SurfaceInteraction3f(ds, it.wavelengths), active)
 
-    def traverse(self, callback):
+    def traverse(self, callback: Any) -> None:
+        """List the parameters, as ``mi.Object.traverse``.
+
+        Args:
+            callback: Receives the parameters.
+        """
         callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
 
-    def to_string(self):
+    def to_string(self) -> str:
+        """Describe the emitter.
+
+        Returns:
+            Its name and radiance.
+        """
         return f"TwoSidedArea[{self.radiance}]"
 
 
 class TexturedArea(TwoSidedArea):
-    """An area light with a picture that shines to its front, sampled evenly over its surface.
+    """A textured area light that shines to its front, sampled uniformly over its surface.
 
-    Mitsuba's own ``area`` samples in proportion to the picture, for which it intersects the unwrapped mesh; with more
-    calls than one in a path tracer, Dr.Jit then writes one function twice into the program and LLVM ends the process
+    Mitsuba's own ``area`` samples in proportion to the texture, for which it intersects the unwrapped mesh; with more
+    than one call in a path tracer, Dr.Jit then writes one function twice into the program and LLVM ends the process
     ("invalid redefinition of function").
     """
 
-    def eval(self, si, active=True):
+    def eval(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the emitted radiance, 0 at the back.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            Radiance.
+        """
         return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, self.radiance.eval(si, active), 0)
 
-    def eval_direction(self, it, ds, active=True):
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Evaluate the radiance along direction samples, 0 at the back.
+
+        Args:
+            it: Interactions to light.
+            ds: Direction samples.
+            active: Active lanes.
+
+        Returns:
+            Radiance.
+        """
         return dr.select(dr.dot(ds.d, ds.n) < 0, super().eval_direction(it, ds, active), 0)
 
-    def to_string(self):
+    def to_string(self) -> str:
+        """Describe the emitter.
+
+        Returns:
+            Its name and radiance.
+        """
         return f"TexturedArea[{self.radiance}]"
 
 
@@ -67,7 +145,14 @@ mi.register_emitter("lightwell_textured_area", TexturedArea)
 
 
 def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
-    """Area emitter of an emissive material and its mean radiance; both sides shine if the material has both."""
+    """Make the area emitter of an emissive material; both sides shine if the material is double-sided.
+
+    Args:
+        material: Emissive material.
+
+    Returns:
+        The Mitsuba emitter, and its mean radiance, linear RGB.
+    """
     factor, texture = np.float32(material.emissive) * coverage(material), material.emissive_texture
     if texture is None:
         radiance: Any = {"type": "rgb", "value": factor.tolist()}
@@ -81,7 +166,14 @@ def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
 
 
 def coverage(material: Material) -> float:
-    """Mean alpha of a blended material: emission is blended with what lies behind, as all of its colour (glTF 2.0)."""
+    """Compute the mean alpha of a blended material: emission is blended with the background like its colour (glTF 2.0).
+
+    Args:
+        material: Material to inspect.
+
+    Returns:
+        Mean alpha in [0, 1]; 1 for materials that are not blended.
+    """
     if material.alpha_mode != "BLEND":
         return 1.0
     texture = material.base_color_texture
@@ -90,9 +182,15 @@ def coverage(material: Material) -> float:
 
 
 def punctual(light: Light) -> dict[str, Any]:
-    """Mitsuba's description of a punctual light: 1 cd is 1 W/sr, 1 lx is an irradiance of 1.
+    """Describe a punctual light for Mitsuba: 1 cd is 1 W/sr, 1 lx is an irradiance of 1.
 
-    A spot falls off linearly with the angle between its cones, where glTF suggests a smoother curve.
+    The intensity of a spot decreases linearly with the angle between its cones, where glTF suggests a smoother curve.
+
+    Args:
+        light: Record of the light.
+
+    Returns:
+        Dictionary for ``mi.load_dict``.
     """
     power = (np.float64(light.color) * light.intensity).tolist()
     if light.kind == "point":

@@ -1,9 +1,10 @@
-"""Meshes of the records: checked, cleaned, and as Mitsuba meshes. V vertices, T triangles."""
+"""Checking and cleaning of mesh records, and their conversion to Mitsuba meshes. V vertices, T triangles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,17 @@ SMALLEST_AREA = 1e-14
 
 
 def clean(scene: str, mesh: Mesh, extent: float, warn: Callable[[str], None]) -> Mesh | None:
-    """``mesh`` without triangles of zero area and with unit normals; None when no triangle is left."""
+    """Remove triangles of zero area and normalise normals.
+
+    Args:
+        scene: Name of the scene.
+        mesh: Mesh to clean.
+        extent: Longest edge of the scene's bounds, metres.
+        warn: Called when triangles are removed.
+
+    Returns:
+        The cleaned mesh, or None when no triangle is left.
+    """
     good = mesh.triangle_areas > SMALLEST_AREA * extent**2
     if not good.all():
         warn(f"mesh '{mesh.name}': dropped {int((~good).sum())} of {len(good)} triangles, which have no area")
@@ -27,7 +38,18 @@ def clean(scene: str, mesh: Mesh, extent: float, warn: Callable[[str], None]) ->
 
 
 def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
-    """``mesh`` with contiguous arrays of the documented types; raises SceneError when it makes no sense."""
+    """Check the arrays of a mesh and convert them to the documented types.
+
+    An array of the wrong shape, numbers that are not finite and indices out of range raise ``SceneError``.
+
+    Args:
+        scene: Name of the scene, for messages.
+        mesh: Mesh to check.
+        material_count: Number of materials of the scene.
+
+    Returns:
+        The mesh with contiguous arrays.
+    """
 
     def fail(what: str):
         raise SceneError(f"scene '{scene}': mesh '{mesh.name}' {what}")
@@ -55,7 +77,7 @@ def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
 
 
 def _unit_normals(mesh: Mesh) -> np.ndarray:
-    """[V, 3] normals of length 1; where the given one has no length, that of the triangles around the vertex."""
+    """Normalise normals [V, 3]; a zero normal becomes that of the triangles around the vertex."""
     length = np.linalg.norm(mesh.normals, axis=-1, keepdims=True)
     if (bad := length[:, 0] < 1e-6).any():
         around = smooth_normals(mesh.positions, mesh.indices)
@@ -64,7 +86,15 @@ def _unit_normals(mesh: Mesh) -> np.ndarray:
 
 
 def smooth_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """[V, 3] float32 unit normals: the area-weighted mean over the triangles around each vertex."""
+    """Compute vertex normals: the area-weighted mean of the triangles around each vertex.
+
+    Args:
+        positions: [V, 3] positions.
+        indices: [T, 3] triangles.
+
+    Returns:
+        [V, 3] float32 unit normals.
+    """
     a, b, c = (positions[indices[:, k]].astype(np.float64) for k in range(3))
     face = np.cross(b - a, c - a)
     total = np.zeros((len(positions), 3))
@@ -76,7 +106,15 @@ def smooth_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
 
 
 def mirrored_uv(mesh: Mesh, uv: np.ndarray | None) -> bool:
-    """Whether most of the surface shows its texture as in a mirror (seen from the front)."""
+    """Test whether most of the surface shows its texture mirrored (seen from the front).
+
+    Args:
+        mesh: Mesh with positions and triangles.
+        uv: [V, 2] texture coordinates; None: no texture.
+
+    Returns:
+        True for a mirrored texture.
+    """
     if uv is None:
         return False
     a, b, c = (uv[mesh.indices[:, k]].astype(np.float64) for k in range(3))
@@ -85,10 +123,20 @@ def mirrored_uv(mesh: Mesh, uv: np.ndarray | None) -> bool:
     return float((np.sign(turn) * mesh.triangle_areas).sum()) > 0
 
 
-def mitsuba_mesh(mesh: Mesh, bsdf, *, emitter=None, uv: np.ndarray | None = None, colors: np.ndarray | None = None):
-    """``mi.Mesh`` of a record; same vertices, same triangles, same order.
+def mitsuba_mesh(
+    mesh: Mesh, bsdf: Any, *, emitter: Any = None, uv: np.ndarray | None = None, colors: np.ndarray | None = None
+) -> Any:
+    """Make an ``mi.Mesh`` of a record, with the same vertices and triangles in the same order.
 
-    ``uv`` [V, 2] is the one set that Mitsuba sees, ``colors`` [V, 3] the attribute ``vertex_color``.
+    Args:
+        mesh: Record of the mesh.
+        bsdf: Mitsuba BSDF of the surface.
+        emitter: Mitsuba area emitter of the surface, or None.
+        uv: [V, 2] the only set of texture coordinates that Mitsuba gets, or None.
+        colors: [V, 3] mesh attribute ``vertex_color``, or None.
+
+    Returns:
+        The ``mi.Mesh``.
     """
     props = mi.Properties()
     props["bsdf"] = bsdf

@@ -1,12 +1,13 @@
 """Textures of the records as Mitsuba textures.
 
-Mitsuba's bitmaps put v = 0 at the top row, as glTF does, so texture coordinates travel unchanged (the OBJ reader of
-Mitsuba flips v because OBJ files count it upwards).
+Mitsuba's bitmaps put v = 0 at the top row, as glTF does, so texture coordinates are passed unchanged (Mitsuba's OBJ
+reader flips v because OBJ files count it upwards).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,25 +24,51 @@ LINEAR_OF_SRGB8 = linear(np.arange(256) / 255.0).astype(np.float32)
 
 
 def linear_pixels(image: Image, factor: Sequence[float] = (1.0, 1.0, 1.0)) -> np.ndarray:
-    """[height, width, 3] linear colour of an sRGB-encoded picture times ``factor``; half precision if that holds it."""
+    """Decode an sRGB image to linear colour, times a factor.
+
+    Args:
+        image: Encoded image.
+        factor: Factor of each channel, ≥ 0.
+
+    Returns:
+        [height, width, 3] linear colour; half precision if its range suffices, else float32.
+    """
     table = LINEAR_OF_SRGB8[:, None] * np.float32(factor)
     return _looked_up(table.astype(np.float16 if table.max() <= HALF_MAX else np.float32), image.pixels)
 
 
 def raw_pixels(image: Image, channels: slice = slice(0, 3), factor: float = 1.0) -> np.ndarray:
-    """[height, width, C] half-precision channels of a picture in [0, 1] times ``factor``, no decoding."""
+    """Read channels of an image without sRGB decoding, times a factor.
+
+    Args:
+        image: Encoded image.
+        channels: Channels to read.
+        factor: Factor of the values.
+
+    Returns:
+        [height, width, C] half precision, in [0, factor].
+    """
     pixels = image.pixels[..., channels]
     table = np.arange(256, dtype=np.float32) / 255 * factor
     return _looked_up(np.repeat(table[:, None], pixels.shape[2], axis=1).astype(np.float16), pixels)
 
 
 def _looked_up(table: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """[..., C] entries of ``table`` [256, C] for ``codes`` [..., C or more], channel by channel."""
+    """Look up ``codes`` [..., C or more] in ``table`` [256, C], channel by channel; returns [..., C]."""
     return np.stack([table[:, c][codes[..., c]] for c in range(table.shape[1])], axis=-1)
 
 
-def bitmap(pixels: np.ndarray, texture: Texture, *, nearest: bool | None = None):
-    """Mitsuba bitmap texture of linear ``pixels`` [height, width, C], laid out as ``texture`` says."""
+def bitmap(pixels: np.ndarray, texture: Texture, *, nearest: bool | None = None) -> Any:
+    """Make a Mitsuba bitmap texture.
+
+    Args:
+        pixels: [height, width, C] linear values.
+        texture: Record with wrap mode, filter and transform.
+        nearest: Nearest filter; None: that of the record.
+
+    Returns:
+        The Mitsuba texture.
+    """
     half = pixels.dtype == np.float16 or float(np.abs(pixels).max(initial=0.0)) <= HALF_MAX
     description = {
         "type": "bitmap",
@@ -56,32 +83,84 @@ def bitmap(pixels: np.ndarray, texture: Texture, *, nearest: bool | None = None)
 
 
 class Product(mi.Texture):
-    """Product of two textures ``a`` and ``b``: a picture times the vertex colours of its mesh."""
+    """Product of two textures ``a`` and ``b``: an image times the vertex colours of its mesh."""
 
-    def __init__(self, props):
+    def __init__(self, props: Any) -> None:
+        """Read the factors.
+
+        Args:
+            props: Mitsuba properties with ``a`` and ``b``.
+        """
         super().__init__(props)
         self.a, self.b = props["a"], props["b"]
 
-    def eval(self, si, active=True):
+    def eval(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the product, as ``mi.Texture.eval``.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            Spectrum.
+        """
         return self.a.eval(si, active) * self.b.eval(si, active)
 
-    def eval_1(self, si, active=True):
+    def eval_1(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the product of single-channel values.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            One number per lane.
+        """
         return self.a.eval_1(si, active) * self.b.eval_1(si, active)
 
-    def eval_3(self, si, active=True):
+    def eval_3(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the product of three-channel values.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            Colour per lane.
+        """
         return self.a.eval_3(si, active) * self.b.eval_3(si, active)
 
-    def mean(self):
+    def mean(self) -> Any:
+        """Multiply the means of both factors, an approximation of the mean.
+
+        Returns:
+            One number.
+        """
         return self.a.mean() * self.b.mean()
 
-    def is_spatially_varying(self):
+    def is_spatially_varying(self) -> bool:
+        """Tell Mitsuba that the value depends on the position.
+
+        Returns:
+            True.
+        """
         return True
 
-    def traverse(self, callback):
+    def traverse(self, callback: Any) -> None:
+        """List the parameters, as ``mi.Object.traverse``.
+
+        Args:
+            callback: Receives the parameters.
+        """
         callback.put("a", self.a, mi.ParamFlags.Differentiable)
         callback.put("b", self.b, mi.ParamFlags.Differentiable)
 
-    def to_string(self):
+    def to_string(self) -> str:
+        """Describe the texture.
+
+        Returns:
+            Its name and factors.
+        """
         return f"Product[{self.a}, {self.b}]"
 
 

@@ -1,6 +1,6 @@
-"""The atlas of a light map: a place of its own in one square texture for every lit side of every triangle.
+"""The atlas of a light map: a separate region of one square texture for every lit side of every triangle.
 
-Charts are cut and packed by xatlas; the author's second set of texture coordinates is taken where it is valid.
+Charts are cut and packed by xatlas; the author's second set of texture coordinates is used where it is valid.
 
 Notation: T triangles of all meshes behind one another; side 0 is the front (the geometric normal's), 1 the back; uv in
 [0, 1]², v downwards, texel (i, j) of an atlas of size n covers [j, j + 1] x [i, i + 1] / n.
@@ -23,7 +23,7 @@ REACH = 1.5
 
 @dataclass(frozen=True)
 class Atlas:
-    """Where the light of every lit side is stored."""
+    """Texture coordinates and charts of every stored side."""
 
     size: int
     """Texels along each edge."""
@@ -36,7 +36,7 @@ class Atlas:
     first: np.ndarray
     """[M + 1] first triangle of each mesh."""
     origin: str
-    """Who made it, and why: for the report."""
+    """How the coordinates were made, and why; shown in the report."""
 
     @property
     def charts(self) -> int:
@@ -45,12 +45,22 @@ class Atlas:
 
     @property
     def coverage(self) -> float:
-        """Share of the square that lies inside triangles, padding not counted."""
+        """Share of the square that lies inside triangles, without padding."""
         a, b, c = (self.uv[self.chart >= 0][:, k].astype(np.float64) for k in range(3))
         return float(np.abs(cross(b - a, c - a)).sum() / 2)
 
     def lookup(self, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray, side: np.ndarray) -> np.ndarray:
-        """[N, 2] float32: uv of surface points named by mesh, triangle, barycentric weights [N, 2] and side."""
+        """Compute the texture coordinates of surface points.
+
+        Args:
+            shape: [N] indices of meshes.
+            triangle: [N] indices of triangles in their mesh.
+            barycentric: [N, 2] weights of the second and third vertex.
+            side: [N] sides: 0 front, 1 back.
+
+        Returns:
+            [N, 2] float32 uv.
+        """
         corners = self.uv[side, self.first[shape] + triangle]
         b = np.asarray(barycentric, np.float32)
         weights = np.stack([1 - b[:, 0] - b[:, 1], b[:, 0], b[:, 1]], axis=1)
@@ -58,8 +68,16 @@ class Atlas:
 
 
 def padding(mips: int) -> int:
-    """Texels that a chart owns around itself so that bilinear reads up to a mip level stay its own; half a texel more
-    for charts that end between texel centres."""
+    """Compute the padding of a chart with which bilinear reads up to a mip level stay inside it.
+
+    Half a texel is added for charts that end between texel centres.
+
+    Args:
+        mips: Largest mip level, ≥ 0.
+
+    Returns:
+        Texels on each side.
+    """
     return int(np.ceil(REACH * 2**mips + 0.5))
 
 
@@ -73,14 +91,24 @@ def build(
     dark: np.ndarray | None = None,
     faint: np.ndarray | None = None,
 ) -> Atlas:
-    """The atlas of a scene.
+    """Make the atlas of a scene.
 
-    lit       [2, T] bool: sides that are seen and get light; others are not stored.
-    dark      [2, T] bool: sides that are seen and get none, or must not get any from the light map (clear glass); they
-              lie on the corner that no chart uses. All other sides that are not stored read what the other side reads.
-    density   [M] texels per metre of each mesh relative to the others; None: all alike.
-    faint     [2, T] bool: large sides of which little is seen; they get fewer texels.
-    own       Take the author's second texture coordinates where they are valid.
+    Args:
+        scene: Scene with T triangles in M meshes.
+        size: Texels along each edge.
+        lit: [2, T] bool: sides that are visible and lit; others are not stored.
+        mips: Largest mip level at which charts must not mix.
+        density: [M] texels per metre of each mesh relative to the others; None: the same for all.
+        own: Use the author's second texture coordinates where they are valid.
+        dark: [2, T] bool: sides that are visible and unlit, or must not read the light map (clear glass); they refer to
+            the corner that no chart uses. All other sides that are not stored refer to the texels of the other side.
+        faint: [2, T] bool: large sides that are hardly visible; they get fewer texels.
+
+    Returns:
+        The atlas.
+
+    Raises:
+        ValueError: No side is visible and lit.
     """
     first = np.cumsum([0] + [len(mesh.indices) for mesh in scene.meshes])
     if not lit.any():
@@ -96,7 +124,7 @@ def build(
 
 
 def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndarray:
-    """A side that is not stored reads where the other one is stored, unless it is seen to be dark."""
+    """Copy the coordinates of stored sides to sides that are not stored, unless these are visible and dark."""
     for side in (0, 1):
         borrowed = (chart[side] < 0) & (chart[1 - side] >= 0)
         borrowed &= True if dark is None else ~dark[side]
@@ -104,7 +132,7 @@ def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndar
     return uv
 
 
-# ---------------------------------------------------------------------- the author's own
+# ---------------------------------------------------------------------- the author's coordinates
 
 # Share of covered texels that may be hit twice.
 OVERLAP = 0.005
@@ -115,7 +143,17 @@ def _own_corners(scene: Scene) -> np.ndarray:
 
 
 def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
-    """What keeps the author's second texture coordinates from being used; empty when nothing does."""
+    """Find the reason why the author's second texture coordinates cannot be used.
+
+    Args:
+        scene: Scene whose meshes all have a second set.
+        size: Texels along each edge.
+        lit: [2, T] bool: sides to store.
+        mips: Largest mip level at which charts must not mix.
+
+    Returns:
+        The reason; empty when they can be used.
+    """
     uv = _own_corners(scene)
     stored = lit.any(axis=0)
     if not np.isfinite(uv).all():
@@ -138,7 +176,7 @@ def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
 
 
 def _author_charts(scene: Scene) -> np.ndarray:
-    """[T] connected parts of the author's coordinates: corners of one mesh that share both place and uv."""
+    """Number the connected parts of the author's coordinates [T]: corners that share both position and uv."""
     labels, count = [], 0
     for mesh in scene.meshes:
         key = np.concatenate([mesh.positions, mesh.uv1], axis=1)
@@ -150,7 +188,7 @@ def _author_charts(scene: Scene) -> np.ndarray:
 
 
 def _hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """[n, n] how many triangles cover each texel's centre, and the chart of the last one (-1: none)."""
+    """Count the triangles that cover each texel's centre [n, n]; also returns the chart of the last one (-1: none)."""
     hits, owner = np.zeros((size, size), np.int32), np.full((size, size), -1, np.int32)
     for corners, number in zip(uv.astype(np.float64) * size, chart):
         low = np.maximum(np.floor(corners.min(axis=0) - 0.5), 0).astype(int)
@@ -169,13 +207,13 @@ def _hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.
 
 
 def _owns(p: np.ndarray, q: np.ndarray, sign: float) -> bool:
-    """Top-left rule of rasterisers."""
+    """Apply the top-left rule of rasterisers."""
     d = sign * (q - p)
     return bool(d[1] > 0 or (d[1] == 0 and d[0] < 0))
 
 
 def _gap(owner: np.ndarray) -> float:
-    """Smallest distance between texels of different charts, less the texel itself."""
+    """Measure the smallest distance between texels of different charts, minus one texel."""
     from scipy.ndimage import distance_transform_edt
 
     covered = owner >= 0
@@ -193,19 +231,28 @@ def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.nda
     uv, label = _own_corners(scene), _author_charts(scene)
     numbers = np.unique(label, return_inverse=True)[1].reshape(-1)
     chart = np.where(lit, numbers[None], -1).astype(np.int32)
-    # Nowhere is the corner that no chart uses; the author may use it, so dark sides read the other side there.
+    # The author's charts may use the corner texel, so dark sides refer to the other side here.
     both = _both(np.stack([uv, uv]), chart, None)
     own_gap = _gap(_hits(uv[lit.any(axis=0)], numbers[lit.any(axis=0)], size)[1])
     safe = max((m for m in range(mips + 1) if 2 * padding(m) <= own_gap), default=0)
     return Atlas(size, safe, both, chart, first, "the author's second texture coordinates")
 
 
-# ---------------------------------------------------------------------- what is written
+# ---------------------------------------------------------------------- output meshes
 
 
 def charted_meshes(scene: Scene, atlas: Atlas) -> list[Mesh]:
-    """The scene's meshes with ``uv1`` from the atlas, vertices split along chart borders; a sheet whose sides differ
-    becomes two meshes of opposite winding."""
+    """Make meshes with ``uv1`` from an atlas, vertices split along chart borders.
+
+    A sheet whose two sides have different coordinates becomes two meshes of opposite winding.
+
+    Args:
+        scene: Scene that was unwrapped.
+        atlas: Its atlas.
+
+    Returns:
+        The meshes.
+    """
     made = []
     for number, mesh in enumerate(scene.meshes):
         rows = slice(atlas.first[number], atlas.first[number + 1])
@@ -224,7 +271,7 @@ def _main_uv(atlas: Atlas, rows: slice) -> np.ndarray:
 
 
 def _charted(mesh: Mesh, indices: np.ndarray, uv: np.ndarray, name: str) -> Mesh:
-    """One vertex for every distinct (vertex, uv)."""
+    """Make a mesh with one vertex for every distinct (vertex, uv)."""
     corner = indices.astype(np.int64).reshape(-1)
     key = np.concatenate([corner[:, None].astype(np.float64), uv.reshape(-1, 2)], axis=1)
     found, inverse = np.unique(key, axis=0, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Charts of an atlas: which triangles they are cut from, and the largest scale at which they fit their square.
+"""Charts of an atlas: the triangles they are cut from, and the largest scale at which they fit the square.
 
 Notation: see ``atlas``; K triangles of a piece; charts are laid out in the plane as points [V, 2] and corners [K, 3].
 """
@@ -20,20 +20,20 @@ from lightwell.scenes.scene import Scene
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
-# Coverage of the square by charts that is worth more rounds, what each of them asks less than the one before, and how
-# many there are.
+# Coverage of the square by charts that the search aims at, by how much each further round lowers it, and the number of
+# rounds.
 GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
 # Edge of the square, in texels, that charts are cut for: xatlas lays them out in texels.
 CUT_EDGE = 900.0
 # Share of the covered texels that may be covered twice.
 TWICE = 5e-4
-# Charts that would cover less than this share of the square do not fit: xatlas drops what becomes too small.
+# Charts that would cover less than this share of the square do not fit: xatlas drops charts that become too small.
 LEAST_COVERAGE = 0.03
-# Charts of fewer texels share one small triangle with their likes (same mesh, side and direction): its edge in texels.
+# Charts of fewer texels share one small triangle with those of the same mesh, side and direction: its edge in texels.
 TINY, SHARED_EDGE = 4.0, 2.0
-# Texels per metre of sides of which little is seen, relative to the others.
+# Texels per metre of hardly visible sides, relative to the others.
 FAINT = 0.25
-# Hidden triangles lie on the texel in this corner, which no chart uses.
+# Hidden triangles refer to the texel in this corner, which no chart uses.
 NOWHERE = 0.0
 
 
@@ -51,10 +51,22 @@ class Piece:
 
 
 def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> list[Piece]:
-    """Per mesh, the triangles that are lit from any side, then those that are lit from both once more, turned round;
-    those that are faint there by themselves."""
+    """Divide the triangles of a scene into pieces for cutting.
+
+    Per mesh: the triangles that are lit from any side, then those lit from both sides once more, with opposite winding;
+    triangles that are hardly visible on that side are pieces of their own.
+
+    Args:
+        scene: Scene with T triangles in M meshes.
+        lit: [2, T] bool: sides to store.
+        density: [M] texels per metre of each mesh relative to the others; None: the same for all.
+        faint: [2, T] bool: sides that get fewer texels.
+
+    Returns:
+        The pieces.
+    """
     pieces, start = [], 0
-    # Of a triangle that is lit from its back alone, the first piece is the back.
+    # The first piece of a triangle that is lit from its back only is the back.
     shown = (np.where(lit[0], faint[0], faint[1]), faint[1])
     for number, mesh in enumerate(scene.meshes):
         here = np.arange(start, start + len(mesh.indices))
@@ -75,7 +87,20 @@ def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.
 
 
 def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """uv [2, T, 3, 2] and charts [2, T] of all pieces in one square."""
+    """Cut pieces into charts and pack them into one square.
+
+    Args:
+        cut: Pieces to cut.
+        size: Texels along each edge.
+        pad: Texels of padding around each chart.
+        lit: [2, T] bool: sides to store.
+
+    Returns:
+        uv [2, T, 3, 2] and charts [2, T].
+
+    Raises:
+        ValueError: The charts do not fit into the square.
+    """
     texels = CUT_EDGE / np.sqrt(max(sum(_surface(piece) for piece in cut), 1e-30))
     with Packer() as packer:
         flat, charts = packer.cut([(piece.positions, piece.indices) for piece in cut], texels)
@@ -92,19 +117,19 @@ def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[
 
 
 def _surface(piece: Piece) -> float:
-    """Square metres of a piece."""
+    """Compute the area of a piece, m²."""
     a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packing] | None:
-    """(scale, packing) of the largest scale found that fits the square; None where none does.
+    """Search the largest scale that fits the square; returns (scale, packing), or None where none fits.
 
     laid    (points, corners, number of charts) of every piece.
     pack    As ``Packer.pack``.
 
-    What the packer leaves free at the borders changes by a tenth from one scale to the next, and at some scales it lays
-    a chart over another.
+    The space that the packer leaves free at the borders changes by a tenth from one scale to the next, and at some
+    scales it places charts on top of others.
     """
     brute, best = sum(f[2] for f in laid) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
     area = sum(_area(points, corners) for points, corners, _ in laid)
@@ -132,14 +157,24 @@ def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packi
 
 
 def _apart(packing: Packing) -> bool:
-    """Whether no chart of a packing lies over another."""
+    """Test whether no two charts of a packing overlap."""
     corners = [points[rows] for points, rows in packing.meshes]
     hits = coverings(np.concatenate(corners), packing.width + 1, packing.height + 1)
     return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
 
 
 def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
-    """[height, width] how many triangles [K, 3, 2] cover each texel's centre; of a shared edge, one of its two does."""
+    """Count the triangles that cover each texel's centre; a centre on a shared edge belongs to one of the two
+    triangles.
+
+    Args:
+        corners: [K, 3, 2] triangles, in texels.
+        width: Texels of a row.
+        height: Rows.
+
+    Returns:
+        [height, width] counts.
+    """
     corners = corners.astype(np.float64) - 0.5
     low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
     high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
@@ -148,7 +183,7 @@ def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
     y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
     left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     for k in range(3):
-        # Always from the lower end, so that both triangles of an edge find the same place.
+        # Always from the lower end, so that both triangles of an edge compute the same point.
         ends = corners[:, [k, (k + 1) % 3]]
         order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
         p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
@@ -168,12 +203,20 @@ def _area(points: np.ndarray, corners: np.ndarray) -> float:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of vectors [..., 2]."""
+    """Compute the cross product of plane vectors.
+
+    Args:
+        a: [..., 2] vectors.
+        b: [..., 2] vectors.
+
+    Returns:
+        [...] products.
+    """
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _merged(pieces: Sequence[Piece], flat, scale: float):
-    """Pieces and (points, corners, charts) in which tiny charts have become one small triangle for each direction."""
+    """Replace tiny charts by one small triangle for each direction; returns pieces and (points, corners, charts)."""
     made, laid = [], []
     for piece, (points, corners) in zip(pieces, flat):
         chart = components(corners.astype(np.int64), len(points))
@@ -198,7 +241,7 @@ def _merged(pieces: Sequence[Piece], flat, scale: float):
 
 
 def _direction(piece: Piece) -> np.ndarray:
-    """[K] which of the six directions along the axes each triangle's normal is nearest to."""
+    """Find [K] the one of the six axis directions that is nearest to each triangle's normal."""
     a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     axis = np.abs(normal).argmax(axis=1)
@@ -206,7 +249,7 @@ def _direction(piece: Piece) -> np.ndarray:
 
 
 def _scaled(laid, scale: float, pad: int, brute: bool, pack) -> tuple[Packing, float]:
-    """All charts packed at a scale, and the edge of the square that they and the padding take."""
+    """Pack all charts at a scale; also returns the edge of the square that they take, with padding."""
     packing = pack([(points * np.float32(scale), corners) for points, corners, _ in laid], pad, brute)
     return packing, packing.extent + pad + 1
 
@@ -219,10 +262,10 @@ def _collected(
     count = 0
     for k, piece in enumerate(pieces):
         points, corners = packing.meshes[k]
-        # The texel in the corner stays free: it is nowhere.
+        # The corner texel stays free for hidden triangles.
         place = (points[corners] + np.float32(border)) / np.float32(size)
         numbers = components(corners.astype(np.int64), len(points))
-        # Of a triangle that is lit from its back alone, the first piece is the back.
+        # The first piece of a triangle that is lit from its back only is the back.
         side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
         if piece.shared is not None:
             own = np.where(lit[0, piece.shared], 0, 1) if piece.side == 0 else 1
@@ -235,7 +278,15 @@ def _collected(
 
 
 def components(corners: np.ndarray, count: int) -> np.ndarray:
-    """[K] number of the connected part that each triangle belongs to, from 0."""
+    """Number the connected parts of a mesh.
+
+    Args:
+        corners: [K, 3] vertices of triangles.
+        count: Number of vertices.
+
+    Returns:
+        [K] part of each triangle, from 0.
+    """
     rows, columns = corners[:, [0, 1]].reshape(-1), corners[:, [1, 2]].reshape(-1)
     links = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
     _, label = connected_components(links, directed=False)

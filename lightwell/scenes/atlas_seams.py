@@ -1,4 +1,4 @@
-"""Seams of an atlas: edges whose two triangles lie on different places of the light map.
+"""Seams of an atlas: edges whose two triangles lie at different places of the light map.
 
 Notation: T triangles of all meshes behind one another, E seams; end k of a triangle's edge is its corner k or k + 1.
 """
@@ -25,19 +25,28 @@ class Seams:
     triangle: np.ndarray
     """[E, 2] triangles on both sides."""
     corner: np.ndarray
-    """[E, 2, 2] of each triangle, the corners at the first and the second end of the edge."""
+    """[E, 2, 2] corners of each triangle at the first and the second end of the edge."""
     side: np.ndarray
     """[E] 0: fronts, 1: backs."""
     smooth: np.ndarray
     """[E] bool: light is continuous across it."""
     length: np.ndarray
-    """[E] metres."""
+    """[E] length, metres."""
 
     def __len__(self) -> int:
         return len(self.triangle)
 
     def barycentric(self, rows: np.ndarray, which: int, t: np.ndarray) -> np.ndarray:
-        """[N, 2] weights of the second and third vertex at parts t of edges, on one of their triangles."""
+        """Compute barycentric weights of points on seam edges, on one of their triangles.
+
+        Args:
+            rows: [N] seams.
+            which: Triangle of the seam, 0 or 1.
+            t: [N] positions along the edges, in [0, 1].
+
+        Returns:
+            [N, 2] float32 weights of the second and third vertex.
+        """
         weights = np.zeros((len(rows), 3), np.float32)
         first, second = self.corner[rows, which].T
         weights[np.arange(len(rows)), first] = 1 - t
@@ -46,7 +55,15 @@ class Seams:
 
 
 def seams(scene: Scene, atlas: Atlas) -> Seams:
-    """All seams between stored triangles of the same mesh and side."""
+    """Find all seams between stored triangles of the same mesh and side.
+
+    Args:
+        scene: Scene that was unwrapped.
+        atlas: Its atlas.
+
+    Returns:
+        The seams.
+    """
     parts = [_of_mesh(scene, atlas, number, side) for number in range(len(scene.meshes)) for side in (0, 1)]
     columns = [np.concatenate(c) for c in zip(*parts)]
     return Seams(*columns)
@@ -77,13 +94,13 @@ def _of_mesh(scene: Scene, atlas: Atlas, number: int, side: int):
 
 
 def _ends(begin: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """[E, 2] corners of edges, ordered by the number of their welded vertex."""
+    """Order the corners of edges [E, 2] by the number of their welded vertex."""
     ends = np.stack([begin, (begin + 1) % 3], axis=1)
     return np.where(turned[:, None], ends[:, ::-1], ends)
 
 
 def _smooth(mesh, indices: np.ndarray, pair: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """[E] bool: both sides have the same normals at both ends."""
+    """Test [E] whether both sides have the same normals at both ends."""
     p = mesh.positions[indices].astype(np.float64)
     flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)

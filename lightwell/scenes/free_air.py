@@ -1,8 +1,8 @@
-"""Which points of a scene are free air: not inside anything, not outside the house, not too near a surface.
+"""Points of a scene that are free air: not inside a solid, not outside the building, not too near a surface.
 
-Two questions are asked of a point. How far is the nearest surface? A kd-tree over points on the surfaces proposes
-triangles, to which the distance is exact. What is seen from it? Rays all around count front faces, back faces and
-misses: from inside a solid, or from behind the walls of a room, one sees back faces.
+Two tests are made. The distance to the nearest surface: a kd-tree over points on the surfaces proposes triangles, to
+which the distance is exact. Visibility: rays in all directions count front faces, back faces and misses; from inside a
+solid, or from behind the walls of a room, most hits are back faces.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .scene_cache import Derived
 # A point is inside something, or behind the walls of a room, when more of its first hits than this are back faces.
 BACK_FACES = 0.25
 
-# A point sees nothing when fewer of its rays than this meet a surface.
+# A point is outside the scene when fewer of its rays than this meet a surface.
 SEEN = 0.05
 
-# ... unless so many of the points that are not inside anything see nothing: then the scene is open.
+# ... unless this share of the points that are not inside a solid is outside: then the scene is open.
 OPEN_SCENE = 0.8
 
 # Rays per point, points on the surfaces, triangles that also get their centroid, triangles measured per point.
@@ -38,7 +38,7 @@ ENCLOSURE = 0.8
 
 @dataclass(frozen=True)
 class Views:
-    """What N points see all around them."""
+    """Results of rays in all directions from N points."""
 
     back: np.ndarray
     """[N] part of the hits that are back faces; 0 where nothing is hit."""
@@ -47,20 +47,32 @@ class Views:
 
 
 class FreeAir:
-    """Answers for one scene; see the module. Build it with ``free_air``."""
+    """Tests of points in one scene; see the module. Build it with ``free_air``."""
 
     def __init__(self, scene: Scene) -> None:
+        """Build the kd-tree and the tables of a scene.
+
+        Args:
+            scene: Scene to test points in.
+        """
         self._scene = scene.mi
         # [T, 3, 3] corners of all triangles.
         self._corners = np.concatenate([m.positions[m.indices] for m in scene.meshes]).astype(np.float64)
         # [P] triangle of each surface point in the kd-tree.
         points, self._owner = _surface_points(self._corners)
         self._tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
-        # [ids] bool by Dr.Jit's shape number: back faces of these prove nothing.
+        # [ids] bool by Dr.Jit's shape number: back faces of these are not counted.
         self._sheets = _by_shape_number(scene, [_is_sheet(scene, m) for m in scene.meshes])
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """[N] metres from ``points`` [N, 3] to the nearest surface."""
+        """Measure the distance to the nearest surface.
+
+        Args:
+            points: [N, 3] positions, metres.
+
+        Returns:
+            [N] metres.
+        """
         points = np.asarray(points, dtype=np.float64)
         count = min(NEAREST, len(self._owner))
         _, found = self._tree.query(points, k=count)
@@ -68,14 +80,30 @@ class FreeAir:
         return triangle_distance(points[:, None], corners).min(axis=1)
 
     def views(self, points: np.ndarray, rays: int = RAYS) -> Views:
-        """What ``points`` [N, 3] see along ``rays`` even directions, the same for all points."""
+        """Trace rays in all directions from points.
+
+        Args:
+            points: [N, 3] positions, metres.
+            rays: Directions per point, the same for all points.
+
+        Returns:
+            Shares of hits and of back faces.
+        """
         directions = even_directions(rays)
         hit, back, _, _ = self.trace(np.repeat(points, rays, axis=0), np.tile(directions, (len(points), 1)))
         hits = hit.reshape(-1, rays).sum(axis=1)
         return Views(back.reshape(-1, rays).sum(axis=1) / np.maximum(hits, 1), hits / rays)
 
     def trace(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, ...]:
-        """First hits of K rays: whether, whether on a solid's back face, distance (inf: none), shape number."""
+        """Find the first hits of rays.
+
+        Args:
+            origins: [K, 3] positions, metres.
+            directions: [K, 3] unit directions.
+
+        Returns:
+            [K] each: whether a surface was hit, whether on a solid's back face, distance (inf: none) and shape number.
+        """
         ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(directions)))
         si = self._scene.ray_intersect(ray)
         valid = si.is_valid()
@@ -87,7 +115,16 @@ class FreeAir:
         return tuple(np.array(x) for x in (valid, back, distance, shape))
 
     def occluded(self, origins: np.ndarray, targets: np.ndarray, slack: float) -> np.ndarray:
-        """[K] whether anything stands between two points, the last ``slack`` metres before the target not counted."""
+        """Test whether a surface lies between two points.
+
+        Args:
+            origins: [K, 3] positions, metres.
+            targets: [K, 3] positions, metres.
+            slack: Length before the target that is ignored, metres.
+
+        Returns:
+            [K] bool.
+        """
         way = targets - origins
         length = np.linalg.norm(way, axis=1)
         ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(way / length[:, None])))
@@ -95,7 +132,16 @@ class FreeAir:
         return np.array(self._scene.ray_test(ray))
 
     def accepts(self, points: np.ndarray, clearance: float, rays: int = RAYS) -> np.ndarray:
-        """[N] whether each of ``points`` [N, 3] is free air and keeps ``clearance`` metres from every surface."""
+        """Test whether points are free air and keep a distance from every surface.
+
+        Args:
+            points: [N, 3] positions, metres.
+            clearance: Least distance, metres.
+            rays: Rays per point.
+
+        Returns:
+            [N] bool.
+        """
         points = np.asarray(points)
         free = self.distance(points) >= clearance
         if not free.any():
@@ -113,12 +159,26 @@ FREE_AIR = Derived[FreeAir]("scenes.free_air")
 
 
 def free_air(scene: Scene) -> FreeAir:
-    """The scene's ``FreeAir``, made once and kept in the scene's cache."""
+    """Return the ``FreeAir`` of a scene, made on first use and kept with it.
+
+    Args:
+        scene: Scene to test points in.
+
+    Returns:
+        Its tests.
+    """
     return scene.cache.get(FREE_AIR, lambda: FreeAir(scene))
 
 
 def even_directions(count: int) -> np.ndarray:
-    """[count, 3] unit directions on a Fibonacci spiral, tilted so that none is parallel to an axis."""
+    """Place unit directions on a Fibonacci spiral, tilted so that none is parallel to an axis.
+
+    Args:
+        count: Number of directions, ≥ 1.
+
+    Returns:
+        [count, 3] unit vectors.
+    """
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     r = np.sqrt(1 - z * z)
@@ -128,13 +188,21 @@ def even_directions(count: int) -> np.ndarray:
 
 
 def triangle_distance(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """[...] distance from ``points`` [..., 3] to the triangles ``corners`` [..., 3, 3]."""
+    """Measure distances between points and triangles.
+
+    Args:
+        points: [..., 3] positions.
+        corners: [..., 3, 3] corners of the triangles.
+
+    Returns:
+        [...] distances.
+    """
     a, b, c = (corners[..., k, :] for k in range(3))
     edges = np.stack([_segment_distance(points, p, q) for p, q in ((a, b), (b, c), (c, a))]).min(axis=0)
     normal = np.cross(b - a, c - a)
     area = np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
     normal = normal / area
-    # The foot of the perpendicular lies inside when it is on the inner side of all three edges.
+    # The projection of the point lies inside when it is on the inner side of all three edges.
     sides = [_dot(np.cross(q - p, points - p), normal) for p, q in ((a, b), (b, c), (c, a))]
     inside = np.min(sides, axis=0) >= 0
     return np.where(inside, np.abs(_dot(points - a, normal)), edges)
@@ -151,12 +219,12 @@ def _segment_distance(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 
 def _columns(vectors: np.ndarray) -> np.ndarray:
-    """[3, K] float32 of [K, 3], contiguous."""
+    """Transpose [K, 3] to contiguous float32 [3, K]."""
     return np.ascontiguousarray(np.asarray(vectors).T, dtype=np.float32)
 
 
 def _surface_points(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points [P, 3] on the triangles [T, 3, 3] and their triangles [P]: uniform by area, and a centroid each."""
+    """Place points [P, 3] on triangles [T, 3, 3]: uniform by area, and each centroid; also returns triangles [P]."""
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     number = np.arange(CLOUD) + 0.5
     owner = np.searchsorted(np.cumsum(areas), number / CLOUD * areas.sum()).clip(0, len(areas) - 1)
@@ -172,7 +240,7 @@ def _surface_points(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _by_shape_number(scene: Scene, values: list[bool]) -> np.ndarray:
-    """[ids] bool: ``values`` of the meshes by the number that Dr.Jit gives their shapes."""
+    """Index ``values`` of the meshes by Dr.Jit's shape number; returns [ids] bool."""
     numbers = np.array(dr.reinterpret_array(mi.UInt32, scene.mi.shapes_dr()))
     table = np.zeros(numbers.max() + 1, dtype=bool)
     table[numbers[: len(values)]] = values
@@ -180,7 +248,7 @@ def _by_shape_number(scene: Scene, values: list[bool]) -> np.ndarray:
 
 
 def _is_sheet(scene: Scene, mesh: Mesh) -> bool:
-    """Whether a back face of ``mesh`` is no sign of being inside: two-sided, and open or as large as the scene."""
+    """Test whether back faces of ``mesh`` may be visible from the air: two-sided, and open or as large as the scene."""
     if not scene.materials[mesh.material].double_sided:
         return False
     size = mesh.positions.max(axis=0) - mesh.positions.min(axis=0)
@@ -189,7 +257,14 @@ def _is_sheet(scene: Scene, mesh: Mesh) -> bool:
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge is used equally often in both directions, vertices at the same place counted as one."""
+    """Test whether every edge of a mesh is used equally often in both directions, after welding vertices by position.
+
+    Args:
+        mesh: Mesh to test.
+
+    Returns:
+        True for a closed mesh.
+    """
     _, same = np.unique(np.round(mesh.positions, 5), axis=0, return_inverse=True)
     triangles = same.reshape(-1)[mesh.indices].astype(np.int64)
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
