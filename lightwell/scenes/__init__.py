@@ -1,4 +1,4 @@
-"""Loading scenes: one ``Scene`` from glTF, Mitsuba XML or a builtin name."""
+"""Loading of scenes: one ``Scene`` record from glTF, Mitsuba XML or a builtin name."""
 
 from lightwell.scenes.assemble import assemble as assemble
 from lightwell.scenes.errors import SceneError as SceneError

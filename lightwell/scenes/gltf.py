@@ -1,10 +1,10 @@
 """glTF 2.0 and GLB files as a ``Scene``.
 
-Read: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and KHR_mesh_quantization,
-Draco and meshopt compression, metallic-roughness materials with the extensions named in ``gltf_materials``,
-KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest. Not read, with a
-warning: animations, morph targets, points and lines, orthographic cameras. A file that needs another extension is
-refused.
+Supported: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and
+KHR_mesh_quantization, Draco and meshopt compression, metallic-roughness materials with the extensions listed in
+``gltf_materials``, KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest.
+Ignored, with a warning: animations, morph targets, points and lines, orthographic cameras. A file that requires another
+extension is refused.
 """
 
 from __future__ import annotations
@@ -40,16 +40,22 @@ KNOWN_EXTENSIONS = READ | {
     "KHR_texture_basisu",
     INSTANCING,
 }
-# Longest edges, metres, outside of which a scene is told to be large or small.
+# Longest edges, metres, outside of which a warning says that a scene is large or small.
 LARGE, SMALL = 300.0, 0.1
-# Extensions that change nothing about light and are passed over in silence.
+# Extensions that do not affect light and are ignored without a warning.
 HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
 
 
 def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0) -> Scene:
-    """Load a .gltf or .glb file, ``unit`` metres per unit of the file.
+    """Load a .gltf or .glb file; a defect raises ``SceneError``, one line with the cure.
 
-    Raises SceneError with one line that says what is wrong and the cure.
+    Args:
+        path: The file.
+        limits: Limits on sizes and counts; None: ``Limits()``.
+        unit: Metres per unit of the file, > 0.
+
+    Returns:
+        The scene.
     """
     path = Path(path)
     reader = _Reader(Document(path, limits or Limits()), unit)
@@ -67,7 +73,7 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
 
 
 class _Reader:
-    """Walks the nodes of one document and collects the records."""
+    """Reads the nodes of one document into records."""
 
     def __init__(self, document: Document, unit: float):
         self.document, self._unit = document, unit
@@ -79,7 +85,7 @@ class _Reader:
         accessors = self._accessors = Accessors(document)
         self._geometry = Geometry(document, accessors, self.warnings.append)
         self._textures = Textures(document, accessors, self.warnings.append)
-        # Index into ``materials`` of each of the file's materials that is used; None stands for none.
+        # Index into ``materials`` of each of the file's materials that is used; None is the default material.
         self._material_of: dict[int | None, int] = {}
         # World matrix of every node in the scene, by index.
         self._worlds: dict[int, np.ndarray] = {}
@@ -105,7 +111,7 @@ class _Reader:
         self._warn_of_size()
 
     def _warn_of_size(self) -> None:
-        """Tell when the scene is so large or small that its unit is probably not the metre."""
+        """Warn when the scene is so large or small that its unit is probably not the metre."""
         corners = [c for m in self.meshes for c in (m.positions.min(axis=0), m.positions.max(axis=0))]
         extent = float(np.ptp(corners, axis=0).max()) if corners else 0.0
         if self._unit == 1 and (extent > LARGE or 0 < extent < SMALL):
@@ -212,7 +218,7 @@ class _Reader:
 
 
 def _is_outline(material: Material) -> bool:
-    """Whether a material is that of an inverted hull, the shell around a model whose back faces are never drawn."""
+    """Test for the material of an inverted hull, the shell around a model whose back faces are never drawn."""
     return "outline" in material.name.lower() and not material.double_sided
 
 

@@ -21,15 +21,28 @@ MESHOPT_FILTERS = {
 
 
 class Accessors:
-    """Reads accessors by index; decompressed buffer views are kept."""
+    """Reads accessors by index; decompressed buffer views are kept. A defect raises ``SceneError``."""
 
-    def __init__(self, document: Document):
+    def __init__(self, document: Document) -> None:
+        """Prepare the reading of one file.
+
+        Args:
+            document: The file.
+        """
         self._document = document
         self._unpacked: dict[int, bytes] = {}
         self._arrays: dict[int, np.ndarray] = {}
 
     def view(self, index: int, reader: Place) -> bytes | memoryview:
-        """Bytes of a buffer view."""
+        """Return the bytes of a buffer view, decompressed.
+
+        Args:
+            index: Number of the buffer view.
+            reader: Element that refers to it.
+
+        Returns:
+            Its bytes.
+        """
         if index in self._unpacked:
             return self._unpacked[index]
         place = self._document.item("bufferViews", index)
@@ -41,18 +54,39 @@ class Accessors:
         return self._range(place, place)
 
     def stride(self, index: int) -> int | None:
-        """Bytes between elements as the buffer view says, or None."""
+        """Return the declared stride of a buffer view.
+
+        Args:
+            index: Number of the buffer view.
+
+        Returns:
+            Bytes between elements, or None.
+        """
         place = self._document.item("bufferViews", index)
         return place.integer("byteStride", low=1, high=256) if "byteStride" in place else None
 
     def read(self, index: int) -> np.ndarray:
-        """[count, width] of the accessor's own type; the same array for the same accessor, not to be written to."""
+        """Read an accessor in its own type; the same array is returned each time and must not be changed.
+
+        Args:
+            index: Number of the accessor.
+
+        Returns:
+            [count, width] values.
+        """
         if index not in self._arrays:
             self._arrays[index] = self._read(index)
         return self._arrays[index]
 
     def count(self, index: int) -> int:
-        """Number of elements that an accessor says it has."""
+        """Return the declared number of elements of an accessor.
+
+        Args:
+            index: Number of the accessor.
+
+        Returns:
+            Number of elements, ≥ 1.
+        """
         return self._place(index).integer("count", low=1)
 
     def _read(self, index: int) -> np.ndarray:
@@ -67,11 +101,25 @@ class Accessors:
         return self._with_sparse(place, values) if "sparse" in place else values
 
     def floats(self, index: int) -> np.ndarray:
-        """[count, width] float32, normalized integers scaled to [0, 1] or [-1, 1]."""
+        """Read an accessor as floating-point numbers.
+
+        Args:
+            index: Number of the accessor.
+
+        Returns:
+            [count, width] float32, normalized integers scaled to [0, 1] or [-1, 1].
+        """
         return as_floats(self.read(index), self._place(index).flag("normalized"))
 
     def layout(self, place: Place) -> tuple[np.dtype, int, int]:
-        """Component type, components per element, elements."""
+        """Read the declared layout of an accessor.
+
+        Args:
+            place: Accessor object.
+
+        Returns:
+            Component type, components per element, number of elements.
+        """
         code, kind = place.integer("componentType"), place.text("type")
         if code not in COMPONENT_TYPES:
             place.fail(f"has componentType {code}, expected one of {', '.join(map(str, COMPONENT_TYPES))}")
@@ -149,7 +197,15 @@ class Accessors:
 
 
 def as_floats(values: np.ndarray, normalized: bool) -> np.ndarray:
-    """float32 of integers or floats; normalized integers as glTF 2.0 decodes them."""
+    """Convert integers or floats to float32.
+
+    Args:
+        values: Values of any shape.
+        normalized: Scale integers to [0, 1] or [-1, 1], as glTF 2.0 defines it.
+
+    Returns:
+        float32 of the same shape.
+    """
     if values.dtype.kind == "f" or not normalized:
         return values.astype(np.float32, copy=False)
     scaled = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)

@@ -1,4 +1,4 @@
-"""The outside of a glTF file: GLB chunks, the JSON document, buffers and the files they name."""
+"""The container of a glTF file: GLB chunks, the JSON document, buffers and external files."""
 
 from __future__ import annotations
 
@@ -22,9 +22,15 @@ JSON_EXPANSION = 8
 
 
 class Document:
-    """An opened glTF file: its JSON root, its lists and its bytes."""
+    """An opened glTF file: its JSON root, its lists and its bytes. A defect raises ``SceneError``."""
 
-    def __init__(self, path: Path, limits: Limits):
+    def __init__(self, path: Path, limits: Limits) -> None:
+        """Open a file and parse its JSON.
+
+        Args:
+            path: The file.
+            limits: Limits on sizes and counts.
+        """
         self.path = path
         self.scene = path.name
         self.budget = limits.budget(f"scene '{self.scene}'", SceneError)
@@ -38,15 +44,30 @@ class Document:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the file and over every external file that was read, in the order of reading."""
+        """SHA-256 of the file and of every external file that was read, in the order of reading."""
         return self._hash.hexdigest()
 
     def count(self, key: str) -> int:
-        """Length of a top-level list."""
+        """Return the length of a top-level list.
+
+        Args:
+            key: Name of the list, such as 'accessors'.
+
+        Returns:
+            Its length; 0 when it is missing.
+        """
         return len(self.root.items(key))
 
     def item(self, key: str, index: int) -> Place:
-        """Entry ``index`` of a top-level list, called for instance ``accessor 7``."""
+        """Return an entry of a top-level list, named for instance ``accessor 7`` in messages.
+
+        Args:
+            key: Name of the list, such as 'accessors'.
+            index: Number of the entry.
+
+        Returns:
+            The entry.
+        """
         what = "mesh" if key == "meshes" else key[:-1]
         values = self.root.items(key)
         if not 0 <= index < len(values):
@@ -54,11 +75,26 @@ class Document:
         return Place(self.scene, f"{what} {index}", values[index])
 
     def fail(self, problem: str, cure: str = CURE):
-        """Raise a SceneError about the file."""
+        """Raise an error about the file.
+
+        Args:
+            problem: What is wrong.
+            cure: What the user can do.
+
+        Raises:
+            SceneError: Always.
+        """
         raise SceneError(f"scene '{self.scene}': {problem}; {cure}")
 
     def buffer(self, index: int) -> bytes:
-        """Bytes of a buffer."""
+        """Return the bytes of a buffer.
+
+        Args:
+            index: Number of the buffer.
+
+        Returns:
+            Its bytes.
+        """
         if index not in self._buffers:
             place = self.item("buffers", index)
             length = place.integer("byteLength", low=1)
@@ -74,7 +110,15 @@ class Document:
         return self._buffers[index]
 
     def resource(self, place: Place, uri: str) -> bytes:
-        """Bytes of a data URI, or of a file in the folder of the glTF file or below it."""
+        """Read a data URI, or a file in the folder of the glTF file or below it.
+
+        Args:
+            place: Element that names it.
+            uri: The URI.
+
+        Returns:
+            Its bytes.
+        """
         if uri.startswith("data:"):
             return self._data_uri(place, uri)
         if "://" in uri or uri.startswith("file:"):
@@ -115,7 +159,7 @@ class Document:
             place.fail("has a data URI that is not valid base64")
 
     def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
-        """JSON bytes and the binary chunk, if any."""
+        """Split a file into JSON bytes and the binary chunk, if any."""
         if len(data) < 4 or struct.unpack_from("<I", data)[0] != GLB_MAGIC:
             if self.path.suffix.lower() == ".glb":
                 self.fail("does not begin with 'glTF', so it is no GLB file")

@@ -25,20 +25,20 @@ ATTRIBUTES = {
     "WEIGHTS_0": (4,),
 }
 
-# What takes the place of values that are not finite, and how a warning calls it; other attributes are refused.
+# Replacement of values that are not finite, and its name in warnings; other attributes are refused.
 REPAIRS = {
     "NORMAL": (0.0, "those of the triangles"),
     "TEXCOORD_0": (0.0, "zeros"),
     "TEXCOORD_1": (0.0, "zeros"),
     "COLOR_0": (1.0, "ones"),
 }
-# Attributes that are left out without a word: tangents are made again from texture coordinates.
+# Attributes that are ignored without a warning: tangents are computed from texture coordinates.
 SILENT_ATTRIBUTES = ("TANGENT", "JOINTS_1", "WEIGHTS_1")
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """Triangles of one material before they are placed in the world."""
+    """Triangles of one material in the space of their mesh."""
 
     positions: np.ndarray
     """[V, 3] float32."""
@@ -58,16 +58,30 @@ class Primitive:
 
 
 class Geometry:
-    """Reads each primitive once, however often it is placed."""
+    """Reads each primitive once, however many nodes place it."""
 
-    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
+    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]) -> None:
+        """Prepare the reading of one file.
+
+        Args:
+            document: The file.
+            accessors: Its accessors.
+            warn: Called with each element that is ignored or repaired.
+        """
         self._document, self._accessors, self._warn = document, accessors, warn
         self._meshes: dict[int, list[Primitive]] = {}
         self.ignored: set[str] = set()
-        """Names of attributes that were seen and not read."""
+        """Names of attributes that were ignored."""
 
     def mesh(self, index: int) -> list[Primitive]:
-        """The triangle primitives of a mesh."""
+        """Read the triangle primitives of a mesh.
+
+        Args:
+            index: Number of the mesh.
+
+        Returns:
+            Its primitives.
+        """
         if index not in self._meshes:
             place = self._document.item("meshes", index)
             place.what = f"mesh {index}"
@@ -113,7 +127,7 @@ class Geometry:
         return arrays, np.arange(len(arrays.get("POSITION", ())), dtype=np.uint32)
 
     def _repaired(self, place: Place, name: str, values: np.ndarray) -> np.ndarray:
-        """Values without those that are not finite; a normal of length 0 later becomes that of the triangles."""
+        """Replace values that are not finite; a normal of length 0 later becomes that of the triangles."""
         bad = ~np.isfinite(values).all(axis=1)
         if name not in REPAIRS:
             place.fail(f"has {name} that are not finite numbers", "repair the mesh and export it again")
@@ -130,7 +144,7 @@ class Geometry:
         try:
             mesh = DracoPy.decode(bytes(self._accessors.view(number, draco)))
             faces = np.asarray(mesh.faces, np.uint32).reshape(-1)
-        except Exception as error:  # the decoder has many ways to refuse a damaged buffer
+        except Exception as error:  # the decoder raises many types for a damaged buffer
             if isinstance(error, (KeyboardInterrupt, SystemExit)):
                 raise
             draco.fail(f"cannot be decompressed ({str(error).splitlines()[0] if str(error) else type(error).__name__})")
@@ -172,7 +186,15 @@ class Geometry:
 
 
 def triangles(corners: np.ndarray, mode: int) -> np.ndarray:
-    """[T, 3] uint32 triangles of a list of vertices in the modes TRIANGLES, STRIP and FAN."""
+    """Convert a vertex list to triangles.
+
+    Args:
+        corners: [K] vertex numbers.
+        mode: glTF mode TRIANGLES, STRIP or FAN.
+
+    Returns:
+        [T, 3] uint32.
+    """
     if mode == TRIANGLES:
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     count = max(len(corners) - 2, 0)

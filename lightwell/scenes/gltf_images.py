@@ -1,4 +1,4 @@
-"""Textures of a glTF file: pictures decoded once, WebP rewritten as PNG or JPEG, samplers and texture transforms."""
+"""Textures of a glTF file: images decoded once, WebP converted to PNG or JPEG, samplers and texture transforms."""
 
 from __future__ import annotations
 
@@ -20,26 +20,41 @@ from lightwell.scenes.scene import Image, Texture
 WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 # The magnification filter NEAREST; all others are bilinear here.
 NEAREST = 9728
-# What glTF files hold in practice; Pillow's other readers are not offered a stranger's bytes.
+# Formats that glTF files hold in practice; Pillow's other readers are not used on untrusted bytes.
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TGA", "TIFF")
-# How a KTX2 file begins (KTX 2.0 specification, section 3.1).
+# First bytes of a KTX2 file (KTX 2.0 specification, section 3.1).
 KTX2 = bytes.fromhex("ab4b5458203230bb0d0a1a0a")
-# Quality of the JPEG that takes the place of a lossy WebP; high, because the picture has lost once already.
+# Quality of the JPEG that replaces a lossy WebP; high, because the image was already compressed once.
 JPEG_QUALITY = 95
 
 
 class Textures:
-    """Reads texture references; a picture that cannot be read is a warning and counts as absent."""
+    """Reads texture references; an image that cannot be read causes a warning and counts as absent."""
 
-    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]):
+    def __init__(self, document: Document, accessors: Accessors, warn: Callable[[str], None]) -> None:
+        """Prepare the reading of one file.
+
+        Args:
+            document: The file.
+            accessors: Its accessors.
+            warn: Called with each image that cannot be read.
+        """
         self._document, self._accessors, self._warn = document, accessors, warn
         self._images: dict[int, Image | None] = {}
-        # By digest of the encoded bytes: files name one picture under several numbers.
+        # By digest of the encoded bytes: files store one image under several numbers.
         self._decoded: dict[bytes, Image] = {}
         self._charged: set[bytes] = set()
 
     def read(self, owner: Place, key: str) -> Texture | None:
-        """The texture that ``owner`` names under ``key``."""
+        """Read the texture that an element refers to.
+
+        Args:
+            owner: Element, such as a material.
+            key: Name of the reference.
+
+        Returns:
+            The texture, or None.
+        """
         reference = owner.place(key)
         if reference is None:
             return None
@@ -76,7 +91,7 @@ class Textures:
         return self._images[number]
 
     def _image_number(self, texture: Place) -> int | None:
-        # The plain picture beats one in a format that is not decoded here.
+        # A PNG or JPEG is preferred to a format that is not decoded here.
         order = [texture.extension("EXT_texture_webp"), texture, texture.extension("KHR_texture_basisu")]
         holder = next((place for place in order if place is not None and "source" in place), texture)
         return holder.index("source", self._document.count("images"), "image")
@@ -95,14 +110,14 @@ class Textures:
         try:
             image = encoded_image(name, data)
             image.pixels  # noqa: B018  decode now, so that damage is found here
-        except Exception as error:  # Pillow's readers have many ways to refuse a damaged picture
+        except Exception as error:  # Pillow's readers raise many types for a damaged image
             self._warn(f"{place.what} ('{name}'): cannot be decoded ({_line(error)}); the factor alone is used")
             return None
         self._decoded[key] = image
         return image
 
     def _found(self, place: Place) -> bytes | None:
-        """Bytes of a picture; None, with a warning, when its file is missing."""
+        """Read the bytes of an image; None, with a warning, when its file is missing."""
         try:
             return self._bytes(place)
         except SceneError as error:
@@ -112,7 +127,7 @@ class Textures:
             return None
 
     def charge(self) -> None:
-        """Charge every picture that a texture names by the size in its header, before any is decoded."""
+        """Charge the size of every image that a texture refers to, from its header, before any image is decoded."""
         count = self._document.count("textures")
         textures = (self._document.item("textures", i) for i in range(count))
         numbers = [self._image_number(texture) for texture in textures]
@@ -130,13 +145,13 @@ class Textures:
     def _charge(self, place: Place, data: bytes) -> None:
         try:
             with warnings.catch_warnings():
-                # The budget decides about sizes, not Pillow's own bound.
+                # The budget limits sizes, not Pillow's own bound.
                 warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
                 with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
                     width, height = picture.size
         except PillowImage.DecompressionBombError:
             place.fail(f"is a picture of more than {2 * PillowImage.MAX_IMAGE_PIXELS} texels", "make it smaller")
-        except Exception:  # what is no picture is told where it is decoded
+        except Exception:  # reported where it is decoded
             return
         self._document.budget.check_picture(width, height, place.what)
 
@@ -148,7 +163,15 @@ class Textures:
 
 
 def encoded_image(name: str, data: bytes) -> Image:
-    """An ``Image`` of encoded bytes: PNG and JPEG stay as they are, all else is encoded again."""
+    """Make an ``Image`` of encoded bytes: PNG and JPEG are kept, other formats are converted.
+
+    Args:
+        name: Name of the image.
+        data: Encoded bytes.
+
+    Returns:
+        The image.
+    """
     with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
         if picture.format in ("PNG", "JPEG"):
             return Image(name, data, f"image/{picture.format.lower()}")
@@ -166,7 +189,7 @@ def _line(error: BaseException) -> str:
 
 
 def _transform(reference: Place) -> tuple[tuple[tuple[float, ...], ...] | None, int]:
-    """3x3 matrix of KHR_texture_transform (None for none) and the coordinate set."""
+    """Read the 3x3 matrix of KHR_texture_transform (None for none) and the coordinate set."""
     uv_set = reference.integer("texCoord", 0)
     extension = reference.extension("KHR_texture_transform")
     if extension is None:

@@ -1,4 +1,4 @@
-"""Typed access to the JSON of a glTF file, which may be hostile: each look-up is checked and says where it looked."""
+"""Typed access to the JSON of a glTF file, which may be hostile: accesses are checked, and errors name the element."""
 
 from __future__ import annotations
 
@@ -11,23 +11,51 @@ CURE = "the file is truncated or damaged, export it again"
 
 
 class Place:
-    """A JSON object and how messages call it: ``scene 'room.glb': accessor 7``."""
+    """A JSON object and its name in messages: ``scene 'room.glb': accessor 7``.
 
-    def __init__(self, scene: str, what: str, value: Any):
+    All methods raise ``SceneError`` when a value is missing or has another type than expected.
+    """
+
+    def __init__(self, scene: str, what: str, value: Any) -> None:
+        """Wrap a JSON value, which must be an object.
+
+        Args:
+            scene: Name of the file in messages.
+            what: Name of the element in messages.
+            value: The JSON value.
+        """
         self.scene, self.what = scene, what
         if not isinstance(value, dict):
             self.fail(f"is {_shown(value)}, expected an object")
         self.value: dict[str, Any] = value
 
     def fail(self, problem: str, cure: str = CURE) -> NoReturn:
-        """Raise a SceneError about this place."""
+        """Raise an error about this element.
+
+        Args:
+            problem: What is wrong.
+            cure: What the user can do.
+
+        Raises:
+            SceneError: Always.
+        """
         raise SceneError(f"scene '{self.scene}': {self.what} {problem}; {cure}")
 
     def __contains__(self, key: str) -> bool:
         return key in self.value
 
     def integer(self, key: str, default: int | None = None, low: int = 0, high: int = 2**53) -> int:
-        """A whole number in low … high; without a default it must be there."""
+        """Read a whole number.
+
+        Args:
+            key: Name of the property.
+            default: Value when it is missing; None: it is required.
+            low: Least allowed value.
+            high: Largest allowed value.
+
+        Returns:
+            The number.
+        """
         number = self.value.get(key, default)
         if isinstance(number, float) and number.is_integer():
             number = int(number)
@@ -37,7 +65,16 @@ class Place:
         return number
 
     def number(self, key: str, default: float | None = None, low: float = -math.inf) -> float:
-        """A finite number, at least ``low``."""
+        """Read a finite number.
+
+        Args:
+            key: Name of the property.
+            default: Value when it is missing; None: it is required.
+            low: Least allowed value.
+
+        Returns:
+            The number.
+        """
         number = self.value.get(key, default)
         if not _is_finite(number) or number < low:
             self.fail(
@@ -46,7 +83,16 @@ class Place:
         return float(number)
 
     def numbers(self, key: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-        """``count`` finite numbers."""
+        """Read a list of finite numbers.
+
+        Args:
+            key: Name of the property.
+            count: Expected length.
+            default: Value when it is missing; None: it is required.
+
+        Returns:
+            The numbers.
+        """
         if default is not None and key not in self.value:
             return default
         values = self.value.get(key)
@@ -55,21 +101,43 @@ class Place:
         return tuple(map(float, values))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A string."""
+        """Read a string.
+
+        Args:
+            key: Name of the property.
+            default: Value when it is missing; None: it is required.
+
+        Returns:
+            The string.
+        """
         value = self.value.get(key, default)
         if not isinstance(value, str):
             self.fail(f"has {key} {_shown(value)}, expected text")
         return value
 
     def flag(self, key: str) -> bool:
-        """A boolean, False when absent."""
+        """Read a boolean.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            Its value; False when it is missing.
+        """
         value = self.value.get(key, False)
         if not isinstance(value, bool):
             self.fail(f"has {key} {_shown(value)}, expected true or false")
         return value
 
     def texts(self, key: str) -> list[str]:
-        """A list of strings, empty when absent."""
+        """Read a list of strings.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            The strings; empty when it is missing.
+        """
         values = self.items(key)
         for value in values:
             if not isinstance(value, str):
@@ -77,32 +145,76 @@ class Place:
         return values
 
     def place(self, key: str) -> Place | None:
-        """The object under ``key`` or None."""
+        """Read an object.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            The object, or None when it is missing.
+        """
         return Place(self.scene, f"{self.what} {key}", self.value[key]) if key in self.value else None
 
     def keys(self, key: str) -> list[str]:
-        """Names in the object under ``key``, in order; empty when absent."""
+        """List the names in an object, in order.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            The names; empty when it is missing.
+        """
         inner = self.place(key)
         return list(inner.value) if inner else []
 
     def need(self, key: str) -> Place:
-        """The object under ``key``, which must be there."""
+        """Read a required object.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            The object.
+        """
         return self.place(key) or self.fail(f"has no {key}")
 
     def extension(self, name: str) -> Place | None:
-        """The object of an extension or None."""
+        """Read the object of an extension.
+
+        Args:
+            name: Name of the extension.
+
+        Returns:
+            The object, or None when it is missing.
+        """
         extensions = self.place("extensions")
         return extensions.place(name) if extensions else None
 
     def items(self, key: str) -> list[Any]:
-        """The list under ``key``, empty when absent."""
+        """Read a list.
+
+        Args:
+            key: Name of the property.
+
+        Returns:
+            The list; empty when it is missing.
+        """
         value = self.value.get(key, [])
         if not isinstance(value, list):
             self.fail(f"has {key} {_shown(value)}, expected a list")
         return value
 
     def indices(self, key: str, limit: int, of: str) -> list[int]:
-        """A list of indices below ``limit``."""
+        """Read a list of indices.
+
+        Args:
+            key: Name of the property.
+            limit: Number of elements that can be referred to.
+            of: Kind of these elements, for messages.
+
+        Returns:
+            Indices in [0, limit); empty when it is missing.
+        """
         values = self.items(key)
         for value in values:
             if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < limit:
@@ -110,7 +222,16 @@ class Place:
         return values
 
     def index(self, key: str, limit: int, of: str) -> int | None:
-        """An index below ``limit``, or None when absent."""
+        """Read an index.
+
+        Args:
+            key: Name of the property.
+            limit: Number of elements that can be referred to.
+            of: Kind of these elements, for messages.
+
+        Returns:
+            Index in [0, limit), or None when it is missing.
+        """
         if key not in self.value:
             return None
         value = self.integer(key)
@@ -120,7 +241,7 @@ class Place:
 
 
 def _are_finite(values: list[Any]) -> bool:
-    """``_is_finite`` of all; a scene has millions of numbers, so that the common case is decided without a loop."""
+    """Apply ``_is_finite`` to all numbers; the common case needs no loop, because scenes have millions of numbers."""
     if {*map(type, values)} == {float}:
         return all(map(math.isfinite, values))
     return all(map(_is_finite, values))

@@ -10,16 +10,16 @@ from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place
 from lightwell.scenes.scene import Material
 
-# A microfacet lobe below this roughness is so narrow that a path tracer finds lights through it only by luck.
+# A microfacet lobe below this roughness is so narrow that BSDF sampling rarely finds lights through it.
 NEAR_DELTA_ROUGHNESS = 0.1
 # Primitives without a material: a white wall. (glTF's own default, a white metal, would hardly reflect diffusely.)
 WITHOUT_MATERIAL = Material("without material", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0, roughness=1.0)
-# Radiance above which a material's emission counts as a mistake: the sun's disc has 1.6e9 cd/m².
+# Radiance above which a material's emission counts as an error: the sun's disc has 1.6e9 cd/m².
 MOST_RADIANCE = 1e10
 # Reflectance at normal incidence above which a specular-glossiness material counts as metal.
 METAL_F0 = 0.25
 
-# Material extensions that are read, as a whole or in part.
+# Material extensions that are read, completely or in part.
 READ = {
     f"KHR_materials_{name}"
     for name in (
@@ -29,7 +29,16 @@ READ = {
 
 
 def read_material(place: Place, textures: Textures, warn: Callable[[str], None]) -> Material:
-    """The record of one material; ``warn`` is told what it cannot say."""
+    """Read one material.
+
+    Args:
+        place: Material object.
+        textures: Textures of the file.
+        warn: Called with each property that the record cannot represent.
+
+    Returns:
+        The record.
+    """
     name = place.text("name", "") or place.what
     lost: list[str] = []
     material = _metallic_roughness(place, name, textures)
@@ -132,7 +141,7 @@ def _extensions(place: Place, material: Material, lost: list[str]) -> Material:
 
 
 def _ior(place: Place, specular: Place, material: Material, lost: list[str]) -> float:
-    """Index of refraction whose reflectance at normal incidence is that of ``ior`` times the specular factor."""
+    """Compute the index of refraction whose normal reflectance is that of ``ior`` times the specular factor."""
     ior = place.number("ior", 1.5)
     ior = max(ior, 1.0) if ior > 0 else 1.5
     factor = _unit(specular.number("specularFactor", 1.0))

@@ -1,4 +1,4 @@
-"""The node tree of a glTF file: where each mesh, camera and light stands in the world."""
+"""The node tree of a glTF file: world transforms of meshes, cameras and lights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TRANSFORMS = ("matrix", "translation", "rotation", "scale")
 
 @dataclass(frozen=True)
 class PlacedNode:
-    """A node and its place in the world."""
+    """A node and its world transform."""
 
     index: int
     place: Place
@@ -28,10 +28,15 @@ class PlacedNode:
 def placed_nodes(
     document: Document, unit: float = 1.0, poses: Mapping[int, dict] | None = None
 ) -> Iterator[PlacedNode]:
-    """Every node of the default scene, parents first.
+    """Iterate over the nodes of the default scene, parents first.
 
-    ``unit`` is the length of one unit of the file in metres; ``poses`` are transforms, by index, that take the place of
-    a node's own.
+    Args:
+        document: The file.
+        unit: Metres per unit of the file, > 0.
+        poses: Transforms, by node index, that replace a node's own.
+
+    Yields:
+        Nodes with their world transforms.
     """
     count = document.count("nodes")
     document.budget.charge("nodes", count)
@@ -53,12 +58,12 @@ def placed_nodes(
 
 
 def _world_matrix(place: Place, parent: np.ndarray) -> np.ndarray:
-    """[4, 4] of a node whose parent has the matrix ``parent``; the parent's own where the node does not move."""
+    """Compute the world matrix [4, 4] of a node from that of its parent; without a transform it is the parent's."""
     if place.value.keys().isdisjoint(TRANSFORMS):
         return parent
     with np.errstate(all="ignore"):
         matrix = parent @ local_matrix(place)
-    # One sum is finite exactly when all numbers are, but for overflow, which has no use either.
+    # The sum is finite exactly when all numbers are, except on overflow, which is refused too.
     if not math.isfinite(matrix.sum()):
         place.fail("has a transform that is not finite")
     return matrix
@@ -77,7 +82,14 @@ def _roots(document: Document) -> list[int]:
 
 
 def local_matrix(place: Place) -> np.ndarray:
-    """[4, 4] transform of a node to its parent."""
+    """Compute the transform of a node to its parent.
+
+    Args:
+        place: Node object.
+
+    Returns:
+        [4, 4] float64.
+    """
     if "matrix" in place:
         return np.array(place.numbers("matrix", 16)).reshape(4, 4).T
     sx, sy, sz = place.numbers("scale", 3, (1.0, 1.0, 1.0))
@@ -94,7 +106,14 @@ def local_matrix(place: Place) -> np.ndarray:
 
 
 def rotations(quaternions: np.ndarray) -> np.ndarray:
-    """[K, 3, 3] of quaternions [K, 4]; the identity where one has no length."""
+    """Convert quaternions to rotation matrices.
+
+    Args:
+        quaternions: [K, 4] x, y, z, w of any length.
+
+    Returns:
+        [K, 3, 3]; the identity for a quaternion of length 0.
+    """
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     x, y, z, w = np.where(length > 0, quaternions / np.where(length > 0, length, 1), [0.0, 0.0, 0.0, 1.0]).T
     rows = [
@@ -106,7 +125,14 @@ def rotations(quaternions: np.ndarray) -> np.ndarray:
 
 
 def rotation(quaternion: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
-    """3x3 rows of a quaternion x, y, z, w of any length; the identity where it has none."""
+    """Convert one quaternion to a rotation matrix.
+
+    Args:
+        quaternion: x, y, z, w of any length.
+
+    Returns:
+        3 rows of 3 numbers; the identity for a quaternion of length 0.
+    """
     length = math.hypot(*quaternion)
     if not 0 < length < math.inf:
         return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

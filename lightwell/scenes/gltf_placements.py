@@ -1,6 +1,6 @@
-"""Where the meshes of a glTF file are placed: by nodes and by EXT_mesh_gpu_instancing. K placements, V vertices.
+"""Placements of the meshes of a glTF file, by nodes and by EXT_mesh_gpu_instancing. K placements, V vertices.
 
-What all placements together ask for is counted here from the JSON alone, before any array is decoded.
+The total size of all placements is computed here from the JSON alone, before any array is decoded.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from lightwell.scenes.gltf_json import Place
 from lightwell.scenes.gltf_nodes import PlacedNode, rotations
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-# With more placements than this, those of one mesh are joined: a renderer's shape costs more than a small mesh.
+# With more placements than this, those of one mesh are joined: many shapes are slower than a few larger ones.
 MOST_SEPARATE = 4096
 
 
 @dataclass(frozen=True)
 class Placement:
-    """One mesh of the file and where it stands."""
+    """A mesh of the file and its world transforms."""
 
     node: PlacedNode
     """The first node that places it."""
@@ -34,7 +34,16 @@ class Placement:
 
 
 def placements(document: Document, accessors: Accessors, nodes: Sequence[PlacedNode]) -> list[Placement]:
-    """Every placed mesh of the scene, in the order of the nodes; charges what they ask for."""
+    """List every placed mesh of the scene, in the order of the nodes, and charge their sizes to the budget.
+
+    Args:
+        document: The file.
+        accessors: Its accessors.
+        nodes: Nodes with their world transforms.
+
+    Returns:
+        The placements.
+    """
     found = []
     demands: dict[int, tuple[int, int, int]] = {}
     budget, mesh_count = document.budget, document.count("meshes")
@@ -56,16 +65,23 @@ def placements(document: Document, accessors: Accessors, nodes: Sequence[PlacedN
 
 
 def placed_copies(primitive: Primitive, matrices: np.ndarray) -> dict[str, np.ndarray | None]:
-    """Positions, normals and indices of a primitive after each of the ``matrices`` [K, 4, 4], one after the other.
+    """Transform a primitive by each of several matrices; the copies follow one another.
 
-    A mirroring matrix turns the winding.
+    A mirroring matrix reverses the winding.
+
+    Args:
+        primitive: Triangles to copy.
+        matrices: [K, 4, 4] transforms.
+
+    Returns:
+        Positions, normals and indices of all copies by name.
     """
     linear = matrices[:, :3, :3]
     positions = np.einsum("kij,vj->kvi", linear, primitive.positions.astype(np.float64)) + matrices[:, None, :3, 3]
     mirrored = np.linalg.det(linear) < 0
     normals = None
     if primitive.normals is not None:
-        # The cofactor matrix transforms normals, and exists even when the matrix flattens the mesh.
+        # The cofactor matrix transforms normals, and exists even when the matrix is singular.
         cofactor = np.stack([np.cross(linear[:, i], linear[:, j]) for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
         turned = np.where(mirrored[:, None, None], -cofactor, cofactor)
         normals = np.einsum("kij,vj->kvi", turned, primitive.normals.astype(np.float64)).reshape(-1, 3)
@@ -81,7 +97,7 @@ def placed_copies(primitive: Primitive, matrices: np.ndarray) -> dict[str, np.nd
 
 
 def _demand(document: Document, mesh: int) -> tuple[int, int, int]:
-    """Primitives, vertices and indices of a mesh as its JSON says."""
+    """Count primitives, vertices and indices of a mesh from its JSON."""
     place = document.item("meshes", mesh)
     count = vertices = indices = 0
     for i, value in enumerate(place.items("primitives")):
@@ -97,7 +113,7 @@ def _demand(document: Document, mesh: int) -> tuple[int, int, int]:
 
 
 def _primitive_demand(document: Document, primitive: Place) -> tuple[int, int]:
-    """Vertices and indices that a primitive says it has."""
+    """Count vertices and indices of a primitive from its JSON."""
     attributes = primitive.need("attributes")
     numbers = [attributes.index(name, document.count("accessors"), "accessor") for name in ATTRIBUTES]
     counts = [document.item("accessors", n).integer("count", low=1) for n in numbers if n is not None]
@@ -116,7 +132,7 @@ def _instance_count(document: Document, accessors: Accessors, extension: Place) 
 
 
 def _matrices(document: Document, accessors: Accessors, node: PlacedNode, extension: Place | None) -> np.ndarray:
-    """[K, 4, 4] world matrices of a node's mesh."""
+    """Compute the world matrices [K, 4, 4] of a node's mesh."""
     if extension is None:
         return node.matrix[None]
     count, attributes = _instance_count(document, accessors, extension), extension.need("attributes")
@@ -134,7 +150,7 @@ def _matrices(document: Document, accessors: Accessors, node: PlacedNode, extens
 
 
 def _joined(made: Sequence[Placement]) -> list[Placement]:
-    """One placement per mesh in place of many; those of skinned meshes stay, their nodes do not place them."""
+    """Join the placements of each mesh to one; those of skinned meshes are kept, because joints place them."""
     groups: dict[tuple, list[Placement]] = {}
     for i, placement in enumerate(made):
         key = ("skin", i) if "skin" in placement.node.place else ("mesh", placement.mesh)

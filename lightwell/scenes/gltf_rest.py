@@ -1,4 +1,4 @@
-"""Nodes of a glTF file that have no size at rest: they stand as their first animation shows them."""
+"""Nodes of a glTF file whose scale at rest is 0: they get the transform of their first animation."""
 
 from __future__ import annotations
 
@@ -10,21 +10,29 @@ from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
 
-# Components of a channel's values by the property that it moves.
+# Components of a channel's values by the property that it animates.
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
-# A scale below this shows nothing.
+# Nodes with a smaller scale are invisible.
 SMALLEST_SCALE = 1e-4
-# Nodes that a warning names.
+# Largest number of nodes that a warning names.
 MOST_NAMED = 5
 
 
 def poses_for_flat_nodes(
     document: Document, accessors: Accessors, warn: Callable[[str], None]
 ) -> dict[int, dict[str, list[float]]]:
-    """Transforms, by node index, that take the place of those of nodes whose scale at rest is 0.
+    """Find transforms for nodes whose scale at rest is 0.
 
-    A pose is that of the first animation of the node's scale, at its first key with a size; a node that no animation
-    blows up stays flat.
+    A pose is that of the first animation of the node's scale, at its first key with a scale above 0; a node that no
+    animation scales stays flat.
+
+    Args:
+        document: The file.
+        accessors: Its accessors.
+        warn: Called with the nodes that were found.
+
+    Returns:
+        Transforms by node index, to be used instead of the nodes' own.
     """
     flat = [i for i in range(document.count("nodes")) if _is_flat(document.item("nodes", i))]
     if not flat:
@@ -52,7 +60,7 @@ def _is_flat(node: Place) -> bool:
 
 
 def _channels(document: Document, animation: Place) -> list[tuple[int, str, int]]:
-    """(node, path, sampler) of the channels that move a node."""
+    """List (node, path, sampler) of the channels that animate a node."""
     found = []
     samplers = len(animation.items("samplers"))
     for i, value in enumerate(animation.items("channels")):
@@ -69,7 +77,7 @@ def _nodes_scaled_by(document: Document, animation: Place) -> set[int]:
 
 
 def _pose(document: Document, accessors: Accessors, animation: Place, node: int) -> dict[str, list[float]] | None:
-    """The node's animated properties at the first key at which it has a size, or None."""
+    """Read the node's animated properties at the first key with a scale above 0, or None."""
     tracks = {
         path: _track(document, accessors, animation, sampler, PATHS[path])
         for other, path, sampler in _channels(document, animation)
@@ -89,7 +97,7 @@ def _pose(document: Document, accessors: Accessors, animation: Place, node: int)
 def _track(
     document: Document, accessors: Accessors, animation: Place, sampler: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times [K] and values [K, width] of a sampler; of cubic splines the values without their tangents."""
+    """Read times [K] and values [K, width] of a sampler; of cubic splines the values without their tangents."""
     place = Place(animation.scene, f"{animation.what} sampler {sampler}", animation.items("samplers")[sampler])
     count = document.count("accessors")
     numbers = [place.index(key, count, "accessor") for key in ("input", "output")]

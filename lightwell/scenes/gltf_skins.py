@@ -1,6 +1,6 @@
 """Skinned meshes of a glTF file at rest. V vertices, J joints.
 
-A skinned mesh stands where its joints hold it; the transform of its own node does not count (glTF 2.0, 3.7.3.3).
+The joints determine the position of a skinned mesh; the transform of its own node is ignored (glTF 2.0, 3.7.3.3).
 """
 
 from __future__ import annotations
@@ -15,9 +15,16 @@ from lightwell.scenes.gltf_geometry import Primitive
 def joint_matrices(
     document: Document, accessors: Accessors, skin: int, worlds: dict[int, np.ndarray]
 ) -> np.ndarray | None:
-    """[J, 4, 4] from the mesh's space to the world per joint; None when a joint is not part of the scene.
+    """Compute the transforms of the joints of a skin, from the mesh's space to the world.
 
-    ``worlds`` holds the [4, 4] matrix of each node that is in the scene.
+    Args:
+        document: The file.
+        accessors: Its accessors.
+        skin: Number of the skin.
+        worlds: [4, 4] world matrix of each node in the scene, by index.
+
+    Returns:
+        [J, 4, 4], or None when a joint is not part of the scene.
     """
     place = document.item("skins", skin)
     joints = place.indices("joints", document.count("nodes"), "node")
@@ -36,7 +43,16 @@ def joint_matrices(
 
 
 def skinned(document: Document, primitive: Primitive, matrices: np.ndarray) -> dict[str, np.ndarray | None]:
-    """World-space positions, normals and indices of ``primitive``, held by the joints' ``matrices`` [J, 4, 4]."""
+    """Transform a primitive by the joints of its skin.
+
+    Args:
+        document: The file, for messages.
+        primitive: Triangles with joints and weights.
+        matrices: [J, 4, 4] transforms of the joints.
+
+    Returns:
+        World-space positions, normals and indices by name.
+    """
     joints = primitive.joints.astype(np.int64)
     if joints.min() < 0 or joints.max() >= len(matrices):
         document.fail(f"a vertex names joint {int(joints.max())}, but its skin has {len(matrices)}")

@@ -25,16 +25,16 @@ def load(
 
     Args:
         source: A name of ``BUILTINS``, or the path of a .glb, .gltf or .xml file.
-        limits: What the file may ask for; default ``Limits()``.
+        limits: Limits on sizes and counts in the file; None: ``Limits()``.
         unit: Metres per unit of length of a glTF file, > 0: 0.01 for a scene in centimetres.
-        allow_paths: Folders beside its own whose files a Mitsuba scene may name (textures, meshes, includes).
+        allow_paths: Further folders whose files a Mitsuba scene may name (textures, meshes, includes), besides its own.
 
     Returns:
-        The scene in metres. It may have no light (``Scene.has_static_light`` tells); what could not be expressed is in
-        ``Scene.warnings``.
+        The scene in metres. It may have no light (see ``Scene.has_static_light``); what could not be represented is
+        listed in ``Scene.warnings``.
 
     Raises:
-        SceneError: One line that says what is wrong and the cure.
+        SceneError: One line that names the defect and the cure.
     """
     try:
         return _load(source, limits or Limits(), unit, allow_paths)

@@ -1,4 +1,4 @@
-"""What a viewer shows of a surface point: reflectance, roughness and metallic from the records, in NumPy.
+"""Reflectance, roughness and metalness of surface points as a viewer shows them: read from the records, in NumPy.
 
 N points. Textures are read as a GPU reads them: row 0 at v = 0, texel centres at (i + ½) / size, sRGB decoded before
 filtering, no mipmaps.
@@ -21,16 +21,17 @@ MINIMUM_REFLECTANCE = 1e-3
 def surface_lookup(
     scene: Scene, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Material of N surface points.
+    """Evaluate the materials of surface points.
 
-    Parameters
-    ----------
-    shape:          [N] index into ``scene.meshes``
-    triangle:       [N] index into that mesh's triangles
-    barycentric:    [N, 2] weights of the triangle's second and third vertex
+    Args:
+        scene: Scene of the points.
+        shape: [N] indices into ``scene.meshes``.
+        triangle: [N] indices into that mesh's triangles.
+        barycentric: [N, 2] weights of the triangle's second and third vertex.
 
-    Returns reflectance [N, 3] = max(base colour + 0.04 (1 - metallic), 1e-3), roughness [N, 1] and metallic [N, 1],
-    float32.
+    Returns:
+        Reflectance [N, 3] = max(base colour + 0.04 (1 - metallic), 1e-3), roughness [N, 1] and metallic [N, 1],
+        float32.
     """
     vertices = _vertices(scene)
     shape = np.asarray(shape, np.int64)
@@ -58,7 +59,7 @@ def surface_lookup(
 
 
 def _material(material: Material, uvs: tuple[np.ndarray, np.ndarray]):
-    """Base colour [N, 3], roughness [N, 1] and metallic [N, 1] without vertex colours."""
+    """Evaluate base colour [N, 3], roughness [N, 1] and metallic [N, 1] without vertex colours."""
     color = np.float32(material.base_color[:3])
     roughness, metallic = np.float32(material.roughness), np.float32(material.metallic)
     if (texture := material.base_color_texture) is not None:
@@ -70,7 +71,16 @@ def _material(material: Material, uvs: tuple[np.ndarray, np.ndarray]):
 
 
 def sampled(texture: Texture, uvs: tuple[np.ndarray, np.ndarray], *, linear: bool) -> np.ndarray:
-    """[N, 3] linear value of a texture at ``uvs``, [N, 2] per coordinate set; ``linear``: not sRGB-encoded."""
+    """Read a texture, filtered and decoded to linear values.
+
+    Args:
+        texture: Texture with its transform, wrap mode and filter.
+        uvs: [N, 2] coordinates of each set.
+        linear: The stored values are linear, not sRGB-encoded.
+
+    Returns:
+        [N, 3] float32 linear values.
+    """
     pixels = texture.image.pixels
     decode = np.arange(256, dtype=np.float32) / np.float32(255) if linear else LINEAR_OF_SRGB8
     uv = uvs[min(texture.uv_set, 1)].astype(np.float64)
@@ -97,7 +107,7 @@ def _mix(a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(index: np.ndarray, size: int, wrap: str) -> np.ndarray:
-    """Texel index in 0 … size-1 of a whole number, int64."""
+    """Wrap whole numbers to texel indices 0 … size-1, int64."""
     index = np.clip(index, -(2.0**52), 2.0**52).astype(np.int64)
     if wrap == "clamp":
         return np.clip(index, 0, size - 1)
@@ -109,7 +119,7 @@ def _wrapped(index: np.ndarray, size: int, wrap: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Vertices:
-    """All meshes of a scene behind one another. V vertices, T triangles, M meshes."""
+    """Concatenated meshes of a scene. V vertices, T triangles, M meshes."""
 
     corners: np.ndarray
     """[T, 3] int64, indices into the vertex arrays."""
@@ -128,7 +138,7 @@ VERTICES = Derived[_Vertices]("scenes.vertices")
 
 
 def _vertices(scene: Scene) -> _Vertices:
-    """The concatenated meshes, kept in the scene's cache."""
+    """Return the concatenated meshes, kept in the scene's cache."""
     return scene.cache.get(VERTICES, lambda: _concatenated(scene))
 
 

@@ -1,6 +1,6 @@
-"""PLY and OBJ files, checked before Mitsuba's native readers see them.
+"""Checks of PLY and OBJ files before Mitsuba's native readers open them.
 
-The PLY reader of Mitsuba believes counts and vertex indices; the OBJ reader checks its indices itself.
+Mitsuba's PLY reader trusts counts and vertex indices; its OBJ reader checks indices itself.
 V vertices, F triangles.
 """
 
@@ -40,13 +40,12 @@ class _Rows:
 def check_ply(path: Path, place: str, budget: Budget) -> None:
     """Check that a PLY file holds what its header says: vertices of finite numbers, and triangles of those vertices.
 
+    A defect raises ``SceneError``, one line with the cure.
+
     Args:
         path: An existing file.
-        place: Begins messages.
+        place: Beginning of messages.
         budget: Its ``vertices`` and ``indices`` are checked before anything is read.
-
-    Raises:
-        SceneError: One line that names what is wrong and the cure.
     """
     place = f"{place}: mesh '{path.name}'"
     with path.open("rb") as stream:
@@ -60,7 +59,7 @@ def check_ply(path: Path, place: str, budget: Budget) -> None:
 
 
 def _header(head: bytes, place: str) -> tuple[str, list[_Rows], int]:
-    """(byte order, elements, first byte after the header)."""
+    """Parse the header; returns (byte order, elements, first byte after the header)."""
     end = re.search(rb"\nend_header[ \t]*\r?\n", head)
     if not re.match(rb"ply[ \t]*\r?\n", head) or end is None:
         raise SceneError(f"{place}: is no PLY file (it begins with {head[:12]!r}); {CURE}")
@@ -83,7 +82,7 @@ def _header(head: bytes, place: str) -> tuple[str, list[_Rows], int]:
 
 
 def _property(rows: _Rows, words: list[str]) -> bool:
-    """Add a property; whether it is one."""
+    """Add a property; returns whether it is a valid one."""
     taken = {name for name, _ in rows.columns}
     if len(words) == 2 and words[0] in TYPES and words[1] not in taken:
         rows.columns.append((words[1], TYPES[words[0]]))
@@ -96,7 +95,7 @@ def _property(rows: _Rows, words: list[str]) -> bool:
 
 
 def _two(elements: list[_Rows], place: str) -> tuple[_Rows, _Rows]:
-    """The vertices and the faces."""
+    """Find the vertices and the faces."""
     found = []
     for name in ("vertex", "face"):
         rows = [e for e in elements if e.name == name]
@@ -114,7 +113,7 @@ def _two(elements: list[_Rows], place: str) -> tuple[_Rows, _Rows]:
 
 
 def _binary(path: Path, order: str, elements: list[_Rows], begin: int, place: str) -> dict[str, np.ndarray]:
-    """The elements of a binary file as structured arrays."""
+    """Read the elements of a binary file as structured arrays."""
     kinds = [np.dtype([(name, order + kind) for name, kind in e.columns]) for e in elements]
     size, wanted = path.stat().st_size, begin + sum(e.count * k.itemsize for e, k in zip(elements, kinds, strict=True))
     if size != wanted:
@@ -131,9 +130,9 @@ def _binary(path: Path, order: str, elements: list[_Rows], begin: int, place: st
 
 
 def _ascii(path: Path, order: str, elements: list[_Rows], begin: int, place: str) -> dict[str, np.ndarray]:
-    """The elements of a text file as structured arrays."""
+    """Read the elements of a text file as structured arrays."""
     size, wanted = path.stat().st_size - begin, sum(e.count * len(e.columns) for e in elements)
-    # Every number takes at least a digit and a blank.
+    # Every number has at least a digit and a blank.
     if 2 * wanted > size + 1:
         raise SceneError(f"{place}: has {size} bytes of text, too few for the {wanted} numbers of its header; {CURE}")
     try:
@@ -173,7 +172,13 @@ def _check_values(tables: dict[str, np.ndarray], count: int, place: str) -> None
 def check_obj(path: Path, place: str, budget: Budget) -> None:
     """Check that an OBJ file is text with vertices and faces, and count them before Mitsuba reads it.
 
-    Args and errors are those of ``check_ply``.
+    Args:
+        path: An existing file.
+        place: Beginning of messages.
+        budget: Its ``vertices`` and ``indices`` are checked.
+
+    Raises:
+        SceneError: The file is empty, is no text, or has no surface.
     """
     place = f"{place}: mesh '{path.name}'"
     if not path.stat().st_size:
@@ -190,6 +195,6 @@ def check_obj(path: Path, place: str, budget: Budget) -> None:
 
 
 def _count(path: Path, what: bytes) -> int:
-    """How often ``what`` occurs in a file, to within the borders of the parts that it is read in."""
+    """Count ``what`` in a file, read in blocks; occurrences across two blocks are missed."""
     with path.open("rb") as stream:
         return sum(part.count(what) for part in iter(lambda: stream.read(PART), b""))

@@ -1,7 +1,7 @@
 """A Mitsuba XML file and its includes as one tree of elements, read without Mitsuba.
 
-Nothing of the file reaches Mitsuba from here: ``mitsuba_gate`` checks the tree, and ``written`` prints what passed as a
-document of its own, with one element per line, parameters replaced and includes in their places.
+This module hands nothing of the file to Mitsuba: ``mitsuba_gate`` checks the tree, and ``written`` writes the accepted
+elements as a new document, one element per line, with parameters replaced and includes inserted.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from lightwell.scenes.mitsuba_paths import Folders
 MOST_DEPTH, MOST_INCLUDE_DEPTH, MOST_INCLUDES = 64, 15, 1000
 # Bytes of one XML file, and characters of one value and of all together after parameters are replaced.
 MOST_BYTES, MOST_VALUE, MOST_TEXT = 1 << 27, 1 << 20, 1 << 28
-# In comments '--' is no XML, but authors write it and Mitsuba reads it.
+# XML forbids '--' in comments, but authors write it and Mitsuba reads it.
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 Version = tuple[int, ...]
 
 
 @dataclass(slots=True)
 class Element:
-    """One element of the file."""
+    """One XML element of the file."""
 
     tag: str
     attributes: dict[str, str]
@@ -38,23 +38,37 @@ class Element:
 
     @property
     def type(self) -> str:
-        """Name of its plug-in."""
+        """Name of its Mitsuba plug-in."""
         return self.attributes.get("type", "")
 
     @property
     def place(self) -> str:
-        """Begins messages about it."""
+        """File and line, the beginning of messages about it."""
         return f"scene '{self.file}': line {self.line}"
 
     def value(self, name: str) -> str | None:
-        """Value of its property ``name``, or None."""
+        """Find the value of a property.
+
+        Args:
+            name: Name of the property.
+
+        Returns:
+            Its value, or None.
+        """
         for child in self.children:
             if child.attributes.get("name") == name and "value" in child.attributes:
                 return child.attributes["value"]
         return None
 
     def fail(self, text: str) -> SceneError:
-        """The error that names this element."""
+        """Make the error that names this element.
+
+        Args:
+            text: Problem and cure.
+
+        Returns:
+            The error, to be raised.
+        """
         return SceneError(f"{self.place}: {text}")
 
 
@@ -70,16 +84,19 @@ Upgrade = Callable[[Element, Version], list[Element]]
 
 
 def read_document(path: Path, folders: Folders, budget: Budget, upgrade: Upgrade) -> Document:
-    """The elements of a file, includes in their places, parameters replaced, upgraded to Mitsuba 3.
+    """Read a file: includes inserted, parameters replaced, upgraded to Mitsuba 3.
 
     Args:
         path: The scene's file.
-        folders: Where included files may lie.
+        folders: Folders of included files.
         budget: Counts elements and bytes.
-        upgrade: Called for every element, its children done, with the version of its file; returns what replaces it.
+        upgrade: Called for every element, after its children, with the version of its file; returns its replacement.
+
+    Returns:
+        The tree and the files that were read.
 
     Raises:
-        SceneError: One line that names file and line.
+        SceneError: The root is no <scene>.
     """
     reader = _Reader(folders, budget, upgrade)
     root = reader.file(path, path.name, [])
@@ -97,7 +114,7 @@ class _Reader:
         self._text = 0
 
     def file(self, path: Path, name: str, above: list[Path], depth: int = 0) -> Element:
-        """The root of a file; ``above``: the files that include it."""
+        """Read the root of a file; ``above``: the files that include it."""
         self.files.append(path)
         root = parse(path, name, self._budget)
         version = _version(root)
@@ -105,7 +122,7 @@ class _Reader:
         return done
 
     def _expanded(self, element: Element, path: Path, above: list[Path], version: Version, depth: int) -> list[Element]:
-        """What takes the place of an element."""
+        """Return the replacement of an element."""
         if depth > MOST_DEPTH:
             raise element.fail(f"elements are nested deeper than {MOST_DEPTH} levels; flatten the scene")
         self._replace_parameters(element)
@@ -143,7 +160,7 @@ class _Reader:
         return [root]
 
     def _define(self, element: Element) -> None:
-        """Take a parameter's default; the first one counts."""
+        """Store a parameter's default, unless it has one."""
         name = element.attributes.get("name", "")
         if not re.fullmatch(r"\w+", name):
             raise element.fail(f"<default> has the name '{name[:60]}', expected letters and digits; correct it")
@@ -168,15 +185,27 @@ class _Reader:
 
 
 def parse(path: Path, name: str, budget: Budget) -> Element:
-    """The tree of one XML file as it stands; ``name`` is what messages call it."""
+    """Read the tree of one XML file without changes.
+
+    Args:
+        path: File to read.
+        name: Name of the file in messages.
+        budget: Counts elements and bytes.
+
+    Returns:
+        The root element.
+
+    Raises:
+        SceneError: The file is not well-formed, or is too large.
+    """
     data = _bytes(path, name, budget)
     builder = _Builder(name, budget)
     parser = builder.parser
     try:
         parser.Parse(_COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), data), True)
+    except SceneError:
+        raise
     except (expat.ExpatError, ValueError, LookupError) as error:
-        if isinstance(error, SceneError):
-            raise
         raise SceneError(
             f"scene '{name}': cannot be read as a Mitsuba scene ({' '.join(str(error).split())[:200]}); "
             "correct the file"
@@ -234,14 +263,21 @@ def _version(root: Element) -> Version:
 
 
 def written(document: Document) -> tuple[str, list[Element]]:
-    """The document as text for Mitsuba, and the element that stands on each of its lines."""
+    """Write a document as text for Mitsuba.
+
+    Args:
+        document: Accepted document.
+
+    Returns:
+        The text, and the element on each of its lines.
+    """
     document.root.attributes["version"] = "3.0.0"
     lines = list(_lines(document.root))
     return "\n".join(text for text, _ in lines), [element for _, element in lines]
 
 
 def _lines(element: Element) -> Iterator[tuple[str, Element]]:
-    # A dollar would begin a parameter once more.
+    # A dollar sign would begin another parameter.
     attributes = "".join(f" {k}={quoteattr(v.replace('$', chr(92) + '$'))}" for k, v in element.attributes.items())
     if not element.children:
         yield f"<{element.tag}{attributes}/>", element

@@ -1,4 +1,4 @@
-"""The files that a Mitsuba scene names: found, and checked for what their element claims they are."""
+"""Files that a Mitsuba scene names: finding them, and checking that each is of the kind that its element expects."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from lightwell.scenes.mesh_files import check_obj, check_ply
 from lightwell.scenes.mitsuba_document import Element
 from lightwell.scenes.mitsuba_paths import Folders
 
-# Bytes of a picture's beginning that tell its format, and what a worker may take at least and per byte of the file.
+# First bytes of an image that identify its format, and memory of a worker: at least, and per byte of the file.
 HEAD, LEAST_MEMORY, MEMORY_PER_BYTE = 16, 1 << 30, 64
-# First bytes of PNG and JPEG: Mitsuba may open these, because the libraries that it reads them with hold.
+# First bytes of PNG and JPEG: Mitsuba may open these, because its libraries for them are robust.
 BY_MITSUBA = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
-# First bytes of BMP and PPM, which Pillow decodes, and of what Mitsuba decodes in a worker: EXR, HDR, PFM.
+# First bytes of BMP and PPM, which Pillow decodes, and of the formats that Mitsuba decodes in a worker: EXR, HDR, PFM.
 BY_PILLOW = (b"BM", b"P5", b"P6")
 EXR = b"\x76\x2f\x31\x01"
 BY_WORKER = (EXR, b"#?", b"PF", b"Pf")
@@ -40,15 +40,16 @@ MOST_SPECTRUM_BYTES = 1 << 20
 
 
 class Files:
-    """Finds and checks; each file is checked once for each claim.
+    """Finds and checks files; each file is checked once for each kind."""
 
-    Args:
-        folders: Where files may lie.
-        budget: Counts bytes and texels.
-        warn: Called for each missing file.
-    """
+    def __init__(self, folders: Folders, budget: Budget, warn: Callable[[str], None]) -> None:
+        """Prepare the checks of one scene.
 
-    def __init__(self, folders: Folders, budget: Budget, warn: Callable[[str], None]):
+        Args:
+            folders: Folders of the files.
+            budget: Counts bytes and texels.
+            warn: Called for each missing file.
+        """
         self._folders, self._budget, self._warn = folders, budget, warn
         self._checked: dict[tuple[str, Path, str], str] = {}
         self._sized: set[Path] = set()
@@ -56,19 +57,27 @@ class Files:
         self._memory = 0
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.missing: set[str] = set()
-        """Names, as handed on to Mitsuba, of files that do not exist."""
+        """Names, as passed to Mitsuba, of files that do not exist."""
         self.pictures: dict[str, tuple[np.ndarray, bool]] = {}
         """Decoded pixels [height, width, channels] of the file names that Mitsuba must not open, and whether they are
         sRGB-encoded."""
 
     def close(self) -> None:
-        """End the worker process."""
+        """Stop the worker process."""
         if self._worker is not None:
             self._worker.stop()
             self._worker = None
 
     def find(self, name: str, element: Element) -> Path | None:
-        """The file, or None; SceneError (by ``Folders``) where it must not be read."""
+        """Find a file; one that must not be read raises ``SceneError``.
+
+        Args:
+            name: Name of the file in the scene.
+            element: Element that names it.
+
+        Returns:
+            Its path, or None.
+        """
         found = self._folders.find(name, element.place)
         if found is not None and found not in self._sized:
             self._sized.add(found)
@@ -76,10 +85,15 @@ class Files:
         return found
 
     def checked(self, kind: str, name: str, element: Element) -> str:
-        """The name to hand on for the file ``name`` of ``element``, after a check that it is a ``kind`` of file.
+        """Check that a file is of a kind; one that is not, or that exceeds the limits, raises ``SceneError``.
 
-        Raises:
-            SceneError: The file may not be read, is no such file, or asks for too much.
+        Args:
+            kind: Expected kind, such as 'ply' or 'picture'.
+            name: Name of the file in the scene.
+            element: Element that names it.
+
+        Returns:
+            The name of the file for Mitsuba.
         """
         found = self.find(name, element)
         if found is None:
@@ -93,23 +107,16 @@ class Files:
         return self._checked[key]
 
     def spectrum(self, name: str, element: Element) -> str:
-        """The text 'wavelength:value, …' of a spectrum file."""
-        found = self.find(name, element)
-        if found is None or found.stat().st_size > MOST_SPECTRUM_BYTES:
-            raise element.fail(f"the spectrum file '{name[:120]}' does not exist or is too large; correct the name")
-        pairs = []
-        for line in found.read_text("latin-1").splitlines():
-            words = line.split("#", 1)[0].split()
-            if not words:
-                continue
-            if len(words) != 2 or not all(_finite(word) for word in words):
-                raise element.fail(
-                    f"'{found.name}' has the line '{line[:40]}', expected a wavelength and a value; correct it"
-                )
-            pairs.append(":".join(words))
-        if not pairs:
-            raise element.fail(f"the spectrum file '{found.name}' is empty; correct it")
-        return ", ".join(pairs)
+        """Read a spectrum file; one that is missing or damaged raises ``SceneError``.
+
+        Args:
+            name: Name of the file in the scene.
+            element: Element that names it.
+
+        Returns:
+            The text 'wavelength:value, …'.
+        """
+        return _spectrum(self.find(name, element), name, element)
 
     def _gone(self, kind: str, name: str, element: Element) -> str:
         if kind == "picture" and element.tag != "emitter":
@@ -124,7 +131,7 @@ class Files:
         return name
 
     def _check(self, kind: str, path: Path, part: str, element: Element) -> str:
-        """Check a file; what to hand on in its place."""
+        """Check a file; returns the name to pass on instead."""
         try:
             if kind == "ply":
                 check_ply(path, element.place, self._budget)
@@ -170,7 +177,7 @@ class Files:
             )
 
     def _check_exr(self, path: Path, element: Element) -> None:
-        """Compare what the header asks for with the limits; the pixels are charged once they are decoded."""
+        """Compare the size in the header with the limits; the pixels are charged when they are decoded."""
         alone = self._budget.limits.budget(f"{element.place}: picture '{path.name}'", SceneError)
         try:
             read_header(path, alone)
@@ -178,7 +185,7 @@ class Files:
             raise element.fail(f"'{path.name}' cannot be read as EXR ({error}); export it again") from None
 
     def _serialized(self, path: Path, part: str, element: Element) -> str:
-        """A PLY file with the same mesh."""
+        """Write a PLY file with the same mesh."""
         if not part.strip().isdigit():
             raise element.fail(f"shape_index is '{part[:20]}', expected a whole number; correct it")
         if self._temporary is None:
@@ -202,7 +209,7 @@ class Files:
             )
 
     def _ask(self, path: Path, request: Arrays, most_bytes: int, element: Element) -> Arrays:
-        """Let the worker process read the file."""
+        """Read the file in the worker process."""
         memory = max(LEAST_MEMORY, MEMORY_PER_BYTE * path.stat().st_size)
         if self._worker is None or memory > self._memory:
             self.close()
@@ -216,8 +223,27 @@ class Files:
             ) from None
 
 
+def _spectrum(path: Path | None, name: str, element: Element) -> str:
+    """Read the pairs 'wavelength:value, …' of a spectrum file."""
+    if path is None or path.stat().st_size > MOST_SPECTRUM_BYTES:
+        raise element.fail(f"the spectrum file '{name[:120]}' does not exist or is too large; correct the name")
+    pairs = []
+    for line in path.read_text("latin-1").splitlines():
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if len(words) != 2 or not all(_finite(word) for word in words):
+            raise element.fail(
+                f"'{path.name}' has the line '{line[:40]}', expected a wavelength and a value; correct it"
+            )
+        pairs.append(":".join(words))
+    if not pairs:
+        raise element.fail(f"the spectrum file '{path.name}' is empty; correct it")
+    return ", ".join(pairs)
+
+
 def _size(path: Path, element: Element) -> tuple[int, int]:
-    """Width and height that the header of a PNG or JPEG says."""
+    """Read width and height from the header of a PNG or JPEG."""
     try:
         with warnings.catch_warnings():
             # Sizes are checked against the limits instead.
@@ -226,14 +252,14 @@ def _size(path: Path, element: Element) -> tuple[int, int]:
                 return picture.size
     except PillowImage.DecompressionBombError:
         raise element.fail(f"'{path.name}' has more pixels than any picture may have; make it smaller") from None
-    except Exception as error:  # Pillow's readers have many ways to refuse a damaged picture
+    except Exception as error:  # Pillow's readers raise many types for a damaged image
         raise element.fail(
             f"'{path.name}' is no picture ({' '.join(str(error).split())[:120]}); save it again"
         ) from None
 
 
 def _decoded(path: Path, element: Element) -> np.ndarray:
-    """[height, width, channels] uint8 of a picture that Pillow reads."""
+    """Decode an image with Pillow to [height, width, channels] uint8."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)

@@ -1,8 +1,9 @@
-"""What of a Mitsuba file reaches Mitsuba: the file as a tree is checked, and only what passed is handed on.
+"""Checks of a Mitsuba file before Mitsuba reads it: the file as a tree is checked, and only accepted elements are
+passed on.
 
-Plug-ins stand on a list, files lie inside the scene's folder and are what their element claims, numbers are finite,
-references end and nothing is nested or repeated without bound. Integrators, films, samplers and filters are checked and
-then replaced by plain ones, because nothing of theirs is used.
+Plug-ins must be on a list, files inside the scene's folder and of the kind that their element expects, numbers finite;
+references must end, and nesting and repetition are bounded. Integrators, films, samplers and filters are checked and
+then replaced by plain ones, because they are not used.
 """
 
 from __future__ import annotations
@@ -26,37 +27,37 @@ NUMBERS = frozenset("float integer point vector rgb spectrum matrix lookat trans
 PROPERTIES = NUMBERS | frozenset("boolean string transform ref alias".split())
 # Numbers beyond it are not finite in single precision.
 MOST = 3.4e38
-# Objects that one BSDF, emitter, texture, medium or sensor may unfold to, its references followed.
+# Objects that one BSDF, emitter, texture, medium or sensor may expand to, following references.
 MOST_PARTS = 1000
-# Names of the conductors that Mitsuba knows become file names there.
+# Mitsuba makes file names from the names of conductors.
 MATERIAL = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 @dataclass
 class Gated:
-    """What passed."""
+    """The accepted document."""
 
     text: str
     """The document for Mitsuba."""
     places: list[Element]
     """The element on each line of ``text``."""
     files: Files
-    """What the document names."""
+    """Files that the document names."""
     read: list[Path]
     """The XML files."""
 
 
 def gate(path: Path, allowed: Sequence[str | PathLike[str]], budget: Budget, warn: Callable[[str], None]) -> Gated:
-    """Check a Mitsuba scene before Mitsuba sees any of it.
+    """Check a Mitsuba scene before Mitsuba reads any of it; a defect raises ``SceneError`` with file, line and cure.
 
     Args:
         path: The scene's file.
-        allowed: Folders beside its own whose files it may name.
-        budget: Counts what it asks for.
-        warn: Called with each thing that is ignored or read as another.
+        allowed: Further folders whose files it may name, besides its own.
+        budget: Counts elements, bytes and texels.
+        warn: Called with each element that is ignored or replaced.
 
-    Raises:
-        SceneError: One line that names file, line and cure.
+    Returns:
+        The accepted document.
     """
     folders = Folders(path.parent, allowed)
     document = read_document(path, folders, budget, Upgrade(warn))
@@ -108,7 +109,7 @@ class _Checker:
             raise element.fail(f"has the material '{material[:60]}', expected a name such as 'Au'; correct it")
 
     def _unused(self, element: Element) -> None:
-        """Keep the size of a film, and nothing of what is not used."""
+        """Keep the size of a film; drop what is not used."""
         for child in element.children:
             self._element(child, element.tag)
         kept = []
@@ -134,7 +135,7 @@ class _Checker:
         self._budget.check("picture_texels", width * height, what)
 
     def _drop(self, element: Element) -> None:
-        """Take out the shapes that cannot become triangles; Mitsuba never opens their files."""
+        """Remove the shapes that cannot become triangles; Mitsuba never opens their files."""
         kept = []
         for child in element.children:
             if child.tag == "shape" and child.type in NO_TRIANGLES:
@@ -170,7 +171,7 @@ class _Checker:
             raise element.fail("a file name is a <string>; correct the element")
 
     def _name(self, element: Element) -> None:
-        """Note what references can mean."""
+        """Collect the targets of references."""
         key = element.attributes.get("as" if element.tag == "alias" else "id")
         if key is None or element.tag == "ref":
             return
@@ -185,7 +186,7 @@ class _Checker:
         self._named[key] = target
 
     def _parts(self, element: Element) -> list[Element]:
-        """Objects inside, references followed."""
+        """List the nested objects, following references."""
         found = []
         for child in element.children:
             if child.tag == "ref":
@@ -198,7 +199,7 @@ class _Checker:
         return found
 
     def _references(self) -> None:
-        """Every object: its parts are there, it ends, and it does not unfold to more than what is sensible."""
+        """Check every object: its parts exist, it has no cycle, and its expanded size is bounded."""
         done: dict[int, tuple[int, int, int]] = {}
         pending, path = [(self._root, False)], set[int]()
         while pending:
@@ -219,7 +220,7 @@ class _Checker:
     def _sums(
         self, element: Element, parts: list[Element], done: dict[int, tuple[int, int, int]]
     ) -> tuple[int, int, int]:
-        """(levels, objects, shapes) that an element unfolds to."""
+        """Count (levels, objects, shapes) that an element expands to."""
         needs = NEEDS.get((element.tag, element.type))
         if needs is not None:
             count = sum(part.tag == needs.kind for part in parts)
@@ -249,7 +250,7 @@ def _all(root: Element) -> Iterator[Element]:
 
 
 def _check_numbers(element: Element) -> None:
-    """Numbers must be finite in single precision; what is no number is left to Mitsuba's own message."""
+    """Check that numbers are finite in single precision; Mitsuba itself reports text that is no number."""
     for key, value in element.attributes.items():
         if key in ("name", "id", "type"):
             continue

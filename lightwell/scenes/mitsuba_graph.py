@@ -1,4 +1,4 @@
-"""A Mitsuba XML file that has passed the gate, as a graph of nodes from which single objects are made."""
+"""A checked Mitsuba XML file as a graph of nodes, from which single Mitsuba objects are made."""
 
 from __future__ import annotations
 
@@ -30,18 +30,32 @@ class Node:
     """mi.Properties; children are references to other nodes."""
 
     def get(self, key: str, default: Any = None) -> Any:
-        """A parameter of the element, or ``default``."""
+        """Read a parameter.
+
+        Args:
+            key: Name of the parameter.
+            default: Value when the element does not have it.
+
+        Returns:
+            Its value.
+        """
         return self.props[key] if self.props.has_property(key) else default
 
 
 class Graph:
-    """The nodes of a file; missing and decoded pictures take the places of their files."""
+    """The nodes of a file; files of missing or already decoded images are replaced by pixels."""
 
-    def __init__(self, path: Path, gated: Gated):
+    def __init__(self, path: Path, gated: Gated) -> None:
+        """Parse a checked document with Mitsuba.
+
+        Args:
+            path: The scene's file.
+            gated: Accepted document.
+        """
         self.path, self._gated = path, gated
         self._config = mi.parser.ParserConfig(mi.variant())
         self._config.merge_meshes = self._config.merge_equivalent = False
-        # What lightwell does not know, Mitsuba may ignore.
+        # Mitsuba may ignore parameters that it does not use.
         self._config.unused_properties = mi.LogLevel.Debug
         self._state = self._parsed()
         self._made: dict[int, Any] = {}
@@ -51,28 +65,65 @@ class Graph:
         self.digest = _digest(gated.read, [f for f in files if f])
 
     def node(self, index: int) -> Node:
-        """Node ``index``."""
+        """Return a node.
+
+        Args:
+            index: Number of the node.
+
+        Returns:
+            The node.
+        """
         raw = self._state.nodes[index]
         plugin = raw.props.plugin_name()
         return Node(index, raw.type, plugin, raw.props.id() or f"{plugin} {index}", raw.props)
 
     def children(self, node: Node) -> Iterator[tuple[str, Node]]:
-        """(key, child) in the order of the file."""
+        """Iterate over the children of a node in the order of the file.
+
+        Args:
+            node: Parent.
+
+        Yields:
+            Parameter name and child.
+        """
         for key in node.props.keys():
             if (child := self.child(node, key)) is not None:
                 yield key, child
 
     def child(self, node: Node, key: str) -> Node | None:
-        """The node that ``key`` refers to, or None."""
+        """Return the node that a parameter refers to.
+
+        Args:
+            node: Parent.
+            key: Name of the parameter.
+
+        Returns:
+            The child, or None.
+        """
         value = node.get(key)
         return self.node(value.index()) if isinstance(value, mi.Properties.ResolvedReference) else None
 
     def child_of(self, node: Node, kind: Any) -> Node | None:
-        """The first child of a kind, or None."""
+        """Return the first child of a kind.
+
+        Args:
+            node: Parent.
+            kind: An ``mi.ObjectType``.
+
+        Returns:
+            The child, or None.
+        """
         return next((child for _, child in self.children(node) if child.kind == kind), None)
 
     def make(self, node: Node) -> Any:
-        """The Mitsuba object of a node; BSDFs and textures are made once and shared."""
+        """Make the Mitsuba object of a node; BSDFs and textures are made once and shared.
+
+        Args:
+            node: Node to make.
+
+        Returns:
+            The Mitsuba object.
+        """
         shared = node.kind in (mi.ObjectType.BSDF, mi.ObjectType.Texture)
         if node.index in self._made:
             return self._made[node.index]
@@ -82,7 +133,18 @@ class Graph:
         return made
 
     def create(self, node: Node, props: Any) -> Any:
-        """The Mitsuba object of a node with other parameters than its own."""
+        """Make the Mitsuba object of a node with changed parameters.
+
+        Args:
+            node: Node to make.
+            props: ``mi.Properties`` to use instead of its own.
+
+        Returns:
+            The Mitsuba object.
+
+        Raises:
+            SceneError: Mitsuba cannot make the object.
+        """
         for key, child in self.children(node):
             if props.has_property(key):
                 props[key] = self.make(child)
@@ -97,7 +159,14 @@ class Graph:
         return expanded[0] if expanded else made
 
     def whole(self) -> Any:
-        """The Mitsuba scene of the file as it stands, media and all."""
+        """Make the Mitsuba scene of the whole file, with its media.
+
+        Returns:
+            ``mi.Scene``.
+
+        Raises:
+            SceneError: Mitsuba cannot make the scene.
+        """
         try:
             return mi.parser.instantiate(self._config, mi.parser.ParserState(self._state))
         except RuntimeError as error:
@@ -117,7 +186,7 @@ class Graph:
         return state
 
     def _resolve(self, node: Node) -> Path | None:
-        """Give a node its picture where Mitsuba must not open the file; the file, if there is one."""
+        """Set a node's pixels where Mitsuba must not open the file; returns the file, if there is one."""
         name, files = node.get("filename"), self._gated.files
         if not isinstance(name, str):
             return None
@@ -137,7 +206,7 @@ class Graph:
         return Path(name)
 
     def _one_line(self, error: BaseException) -> str:
-        """Mitsuba's message on one line, with the lines of the author's files."""
+        """Write Mitsuba's message on one line, with line numbers of the author's files."""
 
         def place(found: re.Match[str]) -> str:
             number = int(found[1])
@@ -151,7 +220,7 @@ class Graph:
 
 
 def _digest(files: list[Path], named: list[Path]) -> str:
-    """SHA-256 over the scene files and every file they name."""
+    """Compute the SHA-256 of the scene files and every file they name."""
     total = hashlib.sha256()
     for path in dict.fromkeys([*files, *named]):
         total.update(hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b"missing")

@@ -1,6 +1,6 @@
-"""Mitsuba BSDFs as the nearest metallic-roughness ``Material``.
+"""Mitsuba BSDFs converted to the most similar metallic-roughness ``Material``.
 
-Only what is shown between bakes depends on these records; the path tracer keeps the scene's own BSDFs.
+The records determine only what is displayed before a bake; the path tracer uses the scene's own BSDFs.
 """
 
 from __future__ import annotations
@@ -19,19 +19,25 @@ from lightwell.scenes.mitsuba_graph import Graph, Node
 from lightwell.scenes.mitsuba_textures import Pictures, png
 from lightwell.scenes.scene import Material, Texture
 
-# A solid dielectric has a thickness that only its mesh knows; a viewer that refracts needs a number, in metres.
+# The thickness of a solid dielectric depends on its mesh; a viewer that refracts needs a number, in metres.
 NOMINAL_THICKNESS = 0.1
-# glTF has no purely diffuse material; an index of refraction of 1 takes the specular lobe away.
+# glTF has no purely diffuse material; an index of refraction of 1 removes the specular lobe.
 DIFFUSE_IOR = 1.0
 
 
 class Materials:
-    """Turns BSDF nodes into records."""
+    """Converts BSDF nodes to records."""
 
-    def __init__(self, graph: Graph, warn: Callable[[str], None]):
+    def __init__(self, graph: Graph, warn: Callable[[str], None]) -> None:
+        """Prepare the conversion for one file.
+
+        Args:
+            graph: Nodes of the file.
+            warn: Called with each texture that cannot be converted.
+        """
         self._graph = graph
         self._pictures = Pictures(graph, warn)
-        # What the record at hand cannot say.
+        # Properties that the current record cannot represent.
         self._lost: list[str] = []
         self.colored: set[int] = set()
         """BSDF nodes that read the mesh attribute ``vertex_color`` as a colour."""
@@ -56,7 +62,14 @@ class Materials:
         }
 
     def read(self, node: Node | None) -> Material:
-        """The record of a BSDF node; None is Mitsuba's default, a diffuse grey."""
+        """Convert a BSDF node.
+
+        Args:
+            node: BSDF node; None: Mitsuba's default, a diffuse grey.
+
+        Returns:
+            The record; ``approximate`` lists what it cannot represent.
+        """
         self._lost = []
         self._reading = -1 if node is None else node.index
         if node is None:
@@ -65,7 +78,16 @@ class Materials:
         return replace(material, name=node.name, approximate="; ".join(dict.fromkeys(self._lost)))
 
     def color(self, node: Node, key: str, default: float) -> tuple[np.ndarray, Texture | None]:
-        """([3] factor, texture) of a colour parameter."""
+        """Read a colour parameter.
+
+        Args:
+            node: BSDF node.
+            key: Name of the parameter.
+            default: Value when it is missing.
+
+        Returns:
+            Factor [3] and texture, or None without a texture.
+        """
         child = self._graph.child(node, key)
         if child is not None and child.plugin == "mesh_attribute":
             return self._attribute(child, default), None
@@ -79,7 +101,14 @@ class Materials:
         return self._as_color(values.get(f"{key}.value"), default), None
 
     def mean_radiance(self, light: Node) -> tuple[float, float, float]:
-        """Mean radiance of an area emitter."""
+        """Compute the mean radiance of an area emitter.
+
+        Args:
+            light: Emitter node.
+
+        Returns:
+            Linear RGB.
+        """
         return tuple(self._pictures.mean(light, "radiance").tolist())
 
     def _attribute(self, node: Node, default: float) -> np.ndarray:
@@ -97,7 +126,7 @@ class Materials:
         return Material(node.name, base_color=(0.5, 0.5, 0.5, 1.0), metallic=0.0, ior=DIFFUSE_IOR)
 
     def _values(self, node: Node) -> dict:
-        """Numbers of the made BSDF, by Mitsuba's parameter names."""
+        """Read the numbers of the BSDF object, by Mitsuba's parameter names."""
         params = mi.traverse(self._graph.make(node))
         return {key: params[key] for key in params.keys()}
 
@@ -109,7 +138,7 @@ class Materials:
         return np.repeat(values, 3) if values.size == 1 else values[:3]
 
     def _number(self, node: Node, key: str, default: float) -> float:
-        """A number; the mean of a textured one."""
+        """Read a number; the mean of a textured one."""
         child = self._graph.child(node, key)
         if child is not None:
             self._lost.append(f"the texture of '{key}' is replaced by its mean")
@@ -119,7 +148,7 @@ class Materials:
         return default if value is None else float(np.array(value).mean())
 
     def _alpha(self, node: Node) -> float:
-        """glTF roughness: the root of the microfacet alpha; 0 for smooth plugins."""
+        """Compute the glTF roughness: the root of the microfacet alpha; 0 for smooth plugins."""
         if not node.plugin.startswith("rough"):
             return 0.0
         if node.props.has_property("alpha_u") or node.props.has_property("alpha_v"):
@@ -261,12 +290,20 @@ class Materials:
 
 
 def normal_reflectance(eta: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """Fresnel reflectance of a conductor at normal incidence, eta and k relative to air, any shape."""
+    """Compute the Fresnel reflectance of a conductor at normal incidence.
+
+    Args:
+        eta: Index of refraction relative to air, any shape.
+        k: Extinction coefficient relative to air, same shape.
+
+    Returns:
+        Reflectance in [0, 1], same shape.
+    """
     return ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
 
 
 def _refracting(ior: float) -> float:
-    """Index above 1: seen from the denser side the reflectance at normal incidence is the same."""
+    """Return the index as a value above 1: the reflectance at normal incidence is the same from both sides."""
     return max(ior, 1 / ior) if ior > 0 else 1.5
 
 
@@ -276,7 +313,7 @@ def _rgba(color: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def _with_alpha(material: Material, opacity: Texture) -> Texture:
-    """The base colour's texture with the opacity's brightness as its alpha, laid out as the base colour is."""
+    """Combine the base colour's texture with the opacity's brightness as alpha, in the layout of the base colour."""
     alpha = opacity.image.pixels[..., 0]
     base = material.base_color_texture
     if base is None:

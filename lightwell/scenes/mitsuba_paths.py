@@ -1,4 +1,4 @@
-"""Which files a Mitsuba scene may name: those inside its own folder, and inside the folders that the user allows."""
+"""Folders whose files a Mitsuba scene may name: its own folder, and those that the user allows."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from lightwell.scenes.errors import SceneError
 
 
 class Folders:
-    """Finds the files that a scene names.
+    """Finds the files that a scene names."""
 
-    Args:
-        folder: Folder of the scene's file.
-        allowed: Further folders whose files may be named (``--allow-path``).
-    """
+    def __init__(self, folder: Path, allowed: Sequence[str | os.PathLike[str]] = ()) -> None:
+        """Set the folders.
 
-    def __init__(self, folder: Path, allowed: Sequence[str | os.PathLike[str]] = ()):
+        Args:
+            folder: Folder of the scene's file.
+            allowed: Further folders whose files may be named (``--allow-path``).
+
+        Raises:
+            SceneError: An allowed folder does not exist.
+        """
         self._own = _real(folder)
         self._allowed = [_real(Path(path)) for path in allowed]
         for path, real in zip(allowed, self._allowed, strict=True):
@@ -27,22 +31,33 @@ class Folders:
         self._searched = [self._own]
 
     def add(self, name: str, place: str) -> None:
-        """Search the folder ``name`` too; ``place`` begins messages."""
+        """Search one more folder.
+
+        Args:
+            name: Name of the folder in the scene.
+            place: Beginning of messages.
+
+        Raises:
+            SceneError: It is no folder, or may not be read.
+        """
         real = self._inside(self._own / name, name, place)
         if not real.is_dir():
             raise SceneError(f"{place}: '{name}' is no folder; correct the <path>")
         self._searched.append(real)
 
     def find(self, name: str, place: str, first: Path | None = None) -> Path | None:
-        """The file called ``name``, links resolved, or None where there is no such file.
+        """Find a file.
 
         Args:
-            name: As the scene writes it: relative to its folder, or absolute and inside an allowed folder.
-            place: Begins messages.
+            name: Name in the scene: relative to its folder, or absolute and inside an allowed folder.
+            place: Beginning of messages.
             first: A folder to search before all others.
 
+        Returns:
+            Its path with links resolved, or None where there is no such file.
+
         Raises:
-            SceneError: The file is outside the scene's folder and all that are allowed, or it is no regular file.
+            SceneError: The name is empty, or the file is in no allowed folder or is no regular file.
         """
         if not name or "\0" in name:
             raise SceneError(f"{place}: has an empty file name; name a file")
@@ -55,7 +70,7 @@ class Folders:
         return None
 
     def _inside(self, path: Path, name: str, place: str) -> Path:
-        """``path`` with links resolved, if it may be read."""
+        """Resolve links of ``path``, if it may be read."""
         roots = self._allowed if Path(name).is_absolute() else [self._own, *self._allowed]
         real = _real(path)
         if not any(real.is_relative_to(root) for root in roots):

@@ -1,7 +1,7 @@
-"""Which plug-ins of Mitsuba a scene file may name, and what each of them needs.
+"""Mitsuba plug-ins that a scene file may name, and the nested objects that each of them needs.
 
-A plug-in is native code that Mitsuba loads by its name, so a file names only what stands here. Not on the lists,
-although Mitsuba has it: ``blender`` (a shape made of memory addresses).
+A plug-in is native code that Mitsuba loads by its name, so a file may name only those listed here. One of Mitsuba's own
+plug-ins is deliberately not listed: ``blender`` (a shape made of memory addresses).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ NAME = re.compile(r"[a-z0-9_]+")
 _SPECTRA = frozenset("blackbody d65 irregular rawconstant regular srgb uniform".split())
 _TEXTURES = frozenset("bitmap checkerboard mesh_attribute volume".split()) | _SPECTRA
 
-# What stands for the light's way to the picture is checked by name and not used; names of Mitsuba 0.x are fine there.
+# Integrators and sensors' parts are checked by name and not used; names of Mitsuba 0.x are accepted there.
 _INTEGRATORS = """
     path direct volpath volpathmis ptracer aov depth moment stokes prb prb_basic prbvolpath prb_projective
     direct_projective volprim_rf_basic lightwell_nrc ao volpath_simple photonmapper ppm sppm bdpt pssmlt mlt erpt
@@ -49,7 +49,7 @@ PLUGINS: dict[str, frozenset[str]] = {
     "rfilter": frozenset(_FILTERS.split()),
 }
 
-# What takes the place of an object that lightwell does not use.
+# Replacements of objects that lightwell does not use.
 UNUSED = {"integrator": "path", "film": "hdrfilm", "sampler": "independent", "rfilter": "box"}
 
 # Shapes that cannot become triangles, and so are never made.
@@ -61,7 +61,7 @@ class Needs:
     """Nested objects without which a plug-in cannot be made."""
 
     kind: str
-    """Element."""
+    """Tag of the nested element."""
     least: int
     most: int
 
@@ -75,7 +75,7 @@ NEEDS: dict[tuple[str, str], Needs] = {
     ("shape", "instance"): Needs("shape", 1, 1),
 }
 
-# (element, plug-in) → what its file is; each needs a string 'filename'.
+# (element, plug-in) → kind of its file; each needs a string 'filename'.
 FILES: dict[tuple[str, str], str] = {
     ("texture", "bitmap"): "picture",
     ("spectrum", "bitmap"): "picture",

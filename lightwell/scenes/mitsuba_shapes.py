@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,16 @@ class Triangles:
     colors: np.ndarray | None = None
 
 
-def of_mesh(shape) -> Triangles:
-    """Triangles of a Mitsuba mesh; the winding follows the shading normals, which are the ones that decide."""
+def of_mesh(shape: Any) -> Triangles:
+    """Read the triangles of a Mitsuba mesh; their winding follows the shading normals, which Mitsuba uses for
+    orientation.
+
+    Args:
+        shape: Mitsuba mesh.
+
+    Returns:
+        Its triangles in world space.
+    """
     positions = _rows(shape.vertex_positions_buffer(), 3)
     indices = np.array(shape.faces_buffer()).reshape(-1, 3).astype(np.uint32)
     smooth = shape.has_vertex_normals() and not shape.has_face_normals()
@@ -44,7 +53,7 @@ def of_mesh(shape) -> Triangles:
 
 
 def _against(positions: np.ndarray, indices: np.ndarray, normals: np.ndarray) -> bool:
-    """Whether most of the surface winds against its vertex normals (a mirroring transform does that)."""
+    """Test whether the winding of most of the surface contradicts its vertex normals (after a mirroring transform)."""
     a, b, c = (positions[indices[:, k]].astype(np.float64) for k in range(3))
     return float((np.cross(b - a, c - a) * normals[indices].sum(axis=1)).sum()) < 0
 
@@ -54,14 +63,22 @@ def _rows(buffer, width: int) -> np.ndarray:
 
 
 def rectangle() -> Triangles:
-    """The square [-1, 1]² in z = 0 that faces +Z."""
+    """Make the square [-1, 1]² in z = 0 that faces +Z.
+
+    Returns:
+        Its triangles.
+    """
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
     positions = np.concatenate([uv * 2 - 1, np.zeros((4, 1))], axis=1)
     return Triangles(positions, np.array([[0, 1, 2], [0, 2, 3]], np.uint32), None, uv)
 
 
 def disk() -> Triangles:
-    """The unit disk in z = 0 that faces +Z; (u, v) = (radius, turn)."""
+    """Make the unit disk in z = 0 that faces +Z; (u, v) = (radius, angle / 2π).
+
+    Returns:
+        Its triangles.
+    """
     turn = np.arange(TURN + 1) / TURN
     angle = 2 * np.pi * turn
     rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -72,7 +89,11 @@ def disk() -> Triangles:
 
 
 def cylinder() -> Triangles:
-    """Radius 1 from z = 0 to z = 1, open, facing outwards; (u, v) = (turn, z)."""
+    """Make the open cylinder of radius 1 from z = 0 to z = 1, facing outwards; (u, v) = (angle / 2π, z).
+
+    Returns:
+        Its triangles.
+    """
     u, v = (a.ravel() for a in np.meshgrid(np.arange(TURN + 1) / TURN, [0.0, 1.0]))
     normals = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), 0 * u], axis=1)
     positions = normals + np.stack([0 * v, 0 * v, v], axis=1)
@@ -80,7 +101,11 @@ def cylinder() -> Triangles:
 
 
 def sphere() -> Triangles:
-    """The unit sphere, facing outwards, poles on the z axis; (u, v) = (turn, polar angle / π)."""
+    """Make the unit sphere, facing outwards, with poles on the z axis; (u, v) = (azimuth / 2π, polar angle / π).
+
+    Returns:
+        Its triangles.
+    """
     u, v = (a.ravel() for a in np.meshgrid(np.arange(TURN + 1) / TURN, np.arange(TURN // 2 + 1) / (TURN // 2)))
     phi, theta = 2 * np.pi * u, np.pi * v
     ring = np.sin(theta)
@@ -93,7 +118,7 @@ def sphere() -> Triangles:
 
 
 def _grid(rows: int, columns: int) -> np.ndarray:
-    """[2 rows columns, 3] triangles of a grid of (rows + 1) x (columns + 1) vertices."""
+    """Make [2 rows columns, 3] triangles of a grid of (rows + 1) x (columns + 1) vertices."""
     r, c = (a.ravel() for a in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
     first = r * (columns + 1) + c
     above = first + columns + 1
@@ -105,8 +130,17 @@ def _grid(rows: int, columns: int) -> np.ndarray:
 ANALYTIC = {"rectangle": rectangle, "disk": disk, "cylinder": cylinder, "sphere": sphere}
 
 
-def of_analytic(shape, plugin: str, flipped: bool) -> Triangles:
-    """Triangles of a ``rectangle``, ``disk``, ``cylinder`` or ``sphere`` at its place; ``flipped``: facing inwards."""
+def of_analytic(shape: Any, plugin: str, flipped: bool) -> Triangles:
+    """Tessellate a ``rectangle``, ``disk``, ``cylinder`` or ``sphere`` in world space.
+
+    Args:
+        shape: Mitsuba shape.
+        plugin: Name of its plug-in.
+        flipped: The shape faces inwards.
+
+    Returns:
+        Its triangles.
+    """
     matrix = np.array(mi.traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
     if plugin == "disk":  # its matrix holds the flip already
         flipped = False
@@ -116,7 +150,17 @@ def of_analytic(shape, plugin: str, flipped: bool) -> Triangles:
 
 
 def moved(local: Triangles, matrix: np.ndarray, flipped: bool = False, keep_facing: bool = False) -> Triangles:
-    """``local`` after a 4x4 ``matrix``. ``keep_facing``: a mirroring one leaves the outside outside."""
+    """Transform triangles.
+
+    Args:
+        local: Triangles to transform; not changed.
+        matrix: [4, 4] transform.
+        flipped: Reverse the orientation.
+        keep_facing: A mirroring transform keeps the outside outside.
+
+    Returns:
+        The transformed triangles.
+    """
     linear = matrix[:3, :3]
     positions = local.positions @ linear.T + matrix[:3, 3]
     normals, indices = local.normals, local.indices

@@ -1,4 +1,4 @@
-"""Textures of a Mitsuba scene as records: a bitmap's file, a checkerboard as a tiny picture, else the mean colour."""
+"""Textures of a Mitsuba scene as records: a bitmap's file, a checkerboard as a small image, else the mean colour."""
 
 from __future__ import annotations
 
@@ -17,21 +17,43 @@ from lightwell.scenes.scene import Image, Texture
 
 
 def png(name: str, pixels: np.ndarray) -> Image:
-    """A PNG of [height, width, 3 or 4] uint8."""
+    """Encode an image as PNG.
+
+    Args:
+        name: Name of the image.
+        pixels: [height, width, 3 or 4] uint8.
+
+    Returns:
+        The encoded image.
+    """
     out = io.BytesIO()
     PillowImage.fromarray(pixels).save(out, "PNG")
     return Image(name, out.getvalue(), "image/png")
 
 
 class Pictures:
-    """Reads texture nodes, each picture once."""
+    """Reads texture nodes, each image once."""
 
-    def __init__(self, graph: Graph, warn: Callable[[str], None]):
+    def __init__(self, graph: Graph, warn: Callable[[str], None]) -> None:
+        """Prepare the reading of one file.
+
+        Args:
+            graph: Nodes of the file.
+            warn: Called for each image that cannot be read.
+        """
         self._graph, self._warn = graph, warn
         self._images: dict[tuple, Image] = {}
 
     def read(self, node: Node, *, raw: bool = False) -> Texture | None:
-        """The texture of a node, or None when a picture cannot show it. ``raw``: the values are no colours."""
+        """Convert a texture node.
+
+        Args:
+            node: Texture node.
+            raw: The values are no colours.
+
+        Returns:
+            The texture, or None when no image can represent it.
+        """
         if node.plugin == "bitmap":
             image = self._bitmap(node, raw)
             wrap = node.get("wrap_mode", "repeat")
@@ -44,7 +66,15 @@ class Pictures:
         return None
 
     def mean(self, node: Node, key: str | None = None) -> np.ndarray:
-        """[3] mean colour of a texture node, or of its parameter ``key``."""
+        """Compute the mean colour of a texture.
+
+        Args:
+            node: Texture node, or the parent of one.
+            key: Name of the parent's parameter; None: ``node`` is the texture.
+
+        Returns:
+            [3] linear RGB.
+        """
         if key is not None:
             child = self._graph.child(node, key)
             if child is not None:
@@ -72,14 +102,14 @@ class Pictures:
         return self._images[key]
 
     def _encoded(self, node: Node, name: str | None, linear: bool, raw: bool) -> Image:
-        """The file itself where its colours are sRGB-encoded (or plain values are wanted), else an 8-bit copy."""
+        """Return the file itself if its colours are sRGB-encoded (or raw values are requested), else an 8-bit copy."""
         if name is not None and linear == raw:
             try:
                 image = encoded_image(Path(name).name, Path(name).read_bytes())
-                # Decoded now, and not kept, so that damage that only Pillow minds is found here.
+                # Decoded now, and not kept, so that damage that only Pillow reports is found here.
                 PillowImage.open(io.BytesIO(image.data)).load()
                 return image
-            except Exception:  # not a picture that Pillow knows (EXR, HDR); Mitsuba reads it
+            except Exception:  # not an image format of Pillow (EXR, HDR); Mitsuba reads it
                 pass
         pixels = np.array(mi.traverse(self._graph.make(node))["data"], np.float64)
         pixels = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels

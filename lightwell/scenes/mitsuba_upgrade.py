@@ -1,7 +1,7 @@
-"""Scenes of Mitsuba 0.x and 2.x in the words of Mitsuba 3.
+"""Conversion of scenes of Mitsuba 0.x and 2.x to the element and parameter names of Mitsuba 3.
 
-What Mitsuba's own upgrade does (names in camelCase, ``diffuseReflectance`` of a diffuse BSDF, offsets and scales of a
-texture), and the renamed elements, types and values that it leaves to the author.
+It covers what Mitsuba's own upgrade does (camelCase names, ``diffuseReflectance`` of a diffuse BSDF, offsets and scales
+of a texture), and also the renamed elements, types and values that Mitsuba leaves to the author.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _TYPES = {
     ("shape", "hair"): "linearcurve",
     ("medium", "heterogeneous_volume"): "heterogeneous",
 }
-# Values of bitmap textures that Mitsuba 3 has no more.
+# Values of bitmap textures that Mitsuba 3 does not have.
 _FILTERS = {"trilinear": "bilinear", "ewa": "bilinear"}
 _WRAPS = {"zero": "clamp", "one": "clamp", "black": "clamp", "white": "clamp"}
 _DISTRIBUTIONS = ("beckmann", "ggx")
@@ -36,9 +36,14 @@ _PLACING = {
 
 
 class Upgrade:
-    """Call it with an element whose children are upgraded; it returns what takes the element's place."""
+    """Converts an element whose children are already converted; returns its replacement."""
 
-    def __init__(self, warn: Callable[[str], None]):
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        """Prepare the conversion.
+
+        Args:
+            warn: Called with each element that is dropped or replaced.
+        """
         self._warn = warn
 
     def __call__(self, element: Element, version: Version) -> list[Element]:
@@ -93,7 +98,14 @@ class Upgrade:
 
 
 def snake_case(name: str) -> str:
-    """``toWorld`` → ``to_world``, ``intIOR`` → ``int_ior``, as Mitsuba's upgrade does."""
+    """Convert a camelCase name, as Mitsuba's upgrade does: ``toWorld`` → ``to_world``, ``intIOR`` → ``int_ior``.
+
+    Args:
+        name: Name to convert.
+
+    Returns:
+        The name in snake_case.
+    """
     return _CAMEL.sub(lambda found: f"{found[1]}_{found[2].lower()}", name)
 
 
@@ -108,7 +120,7 @@ def _property(element: Element, tag: str, name: str, value: str) -> Element:
 
 
 def _place(texture: Element) -> None:
-    """Offsets and scales as a transform: first the offset, then the scale, as Mitsuba composes them."""
+    """Convert offsets and scales to a transform: first the offset, then the scale, as Mitsuba composes them."""
     found = {c.attributes["name"]: c for c in texture.children if c.attributes.get("name") in _PLACING}
     if not found:
         return
@@ -122,7 +134,7 @@ def _place(texture: Element) -> None:
 
 
 def _medium(medium: Element) -> None:
-    """Absorption and scattering as extinction and albedo, where both are plain colours."""
+    """Convert absorption and scattering to extinction and albedo, where both are plain colours."""
     colors = {n: _numbers(medium.value(n) or "") for n in ("sigma_a", "sigma_s")}
     if any(len(v) not in (1, 3) for v in colors.values()):
         return
@@ -138,7 +150,7 @@ def _medium(medium: Element) -> None:
 
 
 def _hexadecimal(element: Element) -> None:
-    """``#rrggbb``, encoded as sRGB, in linear numbers."""
+    """Decode ``#rrggbb`` from sRGB to linear numbers."""
     value = element.attributes.get("value", "").strip()
     if re.fullmatch(r"#[0-9a-fA-F]{6}", value):
         codes = np.array([int(value[k : k + 2], 16) / 255 for k in (1, 3, 5)])
@@ -150,7 +162,7 @@ def _three_numbers(text: str) -> bool:
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of a list, or none where it holds anything else."""
+    """Parse a list of numbers; empty where it holds anything else."""
     try:
         return [float(part) for part in re.split(r"[\s,;]+", text.strip())] if text.strip() else []
     except ValueError:

@@ -1,8 +1,8 @@
 """Mitsuba 3 XML files as a ``Scene``.
 
 The scene's own BSDFs and emitters are kept; every shape becomes a triangle mesh (curved ones with smooth normals), so
-that the Mitsuba scene and the records name the same triangles. Materials of the records are the nearest
-metallic-roughness ones. Left out, with a warning: curves, SDF grids, ellipsoids and media.
+that the Mitsuba scene and the records have the same triangles. Materials of the records are the most similar
+metallic-roughness ones. Not supported, with a warning: curves, SDF grids, ellipsoids and media.
 """
 
 from __future__ import annotations
@@ -32,12 +32,15 @@ SURFACE_EMITTERS = ("area", "directionalarea")
 def load_mitsuba(
     path: str | Path, limits: Limits | None = None, allow_paths: Sequence[str | PathLike[str]] = ()
 ) -> Scene:
-    """The scene in a Mitsuba .xml file; raises SceneError with one line that says what is wrong and the cure.
+    """Load a Mitsuba .xml file; a defect raises ``SceneError``, one line with the cure.
 
     Args:
-        path: The file; nothing of it reaches Mitsuba before ``mitsuba_gate`` has checked it.
-        limits: What it may ask for (default: ``Limits()``).
-        allow_paths: Folders beside its own whose files it may name.
+        path: The file; Mitsuba reads nothing of it before ``mitsuba_gate`` has checked it.
+        limits: Limits on sizes and counts; None: ``Limits()``.
+        allow_paths: Further folders whose files it may name, besides its own.
+
+    Returns:
+        The scene.
     """
     path = Path(path)
     reader = _Reader(path, (limits or Limits()).budget(f"scene '{path.name}'", SceneError), allow_paths)
@@ -69,7 +72,7 @@ class _Surface:
 
 
 class _Reader:
-    """Walks the elements of one file and collects the records."""
+    """Reads the elements of one file into records."""
 
     def __init__(self, path: Path, budget: Budget, allow_paths: Sequence[str | PathLike[str]]):
         self.warnings: list[str] = []
@@ -84,7 +87,7 @@ class _Reader:
         self.emitters: list[Any] = []
         self.environment: Any = None
         self._records = Materials(self.graph, self.warnings.append)
-        # Index into ``materials`` per (BSDF node, emission); the same BSDF may clad a lamp and a wall.
+        # Index into ``materials`` per (BSDF node, emission); a lamp and a wall may share a BSDF.
         self._material_of: dict[tuple, int] = {}
         self._names: dict[str, int] = {}
 
@@ -104,7 +107,7 @@ class _Reader:
             )
 
     def _surfaces(self, node: Node) -> list[_Surface]:
-        """The triangles of a shape element: none for a group, those of the group for an instance."""
+        """Collect the triangles of a shape element: none for a group, those of the group for an instance."""
         if node.index in self.graph.missing or node.plugin == "shapegroup":
             return []
         children = [c for _, c in self.graph.children(node) if c.kind == mi.ObjectType.Shape]
@@ -125,7 +128,7 @@ class _Reader:
         return [_Surface(s.node, moved(s.triangles, matrix)) for s in inner]
 
     def _triangles(self, node: Node) -> Triangles | None:
-        """Triangles of a single shape; the object is made without its BSDF and emitter, which are made apart."""
+        """Make the triangles of a single shape, without its BSDF and emitter, which are made separately."""
         props = mi.Properties(node.props)
         for key, _ in self.graph.children(node):
             props.remove_property(key)
@@ -217,7 +220,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def _punctual(node: Node, made) -> Light | None:
-    """The record of a punctual emitter, or None when a record cannot hold it (a textured spot, a spectrum)."""
+    """Make the record of a punctual emitter; None when a record cannot represent it (a textured spot, a spectrum)."""
     params = mi.traverse(made)
     key = "irradiance.value" if node.plugin == "directional" else "intensity.value"
     if key not in params or any(k.startswith("texture.data") for k, _ in params):

@@ -1,6 +1,6 @@
-"""Normal maps in NumPy: the shading normal of surface points as the path tracer and rasterisers bend it.
+"""Normal maps in NumPy: the shading normal of surface points as the path tracer and rasterisers perturb it.
 
-Notation: N points; n the normal, on the eye's side; t along u, b along −v (glTF 2.0: green points up the picture).
+Notation: N points; n the normal, on the camera's side; t along u, b along −v (glTF 2.0: green points up in the image).
 """
 
 from __future__ import annotations
@@ -10,27 +10,48 @@ import numpy as np
 from lightwell.scenes.materials import sampled
 from lightwell.scenes.scene import Material, Scene
 
-# Texels and tangents shorter than this have no direction; the normal stays as it is.
+# Texels and tangents shorter than this have no direction; the normal is not changed.
 SHORTEST = 1e-6
 
 
 def has_relief(material: Material) -> bool:
-    """Whether a normal map bends the normals of a material."""
+    """Test whether a material has a normal map with an effect.
+
+    Args:
+        material: Material to inspect.
+
+    Returns:
+        True when the map perturbs normals.
+    """
     return material.normal_texture is not None and material.normal_scale != 0
 
 
 def relief(scene: Scene) -> np.ndarray:
-    """[M] bool: meshes whose material has a normal map and that have texture coordinates for it."""
+    """Find the meshes whose material has a normal map and that have texture coordinates for it.
+
+    Args:
+        scene: Scene with M meshes.
+
+    Returns:
+        [M] bool.
+    """
     return np.array([has_relief(scene.materials[m.material]) and _uv(scene, m) is not None for m in scene.meshes], bool)
 
 
 def shading_normals(
     scene: Scene, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray, normal: np.ndarray
 ) -> np.ndarray:
-    """[N, 3] float32 unit normals, bent by the normal maps of the materials.
+    """Perturb normals by the normal maps of the materials.
 
-    shape, triangle, barycentric   As those of ``surface_lookup``.
-    normal                         [N, 3] unit interpolated normals on the eye's side.
+    Args:
+        scene: Scene of the points.
+        shape: [N] indices into ``scene.meshes``.
+        triangle: [N] indices into that mesh's triangles.
+        barycentric: [N, 2] weights of the triangle's second and third vertex.
+        normal: [N, 3] unit interpolated normals on the camera's side.
+
+    Returns:
+        [N, 3] float32 unit normals.
     """
     bent = np.array(normal, np.float32)
     for number in np.unique(np.asarray(shape)[relief(scene)[shape]]):
@@ -62,7 +83,7 @@ def _bent(scene: Scene, mesh, triangle: np.ndarray, barycentric: np.ndarray, nor
     t /= np.maximum(size, 1e-300)
     b = np.cross(n, t)
     b *= np.where((b * along_v).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
-    # The back of a bump is a dent; what points into the surface is mirrored back to the side of the eye.
+    # Seen from the back, bumps are dents; normals that point into the surface are mirrored to the camera's side.
     side = np.where((np.cross(e1, e2) * n).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
     bent = side * (texel[:, :1] * t + texel[:, 1:2] * b) + np.abs(texel[:, 2:]) * n
     length = np.linalg.norm(bent, axis=1, keepdims=True)

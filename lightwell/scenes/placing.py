@@ -1,10 +1,10 @@
-"""Where lights and cameras may stand: seeded, low-discrepancy, in free air.
+"""Sampling of positions for lights and cameras: seeded, low-discrepancy, in free air.
 
     train  = sample_lights(scene, variable, 512, seed=1)      # [512, 3]
     test   = held_out_lights(scene, variable, 32, seed=1)     # never the same positions
     views  = sample_cameras(scene, variable, 24, seed=1)
 
-For a ``Sun`` the positions are unit directions on its arc and geometry is not asked.
+For a ``Sun`` the positions are unit directions on its arc, and the geometry is not tested.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from .variables import PointLight, Sun, Variable
 from .viewpoints import camera_frame, view_directions
 from .viewpoints import sample_cameras as sample_cameras
 
-# Streams of random numbers that share a seed but never a number.
+# Independent streams of random numbers of one seed.
 _TRAINING, _HELD_OUT, _INITIAL = range(3)
 
-# Candidates are tried in blocks of this size; a whole power of two keeps Sobol's balance.
+# Candidates are tested in blocks of this size, a power of two as Sobol sequences require.
 BLOCK = 2048
 
 # A box of which less than this part is free air is refused.
@@ -30,27 +30,47 @@ LEAST_FREE = 0.02
 # Held-out lights are picked from this many times their number.
 POOL = 8
 
-# A first light that reaches this part of what the camera sees reaches enough: shadows are welcome.
+# An initial light that reaches this share of what the camera sees reaches enough; more is not better.
 LIT_ENOUGH = 0.4
 
-# Width of a picture divided by its height, where only a camera is known.
+# Width of an image divided by its height, where only a camera is known.
 ASPECT = 1.6
 
-# Side of the inner box that is "not near the border", relative to the declared box.
+# Edge of the inner box, outside of which positions count as near the border, relative to the declared box.
 INNER = 0.8
 
 
 def sample_lights(scene: Scene, variable: Variable, count: int, seed: int) -> np.ndarray:
-    """[count, 3] float32 training lights: uniform (scrambled Sobol) in the part of the box that is free air.
+    """Sample training lights, uniformly (scrambled Sobol) in the part of the box that is free air.
 
-    Raises ValueError when nearly the whole box lies inside geometry.
+    A box that lies nearly all inside geometry raises ``ValueError``.
+
+    Args:
+        scene: Scene to place the light in.
+        variable: The declared light.
+        count: Number of lights, ≥ 1.
+        seed: Seed of the positions.
+
+    Returns:
+        [count, 3] float32 positions, metres (unit directions to a sun).
     """
     return _lights(scene, variable, count, seed, _TRAINING)
 
 
 def held_out_lights(scene: Scene, variable: Variable, count: int, seed: int) -> np.ndarray:
-    """[count, 3] float32 test lights: a quarter near surfaces, a quarter outside the inner 80 % of the box, the rest
-    uniform; none is a training light of any seed's ``sample_lights``."""
+    """Sample test lights; none is a training light of any seed's ``sample_lights``.
+
+    A quarter lies near surfaces, a quarter outside the inner 80 % of the box, the others are uniform.
+
+    Args:
+        scene: Scene to place the light in.
+        variable: The declared light.
+        count: Number of lights, ≥ 1.
+        seed: Seed of the positions.
+
+    Returns:
+        [count, 3] float32 positions, metres (unit directions to a sun).
+    """
     if isinstance(variable, Sun):
         return _lights(scene, variable, count, seed, _HELD_OUT)
     pool = _lights(scene, variable, POOL * count, seed, _HELD_OUT)
@@ -64,13 +84,13 @@ def held_out_lights(scene: Scene, variable: Variable, count: int, seed: int) -> 
 
 
 def _near_border(variable: PointLight, points: np.ndarray) -> np.ndarray:
-    """[N] whether points lie outside the inner 80 % of the box."""
+    """Test [N] whether points lie outside the inner 80 % of the box."""
     low, high = np.asarray(variable.low), np.asarray(variable.high)
     return np.any(np.abs(2 * (points - low) / (high - low) - 1) > INNER, axis=1)
 
 
 def _lights(scene: Scene, variable: Variable, count: int, seed: int, stream: int) -> np.ndarray:
-    """[count, 3] accepted positions (or sun directions) of one random stream, in the order of Sobol's sequence."""
+    """Draw [count, 3] accepted positions (or sun directions) of one random stream, in the order of Sobol's sequence."""
     random = np.random.default_rng(np.random.SeedSequence([seed, stream]))
     if isinstance(variable, Sun):
         return variable.sample((np.arange(count) + random.random(count)) / count)[random.permutation(count)]
@@ -96,7 +116,16 @@ def _no_room(variable: PointLight, found: int, tried: int) -> str:
 
 
 def free_cells(scene: Scene, variable: PointLight, n: int = 32) -> np.ndarray:
-    """[n, n, n] bool, indexed [z, y, x]: whether the middle of each cell of the declared box is an allowed position."""
+    """Test which cells of the declared box are allowed positions.
+
+    Args:
+        scene: Scene to place the light in.
+        variable: The declared light.
+        n: Cells along each edge, ≥ 1.
+
+    Returns:
+        [n, n, n] bool, indexed [z, y, x], tested at the middle of each cell.
+    """
     middle = (np.arange(n) + 0.5) / n
     z, y, x = np.meshgrid(middle, middle, middle, indexing="ij")
     points = variable.sample(np.stack([x, y, z], axis=-1).reshape(-1, 3))
@@ -106,8 +135,17 @@ def free_cells(scene: Scene, variable: PointLight, n: int = 32) -> np.ndarray:
 
 
 def initial_light(scene: Scene, variable: Variable, camera: Camera, candidates: int = 256) -> np.ndarray:
-    """[3] float32 allowed position (or direction) that lights much of what ``camera`` sees without standing in the
-    middle of the picture. Deterministic."""
+    """Choose a position that lights much of what a camera sees, away from the middle of the image; deterministic.
+
+    Args:
+        scene: Scene to place the light in.
+        variable: The declared light.
+        camera: Camera of the first image.
+        candidates: Number of positions to compare, ≥ 1.
+
+    Returns:
+        [3] float32 allowed position, metres (unit direction to a sun).
+    """
     air = free_air(scene)
     points, to_eye = _seen_points(air, camera)
     lights = _lights(scene, variable, candidates, 0, _INITIAL)
@@ -115,7 +153,7 @@ def initial_light(scene: Scene, variable: Variable, camera: Camera, candidates: 
         return lights[0]
     worth = np.minimum(_lit_part(air, variable, lights, points, to_eye, scene.extent) / LIT_ENOUGH, 1)
     if isinstance(variable, PointLight):
-        # Not a torch in the photographer's hand: well away from the eye, in open air, rather above.
+        # Prefer positions far from the camera (a light beside it casts no visible shadows), in open air, and high.
         eye = np.asarray(camera.position)
         depth = np.median(np.linalg.norm(points - eye, axis=1))
         height = (lights[:, 1] - variable.low[1]) / (variable.high[1] - variable.low[1])
@@ -126,7 +164,7 @@ def initial_light(scene: Scene, variable: Variable, camera: Camera, candidates: 
 
 
 def _seen_points(air: FreeAir, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Points [P, 3] that a coarse picture shows, and unit directions [P, 3] back to the eye."""
+    """Find the points [P, 3] of a coarse image, and unit directions [P, 3] back to the camera."""
     directions = view_directions(camera, round(10 * ASPECT), 10)
     eye = np.broadcast_to(np.asarray(camera.position, dtype=np.float64), directions.shape)
     hit, _, distance, _ = air.trace(eye, directions)
@@ -136,7 +174,7 @@ def _seen_points(air: FreeAir, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 def _lit_part(
     air: FreeAir, variable: Variable, lights: np.ndarray, points: np.ndarray, to_eye: np.ndarray, extent: float
 ) -> np.ndarray:
-    """[L] part of the points that each light reaches; the test stops a little before the point, on the eye's side."""
+    """Compute [L] the share of the points that each light reaches, tested just in front of the visible side."""
     slack = 1e-3 * extent
     ends = np.tile(points + slack * to_eye, (len(lights), 1))
     starts = np.repeat(lights.astype(np.float64), len(points), axis=0)
@@ -146,7 +184,7 @@ def _lit_part(
 
 
 def _centrality(camera: Camera, lights: np.ndarray) -> np.ndarray:
-    """[L] 1 in the middle of the picture, 0 from its border on and behind the eye. A hidden light is no better."""
+    """Compute [L] 1 in the middle of the image, 0 outside it and behind the camera; occlusion is ignored."""
     right, up, forward = camera_frame(camera)
     way = lights - np.asarray(camera.position)
     depth = way @ forward

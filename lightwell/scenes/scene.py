@@ -1,4 +1,4 @@
-"""What a scene is in lightwell: the frozen records that every loader fills and every later stage reads.
+"""Records of a scene: frozen dataclasses that every loader fills and every later stage reads.
 
 Notation: V vertices, T triangles, all coordinates in world space and metres, +Y up, colours linear sRGB, radiance
 relative (a light of 1 cd at 1 m gives an irradiance of 1).
@@ -27,7 +27,7 @@ BOUNDS = Derived[np.ndarray]("scene.bounds")
 
 @dataclass(frozen=True)
 class Image:
-    """An encoded picture, kept as its author stored it."""
+    """An encoded image, stored as its author wrote it."""
 
     name: str
     data: bytes
@@ -36,16 +36,20 @@ class Image:
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """[height, width, 4] uint8, first row at the top, as stored (sRGB-encoded for colours)."""
+        """Decoded pixels.
+
+        Returns:
+            [height, width, 4] uint8, first row at the top, as stored (sRGB-encoded for colours).
+        """
         with warnings.catch_warnings():
-            # Loaders bound the size of pictures; Pillow's own, lower bound only warns.
+            # Loaders limit the size of images; Pillow's own, lower limit only warns.
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
             return np.asarray(PillowImage.open(io.BytesIO(self.data)).convert("RGBA"))
 
 
 @dataclass(frozen=True)
 class Texture:
-    """A picture and how it is laid on a surface. glTF convention: v = 0 is the top row."""
+    """An image and its mapping to a surface. glTF convention: v = 0 is the top row."""
 
     image: Image
     wrap: tuple[str, str] = ("repeat", "repeat")
@@ -59,10 +63,10 @@ class Texture:
 
 @dataclass(frozen=True)
 class Material:
-    """A metallic-roughness material: what the rasteriser shows and by what the learned radiance is divided.
+    """A metallic-roughness material for rasterisation; the learned radiance is divided by its reflectance.
 
-    Textures multiply the factors beside them (glTF 2.0 rules). For Mitsuba scenes it is the nearest such material;
-    ``approximate`` then says what was lost. The path tracer always uses the scene's own BSDF.
+    Textures multiply the factors beside them (glTF 2.0 rules). For Mitsuba scenes it is the most similar such material;
+    ``approximate`` then lists the differences. The path tracer always uses the scene's own BSDF.
     """
 
     name: str
@@ -76,14 +80,14 @@ class Material:
     normal_texture: Texture | None = None
     normal_scale: float = 1.0
     emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Radiance, strength multiplied in."""
+    """Emitted radiance, strength included."""
     emissive_texture: Texture | None = None
     alpha_mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     transmission: float = 0.0
     thickness: float = 0.0
-    """Of a transmissive surface (KHR_materials_volume): 0 is thin-walled, else it bounds a solid that refracts."""
+    """Thickness of a transmissive surface (KHR_materials_volume): 0 is thin-walled, else it bounds a solid."""
     ior: float = 1.5
     clearcoat: float = 0.0
     clearcoat_roughness: float = 0.0
@@ -93,7 +97,7 @@ class Material:
     delta: bool = False
     """The path tracer's BSDF has a delta or near-delta lobe (mirror, clear glass): caustics may be missing."""
     approximate: str = ""
-    """What this record cannot say of the scene's own BSDF; empty when exact."""
+    """Properties of the scene's own BSDF that this record cannot represent; empty when exact."""
 
 
 @dataclass(frozen=True)
@@ -126,13 +130,13 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Light:
-    """A punctual light that stands in the scene (KHR_lights_punctual units)."""
+    """A punctual light of the scene (KHR_lights_punctual units)."""
 
     kind: Literal["point", "spot", "directional"]
     name: str = ""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: tuple[float, float, float] = (0.0, -1.0, 0.0)
-    """Where the light shines to; unit."""
+    """Unit direction in which the light shines."""
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     intensity: float = 1.0
     """Candela for point and spot, lux for directional."""
@@ -156,7 +160,7 @@ class Camera:
 
 @dataclass
 class Scene:
-    """A loaded scene: light and surfaces, once as records and once as a Mitsuba scene."""
+    """A loaded scene: lights and surfaces as records and as a Mitsuba scene."""
 
     name: str
     meshes: list[Mesh]
@@ -166,17 +170,17 @@ class Scene:
     lights: list[Light] = field(default_factory=list)
     cameras: list[Camera] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    """What could not be expressed, each naming the material or node."""
+    """What could not be represented; each names the material or node."""
     vary: tuple[str, ...] = ()
-    """What the scene's author suggests may move, in the words of ``--vary``; used where nothing else is declared."""
+    """Declarations by the scene's author, in the syntax of ``--vary``; used where nothing else is declared."""
     source: str = ""
     """Path it was loaded from, or 'builtin:NAME'."""
     digest: str = ""
     """Hash of everything that changes the transport (file contents); identifies checkpoints."""
     whole: Callable[[], Any] | None = None
-    """Makes the ``mitsuba.Scene`` of a Mitsuba file as its author wrote it, media and all; None for other files."""
+    """Makes the ``mitsuba.Scene`` of a Mitsuba file as its author wrote it, with media; None for other files."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)
-    """What has been worked out from this scene; a scene that ``dataclasses.replace`` makes begins with none."""
+    """Results derived from this scene; a scene made by ``dataclasses.replace`` begins with none."""
 
     @property
     def bounds(self) -> np.ndarray:

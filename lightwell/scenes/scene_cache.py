@@ -1,4 +1,4 @@
-"""What has been worked out from a scene and is kept in memory with it: tables, pools of points, probes."""
+"""Results derived from a scene and kept in memory with it: tables, pools of points, probes."""
 
 from __future__ import annotations
 
@@ -13,33 +13,37 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Derived(Generic[T]):
-    """A kind of result that scenes keep, declared by the module that makes it: ``TABLES = Derived[Tables]("…")``."""
+    """A kind of derived result, declared by the module that computes it: ``TABLES = Derived[Tables]("…")``."""
 
     name: str
-    """Tells kinds apart, for example 'transport.tables'."""
+    """Unique name, for example 'transport.tables'."""
     most: int = 1
-    """Results of this kind that a scene keeps; those not used for longest are dropped."""
+    """Results of this kind that a scene keeps; the least recently used are dropped."""
 
 
 class SceneCache:
     """Results that belong to one scene, by kind and arguments.
 
-    Every ``Scene`` has one, so that scenes in one process never share a result. One thread at a time makes a result of
-    a scene; others that ask wait for it.
+    Every ``Scene`` has one, so that scenes in one process never share a result. Only one thread at a time computes
+    results of a scene; other threads that request one wait for it.
     """
 
     def __init__(self) -> None:
+        """Make an empty cache."""
         self._held: dict[str, OrderedDict[Hashable, Any]] = {}
-        # Reentrant, because making one result may need another.
+        # Reentrant, because computing one result may need another.
         self._lock = threading.RLock()
 
     def get(self, kind: Derived[T], make: Callable[[], T], arguments: Hashable = ()) -> T:
-        """Return the result of ``kind`` for ``arguments``, made on first use.
+        """Return a result, computed on first use.
 
         Args:
-            kind: What is asked for.
-            make: Makes the result from the scene and the arguments, and from nothing else.
-            arguments: What the result depends on besides the scene.
+            kind: Kind of the result.
+            make: Computes the result from the scene and the arguments alone.
+            arguments: Values that the result depends on besides the scene.
+
+        Returns:
+            The result.
         """
         with self._lock:
             held = self._held.setdefault(kind.name, OrderedDict())

@@ -1,23 +1,39 @@
-"""A light for scenes that have none of their own, where nothing was declared that moves."""
+"""A light for scenes without any light, when no variable light was declared."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lightwell.backend import mi
 from lightwell.scenes.scene import Scene
 
-# Radiance of the sky, and candela of the lamp: the exposure follows either.
+# Radiance of the sky, and candela of the lamp; the exposure adapts to either.
 SKY, LAMP = 1.0, 10.0
 
 
 def under_sky(scene: Scene) -> Scene:
-    """The same scene in a white sky."""
+    """Surround a scene with a white sky.
+
+    Args:
+        scene: Scene without light; not changed.
+
+    Returns:
+        A copy of the scene with the sky.
+    """
     return _with(scene, {"type": "constant", "radiance": {"type": "rgb", "value": [SKY] * 3}})
 
 
-def with_lamp(scene: Scene, place) -> Scene:
-    """The same scene with a small lamp; no ray meets it but those that look for light."""
+def with_lamp(scene: Scene, place: Sequence[float]) -> Scene:
+    """Add a small lamp to a scene.
+
+    Args:
+        scene: Scene without light; not changed.
+        place: [3] position, metres.
+
+    Returns:
+        A copy of the scene with a point light.
+    """
     return _with(scene, {"type": "point", "position": [float(c) for c in place], "intensity": LAMP})
 
 

@@ -1,4 +1,4 @@
-"""What may move at run time: the declared light of a baked field, and how it is declared, sampled and stored.
+"""Variables of a baked field: the light that may change at run time, and how it is declared, sampled and stored.
 
 Directions from the scene to the sun are given as azimuth and elevation in degrees: azimuth 0 is north (-Z) and grows
 clockwise seen from above (90 is east, +X; 180 is south, +Z), elevation is the angle above the horizon.
@@ -17,14 +17,14 @@ from scipy.stats import qmc
 if TYPE_CHECKING:
     from .scene import Scene
 
-# The light keeps this part of its box's longest edge away from every surface: nearer, the indirect light is singular.
+# The light keeps this share of its box's longest edge away from every surface: nearer, indirect light is singular.
 CLEARANCE = 0.025
-# Of a box, the part that must be free air before a light keeps its distance from surfaces; twice what placing asks for.
+# Share of a box that must be free air for the default clearance; twice what the sampling of lights requires.
 LEAST_AIR = 0.04
-# Points at which a box is tried, and how often the distance is halved.
+# Points at which a box is tested, and how often the clearance is halved.
 PROBES, HALVINGS = 512, 8
 
-# Elevation that an arc of half a turn (sunrise to sunset) reaches in its middle, degrees: noon of a temperate summer.
+# Elevation in the middle of an arc of half a turn (sunrise to sunset), degrees: noon in a temperate summer.
 NOON_ELEVATION = 60.0
 
 Vector = tuple[float, float, float]
@@ -32,7 +32,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PointLight:
-    """A small light that roams a box. The field is learned for 1 cd of white; intensity and colour are linear."""
+    """A small light that moves in a box. The field is learned for 1 cd of white; intensity and colour are linear."""
 
     low: tuple[float, float, float]
     """Smallest corner of the box, metres."""
@@ -46,7 +46,14 @@ class PointLight:
     kind: str = "point"
 
     def sample(self, u: np.ndarray) -> np.ndarray:
-        """[N, 3] float32 positions, uniform in the box, from numbers ``u`` [N, 3] in [0, 1); geometry is not asked."""
+        """Map random numbers to positions, uniformly in the box; the geometry is not tested.
+
+        Args:
+            u: [N, 3] numbers in [0, 1).
+
+        Returns:
+            [N, 3] float32 positions, metres.
+        """
         low, high = np.asarray(self.low), np.asarray(self.high)
         return (low + np.asarray(u) * (high - low)).astype(np.float32)
 
@@ -58,9 +65,9 @@ class Sun:
     start: tuple[float, float, float]
     """Unit direction from the scene to the sun at t = 0."""
     middle: tuple[float, float, float]
-    """... at t = 1/2; the arc is the circle on the sphere through the three directions."""
+    """Direction at t = 1/2; the arc is the circle on the sphere through the three directions."""
     end: tuple[float, float, float]
-    """... at t = 1."""
+    """Direction at t = 1."""
     name: str = "sun"
     kind: str = "sun"
 
@@ -70,7 +77,14 @@ class Sun:
             raise ValueError(f"sun '{self.name}': start, middle and end must differ, got {ends}; declare a longer arc")
 
     def direction(self, t: float | np.ndarray) -> np.ndarray:
-        """[..., 3] unit directions to the sun at ``t`` in [0, 1]; even speed on each half of the arc."""
+        """Compute directions to the sun, with constant speed on each half of the arc.
+
+        Args:
+            t: [...] times in [0, 1].
+
+        Returns:
+            [..., 3] unit directions.
+        """
         t = np.clip(np.asarray(t, dtype=np.float64), 0, 1)[..., None]
         center, radius, other, half, full = self._circle()
         angle = np.where(t < 0.5, 2 * t * half, half + (2 * t - 1) * (full - half))
@@ -78,11 +92,18 @@ class Sun:
         return found / np.linalg.norm(found, axis=-1, keepdims=True)
 
     def sample(self, u: np.ndarray) -> np.ndarray:
-        """[N, 3] float32 directions at the times ``u`` [N] or [N, 1] in [0, 1)."""
+        """Map random numbers to directions.
+
+        Args:
+            u: [N] or [N, 1] times in [0, 1).
+
+        Returns:
+            [N, 3] float32 unit directions.
+        """
         return self.direction(np.asarray(u).reshape(-1)).astype(np.float32)
 
     def _circle(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
-        """Centre, two perpendicular radii [3] (the first to ``start``), angles of ``middle`` and ``end`` from it."""
+        """Compute centre, two perpendicular radii [3] (the first to ``start``), angles of ``middle`` and ``end``."""
         start, middle, end = (np.asarray(d, dtype=np.float64) for d in (self.start, self.middle, self.end))
         axis = np.cross(middle - start, end - middle)
         axis /= np.linalg.norm(axis)
@@ -98,10 +119,10 @@ Variable = PointLight | Sun
 
 @dataclass(frozen=True)
 class Declaration:
-    """One ``--vary`` option: ``NAME.PARAMETER=VALUE``, understood."""
+    """One parsed ``--vary`` option: ``NAME.PARAMETER=VALUE``."""
 
     name: str
-    """Which light, such as 'light' or 'sun'."""
+    """Name of the light, such as 'light' or 'sun'."""
     parameter: str
     """'position', 'radius', 'clearance', 'direction', 'intensity' or 'color'."""
     values: tuple[float, ...] = ()
@@ -109,13 +130,13 @@ class Declaration:
 
     @property
     def learned(self) -> bool:
-        """Whether it changes the field; intensity and colour are linear, always variable and never learned."""
+        """Whether the parameter changes the field; intensity and colour are linear, always variable, never learned."""
         return self.parameter not in ("intensity", "color")
 
 
 @dataclass(frozen=True)
 class _Form:
-    """How the value of a parameter is written."""
+    """Syntax of the value of a parameter."""
 
     call: str
     """Word before the parentheses, or nothing."""
@@ -135,71 +156,101 @@ _FORMS = {
 }
 
 
-def _wrong(text: str, what: str, example: str) -> ValueError:
-    return ValueError(f"vary: '{text}': {what}; write for example {example}")
+def _wrong(text: str, what: str, example: str) -> str:
+    return f"vary: '{text}': {what}; write for example {example}"
 
 
 def parse_vary(text: str) -> Declaration:
-    """Read one declaration: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
-    ``sun.direction=arc(az0,el0,az1,el1)``, ``light.intensity`` or ``light.color``."""
+    """Parse one declaration.
+
+    Args:
+        text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
+            ``sun.direction=arc(az0,el0,az1,el1)``, ``light.intensity`` or ``light.color``.
+
+    Returns:
+        The declaration.
+
+    Raises:
+        ValueError: The text has another form, or a value is out of range.
+    """
     match = re.fullmatch(r"([A-Za-z_]\w*)\.([a-z]+)(?:=(.*))?", text.strip(), re.DOTALL)
     if not match:
-        raise _wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example)
+        raise ValueError(_wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example))
     name, parameter, value = match.groups()
     if parameter not in _FORMS:
-        raise _wrong(text, f"'{parameter}' cannot vary, only {', '.join(_FORMS)} can", _FORMS["position"].example)
+        raise ValueError(
+            _wrong(text, f"'{parameter}' cannot vary, only {', '.join(_FORMS)} can", _FORMS["position"].example)
+        )
     values = _numbers(text, _FORMS[parameter], (value or "").strip())
     _check_range(text, parameter, values)
     return Declaration(name, parameter, values)
 
 
 def _numbers(text: str, form: _Form, value: str) -> tuple[float, ...]:
-    """The numbers in ``value`` as ``form`` wants them."""
+    """Parse the numbers of ``value`` in the syntax of ``form``."""
     if not value and form.optional:
         return ()
     body = value
     if form.call:
         match = re.fullmatch(rf"{form.call}\s*\((.*)\)", value, re.DOTALL)
         if not match:
-            raise _wrong(text, f"expected {form.call}({form.names})", form.example)
+            raise ValueError(_wrong(text, f"expected {form.call}({form.names})", form.example))
         body = match.group(1)
     words = [w.strip() for w in body.split(",")] if body.strip() else []
     try:
         values = tuple(float(w) for w in words)
     except ValueError:
-        raise _wrong(text, f"'{body}' is not a list of numbers", form.example) from None
+        raise ValueError(_wrong(text, f"'{body}' is not a list of numbers", form.example)) from None
     expected = form.names.count(",") + 1
     if len(values) != expected:
-        raise _wrong(text, f"expected {expected} numbers ({form.names}), got {len(values)}", form.example)
+        raise ValueError(_wrong(text, f"expected {expected} numbers ({form.names}), got {len(values)}", form.example))
     if not np.all(np.isfinite(values)):
-        raise _wrong(text, "every number must be finite", form.example)
+        raise ValueError(_wrong(text, "every number must be finite", form.example))
     return values
 
 
 def _check_range(text: str, parameter: str, values: tuple[float, ...]) -> None:
     example = _FORMS[parameter].example
     if parameter == "position" and not all(a < b for a, b in zip(values[:3], values[3:])):
-        raise _wrong(text, "the second corner must be larger than the first in x, y and z", example)
+        raise ValueError(_wrong(text, "the second corner must be larger than the first in x, y and z", example))
     if parameter == "direction" and any(abs(e) > 90 for e in values[1::2]):
-        raise _wrong(text, "an elevation lies between -90 and 90 degrees", example)
+        raise ValueError(_wrong(text, "an elevation lies between -90 and 90 degrees", example))
     if parameter == "direction" and np.allclose(toward(*values[:2]), toward(*values[2:]), atol=1e-4):
-        raise _wrong(text, "the arc starts where it ends", example)
+        raise ValueError(_wrong(text, "the arc starts where it ends", example))
     if parameter in ("radius", "clearance", "intensity", "color") and any(v < 0 for v in values):
-        raise _wrong(text, f"a {parameter} is not negative", example)
+        raise ValueError(_wrong(text, f"a {parameter} is not negative", example))
 
 
 def toward(azimuth: float, elevation: float) -> np.ndarray:
-    """[3] unit direction of an azimuth (clockwise from north = -Z) and an elevation, degrees."""
+    """Convert azimuth and elevation to a direction.
+
+    Args:
+        azimuth: Degrees, clockwise from north (-Z).
+        elevation: Degrees above the horizon.
+
+    Returns:
+        [3] unit direction.
+    """
     az, el = np.radians(azimuth), np.radians(elevation)
     return np.array([np.cos(el) * np.sin(az), np.sin(el), -np.cos(el) * np.cos(az)])
 
 
 def sun_arc(az0: float, el0: float, az1: float, el1: float, name: str = "sun") -> Sun:
-    """The sun on a daily arc from (az0, el0) to (az1, el1), degrees.
+    """Make the sun on a daily arc.
 
-    The azimuth runs straight from az0 to az1 (90 to 270 passes south, 90 to -90 passes north). In the middle the sun
-    stands at the mean azimuth and at the elevation  m + (NOON_ELEVATION - m)⁺ s²,  where m is the mean elevation and
-    s = min(|az1 - az0| / 180, 1): half a turn is a whole day and reaches noon, a short arc is nearly straight.
+    The azimuth changes linearly from az0 to az1 (90 to 270 passes south, 90 to -90 passes north). In the middle the sun
+    is at the mean azimuth and at the elevation  m + (NOON_ELEVATION - m)⁺ s²,  where m is the mean elevation and s =
+    min(|az1 - az0| / 180, 1): half a turn is a whole day and reaches noon, a short arc is nearly straight.
+
+    Args:
+        az0: First azimuth, degrees.
+        el0: First elevation, degrees.
+        az1: Last azimuth, degrees.
+        el1: Last elevation, degrees.
+        name: Name of the variable.
+
+    Returns:
+        The sun.
     """
     mean, span = (el0 + el1) / 2, min(abs(az1 - az0) / 180, 1)
     rise = max(NOON_ELEVATION - mean, 0) * span**2
@@ -213,11 +264,16 @@ def _vector(values: Sequence[float]) -> Vector:
 
 
 def default_variable(scene: Scene) -> PointLight:
-    """A point light that may go anywhere in the scene's air: its bounds, drawn in by the clearance.
+    """Make a point light that may be anywhere in the scene's air: the bounds of the scene, reduced by the clearance.
 
-    The clearance is 2.5 % of the box's longest edge, but at most an eighth of the scene's shortest. Along an edge too
-    short for that (a flat scene) the box keeps the middle half. Which of its points are free air is decided when lights
-    are placed.
+    The clearance is 2.5 % of the box's longest edge, but at most an eighth of the scene's shortest. Along an edge that
+    is too short for it (a flat scene) the box is the middle half. Free air is tested when lights are placed.
+
+    Args:
+        scene: Scene to place the light in.
+
+    Returns:
+        The light.
     """
     low, high = scene.bounds
     inset = np.minimum(CLEARANCE * scene.extent, (high - low) / 4)
@@ -229,7 +285,7 @@ def default_variable(scene: Scene) -> PointLight:
 
 
 def _fitting_clearance(scene: Scene, default: PointLight) -> float:
-    """Distance that a light keeps from surfaces when neither it nor the box was declared, metres.
+    """Choose the distance that a light keeps from surfaces when neither it nor the box was declared, metres.
 
     Long scenes have low rooms: the default is halved until a part ``LEAST_AIR`` of the box is free air. A box without
     any free air keeps the default; placing lights in it then says why it cannot.
@@ -247,9 +303,20 @@ def _fitting_clearance(scene: Scene, default: PointLight) -> float:
 
 
 def declare(texts: Sequence[str], scene: Scene) -> Variable:
-    """The one variable that the declarations describe; what they leave open comes from ``default_variable``.
+    """Make the variable that declarations describe.
 
-    What they leave open comes from the scene's own suggestion (``Scene.vary``) first; a sun replaces it.
+    Parameters that they do not declare come from the scene's own suggestion (``Scene.vary``), which a declared sun
+    replaces, and then from ``default_variable``.
+
+    Args:
+        texts: Declarations, see ``parse_vary``.
+        scene: Scene to place the light in.
+
+    Returns:
+        The variable.
+
+    Raises:
+        ValueError: The declarations name several lights, or contradict each other.
     """
     found = [d for d in map(parse_vary, texts) if d.learned]
     suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
@@ -270,7 +337,14 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
 
 
 def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:
-    """First intensity (None: not declared) and colour of the light: ``light.intensity`` and ``light.color``."""
+    """Read the initial intensity and colour of the light: ``light.intensity`` and ``light.color``.
+
+    Args:
+        texts: Declarations, see ``parse_vary``.
+
+    Returns:
+        Intensity, cd or lx (None: not declared), and linear RGB colour.
+    """
     given = {d.parameter: d.values for d in map(parse_vary, texts) if not d.learned and d.values}
     intensity = given.get("intensity", (None,))[0]
     return intensity, _vector(given.get("color", (1.0, 1.0, 1.0)))
@@ -285,12 +359,12 @@ def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -
     edge = max(b - a for a, b in zip(box[:3], box[3:]))
     clearance = given.get("clearance", (CLEARANCE * edge,))[0]
     radius = given.get("radius", (0.0,))[0]
-    # A sphere must not dip into the wall that its centre keeps away from.
+    # A sphere must not intersect the wall from which its centre keeps the clearance.
     return PointLight(_vector(box[:3]), _vector(box[3:]), max(clearance, radius), radius, name)
 
 
 def _check_place(box: Sequence[float], scene: Scene, name: str) -> None:
-    """A box farther from the scene than the scene is large lights next to nothing."""
+    """Check that the box is not farther from the scene than the scene is large, where it would light almost nothing."""
     low, high = scene.bounds
     if np.any(np.asarray(box[:3]) > high + scene.extent) or np.any(np.asarray(box[3:]) < low - scene.extent):
         bounds = ",".join(f"{v:g}" for v in (*low, *high))
@@ -306,9 +380,16 @@ def to_json(
     intensity: float = 1.0,
     color: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> dict[str, Any]:
-    """The entry of ``variables`` in the glTF extension (format/FORMAT.md).
+    """Write a variable as an entry of ``variables`` in the glTF extension (format/FORMAT.md).
 
-    ``initial`` is the first position or direction, by default the middle; ``intensity`` is in candela or lux.
+    Args:
+        variable: The declared light.
+        initial: [3] first position, metres, or direction; None: the middle.
+        intensity: Initial intensity, cd or lx.
+        color: [3] initial linear RGB colour.
+
+    Returns:
+        JSON-compatible object.
     """
     if isinstance(variable, Sun):
         middle = variable.middle
@@ -323,7 +404,17 @@ def to_json(
 
 
 def from_json(entry: dict[str, Any]) -> Variable:
-    """The variable of an entry written by ``to_json``."""
+    """Read an entry that ``to_json`` wrote.
+
+    Args:
+        entry: JSON object.
+
+    Returns:
+        The variable.
+
+    Raises:
+        ValueError: The kind is unknown, or a value is missing or wrong.
+    """
     name, kind = entry.get("name", "?"), entry.get("kind")
     makers = {"point": _point_from_json, "sun": _sun_from_json}
     if kind not in makers:

@@ -1,4 +1,4 @@
-"""Cameras that find something to look at: eyes in free air, directions with depth and variety, few rays lost."""
+"""Sampling of cameras: positions in free air, and directions with depth and variety in which few rays escape."""
 
 from __future__ import annotations
 
@@ -9,27 +9,34 @@ from .free_air import FreeAir, free_air
 from .scene import Camera, Scene
 from .variables import PointLight, Variable
 
-# Eyes keep this part of the scene's longest edge from surfaces, halved where that leaves too little room.
+# Clearance of cameras as a share of the scene's longest edge, halved where too few positions have it.
 EYE_CLEARANCE = 0.05
 HALVINGS = 5
 
-# Eyes tried per camera wanted (at least LEAST_EYES), looks tried per eye, rays per look.
+# Positions tested per requested camera (at least LEAST_EYES), views per position, rays per view.
 EYES_PER_CAMERA, LEAST_EYES, LOOKS, GRID = 6, 64, 12, (8, 6)
 
 FOV_Y = 60.0
 
-# Looks go from this far below to this far above the horizon, degrees.
+# Range of pitches below and above the horizon, degrees.
 PITCH = (-28.0, 14.0)
 
-# A look loses when more than this part of it escapes, or shows back faces, or things nearer than NEAR of the extent.
+# Views rank lower when a larger share than this escapes, shows back faces, or surfaces nearer than NEAR of the extent.
 ESCAPING, BACK, CLOSE, NEAR = 0.3, 0.05, 0.2, 0.08
 
-# Cameras nearer than this (eye distance relative to the extent, plus a third of the change of direction) compete.
+# Cameras nearer than this (distance relative to the extent, plus a third of the change of direction) are alike.
 APART = 0.4
 
 
 def camera_frame(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors [3]: right, up and forward of a camera."""
+    """Compute the axes of a camera.
+
+    Args:
+        camera: Camera with position, target and up.
+
+    Returns:
+        Unit vectors [3]: right, up and forward.
+    """
     forward = np.asarray(camera.target, dtype=np.float64) - np.asarray(camera.position)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, camera.up)
@@ -38,7 +45,16 @@ def camera_frame(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def view_directions(camera: Camera, width: int, height: int) -> np.ndarray:
-    """[width * height, 3] unit directions through the pixels of a small picture, row by row from the top."""
+    """Compute the directions through the pixels of an image, row by row from the top.
+
+    Args:
+        camera: Pinhole camera.
+        width: Pixels of a row.
+        height: Rows.
+
+    Returns:
+        [width * height, 3] unit directions.
+    """
     right, up, forward = camera_frame(camera)
     half = np.tan(np.radians(camera.fov_y) / 2)
     y, x = np.meshgrid(1 - 2 * (np.arange(height) + 0.5) / height, np.arange(width) + 0.5, indexing="ij")
@@ -48,9 +64,19 @@ def view_directions(camera: Camera, width: int, height: int) -> np.ndarray:
 
 
 def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, authored: bool = False) -> list[Camera]:
-    """``count`` different cameras with a field of view of 60 degrees; with ``authored`` the scene's own come first.
+    """Choose different cameras with a field of view of 60 degrees.
 
-    A look is worth its mean depth, the variety of its depths and the number of surfaces in it.
+    Views are ranked by their mean depth, the variety of their depths and the number of surfaces in them.
+
+    Args:
+        scene: Scene to look at.
+        variable: The declared light; cameras are placed where it can be.
+        count: Number of cameras, ≥ 0.
+        seed: Seed of the cameras.
+        authored: Put the scene's own cameras first.
+
+    Returns:
+        ``count`` cameras.
     """
     own = list(scene.cameras)[:count] if authored else []
     if len(own) == count:
@@ -65,10 +91,10 @@ def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, auth
 
 
 def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Generator) -> np.ndarray:
-    """[<= count, 3] points in free air in and around the light's box, as far from surfaces as there is room."""
+    """Draw up to ``count`` points [K, 3] of free air in and around the light's box, with the largest clearance."""
     low, high = scene.bounds
     if isinstance(variable, PointLight):
-        # Look where the light can be: its box and a tenth of the scene around it.
+        # Positions are drawn where the light can be: its box and a tenth of the scene around it.
         margin = 0.1 * (high - low)
         low = np.maximum(low, np.asarray(variable.low) - margin)
         high = np.minimum(high, np.asarray(variable.high) + margin)
@@ -84,7 +110,7 @@ def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Genera
 
 
 def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[Camera]:
-    """Cameras at ``eye`` that look around: even azimuths from a random start, random pitches."""
+    """Make cameras at ``eye``: evenly spaced azimuths from a random start, random pitches."""
     azimuth = 2 * np.pi * (np.arange(LOOKS) + random.random()) / LOOKS
     pitch = np.radians(random.uniform(*PITCH, LOOKS))
     ways = np.stack([np.cos(pitch) * np.sin(azimuth), np.sin(pitch), -np.cos(pitch) * np.cos(azimuth)], axis=1)
@@ -93,13 +119,13 @@ def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[
 
 
 def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
-    """[K] how much there is to see in each look."""
+    """Rank each view [K] by depth and variety."""
     rays = GRID[0] * GRID[1]
     directions = np.concatenate([view_directions(camera, *GRID) for camera in looks])
     origins = np.repeat([camera.position for camera in looks], rays, axis=0)
     hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
     depth = np.where(hit, np.clip(distance, 1e-3 * extent, extent) / extent, 0)
-    # Rays that escape have no depth: they count neither for nor against its variety.
+    # Rays that escape have no depth and do not count in the variety.
     log_depth = np.ma.masked_array(np.log(np.where(hit, depth, 1)), mask=~hit)
     kinds = np.sort(np.where(hit, shape, shape.max() + 1), axis=1)
     surfaces = 1 + (np.diff(kinds, axis=1) > 0).sum(axis=1)
@@ -110,7 +136,7 @@ def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
 
 
 def _spread(looks: list[Camera], worth: np.ndarray, count: int, extent: float) -> list[int]:
-    """Indices of ``count`` looks, greedily: the most worth among those unlike the ones already chosen."""
+    """Choose ``count`` views greedily: the best rank among those that differ from the ones already chosen."""
     eyes = np.array([c.position for c in looks]) / extent
     ways = np.array([c.target for c in looks]) / extent - eyes
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)

@@ -26,7 +26,12 @@ WALL = 0.1
 
 
 def build() -> Scene:
-    """The box: open front towards +z, red left, green right, two blocks, a white patch instead of the lamp."""
+    """Build the Cornell box: open front towards +z, red left, green right, two blocks, a white patch instead of the
+    lamp.
+
+    Returns:
+        The scene.
+    """
     kit = Kit("cornell", VERSION)
     for name, color in {
         "white": (0.725, 0.71, 0.68),
@@ -53,7 +58,7 @@ def _shell() -> Masonry:
 
 
 def _turned(x: float, z: float) -> tuple[float, float]:
-    """Published floor coordinates to ours: centred, metres, the viewer at +z (half a turn, so nothing is mirrored)."""
+    """Convert published floor coordinates: centred, metres, camera at +z (a half turn, so nothing is mirrored)."""
     return WIDTH / 2 - x * SCALE, DEPTH / 2 - z * SCALE
 
 
@@ -67,7 +72,7 @@ def _block(corners: list[tuple[float, float]], height: float) -> Part:
 
 
 def _lamp_patch() -> Part:
-    """A plate 1 cm thick under the ceiling."""
+    """Make a plate 1 cm thick under the ceiling."""
     (x0, x1), (z0, z1) = LAMP
     (right, front), (left, back) = _turned(x0, z0), _turned(x1, z1)
     return move(box((left, -0.01, back), (right, 0.0, front), skip=("+y",)), (0, HEIGHT, 0))

@@ -31,7 +31,7 @@ CEILING, UPPER, UPPER_CEILING, PARAPET = 3.0, 3.3, 6.0, 6.9
 # Depth of the gallery behind the shaft's edge, and the thickness of the walls.
 GALLERY, WALL = 1.3, 0.3
 
-# The lamp of the house hangs in the shaft: whatever reaches the rooms is indirect.
+# The lamp of the house hangs in the shaft: the rooms get only indirect light.
 LAMP = (-1.7, 0.4, -1.7, 1.1, 6.5, 1.7)
 
 # The stair: 17 risers from the shaft's floor to the gallery.
@@ -40,7 +40,11 @@ RISE = UPPER / RISERS
 
 
 def build() -> Scene:
-    """The house with its furniture and cameras."""
+    """Build the courtyard house with its furniture and cameras.
+
+    Returns:
+        The scene.
+    """
     kit = Kit("courtyard", VERSION)
     courtyard_finishes.register(kit)
     for material, part in _house().build().items():
@@ -53,7 +57,7 @@ def build() -> Scene:
 
 
 def _house() -> Masonry:
-    """The shell: what is carved is air."""
+    """Make the walls: cut boxes are air."""
     edge = SHAFT + WALL
     house = Masonry((-6.3, -0.3, -6.7), (5.5, PARAPET, 6.9))
     plain = Finish("plaster", "tiles", "ceiling")
@@ -63,7 +67,7 @@ def _house() -> Masonry:
     house.carve((-6.0, 0, -SHAFT), (-edge, CEILING, SHAFT), plain)
     house.carve((edge, 0, -SHAFT), (5.2, CEILING, SHAFT), plain)
     _upper_rooms(house, upstairs)
-    # The shaft, last: its brick wins over what it cuts through.
+    # The shaft, last: its brick replaces the finishes that it cuts through.
     house.carve((-SHAFT, 0, -SHAFT), (SHAFT, PARAPET, SHAFT), Finish("brick", "tiles", "ceiling"))
     _openings(house, edge)
     # A terracotta wall behind the dining table, a dark one in the study.

@@ -1,4 +1,4 @@
-"""The courtyard house's materials: limewashed brick, plaster, polished concrete, oak, terracotta, teal and yellow."""
+"""Materials of the courtyard house: limewashed brick, plaster, polished concrete, oak, terracotta, teal and yellow."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ def _plain(
 
 
 def register(kit: Kit) -> None:
-    """Register every material of the house with ``kit``."""
+    """Register every material of the house.
+
+    Args:
+        kit: Kit of the scene; changed.
+    """
     _walls(kit)
     _floors(kit)
     _objects(kit)

@@ -1,4 +1,4 @@
-"""The courtyard house's furniture: boxes, rods, lathes and a plant, standing on the origin unless said otherwise."""
+"""Furniture of the courtyard house: boxes, rods, lathes and a plant; each stands on the origin unless stated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,16 @@ GOLDEN_ANGLE = 137.507764
 
 
 def table(length: float, width: float, height: float) -> Part:
-    """A table on two trestles, along x."""
+    """Make a table on two trestles, along x.
+
+    Args:
+        length: Along x, metres.
+        width: Along z, metres.
+        height: Top of the table, metres.
+
+    Returns:
+        Its triangles.
+    """
     x, z = length / 2, width / 2
     top = board((-x, height - BOARD, -z), (x, height, z))
     parts = [top]
@@ -29,7 +38,16 @@ def table(length: float, width: float, height: float) -> Part:
 
 
 def bench(length: float, depth: float = 0.38, height: float = 0.44) -> Part:
-    """A plank bench along x: a thick seat on two slab legs."""
+    """Make a plank bench along x: a thick seat on two slab legs.
+
+    Args:
+        length: Along x, metres.
+        depth: Along z, metres.
+        height: Top of the seat, metres.
+
+    Returns:
+        Its triangles.
+    """
     x, z = length / 2, depth / 2
     seat = board((-x, height - 0.06, -z), (x, height, z))
     legs = [
@@ -39,7 +57,17 @@ def bench(length: float, depth: float = 0.38, height: float = 0.44) -> Part:
 
 
 def throw(width: float, depth: float, height: float, drop: float) -> Part:
-    """A cloth laid over a bench of ``depth`` and ``height``: a slab on the seat that hangs down in front and behind."""
+    """Make a cloth laid over a bench: a slab on the seat that hangs down in front and behind.
+
+    Args:
+        width: Along x, metres.
+        depth: Depth of the bench, metres.
+        height: Height of the bench, metres.
+        drop: Length that hangs down in front, metres.
+
+    Returns:
+        Its triangles.
+    """
     x, z, thick = width / 2, depth / 2 + 0.006, 0.012
     parts = [box((-x, height, -z), (x, height + thick, z))]
     for side, low in ((1, height - drop), (-1, height - 0.6 * drop)):
@@ -49,7 +77,15 @@ def throw(width: float, depth: float, height: float, drop: float) -> Part:
 
 
 def stool(radius: float, height: float) -> Part:
-    """A round stool: a disc on three splayed legs."""
+    """Make a round stool: a disc on three splayed legs.
+
+    Args:
+        radius: Radius of the seat, metres.
+        height: Top of the seat, metres.
+
+    Returns:
+        Its triangles.
+    """
     seat = move(cylinder(radius, 0.035, 32), (0, height - 0.035, 0))
     legs = []
     for angle in 2 * np.pi * np.arange(3) / 3 + 0.4:
@@ -59,14 +95,28 @@ def stool(radius: float, height: float) -> Part:
 
 
 def bowl(radius: float) -> Part:
-    """A thin bowl."""
+    """Make a thin bowl.
+
+    Args:
+        radius: Radius of the rim, metres.
+
+    Returns:
+        Its triangles.
+    """
     outer = [(0.0, 0.0), (0.42, 0.0), (0.5, 0.03), (0.82, 0.22), (1.0, 0.46)]
     inner = [(0.96, 0.46), (0.78, 0.25), (0.46, 0.07), (0.0, 0.05)]
     return lathe([(radius * r, radius * y) for r, y in outer + inner], 40)
 
 
 def vase(height: float) -> Part:
-    """A bottle-shaped vase, open at the top."""
+    """Make a bottle-shaped vase, open at the top.
+
+    Args:
+        height: Metres.
+
+    Returns:
+        Its triangles.
+    """
     y = np.linspace(0, 1, 15)
     r = 0.10 + 0.16 * np.sin(np.pi * np.clip(y * 1.25, 0, 1)) ** 1.2 * (1 - 0.2 * y)
     outer = [(0.0, 0.0), *zip(height * r, height * y)]
@@ -75,7 +125,15 @@ def vase(height: float) -> Part:
 
 
 def pot(radius: float, height: float) -> Part:
-    """A tapered planter with a rim, filled with soil up to 6 cm below it (the soil is ``soil``)."""
+    """Make a tapered planter with a rim, open down to 6 cm below it, where ``soil`` lies.
+
+    Args:
+        radius: Radius at the rim, metres.
+        height: Metres.
+
+    Returns:
+        Its triangles.
+    """
     wall, rim = 0.035, 0.05
     return lathe(
         [
@@ -91,12 +149,29 @@ def pot(radius: float, height: float) -> Part:
 
 
 def soil(radius: float, height: float) -> Part:
-    """The earth in ``pot``."""
+    """Make the soil in a ``pot``.
+
+    Args:
+        radius: Radius of the pot, metres.
+        height: Height of the pot, metres.
+
+    Returns:
+        Its triangles.
+    """
     return lathe([(0.96 * radius - 0.035, height - 0.06), (0.0, height - 0.045)], 40)
 
 
 def plant(height: float, stems: int, seed: int) -> tuple[Part, Part]:
-    """Stems and leaves of a broad-leaved plant rooted at the origin; leaves are single sheets."""
+    """Make a broad-leaved plant rooted at the origin; leaves are single sheets.
+
+    Args:
+        height: Metres.
+        stems: Number of stems.
+        seed: Seed of the shape.
+
+    Returns:
+        Stems and leaves.
+    """
     random = np.random.default_rng(seed)
     stalks, blades = [], []
     for k in range(stems):
@@ -117,7 +192,15 @@ def plant(height: float, stems: int, seed: int) -> tuple[Part, Part]:
 
 
 def picture(width: float, height: float) -> tuple[Part, Part]:
-    """Frame and canvas of a picture on a wall behind it: centre at the origin, facing +z, 3 cm deep."""
+    """Make a picture on a wall behind it: centre at the origin, facing +z, 3 cm deep.
+
+    Args:
+        width: Along x, metres.
+        height: Along y, metres.
+
+    Returns:
+        Frame and canvas.
+    """
     x, y, edge, deep = width / 2, height / 2, 0.022, 0.03
     frame = merge(
         [
@@ -132,7 +215,16 @@ def picture(width: float, height: float) -> tuple[Part, Part]:
 
 
 def railing(length: float, height: float = 1.0, spacing: float = 0.115) -> tuple[Part, Part]:
-    """Steel bars and the oak handrail of a straight railing along x from the origin."""
+    """Make a straight railing along x from the origin.
+
+    Args:
+        length: Along x, metres.
+        height: Height of the handrail, metres.
+        spacing: Distance between bars, metres.
+
+    Returns:
+        Steel bars and the oak handrail.
+    """
     count = round(length / spacing)
     bars = [
         box((x - 0.007, 0.06, -0.007), (x + 0.007, height, 0.007), ("+y", "-y")) for x in np.linspace(0, length, count)
@@ -143,7 +235,18 @@ def railing(length: float, height: float = 1.0, spacing: float = 0.115) -> tuple
 
 
 def flight(treads: int, rise: float, run: float, width: float, thickness: float = 0.07) -> Part:
-    """Cantilevered treads that climb towards -z; the first top is at ``rise``; x from 0 to ``width``."""
+    """Make cantilevered treads that climb towards -z; x from 0 to ``width``.
+
+    Args:
+        treads: Number of treads.
+        rise: Height of a step, metres; the first tread's top is at this height.
+        run: Depth of a step, metres.
+        width: Along x, metres.
+        thickness: Thickness of a tread, metres.
+
+    Returns:
+        Their triangles.
+    """
     nose = 0.025
     return merge(
         [
@@ -158,7 +261,17 @@ def flight(treads: int, rise: float, run: float, width: float, thickness: float 
 
 
 def shelf(width: float, height: float, depth: float, boards: int) -> Part:
-    """An open shelf against a wall behind it (-z), its boards between two sides."""
+    """Make an open shelf against a wall behind it (-z), its boards between two sides.
+
+    Args:
+        width: Along x, metres.
+        height: Along y, metres.
+        depth: Along z, metres.
+        boards: Number of boards, ≥ 1.
+
+    Returns:
+        Its triangles.
+    """
     x = width / 2
     parts = [board((s, 0, 0), (s + 0.03, height, depth), ("-y", "-z")) for s in (-x, x - 0.03)]
     for y in np.linspace(0.12, height - 0.03, boards):
@@ -167,7 +280,15 @@ def shelf(width: float, height: float, depth: float, boards: int) -> Part:
 
 
 def books(width: float, seed: int) -> list[Part]:
-    """Three groups of books on a board at y = 0, x from 0 to ``width``, for three colours."""
+    """Make three groups of books on a board at y = 0, for three colours.
+
+    Args:
+        width: They stand from x = 0 to this, metres.
+        seed: Seed of their sizes.
+
+    Returns:
+        Triangles of each group that has a book.
+    """
     random = np.random.default_rng(seed)
     groups: list[list[Part]] = [[], [], []]
     x = 0.0

@@ -1,4 +1,4 @@
-"""What the builders share: materials by name, parts gathered into meshes, and the finished, hashed scene."""
+"""Parts shared by the builders: materials by name, parts collected into meshes, and the finished, hashed scene."""
 
 from __future__ import annotations
 
@@ -13,30 +13,60 @@ from .shapes import Part, merge
 
 
 class Kit:
-    """Collects materials and parts; ``scene()`` makes the records out of them.
+    """Collects materials and parts; ``scene()`` makes the records of them.
 
     A mesh is all parts added under one object name with one material.
     """
 
     def __init__(self, name: str, version: int) -> None:
+        """Start a scene.
+
+        Args:
+            name: Name of the scene.
+            version: Part of the scene's hash; raise it when the scene changes.
+        """
         self.name = name
         self.version = version
         self._materials: dict[str, tuple[Material, float]] = {}
         self._parts: dict[tuple[str, str], list[Part]] = {}
 
     def material(self, material: Material, tile: float = 1.0) -> str:
-        """Register a material whose textures repeat every ``tile`` metres; returns its name."""
+        """Register a material.
+
+        Args:
+            material: Material with a unique name.
+            tile: Metres after which its textures repeat.
+
+        Returns:
+            Its name.
+        """
         self._materials[material.name] = (material, tile)
         return material.name
 
     def add(self, object_name: str, material: str, *parts: Part) -> None:
-        """Add parts to the mesh ``object_name`` of ``material``."""
+        """Add parts to a mesh.
+
+        Args:
+            object_name: Name of the object.
+            material: Name of its material.
+            *parts: Triangles to add.
+
+        Raises:
+            ValueError: The material is not registered.
+        """
         if material not in self._materials:
             raise ValueError(f"builtin: '{object_name}' wants the unknown material '{material}'; register it first")
         self._parts.setdefault((object_name, material), []).extend(parts)
 
     def scene(self, cameras: Sequence[Camera]) -> Scene:
-        """The finished scene with its Mitsuba twin."""
+        """Assemble the finished scene.
+
+        Args:
+            cameras: Cameras of the scene.
+
+        Returns:
+            The scene with its Mitsuba scene.
+        """
         used = [name for name in self._materials if any(m == name for _, m in self._parts)]
         meshes = [self._mesh(obj, mat, used.index(mat)) for obj, mat in self._parts]
         materials = [self._materials[name][0] for name in used]
@@ -58,10 +88,10 @@ class Kit:
 
 
 def _digest(label: str, meshes: Sequence[Mesh], materials: Sequence[Material]) -> str:
-    """Hash of everything that changes the transport."""
+    """Compute the hash of everything that changes the transport."""
     state = hashlib.sha256(label.encode())
     for material in materials:
-        # The records' text holds the encoded pictures too.
+        # The representation of the records includes the encoded images.
         state.update(repr(material).encode())
     for mesh in meshes:
         state.update(f"{mesh.name} {mesh.material}".encode())

@@ -1,8 +1,8 @@
-"""Walls by carving: rooms, doorways and shafts are cut as boxes out of a solid block.
+"""Walls by subtraction: rooms, doorways and shafts are cut as boxes out of a solid block.
 
-The faces between what is left and what was cut are the walls: no hidden or overlapping faces, no T-junctions, every
-wall as thick as it was left. What lies outside the block is nothing, so the block has no outer skin: it is seen from
-inside, and a cut that reaches its surface is open there (the sky above a light well).
+The faces between the remaining solid and the cut boxes are the walls: no hidden or overlapping faces, no T-junctions,
+and walls of the intended thickness. The block has no outer faces, because it is seen from inside only; a cut that
+reaches its surface is open there (the sky above a light well).
 """
 
 from __future__ import annotations
@@ -19,20 +19,27 @@ Corner = Sequence[float]
 
 @dataclass(frozen=True)
 class Finish:
-    """The materials that a room's surfaces get."""
+    """The materials of a room's surfaces."""
 
     walls: str
     floor: str
     ceiling: str
 
     def facing(self, direction: str) -> str:
-        """The material of a face that looks along ``direction`` ('+y' is the floor)."""
+        """Select the material of a face.
+
+        Args:
+            direction: Direction of its normal, such as '+y' for the floor.
+
+        Returns:
+            Name of the material.
+        """
         return {"+y": self.floor, "-y": self.ceiling}.get(direction, self.walls)
 
 
 @dataclass
 class Masonry:
-    """A solid block between two corners, out of which rooms are carved; later cuts and fills win."""
+    """A solid block between two corners, out of which rooms are cut; later cuts and fills override earlier ones."""
 
     low: Corner
     high: Corner
@@ -40,19 +47,41 @@ class Masonry:
     _paint: list[tuple[np.ndarray, str, tuple[str, ...]]] = field(default_factory=list)
 
     def carve(self, low: Corner, high: Corner, finish: Finish) -> None:
-        """Cut the box out; its walls, floor and ceiling get ``finish``."""
+        """Cut out a box.
+
+        Args:
+            low: Smallest corner, metres.
+            high: Largest corner, metres.
+            finish: Materials of its walls, floor and ceiling.
+        """
         self._steps.append((np.array([low, high], dtype=np.float64), finish))
 
     def fill(self, low: Corner, high: Corner) -> None:
-        """Make the box solid again (a parapet, a plinth); its faces get the finish of the air around it."""
+        """Make a box solid again (a parapet, a plinth); its faces get the finish of the air around it.
+
+        Args:
+            low: Smallest corner, metres.
+            high: Largest corner, metres.
+        """
         self._steps.append((np.array([low, high], dtype=np.float64), None))
 
     def paint(self, low: Corner, high: Corner, facing: Sequence[str], material: str) -> None:
-        """Give faces inside the box that look along one of ``facing`` another material."""
+        """Give faces inside a box another material.
+
+        Args:
+            low: Smallest corner, metres.
+            high: Largest corner, metres.
+            facing: Directions of the normals of these faces.
+            material: Name of the material.
+        """
         self._paint.append((np.array([low, high], dtype=np.float64), material, tuple(facing)))
 
     def build(self) -> dict[str, Part]:
-        """The faces by material."""
+        """Make the faces of all walls.
+
+        Returns:
+            Triangles by material.
+        """
         planes = [self._planes(axis) for axis in range(3)]
         finishes = [step[1] for step in self._steps]
         air = self._cells(planes)
@@ -72,13 +101,13 @@ class Masonry:
         return {name: _join(quads) for name, quads in found.items()}
 
     def _planes(self, axis: int) -> np.ndarray:
-        """Sorted cutting planes along one axis."""
+        """Sort the cutting planes along one axis."""
         boxes = [box for box, _ in self._steps] + [box for box, _, _ in self._paint]
         cuts = np.concatenate([[self.low[axis], self.high[axis]], *[box[:, axis] for box in boxes]])
         return np.unique(np.round(np.clip(cuts, self.low[axis], self.high[axis]), 6))
 
     def _cells(self, planes: list[np.ndarray]) -> np.ndarray:
-        """[nx, ny, nz] int: index of the cut that made a cell air, -1 where it is solid."""
+        """Compute [nx, ny, nz] int: index of the cut that made a cell air, -1 where it is solid."""
         middles = [(p[1:] + p[:-1]) / 2 for p in planes]
         air = np.full([len(m) for m in middles], -1)
         for k, (box, finish) in enumerate(self._steps):
@@ -89,14 +118,14 @@ class Masonry:
     def _repaint(self, names: list[str], centers: np.ndarray, direction: str) -> None:
         for box, material, facing in self._paint:
             if direction in facing:
-                # Half a millimetre of slack: the face itself lies on the box's boundary.
+                # Half a millimetre of tolerance: the face itself lies on the box's boundary.
                 inside = np.all((centers > box[0] - 5e-4) & (centers < box[1] + 5e-4), axis=1)
                 for row in np.flatnonzero(inside):
                     names[row] = material
 
 
 def _rectangles(planes: list[np.ndarray], where: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Corners [K, 3] of the faces above the cells ``where`` [K, 3] (axis first) along ``axis``."""
+    """Compute corners [K, 3] of the faces above the cells ``where`` [K, 3] (axis first) along ``axis``."""
     order = [axis] + [a for a in range(3) if a != axis]
     low, high = np.empty((len(where), 3)), np.empty((len(where), 3))
     for column, a in enumerate(order):
@@ -107,7 +136,7 @@ def _rectangles(planes: list[np.ndarray], where: np.ndarray, axis: int) -> tuple
 
 
 def _quads(low: np.ndarray, high: np.ndarray, direction: str) -> tuple[np.ndarray, ...]:
-    """Positions [K, 4, 3], normals and metric uv of flat rectangles that look along ``direction``."""
+    """Make positions [K, 4, 3], normals and metric uv of flat rectangles that face along ``direction``."""
     outward, u, v = FACES[direction]
     start = np.where(u + v < 0, high, low)
     edge_u, edge_v = u * (high - low), v * (high - low)
@@ -117,7 +146,7 @@ def _quads(low: np.ndarray, high: np.ndarray, direction: str) -> tuple[np.ndarra
 
 
 def _join(quads: list[tuple[np.ndarray, ...]]) -> Part:
-    """One part of all rectangles."""
+    """Join all rectangles to one part."""
     positions, normals, uv = (np.concatenate([q[k] for q in quads]) for k in range(3))
     first = 4 * np.arange(len(positions))[:, None]
     indices = np.concatenate([first + np.array(corners) for corners in ([0, 1, 2], [0, 2, 3])])

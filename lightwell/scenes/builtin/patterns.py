@@ -1,7 +1,7 @@
 """Procedural textures: brick, plaster, tiles, wood, cloth and three small paintings, encoded as PNG.
 
-Every pattern repeats without a seam (the paintings excepted), is drawn from a fixed seed and is 512 x 512 pixels.
-Colours are written and mixed in sRGB, [0, 1].
+Every pattern is periodic (except the paintings), is generated from a fixed seed and has 512 x 512 pixels. Colours are
+given and mixed in sRGB, [0, 1].
 """
 
 from __future__ import annotations
@@ -20,7 +20,15 @@ Color = Sequence[float]
 
 
 def encode(name: str, pixels: np.ndarray) -> Image:
-    """``pixels`` [H, W, 3] in [0, 1] as an 8-bit PNG."""
+    """Encode an image as 8-bit PNG.
+
+    Args:
+        name: Name of the image.
+        pixels: [H, W, 3] sRGB values in [0, 1].
+
+    Returns:
+        The image.
+    """
     stored = PillowImage.fromarray(np.round(np.clip(pixels, 0, 1) * 255).astype(np.uint8))
     stream = io.BytesIO()
     stored.save(stream, "PNG", compress_level=6)
@@ -28,9 +36,18 @@ def encode(name: str, pixels: np.ndarray) -> Image:
 
 
 def noise(seed: int, exponent: float = 1.5, stretch: tuple[float, float] = (1, 1), shortest: float = 3) -> np.ndarray:
-    """[SIZE, SIZE] periodic noise, mean 0, deviation 1: amplitude 1/f^exponent, longer along v and u by ``stretch``.
+    """Make periodic noise with amplitude 1/f^exponent, mean 0 and standard deviation 1.
 
-    Waves shorter than ``shortest`` pixels are left out: they would alias.
+    Waves shorter than ``shortest`` are left out: they would alias.
+
+    Args:
+        seed: Seed of the noise.
+        exponent: Exponent of the spectrum.
+        stretch: Scale of the waves along v and u.
+        shortest: Shortest wavelength, pixels.
+
+    Returns:
+        [SIZE, SIZE] float64.
     """
     fy, fx = np.meshgrid(np.fft.fftfreq(SIZE), np.fft.rfftfreq(SIZE), indexing="ij")
     frequency = np.hypot(fy * stretch[0], fx * stretch[1]) * SIZE
@@ -42,7 +59,7 @@ def noise(seed: int, exponent: float = 1.5, stretch: tuple[float, float] = (1, 1
 
 
 def _mix(a: np.ndarray | Color, b: np.ndarray | Color, t: np.ndarray) -> np.ndarray:
-    """a + (b - a) t with t [H, W]."""
+    """Compute a + (b - a) t with t [H, W]."""
     return np.asarray(a) + (np.asarray(b) - np.asarray(a)) * t[..., None]
 
 
@@ -52,13 +69,13 @@ def _smooth(x: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _pixel_uv() -> tuple[np.ndarray, np.ndarray]:
-    """u and v [SIZE, SIZE] in [0, 1) at the pixel centres."""
+    """Compute u and v [SIZE, SIZE] in [0, 1) at the pixel centres."""
     v, u = np.mgrid[0:SIZE, 0:SIZE]
     return (u + 0.5) / SIZE, (v + 0.5) / SIZE
 
 
 def _sampled(field: np.ndarray, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
-    """``field`` displaced by whole pixels (du, dv), wrapping."""
+    """Displace ``field`` by whole pixels (du, dv), cyclic."""
     v, u = np.mgrid[0:SIZE, 0:SIZE]
     return field[(v + np.round(dv).astype(int)) % SIZE, (u + np.round(du).astype(int)) % SIZE]
 
@@ -68,7 +85,7 @@ BRICKS, COURSES, BRICK_TILE = 6, 18, 1.44
 
 
 def _brick_layout(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Height [0 mortar, 1 brick] and a number in [0, 1) per brick, both [SIZE, SIZE]."""
+    """Compute height (0 mortar, 1 brick) and a number in [0, 1) per brick, both [SIZE, SIZE]."""
     u, v = _pixel_uv()
     u = u + 0.0012 * noise(seed, 1.8)
     v = v + 0.0008 * noise(seed + 1, 1.8)
@@ -84,7 +101,17 @@ def _brick_layout(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def brick(dark: Color, light: Color, mortar: Color, seed: int = 11) -> Image:
-    """Running bond; each brick has its own tone between ``dark`` and ``light``."""
+    """Make bricks in running bond; each has its own tone.
+
+    Args:
+        dark: Darkest brick, sRGB.
+        light: Lightest brick, sRGB.
+        mortar: Colour of the joints, sRGB.
+        seed: Seed of the pattern.
+
+    Returns:
+        The image.
+    """
     height, tone = _brick_layout(seed)
     stain = 0.5 + 0.18 * noise(seed + 3, 1.1) + 0.12 * noise(seed + 4, 0.5)
     clay = _mix(dark, light, np.clip(0.55 * tone + 0.45 * stain, 0, 1))
@@ -95,7 +122,15 @@ def brick(dark: Color, light: Color, mortar: Color, seed: int = 11) -> Image:
 
 @cache
 def brick_normals(seed: int = 11, depth: float = 0.004) -> Image:
-    """The tangent-space normal map of ``brick`` (+X right, +Y up), joints ``depth`` metres deep."""
+    """Make the tangent-space normal map of ``brick`` (+X right, +Y up).
+
+    Args:
+        seed: Seed of the bricks.
+        depth: Depth of the joints, metres.
+
+    Returns:
+        The image.
+    """
     height, _ = _brick_layout(seed)
     relief = depth * (height + 0.10 * noise(seed + 7, 0.9) * height) * SIZE / BRICK_TILE
     du = (np.roll(relief, -1, 1) - np.roll(relief, 1, 1)) / 2
@@ -106,7 +141,16 @@ def brick_normals(seed: int = 11, depth: float = 0.004) -> Image:
 
 @cache
 def plaster(color: Color, seed: int = 21, contrast: float = 1.0) -> Image:
-    """Trowelled plaster: soft clouds, short strokes, fine grain."""
+    """Make trowelled plaster: soft clouds, short strokes, fine grain.
+
+    Args:
+        color: Mean colour, sRGB.
+        seed: Seed of the pattern.
+        contrast: Scale of the variation.
+
+    Returns:
+        The image.
+    """
     cloud, stroke, grain = noise(seed, 1.9), noise(seed + 1, 1.4, (2.5, 0.8)), noise(seed + 2, 0.3)
     stroke = _sampled(stroke, 9 * cloud, 14 * noise(seed + 3, 1.9))
     shade = 1 + contrast * (0.022 * cloud + 0.016 * stroke + 0.008 * grain)
@@ -118,7 +162,7 @@ TILES, TILES_SIZE = 3, 2.4
 
 
 def _tile_layout(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """1 on a tile and 0 in a joint, and a number in [0, 1) per tile, both [SIZE, SIZE]."""
+    """Compute 1 on a tile and 0 in a joint, and a number in [0, 1) per tile, both [SIZE, SIZE]."""
     u, v = _pixel_uv()
     tone = np.random.default_rng(seed).random((TILES, TILES))
     tone = tone[(v * TILES).astype(int) % TILES, (u * TILES).astype(int) % TILES]
@@ -128,7 +172,16 @@ def _tile_layout(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def concrete_tiles(color: Color, joint: Color, seed: int = 31) -> Image:
-    """Large polished concrete tiles with narrow joints."""
+    """Make large polished concrete tiles with narrow joints.
+
+    Args:
+        color: Mean colour of the tiles, sRGB.
+        joint: Colour of the joints, sRGB.
+        seed: Seed of the pattern.
+
+    Returns:
+        The image.
+    """
     on, tone = _tile_layout(seed)
     cloud = _sampled(noise(seed + 1, 1.7), 160 * tone, 230 * tone)
     shade = 1 + 0.06 * (tone - 0.5) + 0.045 * cloud + 0.018 * noise(seed + 2, 0.5)
@@ -137,7 +190,16 @@ def concrete_tiles(color: Color, joint: Color, seed: int = 31) -> Image:
 
 @cache
 def concrete_tiles_roughness(smooth: float, rough: float, seed: int = 31) -> Image:
-    """Metallic-roughness map of ``concrete_tiles``: G is roughness within [smooth, rough] (joints above), B is 0."""
+    """Make the metallic-roughness map of ``concrete_tiles``: G is roughness, B is 0.
+
+    Args:
+        smooth: Least roughness of the tiles.
+        rough: Largest roughness of the tiles; joints are rougher.
+        seed: Seed of the tiles.
+
+    Returns:
+        The image.
+    """
     on, tone = _tile_layout(seed)
     wear = _smooth(_sampled(noise(seed + 4, 1.6), 200 * tone, 90 * tone), -2, 2)
     green = np.where(on > 0.5, smooth + (rough - smooth) * wear, 0.6)
@@ -146,7 +208,17 @@ def concrete_tiles_roughness(smooth: float, rough: float, seed: int = 31) -> Ima
 
 @cache
 def wood(dark: Color, light: Color, planks: int = 0, seed: int = 41) -> Image:
-    """Wood with the grain along u; ``planks`` boards per repeat with dark gaps, 0 for a single piece."""
+    """Make wood with the grain along u.
+
+    Args:
+        dark: Colour of the grain, sRGB.
+        light: Colour between the grain, sRGB.
+        planks: Boards per repeat with dark gaps; 0: a single piece.
+        seed: Seed of the pattern.
+
+    Returns:
+        The image.
+    """
     _, v = _pixel_uv()
     count = max(planks, 1)
     board = np.floor(v * count).astype(int)
@@ -165,7 +237,17 @@ def wood(dark: Color, light: Color, planks: int = 0, seed: int = 41) -> Image:
 
 @cache
 def cloth(color: Color, seed: int = 51, threads: int = 64, stripe: Color | None = None) -> Image:
-    """A plain weave of ``threads`` by ``threads``, with an optional stripe across u."""
+    """Make a plain weave, with an optional stripe across u.
+
+    Args:
+        color: Colour of the threads, sRGB.
+        seed: Seed of the pattern.
+        threads: Threads per repeat in each direction.
+        stripe: Colour of the stripe, sRGB; None: no stripe.
+
+    Returns:
+        The image.
+    """
     u, v = _pixel_uv()
     over = (np.floor(u * threads) + np.floor(v * threads)) % 2
     thread = np.abs(np.sin(np.pi * np.where(over > 0, u, v) * threads))
@@ -179,7 +261,16 @@ def cloth(color: Color, seed: int = 51, threads: int = 64, stripe: Color | None 
 
 @cache
 def leaf_blade(color: Color, rib: Color, seed: int = 61) -> Image:
-    """A leaf's skin: veins across u, a rib along v = 0 (and every whole v)."""
+    """Make the surface of a leaf: veins across u, a rib along v = 0 (and every whole v).
+
+    Args:
+        color: Colour of the blade, sRGB.
+        rib: Colour of the rib, sRGB.
+        seed: Seed of the pattern.
+
+    Returns:
+        The image.
+    """
     u, v = _pixel_uv()
     fold = np.abs(v - np.round(v))
     vein = np.sin(2 * np.pi * (24 * u - 10 * fold)) ** 8
@@ -189,7 +280,17 @@ def leaf_blade(color: Color, rib: Color, seed: int = 61) -> Image:
 
 @cache
 def painting(kind: str, paper: Color, inks: tuple[Color, ...], seed: int = 71) -> Image:
-    """A small abstract print: 'sun', 'hills' or 'arches'."""
+    """Make a small abstract print.
+
+    Args:
+        kind: 'sun', 'hills' or 'arches'.
+        paper: Colour of the paper, sRGB.
+        inks: Colours of the shapes, sRGB.
+        seed: Seed of the grain.
+
+    Returns:
+        The image.
+    """
     u, v = _pixel_uv()
     pixels = np.asarray(paper) * np.ones((SIZE, SIZE, 1))
     for shape, ink in zip(_SHAPES[kind](u, v), inks):

@@ -1,7 +1,7 @@
-"""Mesh makers of the built-in scenes: quads, boxes, lathes, tubes and leaves.
+"""Mesh generators of the built-in scenes: quads, boxes, lathes, tubes and leaves.
 
-Notation: V vertices, T triangles, lengths in metres, +Y up, counter-clockwise front faces. Every part carries unit
-normals and *metric* texture coordinates (one unit is one metre, v down), so a pattern keeps its real size anywhere.
+Notation: V vertices, T triangles, lengths in metres, +Y up, counter-clockwise front faces. Every part has unit normals
+and *metric* texture coordinates (one unit is one metre, v down), so that patterns have the same scale everywhere.
 """
 
 from __future__ import annotations
@@ -43,7 +43,14 @@ class Part:
 
 
 def merge(parts: Iterable[Part]) -> Part:
-    """All triangles of ``parts`` in one part, in order."""
+    """Join parts, in order.
+
+    Args:
+        parts: Parts to join.
+
+    Returns:
+        One part with all triangles.
+    """
     parts = list(parts)
     starts = np.cumsum([0] + [len(p.positions) for p in parts[:-1]])
     return Part(
@@ -55,12 +62,29 @@ def merge(parts: Iterable[Part]) -> Part:
 
 
 def move(part: Part, offset: Sequence[float]) -> Part:
-    """``part`` shifted by ``offset`` [3], metres."""
+    """Translate a part.
+
+    Args:
+        part: Part to move; not changed.
+        offset: [3] metres.
+
+    Returns:
+        The moved part.
+    """
     return Part(part.positions + np.asarray(offset), part.normals, part.uv, part.indices)
 
 
 def rotate(part: Part, degrees: float, axis: str = "y") -> Part:
-    """``part`` turned counter-clockwise about a coordinate axis through the origin."""
+    """Rotate a part counter-clockwise about a coordinate axis through the origin.
+
+    Args:
+        part: Part to rotate; not changed.
+        degrees: Angle, degrees.
+        axis: 'x', 'y' or 'z'.
+
+    Returns:
+        The rotated part.
+    """
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     matrix = {
         "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
@@ -72,16 +96,23 @@ def rotate(part: Part, degrees: float, axis: str = "y") -> Part:
 
 
 def _without_slivers(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """``indices`` [T, 3] without triangles of (almost) no area."""
+    """Remove triangles of (almost) zero area from ``indices`` [T, 3]."""
     a, b, c = (positions[indices[:, k]] for k in range(3))
     return indices[0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) > SMALLEST_AREA]
 
 
 def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: bool = False) -> Part:
-    """The parallelogram corner, corner+u, corner+u+v, corner+v; it faces along u x v.
+    """Make the parallelogram corner, corner+u, corner+u+v, corner+v; it faces along u x v.
 
-    Texture coordinates follow the world position, so neighbours continue each other's pattern; with ``fit`` they
-    span [0, 1]² once, upright when v points up.
+    Args:
+        corner: [3] first corner, metres.
+        u: [3] first edge, metres.
+        v: [3] second edge, metres.
+        fit: Texture coordinates span [0, 1]² once, upright when v points up; otherwise they follow the world position,
+            so that patterns continue on neighbouring faces.
+
+    Returns:
+        Its triangles.
     """
     corner, u, v = (np.asarray(x, dtype=np.float64) for x in (corner, u, v))
     positions = corner + np.array([0 * u, u, u + v, v])
@@ -94,9 +125,16 @@ def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: b
 
 
 def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), grain: bool = False) -> Part:
-    """An axis-aligned box without the faces named in ``skip`` ('-y' where it stands on something).
+    """Make an axis-aligned box.
 
-    With ``grain`` the texture's u axis runs along the longer edge of each face, as wood is cut.
+    Args:
+        low: [3] smallest corner, metres.
+        high: [3] largest corner, metres.
+        skip: Faces to leave out, such as '-y' where it stands on something.
+        grain: The texture's u axis runs along the longer edge of each face, as wood is cut.
+
+    Returns:
+        Its triangles.
     """
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     parts = []
@@ -114,12 +152,30 @@ def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), g
 
 
 def board(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = ()) -> Part:
-    """A box of wood: the grain runs along it."""
+    """Make a wooden box: the grain runs along it.
+
+    Args:
+        low: [3] smallest corner, metres.
+        high: [3] largest corner, metres.
+        skip: Faces to leave out.
+
+    Returns:
+        Its triangles.
+    """
     return box(low, high, skip, grain=True)
 
 
 def prism(base: np.ndarray, height: float, bottom: bool = False) -> Part:
-    """A convex polygon [K, 2] in (x, z), counter-clockwise seen from above, raised to ``height``."""
+    """Extrude a convex polygon upwards.
+
+    Args:
+        base: [K, 2] polygon in (x, z), counter-clockwise seen from above, metres.
+        height: Metres.
+        bottom: Close it at the bottom.
+
+    Returns:
+        Its triangles.
+    """
     ring = np.array([[x, 0.0, z] for x, z in base])
     sides = [quad(a, b - a, [0, height, 0]) for a, b in zip(ring, np.roll(ring, -1, axis=0))]
     fan = np.array([[0, k, k + 1] for k in range(1, len(ring) - 1)])
@@ -131,9 +187,15 @@ def prism(base: np.ndarray, height: float, bottom: bool = False) -> Part:
 
 
 def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bool = False) -> Part:
-    """The profile [(radius, y), ...], upwards on the outside, turned about the Y axis.
+    """Rotate a profile about the Y axis.
 
-    The profile's corners stay sharp unless ``smooth``; round it is always.
+    Args:
+        profile: Points (radius, y), upwards on the outside, metres.
+        segments: Segments of a full turn.
+        smooth: Smooth the normals along the profile too; around the axis they always are.
+
+    Returns:
+        Its triangles.
     """
     profile = np.asarray(profile, dtype=np.float64)
     steps = np.diff(profile, axis=0)
@@ -149,7 +211,7 @@ def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bo
 
 
 def _band(ends: np.ndarray, slopes: np.ndarray, arc: np.ndarray, segments: int) -> Part:
-    """One turned profile segment: ``ends`` [2, 2] (radius, y), ``slopes`` [2, 2] its normals, ``arc`` [2] lengths."""
+    """Rotate one profile segment: ``ends`` [2, 2] (radius, y), ``slopes`` [2, 2] its normals, ``arc`` [2] lengths."""
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     around = np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=1)
     # The seam must be the same point twice, to the last bit.
@@ -166,13 +228,32 @@ def _band(ends: np.ndarray, slopes: np.ndarray, arc: np.ndarray, segments: int) 
 
 
 def cylinder(radius: float, height: float, segments: int = 32, bottom: bool = True) -> Part:
-    """An upright cylinder on the origin, closed at the top and, unless told otherwise, at the bottom."""
+    """Make an upright cylinder on the origin, closed at the top.
+
+    Args:
+        radius: Metres.
+        height: Metres.
+        segments: Segments of a full turn.
+        bottom: Close it at the bottom.
+
+    Returns:
+        Its triangles.
+    """
     start = [(0.0, 0.0)] if bottom else []
     return lathe([*start, (radius, 0.0), (radius, height), (0.0, height)], segments)
 
 
 def sphere(radius: float, rings: int = 12, segments: int = 24) -> Part:
-    """A ball about the origin."""
+    """Make a sphere about the origin.
+
+    Args:
+        radius: Metres.
+        rings: Segments from pole to pole.
+        segments: Segments of a full turn.
+
+    Returns:
+        Its triangles.
+    """
     angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
     radii = radius * np.cos(angle)
     radii[[0, -1]] = 0.0
@@ -180,7 +261,7 @@ def sphere(radius: float, rings: int = 12, segments: int = 24) -> Part:
 
 
 def _parallel_frames(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors [K, 3] across a path [K, 3] that is nowhere parallel to (0.31, 0.17, 0.93)."""
+    """Compute two unit vectors [K, 3] across a path [K, 3] that is nowhere parallel to (0.31, 0.17, 0.93)."""
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     side = np.cross(tangent, [0.31, 0.17, 0.93])
@@ -189,7 +270,16 @@ def _parallel_frames(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tube(path: np.ndarray, radii: np.ndarray, segments: int = 8) -> Part:
-    """A round rod along ``path`` [K, 3] with ``radii`` [K], its ends closed by flat discs."""
+    """Make a round tube along a path, its ends closed by flat discs.
+
+    Args:
+        path: [K, 3] points of the axis, metres.
+        radii: [K] radii, metres.
+        segments: Segments of a full turn.
+
+    Returns:
+        Its triangles.
+    """
     path, radii = np.asarray(path, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     side, other = _parallel_frames(path)
     angle = np.linspace(0, 2 * np.pi, segments + 1)
@@ -209,7 +299,7 @@ def tube(path: np.ndarray, radii: np.ndarray, segments: int = 8) -> Part:
 
 
 def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> Part:
-    """A disc over ``ring`` [K, 3] (offsets from the centre), facing along the ring's turning sense or against it."""
+    """Make a disc over ``ring`` [K, 3] (offsets from the centre), facing along the ring's rotation or against it."""
     k = np.arange(len(ring))
     indices = np.stack([np.full_like(k, len(ring)), k, (k + 1) % len(ring)], axis=1)
     normal = np.cross(ring[0], ring[1])
@@ -222,12 +312,32 @@ def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> Part:
 
 
 def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 8) -> Part:
-    """A straight round rod."""
+    """Make a straight round rod.
+
+    Args:
+        start: [3] first end, metres.
+        end: [3] second end, metres.
+        radius: Metres.
+        segments: Segments of a full turn.
+
+    Returns:
+        Its triangles.
+    """
     return tube(np.array([start, end], dtype=np.float64), np.array([radius, radius]), segments)
 
 
 def leaf(length: float, width: float, droop: float, steps: int = 8) -> Part:
-    """A single-sheet leaf from the origin along +x, folded along its rib and drooping by ``droop`` radians."""
+    """Make a single-sheet leaf from the origin along +x, folded along its rib.
+
+    Args:
+        length: Metres.
+        width: Metres.
+        droop: Angle between the directions at both ends, radians.
+        steps: Segments along the leaf.
+
+    Returns:
+        Its triangles.
+    """
     t = np.linspace(0, 1, steps + 1)
     bend = np.cumsum(np.concatenate([[0], np.full(steps, droop / steps)])) - 0.15
     spine = np.concatenate([[[0, 0, 0]], np.cumsum(np.stack([np.cos(bend), -np.sin(bend), 0 * t], 1)[:-1], 0)])
@@ -244,7 +354,7 @@ def leaf(length: float, width: float, droop: float, steps: int = 8) -> Part:
 
 
 def _vertex_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """[V, 3] area-weighted unit normals."""
+    """Compute [V, 3] area-weighted unit normals."""
     a, b, c = (positions[indices[:, k]] for k in range(3))
     normals = np.zeros_like(positions)
     for k in range(3):

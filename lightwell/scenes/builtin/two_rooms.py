@@ -1,4 +1,6 @@
-"""Two closed rooms joined by one door in a thin wall: light one, watch the other. Light that leaks shows at once."""
+"""Two closed rooms connected by one door in a thin wall: with a light in one, leaks of light into the other are
+visible.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,11 @@ DOOR, DOOR_HEIGHT = (0.55, 1.35), 2.05
 
 
 def build() -> Scene:
-    """A warm room at -x and a cool room at +x, closed all around."""
+    """Build a warm room at -x and a cool room at +x, closed on all sides.
+
+    Returns:
+        The scene.
+    """
     kit = Kit("two-rooms", VERSION)
     for name, color in {
         "warm_white": (0.74, 0.66, 0.56),
