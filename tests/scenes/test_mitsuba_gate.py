@@ -198,7 +198,7 @@ def test_parameters_that_grow_are_refused(tmp_path):
 
 def test_many_instances_are_refused(tmp_path):
     group = '<shape type="shapegroup" id="g">' + "<shape type='cube'/>" * 300 + "</shape>"
-    body = group + '<shape type="instance"><ref id="g"/></shape>' * 400
+    body = group + '<shape type="instance"><ref id="g"/></shape>' * 2000
     assert "instances" in refused(saved(tmp_path, body))
 
 
