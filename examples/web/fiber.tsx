@@ -18,14 +18,11 @@ export function LearnedModel({ url, light, ...group }: LearnedModelProps & Three
     loader.register((parser) => new LightwellLoaderPlugin(parser));
   });
   const learned = useMemo(() => new LearnedScene(gltf, { renderer }), [gltf, renderer]);
-  // Everything is freed with the component, and the cache forgets the file: its textures are gone.
-  useEffect(
-    () => () => {
-      learned.dispose();
-      useLoader.clear(GLTFLoader, url);
-    },
-    [learned, url],
-  );
+  // Freed with the component; `attach` lights the scene again where React mounts it twice (StrictMode).
+  useEffect(() => {
+    learned.attach();
+    return () => learned.dispose();
+  }, [learned]);
   useEffect(() => {
     if (light) learned.lamps[0]?.move(new Vector3(...light));
   }, [learned, light]);

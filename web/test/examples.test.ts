@@ -1,6 +1,5 @@
 /** The examples run as they are, and the custom element loads, says what is wrong, and frees everything. */
 
-import { execFileSync } from "node:child_process";
 import { existsSync, readFileSync } from "node:fs";
 import { createServer, type Server } from "node:http";
 import type { AddressInfo } from "node:net";
@@ -12,9 +11,9 @@ import { launch, openPage } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
 import { furnishedRoom, plainRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
+import { buildPackage } from "./support/package.ts";
 
 const ROOT = fileURLToPath(new URL("../../", import.meta.url));
-const WEB = fileURLToPath(new URL("../", import.meta.url));
 const TYPES: Record<string, string> = { ".html": "text/html", ".js": "text/javascript", ".glb": "model/gltf-binary" };
 
 let browser: Browser;
@@ -23,7 +22,7 @@ let origin = "";
 const extra = new Map<string, [type: string, body: string | Uint8Array]>();
 
 beforeAll(async () => {
-  execFileSync("npm", ["run", "-s", "build:package"], { cwd: WEB, stdio: "pipe" });
+  buildPackage();
   extra.set("/examples/web/scene.glb", ["model/gltf-binary", writeGlb(furnishedRoom())]);
   extra.set("/broken.glb", ["model/gltf-binary", writeGlb(plainRoom({ tamper: (json: any) => void (json.extensions.LIGHTWELL_neural_radiance.version = 9) }))]);
   server = createServer((request, response) => {

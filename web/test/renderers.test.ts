@@ -109,6 +109,14 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     }
   });
 
+  it.each(kinds)("%s: follows its root", async (kind) => {
+    const glb = room({ fields: [linearField(), stillField()] });
+    const [home, away] = [await draw(kind, glb, { direct: true }), await draw(kind, glb, { direct: true, moved: true })];
+    const wrong = home.data.filter((x, i) => Math.abs(x - away.data[i]!) > 0.01 * Math.max(0.2, x)).length;
+    expect(wrong / home.data.length).toBeLessThan(0.02);
+    expect(Math.max(...home.data.filter((_, i) => i % 4 < 3))).toBeGreaterThan(0.3);
+  });
+
   it.each(kinds)("%s: bends the normal by the normal map, on either side of a sheet", async (kind) => {
     for (const back of [false, true]) {
       const { data } = await draw(kind, relief(back));

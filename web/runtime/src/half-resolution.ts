@@ -7,14 +7,14 @@ import {
   HalfFloatType,
   type IUniform,
   NearestFilter,
-  type PerspectiveCamera,
+  type Camera,
   type Texture,
   Vector2,
   Vector4,
   type WebGLRenderer,
   WebGLRenderTarget,
 } from "three";
-import type { SurfaceFinish } from "./surface-finish.ts";
+import type { SceneUniforms, SurfaceFinish } from "./surface-finish.ts";
 
 /** A tap counts while it is nearer to the surface's tangent plane than this share of the distance to the eye. */
 const PLANE_SHARE = 0.005;
@@ -43,7 +43,7 @@ export class HalfResolution {
   /** Draw the small picture that belongs to one of `width` × `height` pixels; `draw` renders into the current target. */
   render(
     renderer: WebGLRenderer,
-    camera: PerspectiveCamera,
+    camera: Camera,
     width: number,
     height: number,
     draw: () => void,
@@ -66,10 +66,11 @@ export class HalfResolution {
 }
 
 /** Rasterised light plus the small picture's learned light times the surface's reflectance. */
-export function upsampledFinish(half: HalfResolution, raster: IUniform<number>): SurfaceFinish {
+export function upsampledFinish(half: HalfResolution, scene: SceneUniforms, environment: boolean): SurfaceFinish {
   return {
-    key: () => "upsampled",
-    uniforms: () => ({ ...half.uniforms, lightwellRaster: raster }),
+    key: () => `upsampled:${environment ? "environment" : ""}`,
+    uniforms: () => ({ ...half.uniforms, ...scene }),
+    environment,
     readsUv: false,
     functions: () => `uniform float lightwellRaster;\n${UPSAMPLE}`,
     statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellUpsampled( lwNormal, lwFacet );`,

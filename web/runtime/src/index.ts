@@ -12,7 +12,7 @@ export {
 export { FieldProgram, type WeightPlacement } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
-export { LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
+export { type DisposeOptions, LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
 export {
   type Lightmap,
   type LoadedLight,

@@ -1,7 +1,8 @@
 /** The declared lights as three.js lights with shadow maps. */
 
-import { type Box3, Color, DirectionalLight, type Object3D, PointLight, Sphere, Vector3 } from "three";
+import { type Box3, Color, DirectionalLight, type Light, PointLight, Sphere, Vector3 } from "three";
 import { Arc } from "./arc.ts";
+import type { Placement } from "./placement.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 /** Radius of the percentage-closer filter in shadow-map texels. */
@@ -10,129 +11,221 @@ const POINT_SHADOW_SIZE = 1024;
 const SUN_SHADOW_SIZE = 2048;
 /** Nearest occluder of a point light as a share of the scene's diagonal. */
 const NEAR_SHARE = 5e-4;
+/** A light has been moved by hand when it is farther than this from where it was put, as a share of its distance from the origin. */
+const MOVED = 1e-5;
 
 /** A declared light: what the rasteriser casts and what its field is told. */
 export interface Lamp {
   readonly variable: Variable;
-  /** Holds the three.js light; add it to the scene. */
-  readonly object: Object3D;
-  /** The field's input `light`: a position, or a unit direction to the sun. */
+  /** The three.js light, which may be moved, coloured and dimmed as any other: `follow` takes it up. */
+  readonly object: Light;
+  /** The field's input `light`, in the space of the scene's root: a position, or a unit direction to the sun. */
   readonly value: Vector3;
   readonly color: Color;
   intensity: number;
+  /** Counts what a shadow map must be drawn anew for. */
+  readonly shadowVersion: number;
+  /** Hang the light on the root of its scene. */
+  attach(): void;
+  /** Take it off again. */
+  detach(): void;
   /** Move the light; returns whether the wish had to be clamped to what was learned. */
   move(value: Vector3): boolean;
+  /** The world around the light has moved. */
+  renewShadow(): void;
+  /** Take up what was done to the three.js light, and where the root stands; call before drawing. */
+  follow(): void;
   /** Carry `color` and `intensity` over to the three.js light. */
   tint(): void;
   dispose(): void;
 }
 
-/** The lamp of a declared light in a scene with the given bounds. */
-export function createLamp(variable: Variable, bounds: Box3): Lamp {
-  return variable.kind === "point" ? new PointLamp(variable, bounds) : new SunLamp(variable, bounds);
+/** The lamp of a declared light in a scene with the given bounds (of the root's space). */
+export function createLamp(variable: Variable, bounds: Box3, placement: Placement): Lamp {
+  return variable.kind === "point" ? new PointLamp(variable, bounds, placement) : new SunLamp(variable, bounds, placement);
 }
 
-/** A point light in candela with inverse-square falloff and a cube shadow map. */
-export class PointLamp implements Lamp {
-  readonly variable: PointVariable;
-  readonly object: PointLight;
+/** What both kinds share: colour, intensity, and the version of their shadow. */
+abstract class DeclaredLamp<V extends Variable, L extends PointLight | DirectionalLight> implements Lamp {
+  readonly variable: V;
+  readonly object: L;
   readonly value = new Vector3();
   readonly color: Color;
   intensity: number;
-  private readonly low: Vector3;
-  private readonly high: Vector3;
+  shadowVersion = 0;
+  protected readonly placement: Placement;
+  /** Scale of the world that the light was fitted to, and what was last given to it. */
+  protected scale = 1;
+  private readonly given = { color: new Color(), intensity: Number.NaN };
 
-  constructor(variable: PointVariable, bounds: Box3) {
+  constructor(variable: V, object: L, placement: Placement) {
     this.variable = variable;
-    this.low = new Vector3(...variable.low);
-    this.high = new Vector3(...variable.high);
+    this.object = object;
+    this.placement = placement;
     this.color = new Color(...variable.color);
     this.intensity = variable.intensity;
-    this.object = new PointLight(this.color, this.intensity, 0, 2);
-    this.object.name = variable.name;
-    fitPointShadow(this.object, bounds, this.low, this.high);
+    object.name = variable.name;
+    object.castShadow = true;
+    object.shadow.autoUpdate = false;
+    object.shadow.radius = SHADOW_RADIUS;
+  }
+
+  abstract move(value: Vector3): boolean;
+  /** Factor of the intensity in a world of this scale. */
+  protected abstract gain(scale: number): number;
+  protected abstract fitShadow(): void;
+  /** The value that the three.js light has by now. */
+  protected abstract seen(target: Vector3): Vector3;
+
+  attach(): void {
+    this.placement.root.add(this.object);
+    this.shadowVersion++;
+  }
+
+  detach(): void {
+    this.object.removeFromParent();
+  }
+
+  renewShadow(): void {
+    this.shadowVersion++;
+  }
+
+  follow(): void {
+    const { scale } = this.placement;
+    if (scale !== this.scale) {
+      this.scale = scale;
+      this.fitShadow();
+    }
+    const seen = this.seen(new Vector3());
+    if (seen.distanceTo(this.value) > MOVED * Math.max(1, this.value.length())) this.move(seen);
+    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color);
+    if (this.object.intensity !== this.given.intensity) this.intensity = this.object.intensity / this.gain(scale);
+    this.tint();
+  }
+
+  tint(): void {
+    this.object.color.copy(this.color);
+    this.object.intensity = this.intensity * this.gain(this.scale);
+    this.given.color.copy(this.object.color);
+    this.given.intensity = this.object.intensity;
+  }
+
+  dispose(): void {
+    this.detach();
+    this.object.dispose();
+  }
+}
+
+/** A point light in candela with inverse-square falloff and a cube shadow map. */
+export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
+  private readonly low: Vector3;
+  private readonly high: Vector3;
+  private readonly diagonal: number;
+
+  constructor(variable: PointVariable, bounds: Box3, placement: Placement) {
+    super(variable, new PointLight(0xffffff, 1, 0, 2), placement);
+    this.low = new Vector3(...variable.low);
+    this.high = new Vector3(...variable.high);
+    const reach = bounds.clone().expandByPoint(this.low).expandByPoint(this.high);
+    this.diagonal = Math.max(reach.getSize(new Vector3()).length(), 1e-6);
+    this.object.shadow.mapSize.set(POINT_SHADOW_SIZE, POINT_SHADOW_SIZE);
+    this.fitShadow();
     this.move(new Vector3(...variable.initial));
     this.tint();
   }
 
   move(value: Vector3): boolean {
     this.value.copy(value).clamp(this.low, this.high);
-    this.object.position.copy(this.value);
-    this.object.shadow.needsUpdate = true;
+    this.placement.put(this.object, this.value);
+    this.shadowVersion++;
     return this.value.distanceToSquared(value) > 1e-12;
   }
 
-  tint(): void {
-    this.object.color.copy(this.color);
-    this.object.intensity = this.intensity;
+  /** Distances grow with the scale, and light falls off with their square. */
+  protected gain(scale: number): number {
+    return scale * scale;
   }
 
-  dispose(): void {
-    this.object.dispose();
+  protected fitShadow(): void {
+    const { camera } = this.object.shadow;
+    camera.near = this.scale * this.diagonal * NEAR_SHARE;
+    camera.far = this.scale * this.diagonal * 1.01;
+    camera.updateProjectionMatrix();
+    this.shadowVersion++;
   }
-}
 
-function fitPointShadow(light: PointLight, bounds: Box3, low: Vector3, high: Vector3): void {
-  const reach = bounds.clone().expandByPoint(low).expandByPoint(high);
-  const diagonal = Math.max(reach.getSize(new Vector3()).length(), 1e-6);
-  light.castShadow = true;
-  light.shadow.autoUpdate = false;
-  light.shadow.mapSize.set(POINT_SHADOW_SIZE, POINT_SHADOW_SIZE);
-  light.shadow.radius = SHADOW_RADIUS;
-  light.shadow.camera.near = diagonal * NEAR_SHARE;
-  light.shadow.camera.far = diagonal * 1.01;
+  protected seen(target: Vector3): Vector3 {
+    return this.placement.pointOf(this.object, target);
+  }
 }
 
 /** A distant light in lux, with a shadow map that fits the scene's bounding sphere. */
-export class SunLamp implements Lamp {
-  readonly variable: SunVariable;
-  readonly object: DirectionalLight;
-  readonly value = new Vector3();
-  readonly color: Color;
+export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   readonly arc: Arc;
-  intensity: number;
   private readonly reach: Sphere;
 
-  constructor(variable: SunVariable, bounds: Box3) {
-    this.variable = variable;
+  constructor(variable: SunVariable, bounds: Box3, placement: Placement) {
+    super(variable, new DirectionalLight(0xffffff, 1), placement);
     this.arc = new Arc(variable.start, variable.middle, variable.end);
     this.reach = bounds.getBoundingSphere(new Sphere());
-    this.color = new Color(...variable.color);
-    this.intensity = variable.intensity;
-    this.object = new DirectionalLight(this.color, this.intensity);
-    this.object.name = variable.name;
-    this.object.add(this.object.target);
-    fitSunShadow(this.object, this.reach.radius);
+    this.object.shadow.mapSize.set(SUN_SHADOW_SIZE, SUN_SHADOW_SIZE);
+    this.fitShadow();
     this.move(new Vector3(...variable.initial));
     this.tint();
+  }
+
+  override attach(): void {
+    super.attach();
+    this.placement.root.add(this.object.target);
+  }
+
+  override detach(): void {
+    super.detach();
+    this.object.target.removeFromParent();
   }
 
   /** Any direction is taken as it is: the slider keeps to the arc, saved views lie on it. */
   move(value: Vector3): boolean {
     this.value.copy(value).normalize();
-    this.object.position.copy(this.reach.center).addScaledVector(this.value, 2 * this.reach.radius);
-    this.object.target.position.copy(this.value).multiplyScalar(-2 * this.reach.radius);
-    this.object.shadow.needsUpdate = true;
+    const { center, radius } = this.reach;
+    this.placement.put(this.object, new Vector3().copy(center).addScaledVector(this.value, 2 * radius));
+    this.placement.put(this.object.target, center);
+    this.shadowVersion++;
     return false;
   }
 
-  tint(): void {
-    this.object.color.copy(this.color);
-    this.object.intensity = this.intensity;
+  protected gain(): number {
+    return 1;
   }
 
-  dispose(): void {
-    this.object.dispose();
+  protected fitShadow(): void {
+    const radius = this.scale * this.reach.radius;
+    const { camera } = this.object.shadow;
+    [camera.left, camera.right, camera.bottom, camera.top] = [-radius, radius, -radius, radius];
+    [camera.near, camera.far] = [radius * 0.9, radius * 3.1];
+    camera.updateProjectionMatrix();
+    this.shadowVersion++;
+  }
+
+  /** As three.js has it: from the target to the light. */
+  protected seen(target: Vector3): Vector3 {
+    const from = this.placement.pointOf(this.object.target, new Vector3());
+    return this.placement.pointOf(this.object, target).sub(from).normalize();
   }
 }
 
-function fitSunShadow(light: DirectionalLight, radius: number): void {
-  light.castShadow = true;
-  light.shadow.autoUpdate = false;
-  light.shadow.mapSize.set(SUN_SHADOW_SIZE, SUN_SHADOW_SIZE);
-  light.shadow.radius = SHADOW_RADIUS;
-  const camera = light.shadow.camera;
-  [camera.left, camera.right, camera.bottom, camera.top] = [-radius, radius, -radius, radius];
-  [camera.near, camera.far] = [radius * 0.9, radius * 3.1];
-  camera.updateProjectionMatrix();
+/** Sees to it that every renderer draws the shadow maps anew after a change. */
+export class ShadowKeeper {
+  /** Versions that a renderer has drawn, by what it keeps its resources in: a restored context has a new one. */
+  private readonly drawn = new WeakMap<object, string>();
+
+  /** Ask for the shadow maps that this renderer has not drawn yet. */
+  ask(lamps: readonly Lamp[], renderer: object): void {
+    const key = ((renderer as { properties?: object }).properties ?? renderer) as object;
+    const version = lamps.map((lamp) => lamp.shadowVersion).join();
+    if (this.drawn.get(key) === version) return;
+    this.drawn.set(key, version);
+    for (const { object } of lamps) (object as PointLight).shadow.needsUpdate = true;
+  }
 }
+

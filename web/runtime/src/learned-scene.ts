@@ -1,12 +1,11 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields. */
 
 import {
-  Box3,
+  type Box3,
   type Camera,
   Color,
   type Group,
-  type IUniform,
-  type PerspectiveCamera,
+  type Object3D,
   type Scene,
   type Texture,
   Vector3,
@@ -18,15 +17,16 @@ import type { FieldRecord } from "./extension.ts";
 import { FieldProgram, type WeightPlacement } from "./field-program.ts";
 import { FRAME_UNIFORM_LIMIT } from "./graph/index.ts";
 import { HalfResolution, upsampledFinish } from "./half-resolution.ts";
-import { createLamp, type Lamp } from "./lamp.ts";
+import { createLamp, type Lamp, ShadowKeeper } from "./lamp.ts";
 import { type LoadedLight, learnedLight } from "./loader.ts";
 import { checkMaterials } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
-import { removeLights } from "./own-lights.ts";
+import { OwnLights } from "./own-lights.ts";
+import { boundsOf, Placement } from "./placement.ts";
 import { SEGMENT_OUTPUTS, segmentFinish } from "./segments.ts";
-import { indirectFinish, learnedFinish } from "./surface-finish.ts";
+import { indirectFinish, learnedFinish, type SceneUniforms } from "./surface-finish.ts";
+import { type SurfaceLook, SurfaceMaterials } from "./surface-materials.ts";
 import { MAX_LAMPS, type Variable } from "./variables.ts";
-import { type Outfit, Wardrobe } from "./wardrobe.ts";
 
 /** Which parts of the light are shown. */
 export interface Parts {
@@ -42,8 +42,22 @@ export interface Parts {
 export interface LearnedSceneOptions {
   /** Where weights live; by default small fields are literals and large ones textures. */
   readonly weights?: WeightPlacement;
-  /** What will draw the scene: on a rasteriser without a GPU, larger fields are literals. */
+  /**
+   * What will draw the scene: on a rasteriser without a GPU, larger fields are literals. With several renderers, call
+   * `update` with each before it draws.
+   */
   readonly renderer?: WebGLRenderer;
+  /**
+   * Whether surfaces also take the light of `scene.environment`: learned light has that of the bake already, so it is `remove`d
+   * unless asked for. Lights that are not of the file always add to the picture, and fog lies over it.
+   */
+  readonly environment?: "keep" | "remove";
+}
+
+/** What `dispose` frees. */
+export interface DisposeOptions {
+  /** Textures of the model and of ordinary light maps too; true unless given. */
+  readonly textures?: boolean;
 }
 
 /** How the learned light is drawn. */
@@ -57,24 +71,34 @@ export interface Look {
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
 
+/** The scene that a root is attached to: a root has one. */
+const OWNERS = new WeakMap<Object3D, LearnedScene>();
+
 /**
- * Owns the scene graph of a loaded file, its lamps and its fields.
+ * Lights a loaded file: its declared lamps, and its learned light in the materials of its meshes, which are patched in place.
  *
- * Add `root` to a three.js scene, enable shadow maps, call `update` before each frame and `dispose` at the end. Full
- * resolution needs nothing else; other looks are drawn by `render`.
+ * Add `root` to a three.js scene, enable shadow maps, call `update` before each frame and `dispose` at the end. The root may
+ * stand anywhere and be scaled, alike along all axes; lamps are three.js lights that may be moved and dimmed as any other.
+ * Full resolution needs nothing else; other looks are drawn by `render`.
  */
 export class LearnedScene {
   readonly root: Group;
+  /** Of the meshes, in the space of the root. */
   readonly bounds: Box3;
   readonly variables: readonly Variable[];
   readonly fields: readonly FieldProgram[];
   /** The declared lights in their order, then those that were added. */
   lamps: readonly Lamp[];
-  private readonly raster: IUniform<number> = { value: 1 };
+  private readonly options: LearnedSceneOptions;
+  private readonly uniforms: SceneUniforms;
+  private readonly placement: Placement;
+  private readonly ownLights = new OwnLights();
+  private readonly shadows = new ShadowKeeper();
   private readonly half = new HalfResolution();
   private readonly segments: FieldProgram | null;
   private readonly lightmaps: LoadedLight["lightmaps"];
-  private readonly wardrobe: Wardrobe;
+  private readonly materials: SurfaceMaterials;
+  private attached = false;
   private shown: Parts = { raster: true, indirect: true, still: true };
   /** What is drawn; `look` is what will be, once it is compiled. */
   private drawn: Look | "plain" = { half: false, segments: false };
@@ -85,12 +109,14 @@ export class LearnedScene {
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
     const { variables, fields, lightmaps } = learnedLight(gltf);
     this.root = gltf.scene;
+    this.options = options;
+    OWNERS.get(this.root)?.detach();
     this.lightmaps = lightmaps;
     this.variables = variables;
-    this.bounds = new Box3().setFromObject(this.root);
-    if (fields.length > 0 || variables.length > 0) removeLights(this.root);
-    this.lamps = variables.map((variable) => createLamp(variable, this.bounds));
-    for (const lamp of this.lamps) this.root.add(lamp.object);
+    this.placement = new Placement(this.root);
+    this.uniforms = { lightwellRaster: { value: 1 }, lightwellToRoot: { value: this.placement.toRoot } };
+    this.bounds = boundsOf(this.root);
+    this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement));
     const limit = inlineLimit(options.renderer);
     const print = (record: FieldRecord, name: string, outputs: readonly string[]) =>
       new FieldProgram(
@@ -103,10 +129,35 @@ export class LearnedScene {
     this.fields = fields.map((record, i) => print(record, `lightwellField${i}`, ["radiance"]));
     const segmented = fields.find((record) => record.graph.outputs.has("segment"));
     this.segments = segmented ? print(segmented, "lightwellSegment", SEGMENT_OUTPUTS) : null;
-    this.wardrobe = this.createWardrobe(`${scenes++}`);
-    this.wardrobe.wear("learned");
+    this.materials = this.createMaterials(`${scenes++}`);
     this.followLamps();
     checkMaterials(this.root, this.fields, this.lamps.length, options.renderer?.capabilities);
+    this.attach();
+  }
+
+  /**
+   * Light the root, as the constructor does; after `detach` or `dispose` again. A root that another `LearnedScene` lights is
+   * taken over from it.
+   */
+  attach(): void {
+    if (this.attached) return;
+    OWNERS.get(this.root)?.detach();
+    OWNERS.set(this.root, this);
+    this.attached = true;
+    if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
+    for (const lamp of this.lamps) lamp.attach();
+    this.materials.attach(this.root);
+  }
+
+  /** Give the root back as it was loaded: its materials, its own lights. It stays where it is. */
+  detach(): void {
+    if (!this.attached) return;
+    this.attached = false;
+    this.compilations++;
+    OWNERS.delete(this.root);
+    for (const lamp of this.lamps) lamp.detach();
+    this.materials.detach();
+    this.ownLights.restore();
   }
 
   /** Whether any field is the light of the scene's own emitters. */
@@ -155,8 +206,8 @@ export class LearnedScene {
   /** Choose which parts of the light are shown. */
   show(parts: Parts): void {
     this.shown = parts;
-    this.raster.value = parts.raster ? 1 : 0;
-    this.wardrobe.brighten(parts.still ? 1 : 0);
+    this.uniforms.lightwellRaster.value = parts.raster ? 1 : 0;
+    this.materials.brighten(parts.still ? 1 : 0);
     this.tint();
   }
 
@@ -173,8 +224,17 @@ export class LearnedScene {
     }
   }
 
-  /** Bring the fields' per-frame parts up to date; call before drawing. */
-  update(): void {
+  /**
+   * Follow the root, the lamps and the materials, and bring the fields up to date; call before drawing. Throws when the root is
+   * scaled unevenly.
+   */
+  update(renderer = this.options.renderer): void {
+    if (!this.attached) return;
+    if (this.placement.follow()) for (const lamp of this.lamps) lamp.renewShadow();
+    for (const lamp of this.lamps) lamp.follow();
+    this.shadows.ask(this.lamps, renderer ?? this);
+    this.tint();
+    this.materials.show("learned");
     for (const field of this.fields) field.update();
     this.segments?.update();
   }
@@ -186,12 +246,12 @@ export class LearnedScene {
   addLamp(variable = 0): Lamp | null {
     const declared = this.variables[variable];
     if (!declared || this.lamps.length >= MAX_LAMPS) return null;
-    const lamp = createLamp(declared, this.bounds);
+    const lamp = createLamp(declared, this.bounds, this.placement);
     const alike = this.lamps.filter((other) => other.variable === declared);
     lamp.move(roomiestPlace(lamp, alike));
     lamp.intensity *= ADDED_SHARE;
     lamp.color.copy(tintOf(new Color(...declared.color), alike.length));
-    this.root.add(lamp.object);
+    if (this.attached) lamp.attach();
     this.setLamps([...this.lamps, lamp]);
     return lamp;
   }
@@ -200,7 +260,6 @@ export class LearnedScene {
   removeLamp(index: number): boolean {
     const lamp = this.lamps[index];
     if (!lamp || index < this.variables.length) return false;
-    lamp.object.removeFromParent();
     lamp.dispose();
     this.setLamps(this.lamps.filter((other) => other !== lamp));
     return true;
@@ -222,10 +281,11 @@ export class LearnedScene {
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
     if (renderer.extensions.has("KHR_parallel_shader_compile")) {
       // The compilation of all that is worn starts at once; only the waiting is asynchronous.
-      const compiled = outfitsOf(wanted).map((outfit) => {
-        this.wardrobe.wear(outfit);
-        return renderer.compileAsync(outfit === "indirect" ? this.root : scene, camera);
+      const compiled = looksOf(wanted).map((shown) => {
+        this.materials.show(shown);
+        return renderer.compileAsync(shown === "indirect" ? this.root : scene, camera);
       });
+      this.materials.show("learned");
       await Promise.all(compiled);
     }
     if (compilation === this.compilations) this.drawn = wanted;
@@ -240,57 +300,66 @@ export class LearnedScene {
   render(
     renderer: WebGLRenderer,
     scene: Scene,
-    camera: PerspectiveCamera,
+    camera: Camera,
     width: number,
     height: number,
   ): void {
-    const outfits = this.drawn === "plain" ? (["plain"] as const) : outfitsOf(this.drawn);
-    for (const outfit of outfits) {
-      this.wardrobe.wear(outfit);
-      if (outfit !== "indirect") renderer.render(scene, camera);
+    this.shadows.ask(this.lamps, renderer);
+    const looks = this.drawn === "plain" ? (["plain"] as const) : looksOf(this.drawn);
+    for (const look of looks) {
+      this.materials.show(look);
+      if (look !== "indirect") renderer.render(scene, camera);
       else
         this.half.render(renderer, camera, width, height, () =>
           renderer.render(this.root as unknown as Scene, camera),
         );
     }
+    // Between frames, meshes have the materials of their owner.
+    this.materials.show("learned");
   }
 
   /** Draw `scene` with ordinary light maps in place of the learned light; only where `hasLightmaps`. */
   renderLightmap(renderer: WebGLRenderer, scene: Scene, camera: Camera): void {
-    this.wardrobe.wear("lightmap");
+    this.materials.show("lightmap");
     renderer.render(scene, camera);
+    this.materials.show("learned");
   }
 
-  dispose(): void {
-    this.compilations++;
+  /**
+   * Give the root back as it was loaded, and free what GPUs hold of it. The root stays where it is; what is used again is
+   * uploaded again, and `attach` lights it again.
+   */
+  dispose({ textures = true }: DisposeOptions = {}): void {
     for (const lamp of this.lamps) lamp.dispose();
     for (const field of this.fields) field.dispose();
     this.segments?.dispose();
     this.half.dispose();
-    this.wardrobe.dispose();
-    this.root.removeFromParent();
+    if (!this.attached) return;
+    this.materials.dispose(textures);
+    this.detach();
   }
 
-  private createWardrobe(id: string): Wardrobe {
-    const { fields, half, raster, segments } = this;
-    const plain = learnedFinish("plain", [], raster);
+  private createMaterials(id: string): SurfaceMaterials {
+    const { fields, half, uniforms, segments } = this;
+    const keep = this.options.environment === "keep" || fields.length === 0;
+    const plain = learnedFinish("plain", [], uniforms, keep);
     const lightmap = this.hasLightmaps ? { lightmap: plain } : {};
-    if (fields.length === 0) return new Wardrobe(this.root, { plain, ...lightmap }, this.lightmaps);
+    if (fields.length === 0) return new SurfaceMaterials({ plain, ...lightmap }, this.lightmaps);
     const finishes = {
       plain,
       ...lightmap,
-      learned: learnedFinish(`learned${id}`, fields, raster),
-      indirect: indirectFinish(`indirect${id}`, fields),
-      upsampled: upsampledFinish(half, raster),
-      ...(segments ? { segments: segmentFinish(`segments${id}`, segments) } : {}),
+      learned: learnedFinish(`learned${id}`, fields, uniforms, keep),
+      indirect: indirectFinish(`indirect${id}`, fields, uniforms),
+      upsampled: upsampledFinish(half, uniforms, keep),
+      ...(segments ? { segments: segmentFinish(`segments${id}`, segments, uniforms) } : {}),
     };
-    return new Wardrobe(this.root, finishes, this.lightmaps);
+    return new SurfaceMaterials(finishes, this.lightmaps);
   }
 
   private setLamps(lamps: readonly Lamp[]): void {
     this.lamps = lamps;
     this.followLamps();
-    this.wardrobe.renew();
+    this.materials.renew();
     this.drawn = "plain";
   }
 
@@ -315,8 +384,8 @@ export class LearnedScene {
   }
 }
 
-/** What is worn, one after the other, to draw a look. */
-function outfitsOf({ half, segments }: Look): readonly Outfit[] {
+/** What is shown, one after the other, to draw a look. */
+function looksOf({ half, segments }: Look): readonly SurfaceLook[] {
   if (segments) return ["segments"];
   return half ? ["indirect", "upsampled"] : ["learned"];
 }

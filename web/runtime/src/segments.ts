@@ -3,6 +3,7 @@
 import type { FieldProgram } from "./field-program.ts";
 import {
   lampsOf,
+  type SceneUniforms,
   SURFACE_ARGUMENTS,
   SURFACE_PARAMETERS,
   type SurfaceFinish,
@@ -60,12 +61,13 @@ float lightwellStripes( float share, bool lower ) {
 }`;
 
 /** Paints by segment, lit a little by the normal so that shapes can be read. The value is for the screen as it is. */
-export function segmentFinish(key: string, field: FieldProgram): SurfaceFinish {
+export function segmentFinish(key: string, field: FieldProgram, scene: SceneUniforms): SurfaceFinish {
   const has = (name: string) => field.graph.outputs.has(name);
   const read = (name: string, otherwise: string) => (has(name) ? field.output(name, "found") : otherwise);
   return {
     key: () => `${key}:${lampsOf([field])}`,
-    uniforms: () => uniformsOf([field]),
+    uniforms: () => uniformsOf([field], scene),
+    environment: false,
     readsUv: field.readsUv,
     functions: () => `${field.code}\n${SWATCH}\n${STRIPES}
 vec3 lightwellSegments( ${SURFACE_PARAMETERS} ) {

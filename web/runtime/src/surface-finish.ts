@@ -1,6 +1,6 @@
 /** What a surface shows: GLSL that is added to the shaders of three.js' standard and physical materials. */
 
-import type { IUniform } from "three";
+import type { IUniform, Matrix4 } from "three";
 import type { FieldProgram } from "./field-program.ts";
 
 /** One way to finish a surface. */
@@ -11,11 +11,14 @@ export interface SurfaceFinish {
   uniforms(): Readonly<Record<string, IUniform>>;
   /** Whether the functions read `vLightwellUv`. */
   readonly readsUv: boolean;
+  /** Whether three.js adds the light of an environment map; learned light has it already. */
+  readonly environment: boolean;
   /** GLSL before `main`. */
   functions(): string;
   /**
    * GLSL statements that set `outgoingLight`, which holds the rasterised light. In scope: `lwPosition`, `lwNormal`,
-   * `lwFacet`, `lwView`, `lwBent` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`.
+   * `lwFacet`, `lwView`, `lwBent` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`; `lightwellToRoot`
+   * is the matrix from the world to the space in which fields were learned.
    */
   readonly statements: string;
 }
@@ -23,8 +26,12 @@ export interface SurfaceFinish {
 /** Parameters of a GLSL function of a surface, and what they are given. */
 export const SURFACE_PARAMETERS =
   "vec3 position, vec3 normal, vec3 shading_normal, vec3 view, vec3 reflectance, float roughness, float metallic";
-export const SURFACE_ARGUMENTS =
-  "lwPosition, lwNormal, lwBent, lwView, lwReflectance, roughnessFactor, metalnessFactor";
+const direction = (name: string) => `normalize( mat3( lightwellToRoot ) * ${name} )`;
+export const SURFACE_ARGUMENTS = [
+  "( lightwellToRoot * vec4( lwPosition, 1.0 ) ).xyz",
+  ...["lwNormal", "lwBent", "lwView"].map(direction),
+  "lwReflectance, roughnessFactor, metalnessFactor",
+].join(", ");
 
 /** Uniforms of fields, and what else a finish needs. */
 export function uniformsOf(
@@ -59,15 +66,25 @@ export function lampsOf(fields: readonly FieldProgram[]): string {
   return fields.map((field) => field.lamps).join();
 }
 
-/** Rasterised light plus what `fields` add; `raster` switches the former. */
+/** What all finishes of a scene share. */
+export interface SceneUniforms extends Readonly<Record<string, IUniform>> {
+  /** Factor of the rasterised light. */
+  readonly lightwellRaster: IUniform<number>;
+  /** From the world to the space in which fields were learned. */
+  readonly lightwellToRoot: IUniform<Matrix4>;
+}
+
+/** Rasterised light plus what `fields` add; `environment` keeps that of an environment map. */
 export function learnedFinish(
   key: string,
   fields: readonly FieldProgram[],
-  raster: IUniform<number>,
+  scene: SceneUniforms,
+  environment: boolean,
 ): SurfaceFinish {
   return {
-    key: () => `${key}:${lampsOf(fields)}`,
-    uniforms: () => uniformsOf(fields, { lightwellRaster: raster }),
+    key: () => `${key}:${lampsOf(fields)}:${environment ? "environment" : ""}`,
+    uniforms: () => uniformsOf(fields, scene),
+    environment,
     readsUv: fields.some((field) => field.readsUv),
     functions: () => `uniform float lightwellRaster;\n${radianceFunction(fields)}`,
     statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellRadiance( ${SURFACE_ARGUMENTS} );`,
@@ -75,10 +92,11 @@ export function learnedFinish(
 }
 
 /** Demodulated learned light alone, and the surface's normal and depth in a second target. */
-export function indirectFinish(key: string, fields: readonly FieldProgram[]): SurfaceFinish {
+export function indirectFinish(key: string, fields: readonly FieldProgram[], scene: SceneUniforms): SurfaceFinish {
   return {
     key: () => `${key}:${lampsOf(fields)}`,
-    uniforms: () => uniformsOf(fields),
+    uniforms: () => uniformsOf(fields, scene),
+    environment: false,
     readsUv: fields.some((field) => field.readsUv),
     functions: () => `layout( location = 1 ) out highp vec4 lightwellSurface;\n${radianceFunction(fields)}`,
     statements: `

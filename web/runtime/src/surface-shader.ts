@@ -1,7 +1,6 @@
 /** Finishes the shaders of three.js' standard and physical materials, and gives them a tighter shadow test. */
 
 import {
-  type MeshStandardMaterial,
   ShaderChunk,
   type WebGLProgramParametersWithUniforms,
   type WebGLRenderer,
@@ -17,14 +16,15 @@ const MIN_REFLECTANCE = "1e-3";
 /** Dielectric reflectance at normal incidence for an index of refraction of 1.5 (glTF 2.0, appendix B). */
 const DIELECTRIC_F0 = "0.04";
 
-/** Patch a material in place; its program is compiled anew. */
-export function finishMaterial(material: MeshStandardMaterial, finish: SurfaceFinish): void {
-  material.onBeforeCompile = (shader, renderer) => patchSurfaceShader(shader, renderer, finish);
-  material.customProgramCacheKey = () => `lightwell:${finish.key()}`;
-  material.needsUpdate = true;
+/** Put text in the place of a part of a shader; throws when three.js, or whoever patched before, has it no more. */
+export function replacePart(shader: string, part: string, text: string): string {
+  if (!shader.includes(part))
+    throw new Error(`lightwell: expected '${part}' in a shader of three.js, found none; use a supported version of three.js, or keep it in onBeforeCompile`);
+  return shader.replace(part, () => text);
 }
 
-function patchSurfaceShader(
+/** Finish the shader of a standard or physical material. */
+export function patchSurfaceShader(
   shader: WebGLProgramParametersWithUniforms,
   renderer: WebGLRenderer,
   finish: SurfaceFinish,
@@ -32,10 +32,13 @@ function patchSurfaceShader(
   Object.assign(shader.uniforms, finish.uniforms());
   passCentroid(shader, renderer);
   if (finish.readsUv) passTextureCoordinates(shader);
-  shader.fragmentShader = shader.fragmentShader
-    .replace("void main() {", `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\n${finish.functions()}\nvoid main() {`)
-    .replace("#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin))
-    .replace("#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`);
+  const parts = [
+    ["void main() {", `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
+    ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
+    ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
+    ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),
+  ] as const;
+  for (const [part, text] of parts) shader.fragmentShader = replacePart(shader.fragmentShader, part, text);
 }
 
 /**
@@ -44,7 +47,8 @@ function patchSurfaceShader(
  */
 function passCentroid(shader: WebGLProgramParametersWithUniforms, renderer: WebGLRenderer): void {
   const declaration = `${hasCentroids(renderer) ? "centroid " : ""}varying vec3 vLightwellToEye;`;
-  shader.vertexShader = `${declaration}\n${shader.vertexShader.replace(
+  shader.vertexShader = `${declaration}\n${replacePart(
+    shader.vertexShader,
     "#include <worldpos_vertex>",
     "vLightwellToEye = vViewPosition;\n#include <worldpos_vertex>",
   )}`;
@@ -58,7 +62,8 @@ function hasCentroids(renderer: WebGLRenderer): boolean {
 
 /** Hands both texture coordinate sets to the fragment shader under names that no map of the material changes. */
 function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): void {
-  shader.vertexShader = shader.vertexShader.replace(
+  shader.vertexShader = replacePart(
+    shader.vertexShader,
     "void main() {",
     `#ifndef USE_UV1
        attribute vec2 uv1;
@@ -75,7 +80,7 @@ function passTextureCoordinates(shader: WebGLProgramParametersWithUniforms): voi
  * triangle: it must not switch inside a triangle at the silhouette.
  */
 const SURFACE = `
-  vec3 lwView = normalize( cameraPosition - lwPosition );
+  vec3 lwView = isOrthographic ? vec3( viewMatrix[ 0 ].z, viewMatrix[ 1 ].z, viewMatrix[ 2 ].z ) : normalize( cameraPosition - lwPosition );
   vec3 lwNormal = normalize( ( vec4( nonPerturbedNormal, 0.0 ) * viewMatrix ).xyz );
   lwNormal *= ( dot( lwFacet, lwView ) < 0.0 ) == ( dot( lwFacet, lwNormal ) < 0.0 ) ? 1.0 : - 1.0;
   vec3 lwBent = normalize( ( vec4( normal, 0.0 ) * viewMatrix ).xyz );
@@ -125,14 +130,14 @@ const FACET = `
 function offsetShadows(chunk: string): string {
   return (
     FACET +
-    chunk
-      .replace(
+    replacePart(
+      replacePart(
+        chunk,
         "vPointShadowCoord[ i ]",
         "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )",
-      )
-      .replace(
-        "vDirectionalShadowCoord[ i ]",
-        "lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize )",
-      )
+      ),
+      "vDirectionalShadowCoord[ i ]",
+      "lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize )",
+    )
   );
 }

@@ -5,9 +5,12 @@ import { LearnedNodeScene } from "lightwell/webgpu";
 import {
   Color,
   FloatType,
+  Matrix4,
   type Object3D,
   PerspectiveCamera,
+  Quaternion,
   Scene,
+  Vector3,
   WebGLRenderer,
   WebGLRenderTarget,
 } from "three";
@@ -27,6 +30,8 @@ export interface Request {
   /** Draw ordinary light maps in place of the learned light; `webgl` alone. */
   readonly lightmap?: boolean;
   readonly background?: number;
+  /** Move root and camera together: the picture stays. */
+  readonly moved?: boolean;
 }
 
 export interface Answer {
@@ -40,6 +45,15 @@ export interface Answer {
 async function load(base64: string) {
   const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0)).buffer;
   return new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)).parseAsync(bytes, "");
+}
+
+const PLACE = new Matrix4().compose(new Vector3(5, -2, 3), new Quaternion(0.2, 0.5, -0.1, 0.8).normalize(), new Vector3(0.25, 0.25, 0.25));
+
+/** Put a root and the camera that looks at it somewhere else. */
+function move(root: Object3D, camera: Object3D): void {
+  root.applyMatrix4(PLACE);
+  camera.position.applyMatrix4(PLACE);
+  camera.quaternion.premultiply(root.quaternion);
 }
 
 function setUp({ width, height, camera: { position, target, fovY } }: Request, background?: number) {
@@ -76,10 +90,13 @@ async function runWebgl(request: Request): Promise<Answer> {
   const target = new WebGLRenderTarget(width, height, { type: FloatType });
   renderer.setRenderTarget(target);
   const memory: Answer["memory"] = [];
+  const home = camera.clone();
   const rows = new Float32Array(4 * width * height);
   for (const round of [0, 1]) {
+  camera.copy(home);
   const learned = new LearnedScene(await load(request.glb), { renderer, ...(request.weights ? { weights: request.weights } : {}) });
   scene.add(learned.root);
+  if (request.moved) move(learned.root, camera);
   learned.update();
   if (!request.direct) darken(learned.lamps);
   if (request.lightmap) learned.renderLightmap(renderer, scene, camera);
@@ -87,6 +104,7 @@ async function runWebgl(request: Request): Promise<Answer> {
   renderer.readRenderTargetPixels(target, 0, 0, width, height, rows);
   if (round === 1) memory.push(memoryOf(renderer));
   learned.dispose();
+  learned.root.removeFromParent();
   renderer.render(scene, camera);
   memory.push(memoryOf(renderer));
   }
@@ -105,16 +123,20 @@ async function runWebgpu(request: Request): Promise<Answer> {
   const target = new RenderTarget(width, height, { type: FloatType });
   renderer.setRenderTarget(target);
   const memory: Answer["memory"] = [];
+  const home = camera.clone();
   let rows = new Float32Array(0);
   for (const round of [0, 1]) {
+  camera.copy(home);
   const learned = new LearnedNodeScene(await load(request.glb), request.weights ? { weights: request.weights } : {});
   scene.add(learned.root);
+  if (request.moved) move(learned.root, camera);
   learned.update();
   if (!request.direct) darken(learned.lamps);
   renderer.render(scene, camera);
   rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height)) as Float32Array<ArrayBuffer>;
   if (round === 1) memory.push(memoryOf(renderer));
   learned.dispose();
+  learned.root.removeFromParent();
   renderer.render(scene, camera);
   memory.push(memoryOf(renderer));
   }

@@ -193,6 +193,7 @@ export class LightwellViewer extends HTMLElement {
 
   private clear(): void {
     this.shown?.learned.dispose();
+    this.shown?.learned.root.removeFromParent();
     this.shown = null;
     this.message.textContent = "";
     this.renderer?.clear();

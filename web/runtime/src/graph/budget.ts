@@ -4,7 +4,7 @@
  */
 
 import { fail } from "../checks.ts";
-import type { GraphNode } from "./graph.ts";
+import type { GraphNode } from "./node.ts";
 
 /** Limits of the work of a file; those of `format/budget.json` unless raised. */
 export interface Budget {

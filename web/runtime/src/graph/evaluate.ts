@@ -1,6 +1,6 @@
 /** Evaluates a graph on the CPU, one point at a time: for what depends on the frame only, and as a check of the printers. */
 
-import type { Graph } from "./graph.ts";
+import type { Graph } from "./node.ts";
 
 /** All values of a graph (or of its `per_frame` nodes only) at one point: inputs and results by name. */
 export function evaluateNodes(

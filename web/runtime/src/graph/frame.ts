@@ -1,8 +1,8 @@
 /** What a graph computes once a frame: evaluated on the CPU, handed to the shader as vec4 blocks. */
 
 import { evaluateNodes } from "./evaluate.ts";
-import type { Graph } from "./graph.ts";
-import { frameValues } from "./printer.ts";
+import type { Graph } from "./node.ts";
+import { frameValues } from "./needed.ts";
 
 /** Blocks of each `per_frame` value that pixels read. */
 export interface FrameLayout {

@@ -2,11 +2,11 @@
 
 import { BUDGET } from "./budget.ts";
 import type { FrameLayout } from "./frame.ts";
-import type { Graph } from "./graph.ts";
+import type { Graph } from "./node.ts";
 import { toHalf } from "./half.ts";
 import { GLSL } from "./language.ts";
 import type { StoredBuffer } from "./op.ts";
-import type { TexelStore } from "./printer.ts";
+import type { Names, TexelStore } from "./printer.ts";
 import { narrow, printProgram } from "./program.ts";
 
 /** A texture of numbers, four a texel, to be read with `texelFetch`: nearest, no mipmaps, not sRGB. */
@@ -59,6 +59,8 @@ export interface GlslOptions {
   readonly frameTexture?: boolean;
   /** Most characters of the text; those of the default budget unless given. */
   readonly maxText?: number;
+  /** Names of uniforms in `body` where the host gives them others than the program's own. */
+  readonly names?: Names;
 }
 
 /** Blocks of per-frame values that still travel as a uniform array: WebGL2 guarantees 224 in all. */
@@ -69,14 +71,14 @@ const TEXTURE_SIDE = 2048;
 /** Print a graph as `TYPE name(inputs…)`. */
 export function printGlsl(graph: Graph, options: GlslOptions): GlslProgram {
   const { name, weights, lights = 1 } = options;
-  const { printer, frame, parameters, outputs } = printProgram(
-    graph,
-    GLSL,
-    name,
-    weights === "inline" ? "inline" : "table",
-    true,
-    options.maxText ?? BUDGET.text,
-  );
+  const { printer, frame, parameters, outputs } = printProgram(graph, GLSL, {
+    prefix: name,
+    weights: weights === "inline" ? "inline" : "table",
+    halfTexels: true,
+    limit: options.maxText ?? BUDGET.text,
+    ...(options.names ? { names: options.names } : {}),
+  });
+  const bound = (own: string) => printer.bound(own);
   const textures = [
     texelTexture(`${name}_full_texels`, printer.full),
     texelTexture(`${name}_half_texels`, printer.half),
@@ -103,13 +105,13 @@ export function printGlsl(graph: Graph, options: GlslOptions): GlslProgram {
   const pictures = new Map([...printer.pictures].map(([buffer, sampler]) => [sampler, buffer]));
   const declarations = [
     ...[...textures.map((texture) => texture.name), ...pictures.keys()].map(
-      (sampler) => `uniform highp sampler2D ${sampler};`,
+      (sampler) => `uniform highp sampler2D ${bound(sampler)};`,
     ),
-    ...(uniform ? [declareFrame(uniform, lights)] : []),
+    ...(uniform ? [declareFrame({ ...uniform, name: bound(uniform.name) }, lights)] : []),
   ];
   const body = [
-    ...textures.map(readTexel),
-    ...(uniform ? [readFrame(uniform, name)] : []),
+    ...textures.map((texture) => readTexel(texture, bound(texture.name))),
+    ...(uniform ? [readFrame({ ...uniform, name: bound(uniform.name) }, name)] : []),
     ...(single ? [] : [struct]),
     ...printer.helpers.values(),
     `${type} ${name}(${types.join(", ")}) {`,
@@ -132,11 +134,11 @@ function vector(width: number): string {
   return width === 1 ? "float" : `vec${width}`;
 }
 
-function readTexel({ name, width }: TexelTexture): string {
+function readTexel({ name, width }: TexelTexture, sampler: string): string {
   const read = name.replace(/_texels$/, "");
   const shift = Math.log2(width);
   const at = `ivec2(i & ${width - 1}, i >> ${shift})`;
-  return `vec4 ${read}(int i) { return texelFetch(${name}, ${at}, 0); }`;
+  return `vec4 ${read}(int i) { return texelFetch(${sampler}, ${at}, 0); }`;
 }
 
 function frameUniform(name: string, frame: FrameLayout, lights: number, limit: number): FrameUniform {

@@ -14,6 +14,7 @@ import {
   type StoredBuffer,
   type Use,
 } from "./op.ts";
+import type { Graph, GraphNode } from "./node.ts";
 import { OPS } from "./ops/index.ts";
 
 /** Inputs that are the same for every pixel of a frame. */
@@ -21,34 +22,6 @@ export const FRAME_INPUTS: readonly string[] = ["light"];
 const MAX_INPUTS = 64;
 const NAME = /^[A-Za-z_][A-Za-z0-9_.]{0,63}$/;
 const NODE_KEYS = ["id", "op", "inputs", "per_frame"];
-
-/** One operation, checked. */
-export interface GraphNode {
-  readonly id: string;
-  readonly op: Op;
-  readonly opName: string;
-  readonly inputs: readonly string[];
-  readonly perFrame: boolean;
-  readonly use: Use;
-  readonly width: number;
-}
-
-/** A list of nodes in evaluation order over named inputs. */
-export interface Graph {
-  /** Name to width, in the order of the file: the order of the printed function's parameters. */
-  readonly inputs: ReadonlyMap<string, number>;
-  readonly nodes: readonly GraphNode[];
-  /** Name of the output to the name of the value. */
-  readonly outputs: ReadonlyMap<string, string>;
-  /** Width of every input and node. */
-  readonly widths: ReadonlyMap<string, number>;
-  /** Multiply-adds per pixel, once a frame, and table entries read per pixel. */
-  readonly macs: number;
-  readonly macsPerFrame: number;
-  readonly fetches: number;
-  /** Work per pixel as the budget counts it. */
-  readonly work: number;
-}
 
 function name(value: unknown, where: string): string {
   const found = text(value, where);

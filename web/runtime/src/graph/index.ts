@@ -12,8 +12,9 @@ export {
   printGlsl,
   type TexelTexture,
 } from "./glsl.ts";
-export { FRAME_INPUTS, type Graph, type GraphNode, only, readGraph } from "./graph.ts";
+export { FRAME_INPUTS, only, readGraph } from "./graph.ts";
 export { fromHalf, toHalf } from "./half.ts";
+export type { Graph, GraphNode } from "./node.ts";
 export type { BufferType, StoredBuffer } from "./op.ts";
 export { OPS } from "./ops/index.ts";
 export { printWgsl, type WgslOptions, type WgslProgram } from "./wgsl.ts";

@@ -5,9 +5,8 @@
  */
 
 import { fail } from "../checks.ts";
-import type { Graph, GraphNode } from "./graph.ts";
 import type { Language } from "./language.ts";
-import type { StoredBuffer } from "./op.ts";
+import type { StoredBuffer } from "./stored.ts";
 
 /** Where weights live: literals in the text, or tables that loops read. */
 export type Weights = "inline" | "table";
@@ -92,6 +91,21 @@ export class TexelStore {
   }
 }
 
+/** Names that the text gives to what is bound, where they are not the program's own. */
+export type Names = ReadonlyMap<string, string>;
+
+/** How a text is printed. */
+export interface PrinterOptions {
+  /** Name of the function and prefix of everything else. */
+  readonly prefix: string;
+  readonly weights: Weights;
+  /** Whether numbers stored as float16 get a table of their own precision. */
+  readonly halfTexels?: boolean;
+  /** Most characters of the text; printing stops with a `FormatError` before it is exceeded. */
+  readonly limit?: number;
+  readonly names?: Names;
+}
+
 /** Collects the text of one function. */
 export class Printer {
   readonly language: Language;
@@ -109,18 +123,22 @@ export class Printer {
   #temporaries = 0;
 
   readonly #limit: number;
+  readonly #names: Names;
   #characters = 0;
 
-  /**
-   * `halfTexels`: whether numbers stored as float16 get a table of their own precision. `limit`: most characters of the text;
-   * printing stops with a `FormatError` before it is exceeded.
-   */
-  constructor(language: Language, prefix: string, weights: Weights, halfTexels: boolean, limit = Infinity) {
+  constructor(language: Language, options: PrinterOptions) {
+    const { prefix, weights, halfTexels = false, limit = Infinity, names = new Map() } = options;
     this.#limit = limit;
+    this.#names = names;
     this.language = language;
     this.prefix = prefix;
     this.weights = weights;
     this.half = halfTexels ? new TexelStore(true) : this.full;
+  }
+
+  /** The name that something bound has in the text. */
+  bound(name: string): string {
+    return this.#names.get(name) ?? name;
   }
 
   emit(...lines: string[]): void {
@@ -269,11 +287,11 @@ export class Printer {
     return table;
   }
 
-  /** Name of the sampler of a picture. */
+  /** Name of the sampler of a picture in the text. */
   picture(buffer: StoredBuffer): string {
     const name = this.pictures.get(buffer) ?? `${this.prefix}_picture${this.pictures.size}`;
     this.pictures.set(buffer, name);
-    return name;
+    return this.bound(name);
   }
 
   /** A number that stands for an object. */
@@ -282,22 +300,4 @@ export class Printer {
     this.#numbers.set(source, found);
     return found;
   }
-}
-
-/** The nodes that the outputs need and that do not belong to the frame, in order. */
-export function neededNodes(graph: Graph): GraphNode[] {
-  const needed = new Set(graph.outputs.values());
-  const out: GraphNode[] = [];
-  for (const node of [...graph.nodes].reverse()) {
-    if (!needed.has(node.id) || node.perFrame) continue;
-    for (const input of node.inputs) needed.add(input);
-    out.unshift(node);
-  }
-  return out;
-}
-
-/** The `per_frame` values that pixels read. */
-export function frameValues(graph: Graph): GraphNode[] {
-  const read = new Set([...neededNodes(graph).flatMap((node) => node.inputs), ...graph.outputs.values()]);
-  return graph.nodes.filter((node) => node.perFrame && read.has(node.id));
 }

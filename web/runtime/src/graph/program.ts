@@ -1,9 +1,10 @@
 /** Prints the body of a graph's function: parameters, statements, result; shared by GLSL and WGSL. */
 
 import { type FrameLayout, frameLayout } from "./frame.ts";
-import type { Graph } from "./graph.ts";
+import { neededNodes } from "./needed.ts";
+import type { Graph } from "./node.ts";
 import type { Language } from "./language.ts";
-import { neededNodes, Printer, Value, type Weights } from "./printer.ts";
+import { Printer, type PrinterOptions, Value } from "./printer.ts";
 
 /** The text of a graph, before a language puts its declarations around it. */
 export interface Program {
@@ -16,15 +17,9 @@ export interface Program {
 }
 
 /** Print all statements of a graph. `frameAt` is the name of the function that reads a block of the per-frame values. */
-export function printProgram(
-  graph: Graph,
-  language: Language,
-  prefix: string,
-  weights: Weights,
-  halfTexels: boolean,
-  limit: number,
-): Program {
-  const printer = new Printer(language, prefix, weights, halfTexels, limit);
+export function printProgram(graph: Graph, language: Language, options: PrinterOptions): Program {
+  const { prefix } = options;
+  const printer = new Printer(language, options);
   const frame = frameLayout(graph);
   const values = new Map<string, Value>();
   const parameters = [...graph.inputs].map(([name, width], i) => {

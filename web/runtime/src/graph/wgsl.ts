@@ -2,9 +2,10 @@
 
 import { BUDGET } from "./budget.ts";
 import type { FrameLayout } from "./frame.ts";
-import type { Graph } from "./graph.ts";
+import type { Graph } from "./node.ts";
 import { type Language, WGSL } from "./language.ts";
 import type { StoredBuffer } from "./op.ts";
+import type { Names } from "./printer.ts";
 import { narrow, printProgram } from "./program.ts";
 
 export interface WgslProgram {
@@ -48,6 +49,8 @@ export interface WgslOptions {
   readonly fragment?: boolean;
   /** Most characters of the text; those of the default budget unless given. */
   readonly maxText?: number;
+  /** Names of bindings in the text where the host gives them others than the program's own; a sampler has `_sampler` behind it. */
+  readonly names?: Names;
 }
 
 /** Width of a texture of numbers. */
@@ -66,14 +69,13 @@ export function printWgsl(graph: Graph, options: WgslOptions): WgslProgram {
   const { name, group = 0, binding = 0, textures = false, lights = 1 } = options;
   const language = options.fragment ? FRAGMENT : WGSL;
   const placement = options.weights === "inline" ? "inline" : "table";
-  const { printer, frame, parameters, outputs } = printProgram(
-    graph,
-    language,
-    name,
-    placement,
-    false,
-    options.maxText ?? BUDGET.text,
-  );
+  const { printer, frame, parameters, outputs } = printProgram(graph, language, {
+    prefix: name,
+    weights: placement,
+    limit: options.maxText ?? BUDGET.text,
+    ...(options.names ? { names: options.names } : {}),
+  });
+  const bound = (own: string) => printer.bound(own);
   const bind = (at: number, text: string) => `@group(${group}) @binding(${at}) var${text};`;
   const weights = printer.full.texels ? weightsOf(`${name}_texels`, binding, printer.full.concat(), textures) : null;
   const slot = textures && lights > 1 ? `${name}_slot` : null;
@@ -84,19 +86,19 @@ export function printWgsl(graph: Graph, options: WgslOptions): WgslProgram {
     buffer,
   }));
   const declarations = [
-    ...(weights ? [bind(binding, `${textures ? "" : "<storage, read>"} ${weights.name}: ${textures ? "texture_2d<f32>" : "array<vec4f>"}`)] : []),
-    ...(frameAt ? [bind(frameAt.binding, `${textures ? "" : "<uniform>"} ${frameAt.name}: ${textures ? "texture_2d<f32>" : `array<vec4f, ${frame.blocks}>`}`)] : []),
+    ...(weights ? [bind(binding, `${textures ? "" : "<storage, read>"} ${bound(weights.name)}: ${textures ? "texture_2d<f32>" : "array<vec4f>"}`)] : []),
+    ...(frameAt ? [bind(frameAt.binding, `${textures ? "" : "<uniform>"} ${bound(frameAt.name)}: ${textures ? "texture_2d<f32>" : `array<vec4f, ${frame.blocks}>`}`)] : []),
     ...pictures.flatMap((picture) => [
-      bind(picture.binding, ` ${picture.name}: texture_2d<f32>`),
-      bind(picture.binding + 1, ` ${picture.name}_sampler: sampler`),
+      bind(picture.binding, ` ${bound(picture.name)}: texture_2d<f32>`),
+      bind(picture.binding + 1, ` ${bound(picture.name)}_sampler: sampler`),
     ]),
   ];
   const { type, struct, result } = resultOf(name, outputs);
   const body = [
-    ...(weights ? [`fn ${name}_full(i: i32) -> vec4f { return ${textures ? texel(weights.name) : `${weights.name}[i]`}; }`] : []),
+    ...(weights ? [`fn ${name}_full(i: i32) -> vec4f { return ${textures ? texel(bound(weights.name)) : `${bound(weights.name)}[i]`}; }`] : []),
     ...(slot ? [`var<private> ${slot}: i32 = 0;`] : []),
     ...(frameAt
-      ? [`fn ${name}_frame_at(i: i32) -> vec4f { return ${textures ? `textureLoad(${frameAt.name}, vec2i(i, ${slot ?? 0}), 0)` : `${frameAt.name}[i]`}; }`]
+      ? [`fn ${name}_frame_at(i: i32) -> vec4f { return ${textures ? `textureLoad(${bound(frameAt.name)}, vec2i(i, ${slot ?? 0}), 0)` : `${bound(frameAt.name)}[i]`}; }`]
       : []),
     ...struct,
     ...printer.helpers.values(),

@@ -70,8 +70,8 @@ export class FieldNodes {
     });
   }
 
-  /** The text for a language, with the textures that it reads by name. */
-  print(wgsl: boolean): { body: string; parameters: readonly string[]; slot: string | null; textures: Map<string, Texture> } {
+  /** The text for a language, with the textures that it reads by name; `names` are those that the text gives to them. */
+  print(wgsl: boolean, names: ReadonlyMap<string, string> = new Map()): { body: string; parameters: readonly string[]; slot: string | null; textures: Map<string, Texture> } {
     const { name, lights } = this;
     const used = new Map<string, Texture>();
     const keep = (key: string, make: () => Texture) => {
@@ -79,7 +79,7 @@ export class FieldNodes {
       this.textures.set(key, found);
       used.set(key, found);
     };
-    const options = { name, lights: lights.length } as const;
+    const options = { name, lights: lights.length, names } as const;
     if (wgsl) {
       const weights = this.weights === "inline" ? "inline" : "storage";
       const program = printWgsl(this.graph, { ...options, weights, textures: true, fragment: true });
@@ -136,12 +136,10 @@ class FieldCode extends (Node as AnyNode) {
 
   generate(builder: AnyNode): { parameters: readonly string[]; call: string; slotted: boolean } {
     const wgsl = isWgsl(builder);
-    const { body, parameters, slot, textures } = this.field.print(wgsl);
+    const keys = [...this.field.print(wgsl).textures.keys()];
+    const names = new Map(keys.map((key, i) => [key, this.textureNodes[i].build(builder, "property") as string]));
+    const { body, parameters, slot } = this.field.print(wgsl, names);
     let text = body;
-    [...textures.keys()].forEach((name, i) => {
-      const property = this.textureNodes[i].build(builder, "property");
-      text = text.replace(new RegExp(`\\b${name}(_sampler)?\\b`, "g"), `${property}$1`);
-    });
     // A private variable says for which lamp the per-frame values are read: set it inside of a call.
     const call = slot ? `${this.field.name}_for` : this.field.name;
     if (slot) text += `\n${wrapper(this.field, parameters, call, slot, wgsl)}`;

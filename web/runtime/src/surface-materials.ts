@@ -1,0 +1,189 @@
+/**
+ * The materials of a scene's meshes. Those of the file are patched in place and show the learned light; every other thing that
+ * surfaces can show has copies of its own, which follow the originals and are made when they are first needed.
+ */
+
+import { DoubleSide, Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points } from "three";
+import type { Lightmap } from "./loader.ts";
+import type { SurfaceFinish } from "./surface-finish.ts";
+import { SurfacePatch } from "./surface-patch.ts";
+
+/**
+ * `plain`: direct light alone. `learned`: with learned light. `indirect`: demodulated learned light alone, for a small
+ * picture. `upsampled`: with the learned light of that picture. `segments`: the segmentation. `lightmap`: with ordinary light maps.
+ */
+export type SurfaceLook = "plain" | "learned" | "indirect" | "upsampled" | "segments" | "lightmap";
+
+interface Entry {
+  readonly mesh: Mesh;
+  /** What the mesh has of its own: the file's material, or what its owner gave it since. */
+  own: Mesh["material"];
+  /** What was put on it last. */
+  given: Mesh["material"];
+  readonly castShadow: boolean;
+  readonly receiveShadow: boolean;
+}
+
+interface Twin {
+  readonly material: Material;
+  /** Version of the original that the copy is of. */
+  version: number;
+}
+
+/** Owns the patches and the copies; meshes, materials and textures are those of the loaded file. */
+export class SurfaceMaterials {
+  private entries: Entry[] = [];
+  /** Materials of lines and points, which have no finish: a small picture leaves them out. */
+  private others: Material[] = [];
+  private readonly finishes: Readonly<Partial<Record<SurfaceLook, SurfaceFinish>>>;
+  private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
+  private readonly patches = new Map<Material, SurfacePatch>();
+  private readonly twins = new Map<SurfaceLook, Map<Material, Twin>>();
+  private shadowSides = new Map<Material, Material["shadowSide"]>();
+  private shown: SurfaceLook = "learned";
+  private brightness = 1;
+
+  /** A look without a finish is that of the plain one. */
+  constructor(
+    finishes: Readonly<Partial<Record<SurfaceLook, SurfaceFinish>>>,
+    lightmaps: ReadonlyMap<Material, Lightmap> = new Map(),
+  ) {
+    this.finishes = finishes;
+    this.lightmaps = lightmaps;
+  }
+
+  /** Take the meshes under a root over. */
+  attach(root: Object3D): void {
+    root.traverse((object) => {
+      if (object instanceof Mesh) {
+        const { material, castShadow, receiveShadow } = object;
+        this.entries.push({ mesh: object, own: material, given: material, castShadow, receiveShadow });
+        object.receiveShadow = true;
+        object.castShadow = [material].flat().some(blocksLight);
+      } else if (object instanceof Line || object instanceof Points) this.others.push(...[object.material].flat());
+    });
+    this.others = this.others.filter((material) => material.visible);
+    for (const { own } of this.entries) for (const material of [own].flat()) this.patch(material);
+    this.shown = "learned";
+  }
+
+  /** Give everything back as it was, but for what its owner has changed since. */
+  detach(): void {
+    this.show("learned");
+    for (const { mesh, castShadow, receiveShadow } of this.entries) Object.assign(mesh, { castShadow, receiveShadow });
+    for (const patch of this.patches.values()) patch.restore();
+    for (const [material, side] of this.shadowSides) material.shadowSide = side;
+    for (const { material } of this.allTwins()) material.dispose();
+    this.patches.clear();
+    this.shadowSides.clear();
+    this.twins.clear();
+    this.entries = [];
+    this.others = [];
+  }
+
+  /** Show something on every mesh. */
+  show(look: SurfaceLook): void {
+    const again = look === this.shown;
+    this.shown = look;
+    for (const material of this.others) material.visible = look !== "indirect";
+    for (const entry of this.entries) {
+      if (entry.mesh.material !== entry.given) this.adopt(entry);
+      else if (again && look === "learned") continue;
+      const { own } = entry;
+      entry.given = Array.isArray(own) ? own.map((material) => this.copyFor(material, look)) : this.copyFor(own, look);
+      entry.mesh.material = entry.given;
+    }
+  }
+
+  /** Make ordinary light maps shine by this factor. */
+  brighten(factor: number): void {
+    this.brightness = factor;
+  }
+
+  /** The finishes have changed: compile everything anew when it is shown next. */
+  renew(): void {
+    for (const material of this.patches.keys()) material.needsUpdate = true;
+    for (const { material } of this.allTwins()) material.needsUpdate = true;
+  }
+
+  /** Free what GPUs hold of the meshes; textures too if they are asked for. What is used again is uploaded again. */
+  dispose(textures: boolean): void {
+    const geometries = new Set(this.entries.map(({ mesh }) => mesh.geometry));
+    const materials = new Set(this.entries.flatMap(({ own }) => own));
+    this.detach();
+    for (const geometry of geometries) geometry.dispose();
+    for (const material of materials) {
+      if (textures) for (const texture of texturesOf(material)) texture.dispose();
+      material.dispose();
+    }
+    if (textures) for (const { map } of this.lightmaps.values()) map.dispose();
+  }
+
+  private *allTwins(): Generator<Twin> {
+    for (const twins of this.twins.values()) yield* twins.values();
+  }
+
+  /** Someone has given a mesh another material: it is the mesh's own from now on. */
+  private adopt(entry: Entry): void {
+    entry.own = entry.mesh.material;
+    for (const material of [entry.own].flat()) this.patch(material);
+  }
+
+  private patch(material: Material): void {
+    if (this.patches.has(material)) return;
+    if (!this.shadowSides.has(material)) {
+      this.shadowSides.set(material, material.shadowSide);
+      // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
+      material.shadowSide = DoubleSide;
+    }
+    const finish = this.finishes.learned ?? this.finishes.plain;
+    if (finish && material instanceof MeshStandardMaterial) this.patches.set(material, new SurfacePatch(material, finish));
+  }
+
+  /** The material that shows a look in the place of an original, up to date with it. */
+  private copyFor(material: Material, look: SurfaceLook): Material {
+    const finish = this.finishes[look];
+    if (look === "learned" || !finish || (look === "plain" && !this.finishes.learned)) return material;
+    // A small picture has one depth a pixel: what is blended is drawn at full resolution alone.
+    if (look === "upsampled" && material.transparent) return material;
+    const hidden = look === "indirect" && (material.transparent || !(material instanceof MeshStandardMaterial));
+    if (!hidden && !(material instanceof MeshStandardMaterial)) return material;
+    const twins = this.twins.get(look) ?? new Map<Material, Twin>();
+    this.twins.set(look, twins);
+    const twin = twins.get(material) ?? this.makeTwin(material, finish);
+    twins.set(material, twin);
+    this.follow(twin, material, look, hidden);
+    return twin.material;
+  }
+
+  private makeTwin(material: Material, finish: SurfaceFinish): Twin {
+    const copy = material.clone();
+    if (copy instanceof MeshStandardMaterial) new SurfacePatch(copy, finish, this.patches.get(material));
+    return { material: copy, version: material.version };
+  }
+
+  /** Carry edits of the original over to its copy. */
+  private follow(twin: Twin, original: Material, look: SurfaceLook, hidden: boolean): void {
+    const copy = twin.material;
+    copy.copy(original);
+    copy.visible = original.visible && !hidden;
+    const lightmap = look === "lightmap" ? this.lightmaps.get(original) : undefined;
+    if (lightmap) {
+      (copy as MeshStandardMaterial).lightMap = lightmap.map;
+      (copy as MeshStandardMaterial).lightMapIntensity = this.brightness * lightmap.intensity;
+    }
+    if (twin.version === original.version) return;
+    twin.version = original.version;
+    copy.needsUpdate = true;
+  }
+}
+
+/** Blended and transmissive surfaces would cast solid shadows. */
+function blocksLight(material: Material): boolean {
+  const transmission = (material as { transmission?: number }).transmission ?? 0;
+  return !material.transparent && transmission < 0.5;
+}
+
+function texturesOf(material: Material): { dispose(): void }[] {
+  return Object.values(material).filter((value) => (value as { isTexture?: boolean } | null)?.isTexture);
+}

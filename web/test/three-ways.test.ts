@@ -1,0 +1,128 @@
+/** three.js' own ways count: where things stand, what is done to lights and materials, several scenes and renderers. */
+
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, expect, it } from "vitest";
+import type { Result, Scenarios } from "./pages/three-ways.ts";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { bundle, modulePage } from "./support/bundle.ts";
+import { furnishedRoom } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
+
+let browser: Browser;
+let page: Page;
+let errors: string[];
+const site = new Site();
+
+beforeAll(async () => {
+  await site.open();
+  browser = await launch("swiftshader");
+  ({ page, errors } = await openPage(browser));
+  const glb = Buffer.from(writeGlb(furnishedRoom())).toString("base64");
+  await page.goto(site.put("/index.html", modulePage(await bundle("pages/three-ways.ts"), `<body data-glb="${glb}">`)));
+  await page.waitForFunction(() => window.scenario);
+}, 90_000);
+
+afterAll(async () => {
+  await browser?.close();
+  await site.close();
+});
+
+async function run<K extends keyof Scenarios>(name: K): Promise<Result<K>> {
+  errors.length = 0;
+  const result = (await page.evaluate((key) => window.scenario(key), name)) as Result<K>;
+  if (name !== "broken" && name !== "renderers") expect(errors).toEqual([]);
+  return result;
+}
+
+/** Share of the components of two pictures that differ by more than a hundredth. */
+function difference(a: readonly number[], b: readonly number[]): number {
+  return a.filter((x, i) => Math.abs(x - b[i]!) > 0.01 * Math.max(0.2, Math.abs(x))).length / a.length;
+}
+/** Pixels on the edges of shadows and things. */
+const EDGES = 0.02;
+
+it("a root that stands elsewhere, turned and scaled, is lit as it was baked", async () => {
+  const [home, away] = await run("placed");
+  expect(Math.max(...home!)).toBeGreaterThan(0.3);
+  expect(difference(home!, away!)).toBeLessThan(EDGES);
+});
+
+it("a root with axes of different scales is refused", async () => {
+  expect(await run("uneven")).toMatch(/expected axes of one scale at right angles, found scales 1\.00, 2\.00, 1\.00; scale all axes alike/);
+});
+
+it("a light that is moved, hung elsewhere, dimmed or coloured lights the field", async () => {
+  const { pictures, clamped } = await run("lamp");
+  const [moved, home, byPosition, onArm, undone] = pictures;
+  expect(difference(moved!, home!)).toBeGreaterThan(0.2);
+  expect(difference(moved!, byPosition!)).toBe(0);
+  expect(difference(moved!, onArm!)).toBeLessThan(EDGES);
+  expect(clamped).toEqual([0, 1.8, 0].map((x) => expect.closeTo(x, 5)));
+  expect(difference(home!, undone!)).toBeGreaterThan(0.5);
+});
+
+it("a user's onBeforeCompile works with ours, whichever came first, and stays when ours is gone", async () => {
+  const [before, none, after, alone] = await run("hooks");
+  const red = (picture: readonly number[]) => picture.filter((_, i) => i % 3 === 0);
+  expect(Math.max(...red(before!).map((x, i) => Math.abs(x - red(none!)[i]! - 0.25)))).toBeLessThan(0.26);
+  const lit = red(none!).map((x, i) => red(before!)[i]! - x).filter((x) => x !== 0);
+  expect(lit.length).toBeGreaterThan(1000);
+  for (const gain of lit) expect(gain).toBeCloseTo(0.25, 3);
+  expect(difference(before!, after!)).toBe(0);
+  expect(Math.min(...red(alone!).filter((x) => x > 0))).toBeCloseTo(0.25, 2);
+});
+
+it("edits of materials show in every look, other materials too", async () => {
+  const { full, half, fullLit, halfLit, fullOther, halfOther } = await run("edits");
+  for (const [plain, lit, other] of [[full, fullLit, fullOther], [half, halfLit, halfOther]]) {
+    expect(lit![0]! - plain![0]!).toBeCloseTo(0.5, 2);
+    expect(lit![1]).toBeCloseTo(plain![1]!, 3);
+    expect(other![1]).toBeGreaterThan(0.9);
+  }
+});
+
+it("dispose gives everything back, and attach lights it again", async () => {
+  const { pictures, first, left } = await run("restored");
+  const [before, learned, after, again] = pictures;
+  expect(left).toEqual(first);
+  expect(difference(before!, learned!)).toBeGreaterThan(0.5);
+  expect(difference(before!, after!)).toBe(0);
+  expect(difference(learned!, again!)).toBe(0);
+});
+
+it("a root has one scene; two scenes on a page do not mix", async () => {
+  const { pictures, lights } = await run("twice");
+  const [first, second, third, other, still] = pictures;
+  expect(lights).toBe(1);
+  for (const same of [second, third, still]) expect(difference(first!, same!)).toBe(0);
+  expect(difference(first!, other!)).toBeGreaterThan(0.5);
+});
+
+it("several renderers and a restored context draw the same, shadows included", async () => {
+  const [a, b, c, d, moved, movedToo, restored] = await run("renderers");
+  for (const same of [b, c, d]) expect(difference(a!, same!)).toBe(0);
+  expect(difference(a!, moved!)).toBeGreaterThan(0.2);
+  expect(difference(moved!, movedToo!)).toBe(0);
+  expect(difference(moved!, restored!)).toBe(0);
+});
+
+// Filtering an environment map takes half a minute without a GPU.
+it.runIf(process.env.LIGHTWELL_LONG_TESTS)("the light of an environment map is left out unless it is asked for", async () => {
+  const [none, removed, kept] = await run("environments");
+  expect(difference(none!, removed!)).toBe(0);
+  expect(difference(none!, kept!)).toBeGreaterThan(0.5);
+});
+
+it("a parallel camera sees the learned light", async () => {
+  const picture = await run("parallel");
+  expect(picture.every(Number.isFinite)).toBe(true);
+});
+
+it("nothing is left after loading and disposing again and again", async () => {
+  const cycles = await run("cycles");
+  expect(cycles.slice(2)).toEqual(Array(cycles.length - 2).fill(cycles[1]));
+});
+
+it("a shader without the part that ours goes into is said", async () => {
+  expect(await run("broken")).toMatch(/expected '#include <opaque_fragment>' in a shader of three\.js, found none/);
+});
