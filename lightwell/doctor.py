@@ -9,6 +9,7 @@ import platform
 import shutil
 import sys
 from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def _backend_checks() -> list[Check]:
     return checks
 
 
-def _arithmetic(backend) -> Check:
+def _arithmetic(backend: Any) -> Check:
     """Compile and run one small kernel: an LLVM that loads may still be unable to generate code."""
     try:
         total = backend.dr.sum(backend.dr.square(backend.dr.arange(backend.mi.Float, 10)))
@@ -124,7 +125,7 @@ def checks() -> list[Check]:
     return [python, *_backend_checks(), _viewer_check(), _denoiser_check(), _disk_check()]
 
 
-def report() -> dict:
+def report() -> dict[str, Any]:
     """Collect the machine, versions and checks as JSON-serialisable data.
 
     Returns:

@@ -18,7 +18,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -56,13 +56,13 @@ class Packer:
     """
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._atlases = 0
 
     def __enter__(self) -> Packer:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop()
 
     def cut(self, meshes: Sequence[Flat], texels: float) -> tuple[list[Flat], int]:
@@ -75,7 +75,8 @@ class Packer:
         Returns:
             Points [V', 2] float32 in texels and corners [K, 3] uint32 of every mesh; number of charts of all meshes.
         """
-        flat, charts = [], 0
+        flat: list[Flat] = []
+        charts = 0
         for start in range(0, len(meshes), self._most):
             part = meshes[start : start + self._most]
             found = self._ask(part, {"task": "cut", "texels": texels}, len(part))
@@ -123,7 +124,7 @@ class Packer:
             "triangles), or give them a second set of texture coordinates"
         )
 
-    def _start(self) -> subprocess.Popen:
+    def _start(self) -> subprocess.Popen[bytes]:
         # The other process imports the same modules as this one.
         program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.packer import serve; serve()"
         self._process = subprocess.Popen(
@@ -222,7 +223,7 @@ def _answer(request: Mapping[str, np.ndarray], kept: list[object]) -> dict[str, 
     return answer
 
 
-def _cut(mesh: Flat, texels: float):
+def _cut(mesh: Flat, texels: float) -> Any:
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -231,7 +232,7 @@ def _cut(mesh: Flat, texels: float):
     return atlas
 
 
-def _pack(charts: Sequence[Flat], pad: int, brute: bool):
+def _pack(charts: Sequence[Flat], pad: int, brute: bool) -> Any:
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -241,7 +242,7 @@ def _pack(charts: Sequence[Flat], pad: int, brute: bool):
     return atlas
 
 
-def _options(texels: float, pad: int, brute: bool):
+def _options(texels: float, pad: int, brute: bool) -> Any:
     import xatlas
 
     options = xatlas.PackOptions()

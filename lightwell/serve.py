@@ -114,7 +114,7 @@ def _file(path: Path, asked: str) -> Answer:
         return Answer.page(path.read_bytes())
     size = path.stat().st_size
     wanted = parse_range(asked, size)
-    headers = (("Accept-Ranges", "bytes"),)
+    headers: tuple[tuple[str, str], ...] = (("Accept-Ranges", "bytes"),)
     if wanted is None:
         return Answer(200, kind, open(path, "rb"), size, headers)
     first, last = wanted

@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 MAGIC, VERSION = 20000630, 2
 # Flags of the version field.
@@ -134,7 +135,7 @@ class _Reader:
         self.at += count
         return self._data[self.at - count : self.at]
 
-    def numbers(self, form: str) -> tuple:
+    def numbers(self, form: str) -> tuple[Any, ...]:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def text(self) -> str:
@@ -185,7 +186,7 @@ def _attributes(reader: _Reader) -> Attributes:
     return found
 
 
-def _value(attributes: Attributes, name: str, kind: str, form: str) -> tuple:
+def _value(attributes: Attributes, name: str, kind: str, form: str) -> tuple[Any, ...]:
     """Return the numbers of a required attribute."""
     if name not in attributes:
         raise ExrError(f"attribute '{name}' is missing")

@@ -11,6 +11,7 @@ Names are loaded at first use, so that the command line can build its parser wit
 """
 
 from importlib import import_module
+from typing import Any
 
 # Public name → module.
 _PUBLIC = {
@@ -27,7 +28,7 @@ _PUBLIC = {
 __all__ = sorted(_PUBLIC)
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'lightwell.lens' has no attribute {name!r}")
     return getattr(import_module(f"lightwell.lens.{_PUBLIC[name]}"), name)

@@ -80,7 +80,7 @@ class Aperture:
 DISC = Aperture()
 
 
-def _polygon(ux, uy, blades: int, angle: float) -> np.ndarray:
+def _polygon(ux: np.ndarray, uy: np.ndarray, blades: int, angle: float) -> np.ndarray:
     """Return 1 inside the regular polygon whose corners lie on the unit circle, 0 outside."""
     inside = np.ones(np.broadcast(ux, uy).shape, bool)
     apothem = np.cos(np.pi / blades)
@@ -90,7 +90,7 @@ def _polygon(ux, uy, blades: int, angle: float) -> np.ndarray:
     return inside.astype(np.float64)
 
 
-def _sample_mask(picture: np.ndarray, ux, uy) -> np.ndarray:
+def _sample_mask(picture: np.ndarray, ux: np.ndarray, uy: np.ndarray) -> np.ndarray:
     """Interpolate a mask bilinearly; 0 outside the picture."""
     from scipy.ndimage import map_coordinates
 

@@ -34,7 +34,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print what was done as JSON, no progress bars")
 
 
-def _camera(group) -> None:
+def _camera(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--focus", help="distance in focus, for example 2.5m")
     group.add_argument("--focus-at", metavar="X,Y", help="focus on the surface under a pixel instead")
     group.add_argument("--fstop", type=float, default=2.8, help="f-number (default: %(default)s)")
@@ -54,7 +54,7 @@ def _camera(group) -> None:
     group.add_argument("--scene-unit", default="1m", help="length of one unit of depth (default: %(default)s)")
 
 
-def _quality(group) -> None:
+def _quality(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--layers", type=int, default=2, help="depth layers; 4 for complex depth (default: %(default)s)")
     group.add_argument("--preset", default="default", help="default, best or paper (default: %(default)s)")
     group.add_argument("--edges", default="extend", help="extend, renormalise or dark (default: %(default)s)")
@@ -65,7 +65,7 @@ def _quality(group) -> None:
     group.add_argument("--deterministic", action="store_true", help="add in integers: the same bytes on every machine")
 
 
-def _channels(group) -> None:
+def _channels(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--view", help="view of a stereo file (default: its first)")
     group.add_argument("--depth-channel", metavar="NAME", help="channel of depth, for example ViewLayer.Depth.Z")
     group.add_argument("--depth-file", metavar="FILE", help="depth from another file: .exr, or .png with --depth-range")
@@ -81,7 +81,7 @@ def _channels(group) -> None:
     group.add_argument("--frames", metavar="A-B", help="frames of a sequence; #### stands for the number")
 
 
-def _library(group) -> None:
+def _library(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--family", default="depth", help="depth, depth-speed, shaped-speed or cats-eye")
     group.add_argument(
         "--longest", type=float, default=64.0, help="longest motion baked, pixels (default: %(default)s)"

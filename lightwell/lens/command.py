@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from lightwell.core.color import srgb
 from lightwell.core.store import user_store
+from lightwell.exr.header import Window
 from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
 from lightwell.lens.cache import Shelf
@@ -90,7 +92,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     )
 
 
-def _jobs(arguments: argparse.Namespace):
+def _jobs(arguments: argparse.Namespace) -> Iterator[tuple[Path, Path, Path | None]]:
     """Yield (source, target, following source or None) of every frame."""
     source, target = arguments.frame, arguments.out
     if arguments.frames is None:
@@ -121,7 +123,7 @@ def _numbered(pattern: str, number: int) -> str:
     return pattern[:start] + str(number).zfill(end - start) + pattern[end:]
 
 
-def _pair(text: str, joint: str, option: str, kind=float) -> tuple:
+def _pair(text: str, joint: str, option: str, kind: Callable[[str], Any] = float) -> tuple[Any, Any]:
     try:
         first, second = text.split(joint, 1)
         return kind(first), kind(second)
@@ -261,7 +263,7 @@ def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
     return out
 
 
-def _write(path: Path, image: np.ndarray, window, display) -> None:
+def _write(path: Path, image: np.ndarray, window: tuple[int, ...], display: Window | None) -> None:
     if path.suffix.lower() == ".exr":
         exr.write(path, image, window, display)
         return

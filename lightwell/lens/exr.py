@@ -185,7 +185,7 @@ def _deep_cuts(inverse: np.ndarray, layers: int) -> tuple[list[float], float]:
     return sorted(cuts, reverse=True), soft
 
 
-def _deep_samples(found: Channels, depth_name: str):
+def _deep_samples(found: Channels, depth_name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return pixel index [n], depth [n] and premultiplied colour [n, 4] of all samples, sorted by pixel, then depth."""
     counts, z = found.deep[depth_name]
     pixel = np.repeat(np.arange(counts.size), counts.ravel())
@@ -203,7 +203,9 @@ def _deep_samples(found: Channels, depth_name: str):
     return pixel[good][order], z[good][order], rgba[good][order]
 
 
-def _composite_samples(pixel, z, rgba, height: int, width: int):
+def _composite_samples(
+    pixel: np.ndarray, z: np.ndarray, rgba: np.ndarray, height: int, width: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Composite samples that are sorted by pixel and depth, front to back."""
     image = np.zeros((height * width, 4), np.float32)
     depth = np.zeros(height * width, np.float32)

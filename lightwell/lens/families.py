@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,7 @@ class Family:
             return psf.capsule(radius, second)
         return psf.shaped(self.aperture, radius, second, angle)
 
-    def describe(self) -> dict:
+    def describe(self) -> dict[str, Any]:
         """Describe the family for the header of a library file.
 
         Returns:

@@ -10,6 +10,8 @@ WebGPU uses the same arithmetic, because its atomics are integers. format/LENS.m
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.backend import dr, mi
@@ -80,7 +82,7 @@ def _turned(target, x, y, base, width, m, shift, k, end, c, s, px, py, q, mode):
         k += 1
 
 
-def _share(n, weight):
+def _share(n: Any, weight: Any) -> Any:
     """Compute ⌊n·weight/256⌉ within 32 bits; the other share is the rest of n, so that no light is lost."""
     return (n >> 8) * weight + (((n & 255) * weight + 128) >> 8)
 

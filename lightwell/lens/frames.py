@@ -50,7 +50,7 @@ class FrameFile:
     """x0, y0, width, height of the arrays."""
     display: tuple[int, int, int, int] = (0, 0, 0, 0)
     """x0, y0, width, height of the picture shown."""
-    behind: list = field(default_factory=list)
+    behind: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     """Further layers from deep files: (rgba, depth), front to back."""
     notes: list[str] = field(default_factory=list)
     """Channels that were used, and pixels without usable values."""
@@ -68,7 +68,7 @@ class FrameFile:
         """
         return self._planar(self.depth, camera, kind, near)
 
-    def _planar(self, depth, camera: Camera, kind: str, near: float) -> np.ndarray:
+    def _planar(self, depth: np.ndarray, camera: Camera, kind: str, near: float) -> np.ndarray:
         if kind not in DEPTHS:
             raise LensError(f"lens: depth convention {kind!r}; choose {', '.join(DEPTHS)}")
         kind = self.depth_kind if kind == "auto" else kind
@@ -76,7 +76,7 @@ class FrameFile:
         centre = dx + dw / 2 - self.window[0], dy + dh / 2 - self.window[1]
         return planar_depth(depth, kind, camera, dw, centre, near)
 
-    def planar_behind(self, camera: Camera, kind: str, near: float) -> list:
+    def planar_behind(self, camera: Camera, kind: str, near: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Convert the depth of the further layers to depth along the camera axis.
 
         Args:
@@ -96,8 +96,8 @@ def _split(name: str) -> tuple[str, str]:
     return layer, leaf
 
 
-def _colour(names: dict[str, np.ndarray], where) -> tuple[np.ndarray, str]:
-    layers = {}
+def _colour(names: dict[str, np.ndarray], where: Path) -> tuple[np.ndarray, str]:
+    layers: dict[str, dict[str, str]] = {}
     for name in names:
         layer, leaf = _split(name)
         if leaf.upper() in ("R", "G", "B", "A"):
@@ -110,7 +110,7 @@ def _colour(names: dict[str, np.ndarray], where) -> tuple[np.ndarray, str]:
             return np.stack([plane, plane, plane, alpha], -1), "Y"
         raise LensError(f"lens: {where} has no colour (channels R, G, B); it has {', '.join(sorted(names)) or 'none'}")
 
-    def rank(layer: str) -> tuple:
+    def rank(layer: str) -> tuple[int, int, str]:
         last = layer.split(".")[-1].lower()
         return (COLOURS.index(last) if last in COLOURS else len(COLOURS), layer.count("."), layer)
 
@@ -120,11 +120,11 @@ def _colour(names: dict[str, np.ndarray], where) -> tuple[np.ndarray, str]:
     return np.stack([names[leaves["R"]], names[leaves["G"]], names[leaves["B"]], alpha], -1), best or "R, G, B"
 
 
-def _other_alpha(layers, names, best) -> np.ndarray:
+def _other_alpha(layers: dict[str, dict[str, str]], names: dict[str, np.ndarray], best: str) -> np.ndarray:
     return np.ones_like(names[layers[best]["R"]])
 
 
-def _depth(names: dict[str, np.ndarray], where, asked: str | None) -> tuple[np.ndarray, str]:
+def _depth(names: dict[str, np.ndarray], where: str | Path, asked: str | None) -> tuple[np.ndarray, str]:
     if asked is not None:
         if asked not in names:
             raise LensError(f"lens: {where} has no channel {asked!r}; it has {', '.join(sorted(names))}")
@@ -152,7 +152,7 @@ def _depth(names: dict[str, np.ndarray], where, asked: str | None) -> tuple[np.n
     return names[name], name
 
 
-def _motion(names: dict[str, np.ndarray], where, asked: str | None) -> tuple[np.ndarray | None, str]:
+def _motion(names: dict[str, np.ndarray], where: Path, asked: str | None) -> tuple[np.ndarray | None, str]:
     if asked is not None:
         pair = [part.strip() for part in asked.split(",")]
         if len(pair) != 2 or any(part not in names for part in pair):
@@ -297,7 +297,9 @@ def _open_image(path: Path, mode: str) -> np.ndarray:
         raise LensError(f"lens: cannot read {path} ({' '.join(str(error).split())}); use EXR or PNG") from None
 
 
-def _depth_file(path, channel, range_, limits) -> tuple[np.ndarray, str, str]:
+def _depth_file(
+    path: str | Path, channel: str | None, range_: tuple[float, float] | None, limits: Limits | None
+) -> tuple[np.ndarray, str, str]:
     """Read depth from a separate file; a PNG holds shares of the range ``near,far``, the depths of black and white."""
     path = Path(path)
     if path.suffix.lower() == ".exr":

@@ -146,7 +146,15 @@ def _around(mask: np.ndarray) -> tuple[slice, slice]:
     return tuple(spans)
 
 
-def _filled_part(layer: Layer, weight, hidden, known, wanted, peel: Layer | None, cut: float) -> Layer:
+def _filled_part(
+    layer: Layer,
+    weight: np.ndarray,
+    hidden: np.ndarray,
+    known: np.ndarray,
+    wanted: np.ndarray,
+    peel: Layer | None,
+    cut: float,
+) -> Layer:
     """Fill the box of a layer that changes."""
     parts = [np.where(known[..., None], layer.rgba / np.maximum(weight, 1e-6)[..., None], 0), layer.s[..., None]]
     if layer.motion is not None:

@@ -15,6 +15,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +112,7 @@ class Library:
         write_atomically(path, self.tobytes())
 
 
-def _pack(x, y, q, small: bool) -> bytes:
+def _pack(x: np.ndarray, y: np.ndarray, q: np.ndarray, small: bool) -> bytes:
     kind = (
         [("x", "i1"), ("y", "i1"), ("q", "<i2")] if small else [("x", "<i2"), ("y", "<i2"), ("q", "<i2"), ("_", "<i2")]
     )
@@ -199,7 +200,7 @@ def _loads(data: bytes, aperture: Aperture | None) -> Library:
     return Library(family, recipe, _spreadlets(header["records"], np.frombuffer(body, kind), family))
 
 
-def _family(header: dict, aperture: Aperture | None) -> Family:
+def _family(header: dict[str, Any], aperture: Aperture | None) -> Family:
     if header["family"] not in NAMES:
         raise LensError(f"holds a family {header['family']!r:.40}, known are {', '.join(NAMES)}")
     axes = []
@@ -220,7 +221,7 @@ def _family(header: dict, aperture: Aperture | None) -> Family:
     return Family(header["family"], *axes, aperture=shape, strength=float(strength))
 
 
-def _recipe(found: dict) -> Recipe:
+def _recipe(found: dict[str, Any]) -> Recipe:
     """A recipe whose members have the types and ranges of ``Recipe``."""
     default = asdict(Recipe())
     for name, value in found.items():
@@ -247,7 +248,7 @@ def _aperture(key: str) -> Aperture:
     raise LensError(f"has an unknown aperture {key!r:.40}")
 
 
-def _spreadlets(records: dict, points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
+def _spreadlets(records: dict[str, Any], points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
     """Decode the records, each checked against the points and the grid."""
     total = len(records["node"])
     if total > MOST_RECORDS or any(len(records[name]) != total for name in FACTS):

@@ -47,7 +47,7 @@ def paper(kernel: np.ndarray, recipe: Recipe, seed: int) -> Spreadlet:
     return finish_charges(kernel, *_merged(px, py, values), "voronoi")
 
 
-def _merged(px, py, values):
+def _merged(px: np.ndarray, py: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Merge points that annealing moved to the same pixel."""
     at, inverse = np.unique(np.stack([px, py], 1), axis=0, return_inverse=True)
     return at[:, 0], at[:, 1], np.bincount(inverse.ravel(), values, len(at))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,7 +91,7 @@ class Lens:
         self.settings = settings or Settings()
         self.shelf = shelf or Shelf()
         # Engines by family, size of the blur and length of the motion.
-        self._engines: dict[tuple, Engine] = {}
+        self._engines: dict[tuple[int, int], Engine] = {}
 
     # ------------------------------------------------------------------ frames
 
@@ -102,8 +102,8 @@ class Lens:
         motion: np.ndarray | None,
         camera: Camera,
         frame_number: int = 0,
-        behind: Sequence[tuple] = (),
-        peel: tuple | None = None,
+        behind: Sequence[tuple[np.ndarray, ...]] = (),
+        peel: tuple[np.ndarray, ...] | None = None,
         full_width: int | None = None,
     ) -> tuple[np.ndarray, Report]:
         """Blur one frame.
@@ -214,7 +214,7 @@ class Lens:
 
         return lambda frame, points, sources: fixed(frame, points, sources, self.settings.white)
 
-    def _parts(self, layer: Layer):
+    def _parts(self, layer: Layer) -> Iterator[tuple[Layer, float, float]]:
         """Yield (layer, largest radius, longest motion) of the static and of the moving pixels, where there are any."""
         shining = layer.rgba.any(-1)
         largest = float(np.abs(layer.s[shining]).max()) if shining.any() else 0.0
@@ -348,7 +348,9 @@ def _displacement(motion: np.ndarray, shutter: float, side: int, report: Report)
     return None if report.longest < STILL else motion
 
 
-def _checked(rgba, depth, motion):
+def _checked(
+    rgba: np.ndarray, depth: np.ndarray, motion: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Return float32 arrays of one size; alpha is 1 where none is given."""
     rgba, depth = np.asarray(rgba, np.float32), np.asarray(depth, np.float32)
     if rgba.ndim != 3 or rgba.shape[2] not in (3, 4):

@@ -82,7 +82,17 @@ def reconstruct(
     return _spread(lens, report, x, y, s, motion, rgba, height, width), report
 
 
-def _spread(lens: Lens, report: Report, x, y, s, motion, rgba, height: int, width: int) -> np.ndarray:
+def _spread(
+    lens: Lens,
+    report: Report,
+    x: np.ndarray,
+    y: np.ndarray,
+    s: np.ndarray,
+    motion: np.ndarray | None,
+    rgba: np.ndarray,
+    height: int,
+    width: int,
+) -> np.ndarray:
     """Split every sample over the four pixels around its position; those outside the frame still reach into it.
 
     Whole pixels would take a quarter of the time, but leave holes where few samples land: twice the error at one sample

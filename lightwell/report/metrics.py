@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import flip_evaluator
 import numpy as np
@@ -220,7 +221,7 @@ def per_object(
     shape: np.ndarray,
     names: Sequence[str],
     weight: np.ndarray | None = None,
-) -> list[dict]:
+) -> list[dict[str, Any]]:
     """Compute the errors of each object.
 
     Args:

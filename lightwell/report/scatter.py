@@ -76,7 +76,8 @@ def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: 
 
 def _front(points: Sequence[Point], x: Scale, y: Scale) -> str:
     """Draw a staircase through the points of the Pareto front."""
-    best, corners = float("inf"), []
+    best = float("inf")
+    corners: list[tuple[float, float]] = []
     for point in sorted(points, key=lambda p: (p.x, p.y)):
         if point.y < best:
             if corners:
