@@ -99,6 +99,10 @@ class FactoredNetwork:
             x = ACTIVATIONS[self.output](x) if k == last else act(x)
         return x
 
+    def decayed(self, values: Mapping[str, Any], gradients: dict[str, Any]) -> dict[str, Any]:
+        """Gradients with those of the penalties on the size of weights added."""
+        return gradients | {"grid": self.grid.decayed(values["grid"], gradients["grid"])}
+
     def _emit(self, parameters: Mapping[str, Any], frame: Any) -> Any:
         """Compute the emitted layers [K, emitted] of all lights; without a light, one layer for all."""
         if not self.frame:

@@ -36,10 +36,14 @@ class HashGrid:
     """Levels with more vertices than 2^this share entries by a hash."""
     channels: int = 4
     """Features per level, a multiple of four: entries are read and written in packets."""
+    decay: tuple[float, ...] = ()
+    """Weight of each level's mean square in the loss: keeps fine levels from learning noise; empty: none."""
 
     def __post_init__(self) -> None:
         if self.channels % PACKET:
             raise ValueError(f"hash grid: {self.channels} channels, expected a multiple of {PACKET}")
+        if self.decay and len(self.decay) != self.levels:
+            raise ValueError(f"hash grid: {len(self.decay)} decays for {self.levels} levels; give one for each")
 
     @cached_property
     def layout(self) -> list[Level]:
@@ -122,6 +126,16 @@ class HashGrid:
                 value = UInt64x4(Int64x4(weight * part))
                 dr.scatter_add(total, value, entry * self.packets + packet)
         return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.entries, self.channels))
+
+    def decayed(self, table: Any, gradient: Any) -> Any:
+        """[entries, C] gradient with that of Σ decay · mean square of a level added."""
+        if not any(self.decay):
+            return gradient
+        entry = dr.arange(mi.UInt32, self.entries * self.channels) // self.channels
+        factor = mi.Float(0)
+        for lattice, weight in zip(self.layout, self.decay):
+            factor = dr.select(entry >= lattice.offset, 2 * weight / (lattice.entries * self.channels), factor)
+        return mi.TensorXf(gradient.array + factor * table.array, gradient.shape)
 
     def _corners(self, points: Any):
         """Yield (entry, weight) of the eight vertices around each (point, level)."""

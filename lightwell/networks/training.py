@@ -365,8 +365,11 @@ def frozen_step(
         dr.backward(loss)
         gradients = {name: dr.grad(value) for name, value in values.items()}
         values = {name: dr.detach(value) for name, value in values.items()}
+        gradients = _shaped(settings, gradients, values)
+        if hasattr(network, "decayed"):
+            gradients = network.decayed(values, gradients)
         update, _ = OPTIMISERS[settings.optimiser]
-        values, moments = update(values, _shaped(settings, gradients, values), moments, rate)
+        values, moments = update(values, gradients, moments, rate)
         return values, moments, dr.detach(loss)
 
     return freeze(step)

@@ -29,6 +29,13 @@ SSIM_SIGMA = 1.5
 SSIM_WINDOW = 11
 # Pixels on each side of a border between regions that belong to it.
 BORDER_WIDTH = 3
+# Mottle: the percentile of the reference that stands for "bright", the share of it that is added before the logarithm,
+# the share above which a patch is lit, and the spread of the log reference up to which a patch is smooth.
+BRIGHT_PERCENTILE, MOTTLE_SHADOW, LIT_SHARE, SMOOTH_SPREAD = 95.0, 0.01, 0.05, 0.15
+# Leak: the share of the points, darkest first, that must stay dark.
+DARK_SHARE = 0.25
+# Exposure: pixels brighter than this percentile of the picture count as much as it.
+HIGHLIGHT_PERCENTILE = 99.0
 
 
 @dataclass(frozen=True)
@@ -172,6 +179,83 @@ def psnr_ceiling_db(a: np.ndarray, b: np.ndarray) -> float:
     a, b = _checked(half_a=a, half_b=b)
     variance = float(np.mean((display(a) - display(b)) ** 2)) / 4
     return min(-10 * np.log10(variance), MAX_PSNR_DB) if variance > 0 else MAX_PSNR_DB
+
+
+def psnr_noise_free_db(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    """PSNR of displayed pictures [..., 3] with the noise of the reference taken off, decibels, at most 100.
+
+    The mean of (f − A)(f − B) over displayed values has the expectation of the squared error against a noise-free
+    reference, up to the curvature of the display transform over the noise of a half.
+    """
+    f, a, b = (display(x) for x in _checked(prediction=f, half_a=a, half_b=b))
+    error = float(np.mean((f - a) * (f - b)))
+    return min(-10 * np.log10(error), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
+
+
+def exposure_unit(reference: np.ndarray) -> float | None:
+    """The unit S by which a picture [..., 3] is exposed: 4 × its mean radiance, highlights and black pixels apart.
+
+    None where the whole picture is black.
+    """
+    (reference,) = _checked(reference=reference)
+    luminance = reference.mean(axis=-1).reshape(-1)
+    luminance = luminance[luminance > 0]
+    if not luminance.size:
+        return None
+    return MEANS_PER_UNIT * float(np.minimum(luminance, np.percentile(luminance, HIGHLIGHT_PERCENTILE)).mean())
+
+
+@dataclass(frozen=True)
+class Mottle:
+    """Blotches: root mean square over patches of the spread of log(learned / true) inside a patch."""
+
+    smooth: float | None
+    """Over lit patches whose truth varies little inside; None where there is none."""
+    lit: float | None
+    """Over all lit patches."""
+    patches: int
+    """Lit smooth patches."""
+
+
+def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
+    """Mottle of P flat patches of Q points each under one light: f, a, b are [P, Q, 3].
+
+    With s = 1 % of the 95th percentile of the truth y, the variance of log((f + s) / (y + s)) inside a patch, less that
+    of the noise of y (a quarter of the variance of log((a + s) / (b + s))). Lit: mean truth above 5 % of that
+    percentile. Smooth: the variance of log(y + s), noise off, is below 0.15².
+    """
+    f, a, b = (x.mean(axis=-1) for x in _checked(prediction=f, half_a=a, half_b=b))
+    y = 0.5 * (a + b)
+    bright = float(np.percentile(y, BRIGHT_PERCENTILE))
+    if bright <= 0:
+        return Mottle(None, None, 0)
+    shadow = MOTTLE_SHADOW * bright
+    logarithm = lambda x: np.log(np.maximum(x, 0) + shadow)  # noqa: E731
+    within = lambda x: np.var(x, axis=1, ddof=1)  # noqa: E731
+    noise = within(logarithm(a) - logarithm(b)) / 4
+    error = within(logarithm(f) - logarithm(y)) - noise
+    lit = y.mean(axis=1) > LIT_SHARE * bright
+    smooth = lit & (within(logarithm(y)) - noise < SMOOTH_SPREAD**2)
+    root = lambda rows: float(np.sqrt(max(error[rows].mean(), 0.0))) if rows.any() else None  # noqa: E731
+    return Mottle(root(smooth), root(lit), int(smooth.sum()))
+
+
+def leak(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
+    """|mean learned − mean true| on the darkest quarter of the points, over the mean of all; missing light counts too.
+
+    The darkest are chosen by half A and compared with half B, so that noise does not choose what it is compared with.
+    """
+    f, a, b = _checked(prediction=f, half_a=a, half_b=b)
+    weights = _weights(f[..., 0], weight)
+    everywhere = float(np.average(0.5 * (a + b).mean(axis=-1).reshape(-1), weights=weights))
+    if everywhere <= 0:
+        raise ValueError("report: the reference is black, so that no leak exists; is the light on?")
+    by_a, by_b, by_f = (x.mean(axis=-1).reshape(-1) for x in (a, b, f))
+    order = np.argsort(by_a, kind="stable")
+    dark = order[np.cumsum(weights[order]) <= DARK_SHARE * weights.sum()]
+    if not dark.size:
+        return 0.0
+    return abs(float(np.average(by_f[dark] - by_b[dark], weights=weights[dark]))) / everywhere
 
 
 def ssim(f: np.ndarray, y: np.ndarray) -> float:

@@ -76,7 +76,7 @@ def gbuffer(
         rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), pixel, mi.UInt32(0))
         offset = mi.Point2f(rng.next_float32(), rng.next_float32())
     ray = camera_rays(camera, width, height, pixel, offset)
-    pi, ray = _first_surface(scene.mi, ray)
+    pi, ray = first_surface(scene.mi, ray)
     si = pi.compute_surface_interaction(ray)
     emission = dr.select(dr.isfinite(ray.d.x), si.emitter(scene.mi).eval(si), 0)
     hit = pi.is_valid()
@@ -276,7 +276,7 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
 
 
 @dr.syntax
-def _first_surface(geometry, ray):
+def first_surface(geometry, ray):
     """Find the first surface that is not cut away, and the ray that meets it."""
     ray = mi.Ray3f(ray)
     pi = geometry.ray_intersect_preliminary(ray, coherent=True)

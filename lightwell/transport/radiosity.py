@@ -1,0 +1,298 @@
+"""Indirect light of many lights at once: a final gather over a radiosity solution.
+
+Paths need no light. From every surface point a few rays are traced once; each keeps the *bin* of surface that it met and
+what that bin's irradiance is worth to the point. For any light the irradiance of the bins is known: direct light by a
+shadow ray to a place in each bin, indirect light by a linear system over coarser bins. The light that leaves a point is
+then a sum over its rays, for as many lights as are wanted, at the price of reading a table (Hašan et al. 2006,
+direct-to-indirect transfer; Goral et al. 1984, radiosity; Ward et al. 1988, the final gather).
+
+What it blurs: the bright spot beside a light over a bin, and reflections of reflections.
+
+Notation: N points, P rays per point, F bins, C coarse bins, K lights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import PointLight, Variable
+from lightwell.transport.bins import Bins, find_bins, parted
+from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.radiance import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.tables import tables
+
+# Rays per point by which the bins are found, and points that send them.
+PROBES, PROBE_POINTS = 16, 1 << 16
+# Rays of a coarse bin.
+COARSE_RAYS = 512
+# Mirrors, clear glass and cut-outs that a ray passes at most.
+PASSED = 6
+# Lanes of one launch.
+LANES = 1 << 20
+# Lights whose indirect irradiance is solved for at once.
+LIGHTS_AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What N points see of the bins: ray by ray."""
+
+    bin: np.ndarray
+    """[N, P] uint16 or uint32 bin that the ray met; F where there is none."""
+    weight: np.ndarray
+    """[N, P, 3] float16 radiance that leaves the point for an irradiance of 1 on that bin, over the mean of the rays."""
+
+
+@dataclass(frozen=True)
+class BinLight:
+    """Irradiance of the bins under K lights of 1 cd (1 lx)."""
+
+    direct: np.ndarray
+    """[K, F + 1] float32; the last column is 0."""
+    indirect: np.ndarray
+    """[K, C, 3] float32."""
+    lights: np.ndarray
+    """[K, 3]."""
+
+
+class Radiosity:
+    """The bins of a scene and how they light each other; built from points that see the scene."""
+
+    def __init__(self, scene: Scene, points: SurfacePoints, seed: int, fine: int, coarse: int) -> None:
+        self.scene, self.seed = scene, seed
+        tables(scene)
+        probes = points[: min(len(points), PROBE_POINTS)]
+        position, normal, _ = self._hits(DevicePoints(probes), len(probes), PROBES, seed)
+        bins = find_bins(position, normal, fine, coarse, np.random.default_rng([seed, 5]))
+        self.bins: Bins = parted(bins, self._sight)
+        self._transfer = self._coarse_rows()
+
+    def _sight(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """[K] whether nothing stands between places [K, 3]."""
+        way = np.asarray(b - a, np.float32)
+        length = np.linalg.norm(way, axis=1)
+        columns = lambda x: np.ascontiguousarray(np.asarray(x, np.float32).T)  # noqa: E731
+        ray = mi.Ray3f(mi.Point3f(columns(a)), mi.Vector3f(columns(way / np.maximum(length, 1e-20)[:, None])))
+        ray.maxt = mi.Float(length)
+        return ~np.array(self.scene.mi.ray_test(ray)) | (length < 1e-6 * self.scene.extent)
+
+    # ------------------------------------------------------------------ rays
+
+    def _hits(self, device, count: int, rays: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places, normals on the side that is met, and weights [hits, 3] of ``rays`` rays from each of some points."""
+        parts = []
+        batch = max(1, LANES // rays)
+        for start in range(0, count, batch):
+            found = self._launch(device, start, min(batch, count - start), rays, seed)
+            dr.eval(found)
+            weight, p, n = (np.array(v).T for v in found)
+            seen = weight.max(axis=1) > 0
+            parts.append((p[seen], n[seen], weight[seen]))
+        return tuple(np.concatenate(x) for x in zip(*parts))
+
+    def _launch(self, device, start: int, count: int, rays: int, seed: int):
+        size = dr.opaque(mi.UInt32, rays)
+        lane = dr.arange(mi.UInt32, count * rays)
+        path, row = lane % size, dr.opaque(mi.UInt32, start) + lane // size
+        at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        rng = random_streams(at_seed, row, path)
+        # Two halves, each with a lattice of its own.
+        half = dr.opaque(mi.UInt32, max(rays // 2, 1))
+        shift = random_streams(at_seed, row, LATTICE_STREAM + path // half)
+        first = stratified(shift, path % half, half)
+        return _gather_ray(self.scene.mi, gather_interaction(self.scene, device, row), rng, first)
+
+    def rows(self, points: SurfacePoints, rays: int, seed: int) -> Rows:
+        """What points see, by ``rays`` rays each, an even number: the two halves are independent."""
+        device, batch = DevicePoints(points), max(1, LANES // rays)
+        bins = np.empty((len(points), rays), np.uint16 if self.bins.count < 1 << 16 else np.uint32)
+        weight = np.empty((len(points), rays, 3), np.float16)
+        for start in range(0, len(points), batch):
+            count = min(batch, len(points) - start)
+            w, p, n = self._launch(device, start, count, rays, seed)
+            index = self.bins.lookup(p, n)
+            dr.eval(w, index)
+            w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0) * (2 / rays)
+            met = w.max(axis=1) > 0
+            bins[start : start + count] = np.where(met, np.array(index), self.bins.count).reshape(count, rays)
+            weight[start : start + count] = np.minimum(w, 6e4).reshape(count, rays, 3)
+        return Rows(bins, weight)
+
+    def _coarse_rows(self):
+        """[C, F, 3] as three sparse matrices: indirect irradiance of coarse bins for an irradiance of 1 on bins."""
+        from scipy.sparse import csr_matrix
+
+        bins, random = self.bins, np.random.default_rng([self.seed, 6])
+        place, normal = bins.places_of_coarse(COARSE_RAYS, random)
+        direction = _cosine(normal, random.random((2, len(normal))))
+        origin = place + 1e-4 * self.scene.extent * normal
+        parts = []
+        for start in range(0, len(place), LANES):
+            at = slice(start, start + LANES)
+            w, p, n = _free_ray(self.scene.mi, origin[at], direction[at], self.seed, start)
+            index = bins.lookup(p, n)
+            dr.eval(w, index)
+            w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0)
+            parts.append((np.where(w.max(axis=1) > 0, np.array(index), bins.count), w))
+        column, weight = (np.concatenate(x) for x in zip(*parts))
+        row = np.repeat(np.arange(bins.coarse_count), COARSE_RAYS)
+        shape = (bins.coarse_count, bins.count + 1)
+        # Energy that is reflected for ever has no solution; nothing reflects more than this.
+        weight = np.minimum(weight, 0.95) / COARSE_RAYS
+        return [csr_matrix((weight[:, c], (row, column)), shape=shape, dtype=np.float32) for c in range(3)]
+
+    # ------------------------------------------------------------------ light
+
+    def light(self, variable: Variable, lights: np.ndarray, seed: int) -> BinLight:
+        """Irradiance of the bins under lights [K, 3] (directions of a sun)."""
+        direct = np.zeros((len(lights), self.bins.count + 1), np.float32)
+        batch = max(1, LANES // self.bins.count)
+        for start in range(0, len(lights), batch):
+            direct[start : start + batch, :-1] = self._irradiance(variable, lights[start : start + batch], seed + start)
+        return BinLight(direct, self._solve(direct), np.asarray(lights, np.float32))
+
+    def _irradiance(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
+        """[k, F] direct irradiance at a random place of each bin."""
+        count = self.bins.count
+        lane = dr.arange(mi.UInt32, len(lights) * count)
+        of_bin = lane % dr.opaque(mi.UInt32, count)
+        place, n = self.bins.random_place(of_bin, random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(0)))
+        light = dr.gather(mi.Vector3f, upload(mi.Vector3f, lights), lane // dr.opaque(mi.UInt32, count))
+        origin = place + dr.opaque(mi.Float, 1e-4 * self.scene.extent) * n
+        if isinstance(variable, PointLight):
+            way = light - origin
+            distance2 = dr.squared_norm(way)
+            d = way * dr.rsqrt(distance2)
+            E = dr.maximum(dr.dot(n, d), 0) / distance2
+            ray = mi.Ray3f(origin, d)
+            ray.maxt = dr.sqrt(distance2) * (1 - 1e-4)
+        else:
+            E = dr.maximum(dr.dot(n, light), 0)
+            ray = mi.Ray3f(origin, light)
+        E = dr.select(E > 0, dr.select(self.scene.mi.ray_test(ray, E > 0), 0, E), 0)
+        return np.array(E).reshape(len(lights), count)
+
+    def _solve(self, direct: np.ndarray) -> np.ndarray:
+        """[K, C, 3] indirect irradiance of the coarse bins."""
+        from scipy.linalg import lu_factor, lu_solve
+        from scipy.sparse import csr_matrix
+
+        bins, count = self.bins, self.bins.coarse_count
+        ones = (np.ones(bins.count, np.float32), (np.arange(bins.count), bins.coarse))
+        coarse_of = csr_matrix(ones, shape=(bins.count + 1, count))
+        out = np.empty((len(direct), count, 3), np.float32)
+        for c, transfer in enumerate(self._transfer):
+            factors = lu_factor(np.eye(count, dtype=np.float32) - (transfer @ coarse_of).toarray())
+            for start in range(0, len(direct), LIGHTS_AT_ONCE):
+                part = slice(start, start + LIGHTS_AT_ONCE)
+                out[part, :, c] = lu_solve(factors, transfer @ direct[part].T, check_finite=False).T
+        return np.maximum(out, 0)
+
+
+class Gather:
+    """Rows and bin light on the device: halves of samples for pairs of point and light."""
+
+    def __init__(self, radiosity: Radiosity, rows: Rows, light: BinLight) -> None:
+        self._bin = mi.UInt32(rows.bin.astype(np.uint32).ravel())
+        self._weight = mi.Float16(rows.weight.ravel())
+        self._rays = rows.bin.shape[1]
+        self._direct, self._fine = mi.Float(light.direct.ravel()), light.direct.shape[1]
+        self._indirect, self._coarse_count = mi.Float(light.indirect.ravel()), light.indirect.shape[1]
+        self._coarse = mi.UInt32(np.append(radiosity.bins.coarse, 0).astype(np.uint32))
+
+    def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
+        halves = _sum_of_rays(
+            mi.UInt32(np.asarray(point, np.uint32)),
+            mi.UInt32(np.asarray(light, np.uint32)),
+            (self._bin, self._weight, self._direct, self._indirect, self._coarse),
+            tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._fine, self._coarse_count)),
+        )
+        dr.eval(halves)
+        return tuple(np.ascontiguousarray(np.array(h).T) for h in halves)
+
+
+@dr.syntax
+def _sum_of_rays(point, light, held, sizes):
+    """Radiance of both halves of the rays of each pair."""
+    bin_of, weight, direct, indirect, coarse_of = held
+    rays, fine, coarse_count = sizes
+    a, b = mi.Color3f(0), mi.Color3f(0)
+    k = mi.UInt32(0)
+    begin, half = point * rays, rays // 2
+    while dr.hint(k < rays, label="lightwell gather"):
+        entry = begin + k
+        index = dr.gather(mi.UInt32, bin_of, entry)
+        E = dr.gather(mi.Float, direct, light * fine + index)
+        at = (light * coarse_count + dr.gather(mi.UInt32, coarse_of, index)) * 3
+        total = mi.Color3f(*(E + dr.gather(mi.Float, indirect, at + c) for c in range(3)))
+        w = mi.Color3f(*(mi.Float(dr.gather(mi.Float16, weight, entry * 3 + c)) for c in range(3)))
+        value = dr.select(index + 1 < fine, w * total, 0)
+        a += dr.select(k < half, value, 0)
+        b += dr.select(k < half, 0, value)
+        k += 1
+    return a, b
+
+
+@dr.syntax
+def _gather_ray(scene, si, rng, first):
+    """Where a ray that leaves ``si`` by its BSDF ends: (radiance per irradiance there, place, normal on the side met)."""
+    ctx = mi.BSDFContext()
+    lobe, direction, _ = first
+    sample, β = si.bsdf().sample(ctx, si, lobe, direction)
+    ray = si.spawn_ray(si.to_world(sample.wo))
+    weight, p, n = _end(scene, ray, β, rng)
+    return weight, p, n
+
+
+def _free_ray(scene, origin: np.ndarray, direction: np.ndarray, seed: int, stream: int):
+    """The same for rays [R, 3] that begin in the air, times π: irradiance per irradiance."""
+    columns = lambda a: np.ascontiguousarray(np.asarray(a, np.float32).T)  # noqa: E731
+    ray = mi.Ray3f(mi.Point3f(columns(origin)), mi.Vector3f(columns(direction)))
+    lane = dr.arange(mi.UInt32, len(origin)) + dr.opaque(mi.UInt32, stream)
+    rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(1))
+    weight, p, n = _end(scene, ray, mi.Spectrum(1), rng)
+    return weight * dr.pi, p, n
+
+
+@dr.syntax
+def _end(scene, ray, β, rng):
+    """Follow a ray through mirrors, glass and holes to the first surface that scatters."""
+    ctx = mi.BSDFContext()
+    ray, β = mi.Ray3f(ray), mi.Spectrum(β)
+    weight, p, n = mi.Spectrum(0), mi.Point3f(0), mi.Vector3f(0, 0, 1)
+    passed = mi.UInt32(0)
+    active = dr.max(β) != 0
+    while dr.hint(active, label="lightwell gather ray"):
+        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        active &= si.is_valid()
+        u = mi.Point2f(rng.next_float32(), rng.next_float32())
+        sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
+        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
+            sample.sampled_type, mi.BSDFFlags.Null
+        )
+        β = dr.select(active, β * albedo, β)
+        ended = active & ~straight & (dr.max(albedo) > 0)
+        weight = dr.select(ended, β * dr.inv_pi, weight)
+        p = dr.select(ended, si.p, p)
+        n = dr.select(ended, dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n), n)
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        passed += 1
+        active &= straight & (passed < PASSED)
+    return weight, p, n
+
+
+def _cosine(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Cosine-distributed unit directions about unit normals [R, 3] from numbers [2, R]."""
+    radius, angle = np.sqrt(u[0]), 2 * np.pi * u[1]
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    tangent = np.cross(normal, helper)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    across = np.cross(normal, tangent)
+    up = np.sqrt(np.maximum(1 - u[0], 0))
+    return (radius * np.cos(angle))[:, None] * tangent + (radius * np.sin(angle))[:, None] * across + up[:, None] * normal

@@ -1,0 +1,76 @@
+"""Noise-free PSNR, mottle and leak on made-up data whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.report import metrics
+
+
+def halves(truth: np.ndarray, noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Two noisy copies of a truth."""
+    random = np.random.default_rng(seed)
+    return tuple(truth * (1 + noise * random.standard_normal(truth.shape)) for _ in range(2))
+
+
+def test_psnr_without_noise_is_that_of_a_clean_reference():
+    truth = np.full((200, 200, 3), 0.25)
+    f = truth * 1.05
+    a, b = halves(truth, 0.04)
+    clean = metrics.psnr_db(f, truth)
+    assert metrics.psnr_noise_free_db(f, a, b) == pytest.approx(clean, abs=0.3)
+    assert metrics.psnr_db(f, 0.5 * (a + b)) < clean - 0.8
+
+
+def test_exposure_unit_ignores_highlights_and_black():
+    picture = np.full((100, 100, 3), 2.0)
+    picture[:50] = 0
+    picture[99, :10] = 1e4
+    assert metrics.exposure_unit(picture) == pytest.approx(8.0, rel=0.05)
+    assert metrics.exposure_unit(np.zeros((4, 4, 3))) is None
+
+
+def patches(spread: float, seed: int = 1) -> np.ndarray:
+    """[300, 9, 3] factors with a log-normal spread inside each patch."""
+    return np.exp(spread * np.random.default_rng(seed).standard_normal((300, 9, 1))) * np.ones(3)
+
+
+def test_mottle_finds_the_spread_of_blotches_and_not_the_noise():
+    truth = np.random.default_rng(2).uniform(0.5, 2, (300, 1, 1)) * np.ones((300, 9, 3))
+    a, b = halves(truth, 0.05)
+    assert metrics.mottle(truth * patches(0.1), a, b).smooth == pytest.approx(0.1, rel=0.1)
+    assert metrics.mottle(truth, a, b).smooth < 0.02
+
+
+def test_a_wrong_level_is_no_mottle():
+    truth = np.ones((50, 9, 3))
+    assert metrics.mottle(2 * truth, truth, truth).smooth == pytest.approx(0, abs=1e-9)
+
+
+def test_mottle_of_smooth_patches_leaves_out_shadow_edges_and_the_dark():
+    truth = np.ones((60, 9, 3))
+    truth[:20, :4] = 0.2
+    truth[20:40] = 1e-3
+    f = truth.copy()
+    f[:40, ::2] *= 3
+    found = metrics.mottle(f, truth, truth)
+    assert found.patches == 20 and found.smooth == pytest.approx(0, abs=1e-9)
+    assert found.lit > 0.2
+
+
+def test_leak_is_the_light_in_the_dark_quarter():
+    truth = np.ones((100, 3))
+    truth[:25] = 0
+    f = truth.copy()
+    f[:25] = 0.03
+    assert metrics.leak(f, truth, truth) == pytest.approx(0.03 / 0.75)
+    assert metrics.leak(truth * 2, truth, truth) == pytest.approx(0)
+
+
+def test_missing_light_counts_as_leak():
+    truth = np.ones((100, 3))
+    truth[:25] = 0.1
+    f = truth.copy()
+    f[:25] = 0
+    assert metrics.leak(f, truth, truth) == pytest.approx(0.1 / 0.775)
