@@ -1,4 +1,4 @@
-"""How good learned light looks: pictures with the reference's noise taken off, blotches, leaks. One light of 1 cd (1 lx).
+"""How good learned light looks: pictures with the reference's noise taken off, blotches, leaks; for 1 cd (1 lx).
 
 Truth is traced once and scored against any number of fields. Notation: V views of H x W pixels, N points.
 """
@@ -10,9 +10,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from lightwell.baking.effort import EVALUATION_SEED
+from lightwell.baking.effort import EVALUATION_SEED, Effort
 from lightwell.baking.truth import PointTruth, ViewTruth, trace_points, trace_view
-from lightwell.baking.effort import Effort
 from lightwell.report import metrics
 from lightwell.report.metrics import Mottle
 from lightwell.scenes.placing import held_out_lights

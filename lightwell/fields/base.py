@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -53,6 +53,30 @@ class FieldSetup:
         center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable)
+
+
+# The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest
+# edge: a ground plane of kilometres, mountains or a dome of sky leave no cell to a room.
+OUTLIERS, BOX_MARGIN = 0.01, 0.05
+
+
+def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
+    """The set-up with its box drawn to where samples and their lights are, if that is smaller."""
+    places = samples.query.position
+    low, high = np.quantile(places, [OUTLIERS, 1 - OUTLIERS], axis=0)
+    if setup.light == "point":
+        lights = samples.query.light
+        low, high = np.minimum(low, lights.min(axis=0)), np.maximum(high, lights.max(axis=0))
+    margin = BOX_MARGIN * float((high - low).max())
+    low, high = np.maximum(low - margin, places.min(axis=0)), np.minimum(high + margin, places.max(axis=0))
+    if setup.light == "point":
+        low, high = np.minimum(low, lights.min(axis=0) - margin), np.maximum(high, lights.max(axis=0) + margin)
+    center, size = 0.5 * (low + high), high - low
+    half_extent = 0.5 * float(size.max())
+    if half_extent >= setup.half_extent:
+        return setup
+    as_tuple = lambda v: tuple(float(c) for c in v)  # noqa: E731
+    return replace(setup, center=as_tuple(center), half_extent=half_extent, size=as_tuple(size))
 
 
 # Index of refraction up to which a surface reflects nothing but diffusely.

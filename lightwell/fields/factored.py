@@ -28,7 +28,8 @@ from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
-_DEFAULT_GRID = HashGrid(levels=3, base=8, growth=2, entries_log2=13)
+# Fine levels without decay learn the noise of the samples; the coarsest carries what is smooth.
+_DEFAULT_GRID = HashGrid(levels=4, base=7, growth=2, entries_log2=15, decay=(0.0, 0.1, 1.0, 3.0))
 _DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200)
 
 
@@ -42,7 +43,7 @@ class FactoredPreset:
 
     grid: HashGrid = _DEFAULT_GRID
     light_hidden: tuple[int, ...] = (64, 64)
-    hidden: tuple[int, ...] = (24, 14)
+    hidden: tuple[int, ...] = (28, 16)
     light_octaves: int = 4
     light_falloff: float = 0.5
     training: TrainingSettings = _DEFAULT_TRAINING
@@ -173,33 +174,36 @@ class FactoredFit:
         b = open_builder()
         point, pixel, frame = self._nodes(b)
         weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation
-        table = pack(weights["grid"], self.preset.table_storage, per_row=False)
+        values, steps = grid.even(weights["grid"])
+        table = pack(values, self.preset.table_storage, per_row=False)
         u = b.hashgrid(point, table, grid.levels, grid.base, grid.growth, grid.entries_log2)
         small = lambda values: pack(values, self.preset.storage)  # noqa: E731
         x = b.linear(b.concat(*pixel), small(weights["pixel_w"].T), small(np.zeros(self.network.hidden[0])))
-        x = b.activate(b.add(x, self._emitted(b, u, frame, small)), act)
+        x = b.activate(b.add(x, self._emitted(b, u, frame, small, steps)), act)
         last = len(self.network.head_sizes) - 2
         for k in range(last + 1):
             x = b.linear(x, small(weights[f"w{k}"].T), small(weights[f"b{k}"][0]))
             x = b.activate(x, self.network.output if k == last else act)
         return b.build(radiance=b.scale(x, self.setup.unit))
 
-    def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable) -> str:
-        """W u + b of the layer that the light writes (the same for all without one)."""
+    def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable, steps: np.ndarray) -> str:
+        """W u + b of the layer that the light writes (the same for all without one); u is divided by ``steps`` [U]."""
         weights, units, width = self._trainer.best, self.network.hidden[0], self.network.grid.width
         # The graph's matrices are [out, in] row by row; training emits [in, out], then the bias.
         rows = np.arange(width * units).reshape(width, units).T.ravel()
+        # The columns of W take up what the table was divided by.
+        scale = np.append(np.tile(steps, units), np.ones(units)).astype(np.float32)
+        rows = np.append(rows, np.arange(width * units, (width + 1) * units))
         if not frame:
-            layer = weights["emit_b"][0]
-            return b.linear(u, small(layer[rows].reshape(units, width)), small(layer[width * units :]))
+            layer = weights["emit_b"][0][rows] * scale
+            return b.linear(u, small(layer[: width * units].reshape(units, width)), small(layer[width * units :]))
         x = b.concat(*frame, per_frame=True)
         for k in range(len(self.preset.light_hidden)):
             x = b.linear(x, small(weights[f"light_w{k}"].T), small(weights[f"light_b{k}"][0]), per_frame=True)
             x = b.activate(x, self.network.activation, per_frame=True)
-        emit, bias = weights["emit_w"].T, weights["emit_b"][0]
-        # One step for a whole matrix: a row of its own step costs four bytes beside some ten numbers.
-        large = lambda values: pack(values, self.preset.table_storage, per_row=False)  # noqa: E731
-        matrix = b.linear(x, large(emit[rows]), small(bias[rows]), per_frame=True)
+        emit, bias = weights["emit_w"].T[rows] * scale[:, None], weights["emit_b"][0][rows] * scale
+        large = lambda values: pack(values, self.preset.table_storage)  # noqa: E731
+        matrix = b.linear(x, large(emit[: width * units]), small(bias[: width * units]), per_frame=True)
         offset = b.linear(x, large(emit[width * units :]), small(bias[width * units :]), per_frame=True)
         return b.add(b.matvec(matrix, u, units), offset)
 

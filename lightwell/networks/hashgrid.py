@@ -81,6 +81,17 @@ class HashGrid:
         """
         return rng.uniform(-bound, bound, (self.entries, self.channels)).astype(np.float32)
 
+    def even(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The table divided by the largest magnitude of each level and channel, so that one step of storage suits all,
+        and these magnitudes [L · C]."""
+        values, steps = np.array(table, np.float32), []
+        for lattice in self.layout:
+            level = values[lattice.offset : lattice.offset + lattice.entries]
+            largest = np.maximum(np.abs(level).max(axis=0), 1e-12)
+            level /= largest
+            steps.append(largest)
+        return values, np.concatenate(steps)
+
     def __call__(self, table: Any, points: Any) -> Any:
         """Interpolate features at [B, 3] points; differentiable in the table, not in the points."""
         return dr.custom(_Encode, self, table, points)

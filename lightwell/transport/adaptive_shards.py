@@ -54,7 +54,7 @@ class AdaptiveShards:
     ) -> tuple[dict[str, np.ndarray], dict]:
         """Make one shard, as ``make_shard`` does."""
         mix_seed, light_seed, path_seed = shard_seeds(settings, ADAPTIVE_STREAM + index)
-        pool = surface_pool(scene, settings, index // POOL_SHARDS)
+        pool = surface_pool(scene, variable, settings, index // POOL_SHARDS)
         lights = (lights_fn or default_lights(scene, variable))(settings.lights, light_seed)
         points, light, weight = mixture(scene, self._density, pool, lights, settings.size, mix_seed)
         return shard_columns(

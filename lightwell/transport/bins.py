@@ -23,6 +23,9 @@ PLACES = 8
 COARSEST = 16
 # Places are looked at from this far above their surface, in cells, and coarse bins are cut this often.
 LIFT, COARSE_CUTS = 0.1, 2
+# How much farther a place is off its plane than along it, and how far off, in cells, it belongs to no bin: a layer that
+# is hidden behind those that were found, and dark.
+OFF_PLANE, DEEPEST = 8.0, 0.3
 # Sides of a cell: two for each axis.
 SIDES = 6
 
@@ -47,6 +50,8 @@ class Bins:
     """[F, PLACES, 3] unit normals there, on the side of the bin."""
     sites: np.ndarray
     """[S, PLACES, 3] places in each cell of the table: the nearest one decides the bin."""
+    site_normals: np.ndarray
+    """[S, PLACES, 3] normals there."""
     owner: np.ndarray
     """[S, PLACES] bin of each of these."""
 
@@ -63,15 +68,14 @@ class Bins:
     @cached_property
     def _device(self):
         table = mi.UInt32(self.table.astype(np.uint32))
-        places, normals, sites = (
-            upload(mi.Vector3f, a.reshape(-1, 3)) for a in (self.place, self.normal, self.sites)
+        places, normals, *sites = (
+            upload(mi.Vector3f, a.reshape(-1, 3)) for a in (self.place, self.normal, self.sites, self.site_normals)
         )
-        mixed = (self.owner != self.owner[:, :1]).any(axis=1)
-        return table, places, normals, sites, mi.UInt32(self.owner.astype(np.uint32).ravel()), mi.Bool(mixed)
+        return table, places, normals, *sites, mi.UInt32(self.owner.astype(np.uint32).ravel())
 
     def lookup(self, p, n) -> mi.UInt32:
         """Bins of places and normals on the device; F where there is none."""
-        table, _, _, sites, owner, mixed = self._device
+        table, _, _, sites, site_normals, owner = self._device
         cells = [
             mi.UInt32(dr.clip((x - float(low)) / self.edge, 0, size - 1))
             for x, low, size in zip(p, self.low, self.shape)
@@ -83,12 +87,17 @@ class Bins:
         cell = (cells[0] * self.shape[1] + cells[1]) * self.shape[2] + cells[2]
         found = dr.gather(mi.UInt32, table, cell * SIDES + side)
         valid = found < len(self.owner)
-        several = valid & dr.gather(mi.Bool, mixed, found, valid)
-        nearest, least = found * PLACES, mi.Float(dr.inf)
+        nearest, least, depth = found * PLACES, mi.Float(dr.inf), mi.Float(dr.inf)
         for k in range(PLACES):
-            distance = dr.squared_norm(dr.gather(mi.Vector3f, sites, found * PLACES + k, several) - p)
-            nearest = dr.select(several & (distance < least), found * PLACES + k, nearest)
+            at = found * PLACES + k
+            way = dr.gather(mi.Vector3f, sites, at, valid) - p
+            # Layers of a wall lie behind each other: off its plane a place is farther than it is.
+            off = dr.abs(dr.dot(dr.gather(mi.Vector3f, site_normals, at, valid), way))
+            distance = dr.squared_norm(way) + dr.square(OFF_PLANE * off)
+            nearer = distance < least
+            nearest, depth = dr.select(nearer, at, nearest), dr.select(nearer, off, depth)
             least = dr.minimum(least, distance)
+        valid &= depth < DEEPEST * self.edge
         return dr.select(valid, dr.gather(mi.UInt32, owner, nearest, valid), self.count)
 
     def random_place(self, index: mi.UInt32, rng) -> tuple[mi.Vector3f, mi.Vector3f]:
@@ -107,9 +116,7 @@ class Bins:
         return self.place[bins, which].astype(np.float64), self.normal[bins, which].astype(np.float64)
 
 
-def find_bins(
-    position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, random: np.random.Generator
-) -> Bins:
+def find_bins(position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, random: np.random.Generator) -> Bins:
     """About ``fine`` bins, and ``coarse`` coarse ones, of the surfaces at places [H, 3] with normals [H, 3]."""
     low, high = np.quantile(position, [TAIL, 1 - TAIL], axis=0)
     margin = MARGIN * float((high - low).max()) + 1e-6
@@ -126,7 +133,9 @@ def find_bins(
     table[kinds] = number
     place, normals = _places(position, normal, number[inverse], int(kept.sum()), random)
     owner = np.repeat(np.arange(len(place))[:, None], PLACES, axis=1)
-    return Bins(low, float(edge), shape, table, _coarse(kinds[kept], shape, coarse), place, normals, place, owner)
+    return Bins(
+        low, float(edge), shape, table, _coarse(kinds[kept], shape, coarse), place, normals, place, normals, owner
+    )
 
 
 Sight = Callable[[np.ndarray, np.ndarray], np.ndarray]

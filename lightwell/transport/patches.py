@@ -72,7 +72,9 @@ def _around(scene: Scene, centres: SurfacePoints, random: np.random.Generator) -
 
 def _edges(scene: Scene, points: SurfacePoints) -> np.ndarray:
     """[N, 2, 3] edges from the first vertex of each point's triangle."""
-    corners = np.stack([scene.meshes[s].positions[scene.meshes[s].indices[t]] for s, t in zip(points.shape, points.triangle)])
+    corners = np.stack(
+        [scene.meshes[s].positions[scene.meshes[s].indices[t]] for s, t in zip(points.shape, points.triangle)]
+    )
     return (corners[:, 1:] - corners[:, :1]).astype(np.float64)
 
 
@@ -83,12 +85,12 @@ def _disc(edges: np.ndarray, radius: float, random: np.random.Generator) -> np.n
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-30)
     distance, angle = random.random((2, len(edges), POINTS * TRIES))
     distance, angle = radius * np.sqrt(distance), 2 * np.pi * angle
-    return (distance * np.cos(angle))[..., None] * first[:, None] + (distance * np.sin(angle))[..., None] * across[:, None]
+    return (distance * np.cos(angle))[..., None] * first[:, None] + (distance * np.sin(angle))[..., None] * across[
+        :, None
+    ]
 
 
-def _facing_one_eye(
-    scene: Scene, centres: SurfacePoints, points: SurfacePoints, rows: np.ndarray
-) -> SurfacePoints:
+def _facing_one_eye(scene: Scene, centres: SurfacePoints, points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
     """The points with views towards the eye of their patch's centre."""
     eye = frames(scene, centres)[0] + 0.25 * scene.extent * centres.view
     way = eye[rows] - frames(scene, points)[0]

@@ -1,9 +1,9 @@
 """Indirect light of many lights at once: a final gather over a radiosity solution.
 
-Paths need no light. From every surface point a few rays are traced once; each keeps the *bin* of surface that it met and
-what that bin's irradiance is worth to the point. For any light the irradiance of the bins is known: direct light by a
-shadow ray to a place in each bin, indirect light by a linear system over coarser bins. The light that leaves a point is
-then a sum over its rays, for as many lights as are wanted, at the price of reading a table (Hašan et al. 2006,
+Paths need no light. From every surface point a few rays are traced once; each keeps the *bin* of surface that it met
+and what that bin's irradiance is worth to the point. For any light the irradiance of the bins is known: direct light by
+a shadow ray to a place in each bin, indirect light by a linear system over coarser bins. The light that leaves a point
+is then a sum over its rays, for as many lights as are wanted, at the price of reading a table (Hašan et al. 2006,
 direct-to-indirect transfer; Goral et al. 1984, radiosity; Ward et al. 1988, the final gather).
 
 What it blurs: the bright spot beside a light over a bin, and reflections of reflections.
@@ -45,7 +45,7 @@ class Rows:
     bin: np.ndarray
     """[N, P] uint16 or uint32 bin that the ray met; F where there is none."""
     weight: np.ndarray
-    """[N, P, 3] float16 radiance that leaves the point for an irradiance of 1 on that bin, over the mean of the rays."""
+    """[N, P, 3] float16 radiance that leaves the point for an irradiance of 1 on that bin: a mean over a half."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,9 @@ class Radiosity:
         count = self.bins.count
         lane = dr.arange(mi.UInt32, len(lights) * count)
         of_bin = lane % dr.opaque(mi.UInt32, count)
-        place, n = self.bins.random_place(of_bin, random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(0)))
+        place, n = self.bins.random_place(
+            of_bin, random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(0))
+        )
         light = dr.gather(mi.Vector3f, upload(mi.Vector3f, lights), lane // dr.opaque(mi.UInt32, count))
         origin = place + dr.opaque(mi.Float, 1e-4 * self.scene.extent) * n
         if isinstance(variable, PointLight):
@@ -241,7 +243,7 @@ def _sum_of_rays(point, light, held, sizes):
 
 @dr.syntax
 def _gather_ray(scene, si, rng, first):
-    """Where a ray that leaves ``si`` by its BSDF ends: (radiance per irradiance there, place, normal on the side met)."""
+    """Where a ray that leaves ``si`` by its BSDF ends: radiance per irradiance there, place, normal on the side met."""
     ctx = mi.BSDFContext()
     lobe, direction, _ = first
     sample, β = si.bsdf().sample(ctx, si, lobe, direction)
@@ -295,4 +297,6 @@ def _cosine(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.cross(normal, tangent)
     up = np.sqrt(np.maximum(1 - u[0], 0))
-    return (radius * np.cos(angle))[:, None] * tangent + (radius * np.sin(angle))[:, None] * across + up[:, None] * normal
+    return (
+        (radius * np.cos(angle))[:, None] * tangent + (radius * np.sin(angle))[:, None] * across + up[:, None] * normal
+    )

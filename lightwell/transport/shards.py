@@ -27,7 +27,8 @@ from lightwell.transport.collect import collect
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport
 from lightwell.transport.samples import Query, Samples, SurfacePoints
-from lightwell.transport.surface import SurfaceDraw, draw_surface
+from lightwell.transport.seen import draw_seen
+from lightwell.transport.surface import SurfaceDraw
 
 # Layout of the folder; readers refuse others.
 VERSION = 2
@@ -151,7 +152,7 @@ def make_shard(
         Columns by name, [settings.size, ...] each, and counts of paths and of dropped points.
     """
     seed, light_seed, path_seed = shard_seeds(settings, index)
-    pool = surface_pool(scene, settings, index // POOL_SHARDS)
+    pool = surface_pool(scene, variable, settings, index // POOL_SHARDS)
     rows = np.random.default_rng(seed).permutation(len(pool.points))[: settings.size]
     lights = (lights_fn or default_lights(scene, variable))(settings.lights, light_seed)
     light = np.repeat(np.asarray(lights, np.float32), settings.points_per_light, axis=0)
@@ -161,11 +162,12 @@ def make_shard(
     )
 
 
-def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceDraw:
-    """Draw a pool of surface points, shared by area-uniform and adaptive shards; the scene keeps it.
+def surface_pool(scene: Scene, variable: Variable, settings: ShardSettings, number: int) -> SurfaceDraw:
+    """Draw a pool of points where people look, shared by all kinds of shards; the scene keeps it.
 
     Args:
         scene: Scene to sample.
+        variable: The declared light; people look where it may be.
         settings: Sizes and seed.
         number: Number of the pool, ≥ 0.
 
@@ -175,9 +177,9 @@ def surface_pool(scene: Scene, settings: ShardSettings, number: int) -> SurfaceD
 
     def draw() -> SurfaceDraw:
         seed = int(np.random.SeedSequence([settings.seed, number, 1]).generate_state(1)[0])
-        return draw_surface(scene, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
+        return draw_seen(scene, variable, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
 
-    return scene.cache.get(POOLS, draw, (number, settings))
+    return scene.cache.get(POOLS, draw, (number, variable, settings))
 
 
 def shard_seeds(settings: ShardSettings, index: int) -> tuple[int, int, int]:

@@ -11,8 +11,9 @@ from lightwell.core.progress import Stage
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import PathReport, Samples, draw_surface
+from lightwell.transport import PathReport, Samples
 from lightwell.transport.collect import collect
+from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings, generate, load_samples
 
 # Stream of the validation set of early stopping; never shared with training or evaluation.
@@ -62,7 +63,7 @@ def trace_shards(
 def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: bool = False) -> Samples:
     """The held-out samples of early stopping; ``own_light``: of the scene's own emitters."""
     seed += VALIDATION_SEED
-    draw = draw_surface(scene, VALIDATION_POINTS, seed, floor=8)
+    draw = draw_seen(scene, variable, VALIDATION_POINTS, seed, floor=8)
     lights = sample_lights(scene, variable, VALIDATION_LIGHTS, seed).repeat(
         VALIDATION_POINTS // VALIDATION_LIGHTS, axis=0
     )

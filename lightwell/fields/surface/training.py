@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 
 from lightwell.core.progress import Stage
-from lightwell.fields.base import FieldSetup, Learner, radiance_unit
+from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
 from lightwell.fields.protocol import Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
@@ -29,8 +29,11 @@ from lightwell.networks.training import TrainingState
 from lightwell.transport import Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
+from lightwell.transport.gathered_shards import GatheredShards, GatherSize
 from lightwell.transport.shards import ShardSettings, make_shard
 
+# Seconds that a shard is expected to take, for the size of what is gathered before the first one.
+SECONDS_PER_SHARD = 3.0
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 # Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
@@ -61,18 +64,19 @@ def role_seconds(state: State, role: Role) -> float:
 
 
 def surface_samples(state: State, role: Role) -> SurfaceSamples:
-    """Trace the area-uniform samples that the budget buys; what an interrupted bake has traced is read."""
+    """Trace the samples that the budget buys, where people look; what an interrupted bake has traced is read."""
     request, path = state.job.request, _folder(state, role) / "plan.json"
     count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or FEWEST_SHARDS
     if not path.exists():
         # Without a plan the shards must be timed, so that those of a bake that was killed are of no use.
         shutil.rmtree(path.parent / "uniform", ignore_errors=True)
-    make = partial(make_shard, own_light=role == "static")
+    make = _maker(state, role)
     traced = _trace(state, role, "uniform", count, make, f"trace {role}")
     unit = radiance_unit(traced.samples)
     if not path.exists():
         cost = max(traced.seconds_per_shard, 1e-3)
-        save_plan(path, plan_samples(role_seconds(state, role), cost, request.shards, state.job.shared))
+        seconds = role_seconds(state, role) - getattr(make, "seconds", 0.0)
+        save_plan(path, plan_samples(seconds, cost, request.shards, state.job.shared))
     plan = load_plan(path, SamplePlan)
     if plan.shards > count:
         traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
@@ -81,6 +85,15 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     rate = _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
     cost = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
     return SurfaceSamples(traced.samples, validation, unit, plan, cost)
+
+
+def _maker(state: State, role: Role) -> Callable:
+    """What makes shards: gathered for all lights where one is declared, path-traced for the scene's own emitters."""
+    if role == "static":
+        return partial(make_shard, own_light=True)
+    shards = _shards(state, role)
+    expected = state.job.request.shards or max(int(role_seconds(state, role) / SECONDS_PER_SHARD), 1)
+    return GatheredShards(state.scene, state.variable, shards, GatherSize.of(expected, shards))
 
 
 def _folder(state: State, role: Role) -> Path:
@@ -162,6 +175,7 @@ class SurfaceTraining:
         state, samples = self.state, self.samples
         light = "static" if self.role == "static" else state.variable.kind
         setup = FieldSetup.of(state.scene, samples.unit, light, state.variable)
+        setup = around_samples(setup, samples.training)
         learner = self._start(setup, state.job.request.seed)
         learner.learn_from(samples.training)
         learner.validate_on(samples.validation)

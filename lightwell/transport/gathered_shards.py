@@ -1,0 +1,129 @@
+"""Shards of samples where people look: most of them gathered for all lights at once, the rest path-traced to the end.
+
+A gathered sample costs a table read and has the noise of all rays of its point; what the bins blur is a little wrong.
+The path-traced rows are right and noisy: a fit of both is neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
+from lightwell.transport.air import Rejection
+from lightwell.transport.collect import collect
+from lightwell.transport.queries import frames, make_query
+from lightwell.transport.radiance import PathReport
+from lightwell.transport.radiosity import Gather, Radiosity
+from lightwell.transport.samples import Query, SurfacePoints
+from lightwell.transport.seen import draw_seen
+from lightwell.transport.shards import LightsFn, ShardSettings, default_lights, shard_seeds
+
+# Rays of a point, and the lights whose bins are lit.
+RAYS, MOST_LIGHTS = 64, 2048
+# Most points with rows, bins and coarse bins; small bakes have fewer of each in proportion.
+MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 12288, 1536
+FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
+# Rows with points of their own for each shard that is expected; beyond, points meet further lights.
+POINTS_PER_SHARD = 1 << 14
+# One run of rows under one light in so many is path-traced.
+TRACED_EVERY = 4
+
+
+@dataclass(frozen=True)
+class GatherSize:
+    """How much is traced before the first shard."""
+
+    points: int
+    bins: int
+    coarse: int
+    lights: int
+
+    @staticmethod
+    def of(shards: int, settings: ShardSettings) -> GatherSize:
+        """What suits about so many shards."""
+        rows = shards * min(settings.size, POINTS_PER_SHARD)
+        points = int(np.clip(1 << max(rows - 1, 1).bit_length(), FEWEST_POINTS, MOST_POINTS))
+        share = points / MOST_POINTS
+        scaled = lambda most, fewest: int(max(most * share**0.5, fewest))  # noqa: E731
+        return GatherSize(
+            points,
+            scaled(MOST_BINS, FEWEST_BINS),
+            scaled(MOST_COARSE, FEWEST_COARSE),
+            int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
+        )
+
+
+class GatheredShards:
+    """Makes shards of a declared light; what all of them share is traced when the first one is made."""
+
+    def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
+        self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
+        self.seconds = 0.0
+        """What tracing before the first shard took."""
+
+    @cached_property
+    def _seeds(self) -> np.ndarray:
+        return np.random.SeedSequence([self._settings.seed, 0x6A]).generate_state(4)
+
+    @cached_property
+    def points(self) -> SurfacePoints:
+        """Where the samples are."""
+        floor = max(self._size.points * self._settings.floor // self._settings.size, 1)
+        return draw_seen(self._scene, self._variable, self._size.points, int(self._seeds[0]), floor=floor).points
+
+    @cached_property
+    def lights(self) -> np.ndarray:
+        """[K, 3] lights under which the bins are lit."""
+        return default_lights(self._scene, self._variable)(self._size.lights, int(self._seeds[1]))
+
+    @cached_property
+    def _gather(self) -> Gather:
+        start, size = perf_counter(), self._size
+        radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins, size.coarse)
+        rows = radiosity.rows(self.points, RAYS, int(self._seeds[3]))
+        gather = Gather(radiosity, rows, radiosity.light(self._variable, self.lights, int(self._seeds[3])))
+        self.seconds = perf_counter() - start
+        return gather
+
+    @cached_property
+    def _query(self) -> Query:
+        return make_query(self._scene, self.points, np.zeros(3, np.float32))
+
+    def __call__(
+        self, scene: Scene, variable: Variable, lights_fn: LightsFn | None, settings: ShardSettings, index: int
+    ) -> tuple[dict[str, np.ndarray], dict]:
+        """As ``make_shard``."""
+        gather = self._gather
+        seed, light_seed, path_seed = shard_seeds(settings, index)
+        random = np.random.default_rng(seed)
+        point = _spread(len(self.points), settings.size, random)
+        lamp = _spread(len(self.lights), settings.lights, random).repeat(settings.points_per_light)
+        light = self.lights[lamp]
+        traced = (np.arange(settings.size) // settings.points_per_light) % TRACED_EVERY == 0
+        # Lights of the traced runs are fresh.
+        fresh = (lights_fn or default_lights(scene, variable))(settings.lights, light_seed)
+        light[traced] = np.repeat(np.asarray(fresh, np.float32), settings.points_per_light, axis=0)[traced]
+        columns = {name: getattr(self._query, name)[point] for name in Query.__dataclass_fields__} | {"light": light}
+        half_a, half_b = gather(point, lamp)
+        # The rays of the rows serve all shards; the first one counts them.
+        report = PathReport(paths=len(self.points) * RAYS if index == 0 else 0)
+        exact = collect(
+            scene, variable, self.points[point[traced]], light[traced], settings.paths, path_seed, report=report
+        )
+        half_a[traced], half_b[traced] = exact.half_a, exact.half_b
+        weight = np.ones(settings.size, np.float32)
+        weight[traced] = exact.weight
+        chosen = self.points[point]
+        columns |= {"half_a": half_a, "half_b": half_b, "weight": weight, "shape": chosen.shape}
+        columns |= {"triangle": chosen.triangle, "barycentric": chosen.barycentric, "flat": frames(scene, chosen)[2]}
+        return columns, {"paths": asdict(report), "rejection": asdict(Rejection())}
+
+
+def _spread(count: int, wanted: int, random: np.random.Generator) -> np.ndarray:
+    """[wanted] indices below ``count`` in random order, each as often as the others."""
+    return np.concatenate([random.permutation(count) for _ in range(-(-wanted // count))])[:wanted]

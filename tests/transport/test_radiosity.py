@@ -1,0 +1,111 @@
+"""Light gathered for many lights at once against paths, and walls between bins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightwell.transport import draw_surface, indirect
+from lightwell.transport.bins import PLACES, find_bins, parted
+from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.radiosity import Gather, Radiosity
+from lightwell.transport.seen import draw_seen
+from lightwell.transport.shards import ShardSettings
+
+from . import rooms
+
+LIGHTS = np.float32([[0.2, 1.2, 0.1], [-0.4, 0.8, -0.3]])
+POINTS = 400
+
+
+@pytest.fixture(scope="module")
+def gathered(cornell):
+    """(points, means of both halves, paths' means) of the Cornell box under two lights, light by light."""
+    from lightwell.scenes.variables import PointLight
+
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    points = draw_surface(cornell, 8192, 1).points
+    radiosity = Radiosity(cornell, points, 0, 2048, 256)
+    few = points[:POINTS]
+    rows = radiosity.rows(few, 256, 2)
+    gather = Gather(radiosity, rows, radiosity.light(light, LIGHTS, 3))
+    pairs = np.tile(np.arange(POINTS), 2), np.arange(2).repeat(POINTS)
+    halves = gather(*pairs)
+    truth = np.concatenate([sum(indirect(cornell, few, l, light, 512, 4)) / 2 for l in LIGHTS])
+    return halves, truth
+
+
+def test_gathered_light_is_that_of_paths(gathered):
+    (a, b), truth = gathered
+    found = 0.5 * (a + b)
+    assert found.mean(axis=0) == pytest.approx(truth.mean(axis=0), rel=0.06)
+    assert np.median(np.abs(found - truth).mean(axis=1) / (truth.mean(axis=1) + 0.01)) < 0.1
+
+
+def test_the_halves_are_independent_means(gathered):
+    (a, b), truth = gathered
+    assert a.mean() == pytest.approx(b.mean(), rel=0.05)
+    assert 0 < np.abs(a - b).mean() < 0.3 * truth.mean()
+
+
+def wall_and_floor(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Places and upward normals of a floor 4 m x 4 m."""
+    place = random.random((20_000, 3)) * (4, 0, 4)
+    return place, np.tile([0.0, 1.0, 0.0], (len(place), 1))
+
+
+def test_bins_are_as_many_as_asked_for():
+    random = np.random.default_rng(0)
+    bins = find_bins(*wall_and_floor(random), 256, 32, random)
+    assert 150 <= bins.count <= 256 and bins.coarse_count <= 32
+    assert bins.place.shape == (bins.count, PLACES, 3)
+
+
+def test_a_wall_parts_bins():
+    random = np.random.default_rng(0)
+    whole = find_bins(*wall_and_floor(random), 64, 8, random)
+    cut = parted(whole, lambda a, b: (a[:, 0] < 1.3) == (b[:, 0] < 1.3))
+    assert cut.count > whole.count
+    side = cut.place[:, :, 0] < 1.3
+    assert (side == side[:, :1]).all()
+    assert ((whole.place[:, :, 0] < 1.3) != (whole.place[:, :1, 0] < 1.3)).any()
+    for c in range(cut.coarse_count):
+        assert len(np.unique(side[cut.coarse == c, 0])) == 1
+
+
+def test_shards_repeat_and_have_the_columns_of_others(cornell):
+    from lightwell.scenes.variables import PointLight
+
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    settings = ShardSettings(paths=4, lights=16, points_per_light=64)
+    size = GatherSize(1024, 256, 64, 64)
+    make = lambda: GatheredShards(cornell, light, settings, size)(cornell, light, None, settings, 0)  # noqa: E731
+    (first, counts), (second, _) = make(), make()
+    assert all(np.array_equal(first[name], second[name]) for name in first)
+    assert len(first["half_a"]) == settings.size and counts["paths"]["dropped"] == 0
+    assert np.isfinite(first["half_a"]).all() and first["half_a"].mean() > 0
+    assert len(np.unique(first["light"][:64], axis=0)) == 1
+
+
+def test_most_points_are_where_people_look(cornell):
+    from lightwell.scenes.variables import PointLight
+
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    outside = rooms.quad("far ground", (-40, -9, -40), (0, 0, 80), (80, 0, 0))
+    scene = rooms.build("far", [*cornell.meshes, outside], [rooms.diffuse(rooms.WHITE)] * (len(cornell.meshes) + 1))
+    drawn, again = (draw_seen(scene, light, 2048, 3, floor=1) for _ in range(2))
+    assert len(drawn.points) == 2048 and (drawn.weight == 1).all()
+    assert np.array_equal(drawn.points.barycentric, again.points.barycentric)
+    far = np.uint32(len(cornell.meshes))
+    by_area = draw_surface(scene, 2048, 3, floor=0).points
+    assert (by_area.shape == far).mean() > 0.9 > 0.75 > (drawn.points.shape == far).mean()
+
+
+def test_a_scene_without_cameras_is_sampled(cornell):
+    from lightwell.scenes.variables import PointLight
+
+    bare = replace(cornell, cameras=())
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    assert len(draw_seen(bare, light, 1000, 1, floor=1).points) == 1000
