@@ -10,20 +10,20 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from lightwell.baking.effort import EVALUATION_SEED, Effort
-from lightwell.baking.truth import PointTruth, ViewTruth, trace_points, trace_view
+from lightwell.baking.reference import PointReference, ViewReference, trace_points, trace_view
+from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.report import metrics
 from lightwell.report.metrics import Mottle
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import Query, direct, indirect, make_query
-from lightwell.transport.camera import gbuffer
+from lightwell.transport import direct, indirect
 from lightwell.transport.patches import POINTS, draw_patches
 from lightwell.transport.samples import SurfacePoints
 
-Learned = Callable[[Query], np.ndarray]
-"""[N, 3] radiance of a learned field, reflectance included, for a unit light."""
+Learned = Callable[[SurfacePoints, np.ndarray], np.ndarray]
+"""(N surface points, lights [3] or [N, 3]) → [N, 3] radiance of a learned field for a unit light, reflectance included:
+``lightwell.baking.evaluate.Shipped.at``."""
 
 # Patches that are scored, candidates per patch among which lit ones are sought, and the paths of that search.
 PATCHES, PATCH_CANDIDATES, PATCH_PILOT_PATHS = 240, 4, 32
@@ -35,7 +35,9 @@ DIRECT_PATHS = 2
 class PatchTruth:
     """Flat patches of ``POINTS`` points each under one light each, patch by patch."""
 
-    query: Query
+    points: SurfacePoints
+    light: np.ndarray
+    """[N, 3]."""
     half_a: np.ndarray
     """[N, 3] radiance, mean over the first half of the paths."""
     half_b: np.ndarray
@@ -45,7 +47,7 @@ class PatchTruth:
 class PictureTruth:
     """A view with what does not have to be learned."""
 
-    view: ViewTruth
+    view: ViewReference
     direct: np.ndarray
     """[N, 3] direct radiance of the declared light at the points of the view."""
     size: tuple[int, int]
@@ -58,7 +60,7 @@ class QualityTruth:
 
     pictures: Sequence[PictureTruth]
     patches: PatchTruth | None
-    points: PointTruth
+    points: PointReference
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,13 @@ def trace_quality(
     variable: Variable,
     views: Sequence[tuple[Camera, np.ndarray]],
     size: tuple[int, int],
-    effort: Effort,
+    budget: ReferenceBudget,
     seed: int,
 ) -> QualityTruth:
     """Trace the truth of the declared light at views, patches and area-uniform points."""
-    pictures = [trace_picture(scene, variable, camera, light, size, effort.pixel_paths) for camera, light in views]
-    points = trace_points(scene, variable, ["indirect"], effort, seed)["indirect"]
-    return QualityTruth(pictures, trace_patches(scene, variable, PATCHES, effort.point_paths, seed), points)
+    pictures = [trace_picture(scene, variable, camera, light, size, budget.pixel_paths) for camera, light in views]
+    points = trace_points(scene, variable, "indirect", budget, seed)
+    return QualityTruth(pictures, trace_patches(scene, variable, PATCHES, budget.point_paths, seed), points)
 
 
 def trace_picture(
@@ -109,8 +111,7 @@ def trace_picture(
 ) -> PictureTruth:
     """Indirect and direct light of one view at its pixel centres."""
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
-    points = gbuffer(scene, camera, *size)[0][view.seen]
-    return PictureTruth(view, direct(scene, points, light, variable, DIRECT_PATHS), size)
+    return PictureTruth(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
 
 
 def trace_patches(scene: Scene, variable: Variable, count: int, paths: int, seed: int) -> PatchTruth | None:
@@ -127,7 +128,7 @@ def trace_patches(scene: Scene, variable: Variable, count: int, paths: int, seed
     rows = (chosen[:, None] * POINTS + np.arange(POINTS)).ravel()
     points: SurfacePoints = candidates[rows]
     a, b = indirect(scene, points, light[rows], variable, paths, seed + EVALUATION_SEED)
-    return PatchTruth(make_query(scene, points, light[rows]), a, b)
+    return PatchTruth(points, light[rows], a, b)
 
 
 def _first_of_patches(number: int) -> np.ndarray:
@@ -148,13 +149,13 @@ def score_quality(truth: QualityTruth, learned: Learned) -> Quality:
     """Every figure of a field; ``learned`` is evaluated once per record."""
     per_view, flips, bare = [], [], []
     for picture in truth.pictures:
-        psnr, whole, alone = score_picture(picture, learned(picture.view.query))
+        psnr, whole, alone = score_picture(picture, learned(picture.view.points, picture.view.light))
         per_view.append(psnr)
         flips.append(whole)
         bare.append(alone)
     blotches = _mottle(truth.patches, learned)
     points = truth.points
-    f, y = learned(points.query), 0.5 * (points.half_a + points.half_b)
+    f, y = learned(points.points, points.light), 0.5 * (points.half_a + points.half_b)
     unit = metrics.unit(y, points.weight)
     return Quality(
         psnr_db=_mean(per_view),
@@ -198,7 +199,9 @@ def place(picture: PictureTruth, values: np.ndarray) -> np.ndarray:
 def _mottle(patches: PatchTruth | None, learned: Learned) -> Mottle:
     if patches is None:
         return Mottle(None, None, 0)
-    f, a, b = (x.reshape(-1, POINTS, 3) for x in (learned(patches.query), patches.half_a, patches.half_b))
+    f, a, b = (
+        x.reshape(-1, POINTS, 3) for x in (learned(patches.points, patches.light), patches.half_a, patches.half_b)
+    )
     return metrics.mottle(f, a, b)
 
 

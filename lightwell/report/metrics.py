@@ -189,7 +189,7 @@ def psnr_noise_free_db(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
     """
     f, a, b = (display(x) for x in _checked(prediction=f, half_a=a, half_b=b))
     error = float(np.mean((f - a) * (f - b)))
-    return min(-10 * np.log10(error), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
+    return min(-10 * float(np.log10(error)), MAX_PSNR_DB) if error > 0 else MAX_PSNR_DB
 
 
 def exposure_unit(reference: np.ndarray) -> float | None:

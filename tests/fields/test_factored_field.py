@@ -88,10 +88,11 @@ def test_a_broken_target_is_left_out():
     assert np.isfinite(fit.predict(samples().query)).all()
 
 
-def test_default_costs_less_than_a_thousand_multiply_adds_on_matte_scenes():
+def test_default_costs_at_most_fifteen_hundred_multiply_adds():
     fit = factored.FactoredFit(replace(SETUP, matte=True), factored.PRESETS["default"], 0)
-    assert fit.macs <= 1000
-    assert fit.lower().nbytes <= 100_000
+    assert fit.macs <= 1200
+    assert factored.FactoredFit(SETUP, factored.PRESETS["default"], 0).macs <= 1500
+    assert fit.lower().nbytes <= 300_000
 
 
 @pytest.mark.parametrize(
