@@ -29,12 +29,12 @@ SSIM_SIGMA = 1.5
 SSIM_WINDOW = 11
 # Pixels on each side of a border between regions that belong to it.
 BORDER_WIDTH = 3
-# Mottle: the percentile of the reference that stands for "bright", the share of it that is added before the logarithm,
-# the share above which a patch is lit, and the spread of the log reference up to which a patch is smooth.
+# Mottle: percentile of the reference that defines "bright", share of it that is added before the logarithm, share of it
+# above which a patch is lit, and standard deviation of the log reference up to which a patch is smooth.
 BRIGHT_PERCENTILE, MOTTLE_SHADOW, LIT_SHARE, SMOOTH_SPREAD = 95.0, 0.01, 0.05, 0.15
-# Leak: the share of the points, darkest first, that must stay dark.
+# Leak: share of the points, darkest first, that should stay dark.
 DARK_SHARE = 0.25
-# Exposure: pixels brighter than this percentile of the picture count as much as it.
+# Exposure: brighter pixels are clamped to this percentile of the picture.
 HIGHLIGHT_PERCENTILE = 99.0
 
 
@@ -182,10 +182,18 @@ def psnr_ceiling_db(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def psnr_noise_free_db(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
-    """PSNR of displayed pictures [..., 3] with the noise of the reference taken off, decibels, at most 100.
+    """Compute the PSNR of displayed pictures without the noise of the reference.
 
     The mean of (f − A)(f − B) over displayed values has the expectation of the squared error against a noise-free
-    reference, up to the curvature of the display transform over the noise of a half.
+    reference, except for the curvature of the display transform over the noise of a half.
+
+    Args:
+        f: Prediction [..., 3].
+        a: First half of the reference [..., 3].
+        b: Second half of the reference [..., 3].
+
+    Returns:
+        Decibels, at most ``MAX_PSNR_DB``.
     """
     f, a, b = (display(x) for x in _checked(prediction=f, half_a=a, half_b=b))
     error = float(np.mean((f - a) * (f - b)))
@@ -193,9 +201,13 @@ def psnr_noise_free_db(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
 
 
 def exposure_unit(reference: np.ndarray) -> float | None:
-    """The unit S by which a picture [..., 3] is exposed: 4 × its mean radiance, highlights and black pixels apart.
+    """Compute the unit S for exposing a picture: 4 × its mean radiance, without black pixels and with clamped highlights.
 
-    None where the whole picture is black.
+    Args:
+        reference: Radiance [..., 3].
+
+    Returns:
+        S, in the unit of the radiance; None where the whole picture is black.
     """
     (reference,) = _checked(reference=reference)
     luminance = reference.mean(axis=-1).reshape(-1)
@@ -207,22 +219,30 @@ def exposure_unit(reference: np.ndarray) -> float | None:
 
 @dataclass(frozen=True)
 class Mottle:
-    """Blotches: root mean square over patches of the spread of log(learned / true) inside a patch."""
+    """Low-frequency blotches: root mean square over patches of the spread of log(learned / reference) within a patch."""
 
     smooth: float | None
-    """Over lit patches whose truth varies little inside; None where there is none."""
+    """Over lit patches whose reference varies little; None where there is none."""
     lit: float | None
-    """Over all lit patches."""
+    """Over all lit patches; None where there is none."""
     patches: int
-    """Lit smooth patches."""
+    """Number of lit smooth patches."""
 
 
 def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
-    """Mottle of P flat patches of Q points each under one light: f, a, b are [P, Q, 3].
+    """Compute the mottle of flat patches under one light.
 
-    With s = 1 % of the 95th percentile of the truth y, the variance of log((f + s) / (y + s)) inside a patch, less that
-    of the noise of y (a quarter of the variance of log((a + s) / (b + s))). Lit: mean truth above 5 % of that
-    percentile. Smooth: the variance of log(y + s), noise off, is below 0.15².
+    With s = 1 % of the 95th percentile of the reference y, it is the variance of log((f + s) / (y + s)) within a patch,
+    minus that of the noise of y (a quarter of the variance of log((a + s) / (b + s))). Lit patches have a mean reference
+    above 5 % of that percentile; in smooth ones the variance of log(y + s), without noise, is below 0.15².
+
+    Args:
+        f: Prediction [P, Q, 3] of P patches of Q points each.
+        a: First half of the reference [P, Q, 3].
+        b: Second half of the reference [P, Q, 3].
+
+    Returns:
+        The mottle of lit smooth patches and of all lit ones.
     """
     f, a, b = (x.mean(axis=-1) for x in _checked(prediction=f, half_a=a, half_b=b))
     y = 0.5 * (a + b)
@@ -241,9 +261,22 @@ def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
 
 
 def leak(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
-    """|mean learned − mean true| on the darkest quarter of the points, over the mean of all; missing light counts too.
+    """Compute |mean learned − mean reference| on the darkest quarter of the points, over the mean of all points.
 
-    The darkest are chosen by half A and compared with half B, so that noise does not choose what it is compared with.
+    Light that is missing counts like light that is added. The darkest points are chosen by half A and compared with half
+    B, so that the choice is independent of the noise of what it is compared with.
+
+    Args:
+        f: Prediction [..., 3].
+        a: First half of the reference [..., 3].
+        b: Second half of the reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        The ratio, ≥ 0.
+
+    Raises:
+        ValueError: The reference is black.
     """
     f, a, b = _checked(prediction=f, half_a=a, half_b=b)
     weights = _weights(f[..., 0], weight)
