@@ -201,7 +201,7 @@ def psnr_noise_free_db(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
 
 
 def exposure_unit(reference: np.ndarray) -> float | None:
-    """Compute the unit S for exposing a picture: 4 × its mean radiance, without black pixels and with clamped highlights.
+    """Compute the unit S for exposing a picture: 4 × its mean radiance without black pixels, highlights clamped.
 
     Args:
         reference: Radiance [..., 3].
@@ -219,7 +219,7 @@ def exposure_unit(reference: np.ndarray) -> float | None:
 
 @dataclass(frozen=True)
 class Mottle:
-    """Low-frequency blotches: root mean square over patches of the spread of log(learned / reference) within a patch."""
+    """Blotches: root mean square over patches of the spread of log(learned / reference) within a patch."""
 
     smooth: float | None
     """Over lit patches whose reference varies little; None where there is none."""
@@ -233,8 +233,8 @@ def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
     """Compute the mottle of flat patches under one light.
 
     With s = 1 % of the 95th percentile of the reference y, it is the variance of log((f + s) / (y + s)) within a patch,
-    minus that of the noise of y (a quarter of the variance of log((a + s) / (b + s))). Lit patches have a mean reference
-    above 5 % of that percentile; in smooth ones the variance of log(y + s), without noise, is below 0.15².
+    minus that of the noise of y (a quarter of the variance of log((a + s) / (b + s))). Lit patches have a mean
+    reference above 5 % of that percentile; in smooth ones the variance of log(y + s), without noise, is below 0.15².
 
     Args:
         f: Prediction [P, Q, 3] of P patches of Q points each.
@@ -263,8 +263,8 @@ def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
 def leak(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
     """Compute |mean learned − mean reference| on the darkest quarter of the points, over the mean of all points.
 
-    Light that is missing counts like light that is added. The darkest points are chosen by half A and compared with half
-    B, so that the choice is independent of the noise of what it is compared with.
+    Light that is missing counts like light that is added. The darkest points are chosen by half A and compared with
+    half B, so that the choice is independent of the noise of what it is compared with.
 
     Args:
         f: Prediction [..., 3].
