@@ -1,6 +1,6 @@
-"""The radiance cache: a path tracer that learns while it renders.
+"""Neural radiance cache: a path tracer that trains a small network while it renders.
 
-Importing registers the integrator ``lightwell_nrc``.
+Importing this package registers the integrator ``lightwell_nrc``.
 """
 
 from lightwell.cache.integrator import NrcIntegrator as NrcIntegrator

@@ -1,4 +1,7 @@
-"""From the slots of training paths to shuffled batches on the device."""
+"""Gather the records of training paths into shuffled batches on the device.
+
+Notation: R slots for records, N rows of a batch, K network inputs that are computed and not looked up.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,21 @@ from lightwell.cache.recorded import Recorded
 
 @dr.syntax
 def permuted(i: mi.UInt32, count: mi.UInt32, bits: int, seed: mi.UInt32) -> mi.UInt32:
-    """A permutation of 0 ... count - 1 for any count <= 2^bits: a bijection of bits-bit numbers, walked along
-    its cycles until it lands below ``count`` (Black & Rogaway 2002)."""
+    """Permute the numbers 0 ... ``count`` - 1, for any ``count`` ≤ 2^``bits``.
+
+    A bijection of ``bits``-bit numbers is iterated until its value is below ``count`` (cycle walking).
+
+    Args:
+        i: [N] numbers; values ≥ ``count`` give 0.
+        count: How many numbers are permuted.
+        bits: Width of the bijection in bits, ≥ 1.
+        seed: Seed of the permutation.
+
+    Returns:
+        [N] permuted numbers, below ``count``.
+
+    Reference: Black and Rogaway 2002, *Ciphers with Arbitrary Finite Domains*.
+    """
     mask = mi.UInt32((1 << bits) - 1)
     half = max(bits // 2, 1)
     i = mi.UInt32(i)
@@ -33,7 +49,14 @@ def permuted(i: mi.UInt32, count: mi.UInt32, bits: int, seed: mi.UInt32) -> mi.U
 
 
 def compacted(valid: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-    """Rows where ``valid``, in their order, in an array of the same length; and how many there are, on the device."""
+    """List the indices at which a mask is true.
+
+    Args:
+        valid: [R] mask.
+
+    Returns:
+        [R] indices of the true entries in ascending order, then zeros; and the number of true entries, on the device.
+    """
     n = dr.width(valid)
     ones = dr.select(valid, mi.UInt32(1), mi.UInt32(0))
     before = dr.cumsum(ones) - ones
@@ -44,15 +67,38 @@ def compacted(valid: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
 
 @functools.lru_cache(maxsize=64)
 def frozen_batches(model: Model, size: int, bits: int) -> Any:
-    """``packed_batches`` of one size, recorded once."""
+    """Return ``packed_batches`` for one batch size as a function that is recorded once.
+
+    Args:
+        model: Network whose inputs and targets are packed.
+        size: Rows of the batch, ≥ 1.
+        bits: Width in bits of the largest slot index, ≥ 1.
+
+    Returns:
+        Function of (features, targets, rows, count, seed, scale) with the result of ``packed_batches``.
+    """
     return Recorded(lambda *arrays: packed_batches(model, *arrays, size, bits))
 
 
-def packed_batches(model: Model, features, targets, rows, count, seed, scale, size: int, bits: int):
-    """``size`` shuffled records, weight 0 beyond the ``count`` there are.
+def packed_batches(
+    model: Model, features: mi.Float, targets: mi.Float, rows: mi.UInt32, count: mi.UInt32, seed: mi.UInt32,
+    scale: mi.Float, size: int, bits: int,
+) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+    """Gather ``size`` records in random order; rows beyond the ``count`` existing records have weight 0.
 
-    targets  [R * 4] radiance per slot. scale: radiance scale.
-    returns  The fields of a ``Batch``.
+    Args:
+        model: Network whose inputs and targets are packed.
+        features: [R * ``WIDTH``] vertices.
+        targets: [R * 4] scattered radiance per slot; the fourth number is not used.
+        rows: [R] indices of the slots that hold records, see ``compacted``.
+        count: Number of records.
+        seed: Seed of the order.
+        scale: Radiance scale: the network's unit per unit of radiance.
+        size: Rows of the batch.
+        bits: Width in bits of the largest slot index.
+
+    Returns:
+        Fields of a ``Batch``: inputs [N, K], points [N, 3], targets [N, 3] and weights [N, 3].
     """
     lane = dr.arange(mi.UInt32, size)
     there = lane < count
@@ -77,7 +123,14 @@ def packed_batches(model: Model, features, targets, rows, count, seed, scale, si
 
 
 def usable(targets: mi.Float) -> tuple[mi.Bool, mi.Bool]:
-    """Per slot: there is a finite record; there is one that is not finite."""
+    """Classify the slots of a frame.
+
+    Args:
+        targets: [R * 4] radiance and a flag above 0 where there is a record.
+
+    Returns:
+        Two [R] masks: slots with a finite record, slots with a record that is not finite.
+    """
     t = dr.gather(mi.Vector4f, targets, dr.arange(mi.UInt32, dr.width(targets) // 4))
     finite = dr.isfinite(t.x) & dr.isfinite(t.y) & dr.isfinite(t.z)
     there: Any = t.w > 0

@@ -1,4 +1,4 @@
-"""What happens at a vertex: light sampled there, and the next direction; by the BSDF alone or beside the guide."""
+"""Sampling at a path vertex: light sampling and the next direction, from the BSDF alone or mixed with the guide."""
 
 from __future__ import annotations
 
@@ -12,29 +12,52 @@ from lightwell.transport.radiance import power_heuristic
 
 @dataclass
 class Bounce:
-    """Light sampling, and the next direction. No loop carries it."""
+    """Result of light sampling and direction sampling at a vertex. It is not a loop variable."""
 
     light: Any
-    """Light sampling: BSDF * weight * MIS weight."""
+    """[N] contribution of light sampling: BSDF * emitter weight * MIS weight."""
     wo: Any
+    """[N] next direction in the local frame, unit."""
     pdf: Any
+    """[N] its density per steradian."""
     weight: Any
+    """[N] BSDF * cosine / density."""
     eta: Any
+    """[N] relative index of refraction along the direction."""
     delta: Any
+    """[N] whether it was sampled from a delta component."""
     null: Any
+    """[N] whether the path passes straight through."""
 
 
 def bounce_at(
     scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: Any, active: Any, guide: Any = None, visit: Any = None
 ) -> Bounce:  # fmt: skip
-    """Light sampling and BSDF sampling, drawing numbers as Mitsuba's ``path`` does; with a guide, both mixed."""
+    """Sample an emitter and the next direction at a vertex.
+
+    Random numbers are drawn in the order of Mitsuba's ``path``. With a guide, directions come from the mixture of guide
+    and BSDF, and both densities enter the weights.
+
+    Args:
+        scene: Mitsuba scene.
+        sampler: Source of random numbers.
+        si: Surface interactions, one per lane.
+        bsdf: BSDFs of the interactions.
+        smooth: Mask of the BSDFs with a component that is not a delta function.
+        active: Mask of the active lanes.
+        guide: ``Guide``; None: sample the BSDF alone.
+        visit: The guide's ``Visit`` at this vertex; needed with a guide.
+
+    Returns:
+        Contribution of light sampling, the next direction, its density and its weight.
+    """
     active_em = active & smooth
     ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
     active_em &= ds.pdf != 0
     sample1, sample2 = sampler.next_1d(), sampler.next_2d()
     picks = mi.Bool(False)
     if guide is not None:
-        # One number chooses between guide and BSDF, and the BSDF's lobe.
+        # The same number chooses between guide and BSDF and then, rescaled, the BSDF's lobe.
         picks = sample1 < visit.share
         sample1 = dr.select(picks, sample1 / visit.share, (sample1 - visit.share) / (1 - visit.share))
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
@@ -53,8 +76,10 @@ def bounce_at(
 def _mixed(
     own: Bounce, si: Any, bsdf: Any, guide: Guide, visit: Visit, u: mi.Point2f, picks: mi.Bool, active: mi.Bool
 ) -> Bounce:  # fmt: skip
-    """The BSDF's direction, or the guide's where it ``picks``, with the density of both. Mirrors stay the BSDF's own,
-    chosen so much more seldom."""
+    """Replace the BSDF's direction by the guide's where ``picks``, with the density of the mixture.
+
+    Delta components are sampled by the BSDF alone, so their weight is divided by the probability of the BSDF.
+    """
     picks = picks & active
     delta, null = own.delta & ~picks, own.null & ~picks
     d, _ = guide.sample(visit.row, u, picks)
@@ -62,7 +87,7 @@ def _mixed(
     mixes = active & (visit.share > 0) & ~delta & ~null
     f, p = bsdf.eval_pdf(mi.BSDFContext(), si, wo, mixes)
     total = dr.lerp(p, guide.pdf(visit.row, si.to_world(wo), mixes), visit.share)
-    # A direction that the BSDF's sampling refused is no direction, whatever its density.
+    # The BSDF's sampling marks an invalid sample with density 0; its direction must not be used.
     sound = (total > 0) & (picks | (own.pdf > 0))
     weight = dr.select(mixes, dr.select(sound, f / total, 0), own.weight / (1 - visit.share))
     pdf = dr.select(mixes, dr.select(sound, total, 0), own.pdf)

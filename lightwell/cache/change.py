@@ -1,4 +1,4 @@
-"""Has the scene changed? A fast and a slow mean of what training says before its steps."""
+"""Detection of changes of the scene, from a fast and a slow statistic of the training loss and residual."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
-# Frames of the fast and of the slow mean; frames without an alarm after a change or a cold start.
+# Frames of the fast and of the slow statistic; frames without a report after a change or a cold start.
 FAST, SLOW, QUIET = 3, 60, 36
-# An alarm needs both so many standard deviations and a change that matters (mean output is about 1; loss: logarithm).
+# A change is reported when the difference exceeds SIGMAS standard deviations and an absolute threshold (the mean output
+# of the network is about 1; the loss is compared by its logarithm).
 SIGMAS, RESIDUAL, LOG_LOSS = 4.5, 0.2, 0.7
-# Share of what two frames must show in the mean that each of them must show.
+# Share of the threshold for the mean of two frames that each of them must exceed.
 CLEAR = 0.3
 
 
 class ChangeDetector:
-    """Compares the last frames with those before them."""
+    """Detects changes of the scene by comparing the most recent frames with those before them."""
 
     def __init__(self) -> None:
         self._residuals: deque[float] = deque(maxlen=SLOW)
@@ -26,26 +27,42 @@ class ChangeDetector:
         self._frames = 0
 
     def reset(self) -> None:
-        """Begin anew: after a change, or when none must be found."""
+        """Discard all statistics, after a change or when no change must be reported."""
         self.__init__()
 
     def state(self) -> dict[str, Any]:
-        """What the next frame depends on, in types of JSON."""
+        """Return the state that the next frame depends on.
+
+        Returns:
+            Dictionary of JSON types.
+        """
         return {"residuals": list(self._residuals), "losses": list(self._losses), "frames": self._frames}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take over what ``state`` gave."""
+        """Restore the state of a checkpoint.
+
+        Args:
+            state: Dictionary from ``state``.
+        """
         self._residuals.extend(float(value) for value in state["residuals"])
         self._losses.extend(float(value) for value in state["losses"])
         self._frames = int(state["frames"])
 
     def update(self, loss: float, residual: float) -> bool:
-        """Take in one frame's pre-step loss and signed residual; says whether the scene seems to have changed."""
+        """Add the statistics of one frame.
+
+        Args:
+            loss: Mean loss before the gradient steps, ≥ 0.
+            residual: Mean signed difference prediction − target before the steps, in units of the network.
+
+        Returns:
+            Whether the scene appears to have changed.
+        """
         if not (math.isfinite(loss) and math.isfinite(residual)):
             return False
         self._frames += 1
         if self._frames <= QUIET // 2:
-            return False  # What a cold cache says of its first frames is no measure of the noise.
+            return False  # The first residuals of an untrained cache do not measure the noise.
         self._residuals.append(residual)
         self._losses.append(math.log(max(loss, 1e-12)))
         if self._frames < QUIET:
@@ -56,9 +73,13 @@ class ChangeDetector:
         return found
 
     def _darkened(self) -> bool:
-        """Light went: the cache is too bright two frames running, by so much in the mean, and in both clearly (a cache
-        that follows fast has learned most in the first). Noise cannot do that, for targets are never below zero; and
-        after two more frames it would have learned the dark by itself, slowly where it is darkest."""
+        """Detect light that was switched off.
+
+        The prediction is too bright in two successive frames: clearly in their mean and to some extent in each (a cache
+        with a high learning rate corrects most in the first). Noise cannot cause this, because targets are never
+        negative. The test is needed because after two more frames the cache would have adapted unnoticed, slowly in the
+        darkest places.
+        """
         numbers = np.array(self._residuals)
         old = numbers[:-2]
         noise = 1.4826 * np.median(np.abs(old - np.median(old)))
@@ -71,36 +92,51 @@ class ChangeDetector:
         numbers = np.array(values)
         old, new = numbers[:-FAST], numbers[-FAST:]
         difference = np.median(new) - np.median(old)
-        # All recent frames must agree: one bright record is no change.
+        # All recent frames must agree in sign: a single bright record is not a change.
         agree = np.all(np.sign(new - np.median(old)) == np.sign(difference))
         noise = 1.4826 * np.median(np.abs(old - np.median(old)))
         return bool(agree and abs(difference) > max(least, SIGMAS * noise))
 
 
-# Frames between which growth is looked for, frames of one mean, and the factor that is too much.
+# Frames over which growth is measured, frames of one median, and the factor that is reported.
 SPAN, FEW, TOO_MUCH = 64, 8, 1.5
 
 
 class GrowthWatch:
-    """Does a cache that feeds on itself brighten without bound, though nothing in the scene changes?"""
+    """Detects a cache whose own predictions, used as targets, make it brighter and brighter in an unchanged scene."""
 
     def __init__(self) -> None:
         self._levels: deque[float] = deque(maxlen=SPAN)
 
     def reset(self) -> None:
-        """Begin anew: after a change."""
+        """Discard all levels, after a change of the scene."""
         self._levels.clear()
 
     def state(self) -> list[float]:
-        """What the next frame depends on."""
+        """Return the state that the next frame depends on.
+
+        Returns:
+            Mean radiances of the last frames.
+        """
         return list(self._levels)
 
     def restore(self, state: list[float]) -> None:
-        """Take over what ``state`` gave."""
+        """Restore the state of a checkpoint.
+
+        Args:
+            state: List from ``state``.
+        """
         self._levels.extend(float(level) for level in state)
 
     def update(self, level: float) -> float:
-        """Take in one frame's mean radiance of the cache; returns the growth factor where it is too much, else 0."""
+        """Add the mean prediction of one frame.
+
+        Args:
+            level: Mean radiance of the cache at the tails of training paths; values ≤ 0 or not finite are ignored.
+
+        Returns:
+            Factor by which the level grew when it exceeds ``TOO_MUCH`` and the growth was steady, else 0.
+        """
         if not math.isfinite(level) or level <= 0:
             return 0.0
         self._levels.append(level)

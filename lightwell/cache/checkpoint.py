@@ -1,8 +1,8 @@
-"""The checkpoint of a sequence: everything that the next frame depends on, in the file of the cache.
+"""Checkpoint of a sequence: the cache file with everything else that the next frame depends on.
 
-``persist`` stores what was learned: weights, averages, moments, scale, guide. A sequence that goes on to the same bytes
-needs more: the tile controllers, the watchers of the scene, the pool of earlier rays, the table that the guide last
-made, the copy of sound weights, and the reservoirs of the last pass. Those are arrays named ``sequence.…`` beside it.
+``persist`` stores what was learned: weights, averages, moments, scale, guide. To continue a sequence with identical
+bytes, a checkpoint also holds the tile controllers, the change detectors, the pool of earlier rays, the last guide
+table that was built, the last copy of finite weights, and the reservoirs of the last pass, as arrays ``sequence.…``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lightwell.cache.integrator import NrcIntegrator
 
 VERSION = 1
-# Numbers of ``RadianceCache`` that change from frame to frame and that ``persist`` leaves out.
+# Attributes of ``RadianceCache`` that change from frame to frame and that ``persist`` does not store.
 COUNTERS = ("boost", "changes", "begun", "rate_factor", "most_steps", "rollbacks")
 GUIDE = ("rows", "tree", "density", "level")
 PARTS = ("values", "average", "first", "second")
@@ -36,18 +36,28 @@ PARTS = ("values", "average", "first", "second")
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a sequence stands."""
+    """Position in a sequence."""
 
     frames: int
-    """Frames that are finished."""
+    """Finished frames, ≥ 1."""
     exposure: float
-    """Factor of the pictures, fixed by the first one."""
+    """Exposure factor of the images, chosen for the first one; > 0."""
 
 
 def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
-    """Write the cache of an integrator and what its next frame depends on, whole or not at all."""
+    """Write the cache of an integrator and everything that its next frame depends on, atomically.
+
+    Args:
+        path: File to write, ``.npz``.
+        integrator: Integrator that has rendered at least one frame.
+        progress: Position in the sequence.
+
+    Raises:
+        RuntimeError: The integrator has no cache yet.
+    """
     cache = integrator.cache
-    assert cache is not None
+    if cache is None:
+        raise RuntimeError("nrc: a checkpoint needs a cache; render a frame first")
     more = prefixed("replay", cache.replay.state()[1])
     if cache.snapshot is not None:
         values, average, (first, second) = cache.snapshot
@@ -75,7 +85,15 @@ def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
 
 
 def load(path: Path, integrator: NrcIntegrator, scene: Any) -> Progress:
-    """Give an integrator the cache of a checkpoint and the state of its sequence; returns where it stands.
+    """Restore the cache and the sequence state of an integrator from a checkpoint.
+
+    Args:
+        path: File that ``save`` wrote.
+        integrator: Integrator that receives the cache and the reservoirs.
+        scene: Mitsuba scene of the sequence.
+
+    Returns:
+        Position in the sequence.
 
     Raises:
         ValueError: The file is damaged, of another version or scene, or holds no sequence; one line.

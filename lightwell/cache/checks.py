@@ -1,4 +1,4 @@
-"""What a scene and a sensor must be like; each failure is one line that says what, where, and the cure."""
+"""Checks of the Mitsuba variant, scenes and sensors; each failure is one line: what, where, and the cure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from lightwell.backend import mi
 
 
 def check_variant() -> None:
-    """RGB, differentiable, and not scalar: training needs gradients, kernels need arrays."""
+    """Check the Mitsuba variant: training needs derivatives, kernels need arrays, the network needs RGB.
+
+    Raises:
+        ValueError: The active variant is not ``llvm_ad_rgb`` or ``cuda_ad_rgb``.
+    """
     variant = mi.variant() or "none"
     if not variant.endswith("_ad_rgb"):
         raise ValueError(
@@ -18,7 +22,14 @@ def check_variant() -> None:
 
 
 def check_scene(scene: Any) -> None:
-    """There must be light and surface."""
+    """Check that a scene has emitters and shapes.
+
+    Args:
+        scene: Mitsuba scene.
+
+    Raises:
+        ValueError: The scene has no emitter or no shape.
+    """
     if not scene.emitters():
         raise ValueError("nrc: the scene has no emitter, every pixel would be black; add an area light or environment")
     if not scene.shapes():
@@ -26,14 +37,29 @@ def check_scene(scene: Any) -> None:
 
 
 def check_sensor(sensor: Any) -> None:
-    """The film must have pixels."""
+    """Check that the film of a sensor has pixels.
+
+    Args:
+        sensor: Mitsuba sensor.
+
+    Raises:
+        ValueError: The film is smaller than 1 x 1 pixels.
+    """
     width, height = (int(x) for x in sensor.film().crop_size())
     if width < 1 or height < 1:
         raise ValueError(f"nrc: the film is {width} x {height} pixels, expected at least 1 x 1; set width and height")
 
 
 def check_hits(hits: int, sensor: Any) -> None:
-    """A camera that meets no surface at all looks the wrong way or stands outside the scene."""
+    """Check that the camera sees a surface.
+
+    Args:
+        hits: Training paths that met a surface, ≥ 0.
+        sensor: Mitsuba sensor that the paths started from.
+
+    Raises:
+        ValueError: ``hits`` is 0.
+    """
     if hits:
         return
     transform = sensor.world_transform()

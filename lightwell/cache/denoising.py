@@ -1,4 +1,4 @@
-"""Open Image Denoise on a rendered picture, guided by albedo and normal of the first surface that is no mirror."""
+"""Open Image Denoise on a rendered image, with albedo and normal of the first surface that is not specular."""
 
 from __future__ import annotations
 
@@ -12,13 +12,31 @@ from lightwell.core.denoise import denoise
 
 
 def check_film(sensor: Any) -> None:
-    """The denoiser wants pixels that do not share samples."""
+    """Check that the pixels of a film are independent, which the denoiser needs.
+
+    Args:
+        sensor: Mitsuba sensor.
+
+    Raises:
+        ValueError: The reconstruction filter of the film is not a box filter.
+    """
     if not sensor.film().rfilter().is_box_filter():
         raise ValueError("nrc: denoising needs independent pixels; give the film <rfilter type='box'/>")
 
 
 def denoised_image(scene: Any, sensor: Any, cache: Any, image: Any, seed: int) -> Any:
-    """The picture [H, W, C >= 3] with its colour denoised, as a tensor."""
+    """Denoise the colour channels of an image.
+
+    Args:
+        scene: Mitsuba scene.
+        sensor: Mitsuba sensor of the image, with a box filter.
+        cache: ``RadianceCache`` of the scene, for the material tables.
+        image: [H, W, C] tensor, C ≥ 3, linear RGB first.
+        seed: Seed of the guide images.
+
+    Returns:
+        [H, W, C] tensor.
+    """
     check_film(sensor)
     albedo, normal = guides(scene, sensor, cache, seed)
     numbers = np.array(image)

@@ -1,7 +1,8 @@
-"""Random numbers of the rendering paths: scrambled (0,2) sequences, a fresh shuffle for every pair of dimensions.
+"""Random numbers of rendering paths: scrambled (0,2) sequences with a fresh shuffle for every pair of dimensions.
 
-Cached paths are short, so the integrand has few dimensions and evenly spread numbers pay. Sobol 1967; Owen 1995
-(scrambling); Burley 2020, *Practical Hash-based Owen Scrambling* (shuffled, scrambled, padded).
+Paths that end in the cache are short, so the integrand has few dimensions and low-discrepancy points reduce its
+variance. Sobol 1967; Owen 1995 (scrambling); Burley 2020, *Practical Hash-based Owen Scrambling* (shuffled, scrambled,
+padded).
 """
 
 from __future__ import annotations
@@ -18,14 +19,31 @@ ONE_MINUS_EPSILON = 1 - 2.0**-24
 
 
 def mixed(x: mi.UInt32) -> mi.UInt32:
-    """A bijection of 32-bit numbers that spreads every bit."""
+    """Hash 32-bit numbers bijectively (finaliser of MurmurHash3).
+
+    Args:
+        x: [N] 32-bit numbers.
+
+    Returns:
+        [N] hashed numbers.
+    """
     x = (x ^ (x >> 16)) * mi.UInt32(MIX_1)
     x = (x ^ (x >> 13)) * mi.UInt32(MIX_2)
     return x ^ (x >> 16)
 
 
 def owen(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
-    """Nested uniform scramble of reversed bits: each bit is flipped depending on those below it."""
+    """Apply a nested uniform scramble to bit-reversed numbers: each bit is flipped depending on those below it.
+
+    Args:
+        x: [N] bit-reversed 32-bit numbers.
+        seed: Seed of the scramble.
+
+    Returns:
+        [N] scrambled numbers, still bit-reversed.
+
+    Reference: Laine and Karras 2011, *Stratified Sampling for Stochastic Transparency*.
+    """
     x = x + seed
     for factor in OWEN:
         x ^= x * mi.UInt32(factor)
@@ -33,12 +51,27 @@ def owen(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
 
 
 def unit(x: mi.UInt32) -> mi.Float:
-    """32 bits to [0, 1)."""
+    """Convert 32-bit numbers to fractions.
+
+    Args:
+        x: [N] 32-bit numbers.
+
+    Returns:
+        [N] numbers in [0, 1).
+    """
     return dr.minimum(mi.Float(x) * 2.0**-32, ONE_MINUS_EPSILON)
 
 
 def point(index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-    """Point ``index`` of a scrambled (0,2) sequence as two 32-bit fractions."""
+    """Compute a point of a shuffled and scrambled (0,2) sequence.
+
+    Args:
+        index: [N] index of the point.
+        seed: Seed of shuffle and scramble.
+
+    Returns:
+        Both coordinates as 32-bit fractions, [N] each.
+    """
     # Shuffle: an Owen scramble of the index keeps its blocks of powers of two together.
     index = dr.brev(owen(dr.brev(index), mixed(seed)))
     second = index
@@ -51,23 +84,43 @@ def point(index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
 
 
 class Draws:
-    """Numbers of one sample of one pixel; quacks like a Mitsuba sampler."""
+    """Random numbers of one sample of one pixel, with the methods of a Mitsuba sampler that paths call."""
 
     DRJIT_STRUCT = {"index": mi.UInt32, "seed": mi.UInt32, "dimension": mi.UInt32}  # noqa: RUF012
 
-    def __init__(self, index=None, seed=None):
+    def __init__(self, index: mi.UInt32 | None = None, seed: mi.UInt32 | None = None) -> None:
+        """Start at the first dimension of a sample.
+
+        Args:
+            index: [N] index of the sample in its pixel; None: 0.
+            seed: [N] seed of the pixel; None: 0.
+        """
         self.index = mi.UInt32(0) if index is None else mi.UInt32(index)
         self.seed = mi.UInt32(0) if seed is None else mi.UInt32(seed)
         self.dimension = mi.UInt32(0)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
-        """Two numbers in [0, 1)."""
+        """Draw the next two-dimensional point.
+
+        Args:
+            active: Ignored; for the interface of Mitsuba's samplers.
+
+        Returns:
+            [N] points in [0, 1)^2.
+        """
         self.dimension += 1
         x, y = point(self.index, mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN))))
         return mi.Point2f(unit(x), unit(y))
 
     def next_1d(self, active: mi.Bool = True) -> mi.Float:
-        """One number in [0, 1)."""
+        """Draw the next number.
+
+        Args:
+            active: Ignored; for the interface of Mitsuba's samplers.
+
+        Returns:
+            [N] numbers in [0, 1).
+        """
         self.dimension += 1
         seed = mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN)))
         index = dr.brev(owen(dr.brev(self.index), mixed(seed)))
@@ -75,5 +128,14 @@ class Draws:
 
 
 def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> Draws:
-    """The numbers of sample ``index`` of ``pixel``."""
+    """Make the random numbers of samples of pixels.
+
+    Args:
+        pixel: [N] index of the pixel.
+        index: [N] index of the sample in the pixel.
+        seed: Seed of the image.
+
+    Returns:
+        Random numbers, one sequence per lane.
+    """
     return Draws(index, mixed(mixed(pixel + mi.UInt32(GOLDEN)) ^ seed))

@@ -1,4 +1,7 @@
-"""One pass of rendering paths over a film, and the rays that start it."""
+"""One pass of rendering paths over a film, and the camera rays that start it.
+
+Notation: N lanes, one per sample of a pixel.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,28 @@ from lightwell.cache.paths import render_path
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.recorded import Recorded
 
-# Lanes of one launch: large enough to fill the machine; of a picture by time, small enough to end in time.
+# Lanes of one launch: enough to occupy the device; for an image with a time limit, few enough to meet the limit.
 LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
 
 
-def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int):
-    """Camera rays of ``count`` lanes, sample ``first`` ... of each pixel: (ray, weight, place on the film, numbers)."""
+# Ray, weight, position on the film and source of random numbers of each lane.
+Rays = tuple[Any, Any, mi.Point2f, Any]
+
+
+def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int) -> Rays:
+    """Sample camera rays with the integrator's own (0,2) sequences.
+
+    Args:
+        sensor: Mitsuba sensor.
+        first: Index of the first sample of each pixel.
+        spp: Samples per pixel of this pass, ≥ 1.
+        seed: Seed of the image.
+        count: Number of lanes N: pixels * ``spp``.
+
+    Returns:
+        Rays [N], their weights [N], positions on the film in pixels [N], and the random numbers for the rest of the
+        path.
+    """
     film = sensor.film()
     size = film.crop_size()
     lane = dr.arange(mi.UInt32, count)
@@ -38,8 +57,17 @@ def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, c
     return ray, weight, (at if box else place) + offset, sampler
 
 
-def sampled_rays(sensor: Any, sampler: Any, spp: int):
-    """The same from a Mitsuba sampler, drawing numbers as Mitsuba's own integrators do."""
+def sampled_rays(sensor: Any, sampler: Any, spp: int) -> Rays:
+    """Sample camera rays with a Mitsuba sampler, in the order of Mitsuba's own integrators.
+
+    Args:
+        sensor: Mitsuba sensor.
+        sampler: Seeded Mitsuba sampler of pixels * ``spp`` lanes.
+        spp: Samples per pixel of this pass, ≥ 1.
+
+    Returns:
+        Rays [N], their weights [N], positions on the film in pixels [N], and the sampler.
+    """
     film = sensor.film()
     size = film.crop_size()
     lane = dr.arange(mi.UInt32, int(size.x) * int(size.y) * spp) // dr.opaque(mi.UInt32, spp)
@@ -59,7 +87,14 @@ def sampled_rays(sensor: Any, sampler: Any, spp: int):
 
 
 def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
-    """What ``render_path`` asks at query vertices."""
+    """Return the function that ``render_path`` calls for radiance at query vertices.
+
+    Args:
+        cache: Cache of the scene.
+
+    Returns:
+        Function of vertices and a mask, with radiance [N]; constant 0 when paths do not end in the cache.
+    """
     if not cache.settings.caching:
         return lambda v, active: mi.Color3f(0)
     packed = cache.packed("ema")
@@ -67,10 +102,25 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
 
 
 def trace_pass(
-    scene: Any, cache: RadianceCache, rays: Any, estimator: str, q: float, first_direct: bool = True,
+    scene: Any, cache: RadianceCache, rays: Rays, estimator: str, q: float, first_direct: bool = True,
     caching: bool = True, guide: Any = None,
-):  # fmt: skip
-    """Radiance [N], validity, path length, spread and place for camera rays; what is not finite becomes 0."""
+) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
+    """Trace one path per camera ray; radiance that is not finite becomes 0.
+
+    Args:
+        scene: Mitsuba scene.
+        cache: Cache of the scene.
+        rays: Result of ``sobol_rays`` or ``sampled_rays``.
+        estimator: "biased", "residual", "difference" or "guided", see ``render_path``.
+        q: Probability that a path continues behind a query, in (0, 1].
+        first_direct: Whether direct light at the primary hit is counted.
+        caching: Whether paths may end in the cache.
+        guide: ``Guide`` to sample directions from beside the BSDF; None: the BSDF alone.
+
+    Returns:
+        Radiance [N], mask of rays that hit a surface [N], path length in vertices [N], footprint over that of the
+        primary hit [N], and positions on the film in pixels [N].
+    """
     return _traced(
         scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), caching, estimator, first_direct, guide
     )  # fmt: skip
@@ -88,19 +138,31 @@ def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct, 
 
 @dataclass(frozen=True)
 class PassShape:
-    """What a recording of a pass depends on beside its arrays."""
+    """Constants of a recorded pass."""
 
     N: int
+    """Lanes."""
     caching: bool
+    """Whether paths may end in the cache."""
     estimator: str
+    """Name of the estimator, see ``render_path``."""
     first_direct: bool
+    """Whether direct light at the primary hit is counted."""
     film: str
-    """Kind of the sensor, its film and its shutter, all of which are baked in."""
+    """Sensor class, film and shutter, see ``film_mark``."""
     guided: bool = False
+    """Whether directions are sampled from a guide, too."""
 
 
 def film_mark(sensor: Any) -> str:
-    """What of a sensor is no array."""
+    """Describe the properties of a sensor that a recorded function treats as constants.
+
+    Args:
+        sensor: Mitsuba sensor.
+
+    Returns:
+        Text that is equal for sensors that can share a recording.
+    """
     film = sensor.film()
     shutter = (sensor.shutter_open(), sensor.shutter_open_time())
     box = film.rfilter().is_box_filter()
@@ -109,8 +171,16 @@ def film_mark(sensor: Any) -> str:
 
 @functools.lru_cache(maxsize=64)
 def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
-    """f(scene, sensor, around, weights, guide, q, first sample, samples per pixel, seed) -> what ``trace_pass`` gives,
-    and the rays. Recorded once: to trace its Python takes longer than a small pass."""
+    """Return a pass over a film as a function that is recorded once; tracing its Python takes longer than a small pass.
+
+    Args:
+        model: Network of the cache.
+        shape: Constants of the recording.
+
+    Returns:
+        Function of (scene, sensor, around, weights, guide, q, first sample, samples per pixel, seed) with the result of
+        ``trace_pass``.
+    """
 
     def run(scene, sensor, around, weights, guide, q, first, spp, seed):
         rays = sobol_rays(sensor, first, spp, seed, shape.N)
@@ -125,15 +195,45 @@ def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
 def sobol_pass(
     scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool,
     guide: Any = None,
-):  # fmt: skip
-    """One pass of N lanes with the cache's own numbers; ``numbers``: first sample, samples per pixel, seed."""
+) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
+    """Trace one pass with the integrator's own random numbers.
+
+    Args:
+        scene: Mitsuba scene.
+        sensor: Mitsuba sensor.
+        cache: Cache of the scene.
+        numbers: First sample, samples per pixel and seed, opaque 32-bit numbers.
+        N: Number of lanes: pixels * samples per pixel.
+        estimator: "biased", "residual", "difference" or "guided".
+        q: Probability that a path continues behind a query, in (0, 1].
+        caching: Whether paths may end in the cache.
+        guide: ``Guide``; None: sample the BSDF alone.
+
+    Returns:
+        Result of ``trace_pass``.
+    """
     shape = PassShape(N, caching, estimator, True, film_mark(sensor), guide is not None)
     around, weights = cache.around, cache.packed("ema")
     return frozen_pass(cache.model, shape)(scene, sensor, around, weights, guide, dr.opaque(mi.Float, q), *numbers)
 
 
 def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, wavelengths: Any, coalesce: bool) -> Any:
-    """A new block of the film with the values put in."""
+    """Accumulate samples in a new image block.
+
+    Args:
+        film: Mitsuba film.
+        L: [N] radiance.
+        valid: [N] mask of samples with alpha 1.
+        place: [N] positions on the film in pixels.
+        wavelengths: Ignored; RGB variants have none.
+        coalesce: Whether neighbouring lanes fall into the same pixel and may be merged.
+
+    Returns:
+        Image block with the sums.
+
+    Raises:
+        ValueError: The film prepares samples itself, which only hdrfilm-like films do not.
+    """
     block = film.create_block()
     block.set_coalesce(block.coalesce() and coalesce)
     alpha = dr.select(valid, mi.Float(1), mi.Float(0))

@@ -1,6 +1,6 @@
-"""Host side of the guide: sums of what records found, and the table that is made of them.
+"""Host side of the guide: sums over training records, and the table that is computed from them.
 
-Notation: R cells that were met (rows of the sums), K rows of the finished table.
+Notation: R cells with records (rows of the sums), K rows of the finished table.
 """
 
 from __future__ import annotations
@@ -14,57 +14,72 @@ from lightwell.cache.guide import BINS, FACES, LOG2, NODES, OFFSETS, SIDE, Guide
 
 # Cells along the longest edge of the scene's box.
 LONGEST = 24
-# A cell's own directions weigh as much as those of the cell around it from so many effective records on.
+# Effective records at which a cell's own distribution (level) has the same weight as that of the enclosing cell.
 PRIOR, PRIOR_LEVEL = 16.0, 8.0
-# Records brighter than so many times the mean of their cell are cut; share of the uniform distribution in every row.
+# Records are clamped to this multiple of the mean of their cell; share of the uniform distribution in every row.
 CAP, FLOOR = 50.0, 0.02
-# Sums keep this share of their weight from one frame to the next; this one when the scene changes.
+# Factor of the sums from one frame to the next; factor when the scene changes.
 KEPT, KEPT_AFTER_CHANGE = 0.97, 0.05
 # Columns of the sums.
 SUMS = 5
-# Frames of a still with a cache that teach the guide: more would take time from the cache.
+# Frames of a still with a cache whose records are added to the guide: more would take time from the cache.
 LESSONS = 8
-# Pictures whose paths have less relative variance than this gain nothing from a guide (measured: Cornell box 0.9,
+# Images whose paths have less relative variance than this gain nothing from a guide (measured: Cornell box 0.9,
 # veach-ajar 6).
 CALM = 3.0
-# Frames between two tables, beside those whose number is a power of two.
+# Frames between two builds of the table, in addition to those whose number is a power of two.
 EVERY = 8
 
 
 class GuideTable:
-    """Sums by cell and direction; makes ``Guide``."""
+    """Sums of scattered radiance by cell and direction, from which ``Guide`` is built."""
 
     def __init__(self, box: np.ndarray, share: float, longest: int = LONGEST) -> None:
+        """Make an empty table.
+
+        Args:
+            box: [2, 3] corners of the scene's box, metres.
+            share: Probability that a vertex samples the guide and not its BSDF, in [0, 1).
+            longest: Cells along the longest edge of the box, ≥ 1.
+        """
         edge = np.asarray(box[1] - box[0], np.float64)
         self.cells = np.maximum(1, np.ceil(edge / edge.max() * longest - 1e-6)).astype(np.int64)
         """Cells along x, y, z."""
         self.share = share
         self.row_of = np.full(int(np.prod(self.cells)) * FACES, -1, np.int64)
-        """[cells * FACES] row of the sums, -1: never met."""
+        """[cells * FACES] row of the sums, -1: no records."""
         self.keys = np.zeros(0, np.int64)
         """[R] cell of each row."""
         self.bins = np.zeros((0, BINS))
-        """[R, BINS] sums of scattered radiance by the direction that it came from, without light sampling."""
+        """[R, BINS] sums of scattered radiance by the incident direction, without light sampling."""
         self.sums = np.zeros((0, SUMS))
         """[R, 5] number of records; sums of that radiance and of its square; those of all scattered radiance."""
         self.frames = 0
-        """Frames taken in since the scene changed."""
+        """Frames added since the scene changed."""
         self.made: Guide | None = None
-        """What kernels read, as it was last made; None: to be made anew."""
+        """Table for kernels as it was last built; None: it must be rebuilt."""
         self._levels = np.zeros(0)
 
     @property
     def opaque_cells(self) -> mi.Vector3f:
-        """``cells`` for kernels."""
+        """Return ``cells`` as opaque numbers for kernels.
+
+        Returns:
+            Cells along x, y, z.
+        """
         return mi.Vector3f(*[dr.opaque(mi.Float, float(n)) for n in self.cells])
 
     @property
     def opaque_share(self) -> mi.Float:
-        """``share`` for kernels."""
+        """Return ``share`` as an opaque number for kernels.
+
+        Returns:
+            Probability in [0, 1).
+        """
         return dr.opaque(mi.Float, self.share)
 
     def forget(self) -> None:
-        """The scene changed: what is known counts little from now on."""
+        """Reduce the weight of all sums after a change of the scene."""
         self.bins *= KEPT_AFTER_CHANGE
         self.sums *= KEPT_AFTER_CHANGE
         self.frames = 0
@@ -72,11 +87,17 @@ class GuideTable:
     def add(
         self, keys: np.ndarray, bins: np.ndarray, met: np.ndarray, reach: np.ndarray, whole: np.ndarray
     ) -> None:  # fmt: skip
-        """Take in a frame's records [N]: cell, bin of the direction (-1: no record), luminance met there, factor of
-        what the record in the next place scatters, and all scattered luminance.
+        """Add the records of one frame.
 
-        What the next record scatters is read from the table: the mean of its cell is far less noisy than one path
-        (expected SARSA; Dahm and Keller 2017, *Learning Light Transport the Reinforced Way*).
+        The radiance that the next vertex of a path scatters is read from the table: the mean of its cell has far less
+        variance than one path (expected SARSA; Dahm and Keller 2017, *Learning Light Transport the Reinforced Way*).
+
+        Args:
+            keys: [N] numbers of cells.
+            bins: [N] bins of the directions; -1: no record.
+            met: [N] luminance that arrived from the direction, up to the next record.
+            reach: [N] factor of the luminance that the record in the next place scatters.
+            whole: [N] luminance scattered by the vertex, light sampling included.
         """
         self.frames += 1
         finite = np.isfinite(met) & np.isfinite(reach) & np.isfinite(whole)
@@ -108,11 +129,11 @@ class GuideTable:
             self.made = None
 
     def _due(self) -> bool:
-        """Whether the table is to be made anew after this frame."""
+        """Whether the table is rebuilt after this frame."""
         return self.frames & (self.frames - 1) == 0 or self.frames % EVERY == 0
 
     def _meet(self, keys: np.ndarray) -> None:
-        """Give rows to cells that have none."""
+        """Add rows for cells without one."""
         new = keys[self.row_of[keys] < 0]
         self.row_of[new] = len(self.keys) + np.arange(len(new))
         self.keys = np.concatenate([self.keys, new])
@@ -120,20 +141,33 @@ class GuideTable:
         self.sums = np.concatenate([self.sums, np.zeros((len(new), SUMS))])
 
     def restore(self, keys: np.ndarray, bins: np.ndarray, sums: np.ndarray, frames: int) -> None:
-        """Take over sums that were saved."""
+        """Restore sums that were saved.
+
+        Args:
+            keys: [R] numbers of cells.
+            bins: [R, ``BINS``] sums by direction.
+            sums: [R, ``SUMS``] sums by cell.
+            frames: Frames added since the last change of the scene.
+        """
         self.keys, self.bins, self.sums, self.frames = keys, bins.astype(np.float64), sums, frames
         self.row_of[keys] = np.arange(len(keys))
         self.made = None
 
     def guide(self) -> Guide:
-        """What kernels read; made anew now and then."""
+        """Return the table for kernels; it is rebuilt when ``made`` is None.
+
+        Returns:
+            The table on the device.
+        """
         if self.made is None:
             self.made = on_device(*self.table(), self.opaque_cells, self.opaque_share)
         return self.made
 
     def _boxes(self):
-        """From the whole box down to the cells, all boxes that hold records: (logarithm of the edge in cells, keys of
-        the boxes, a row of the sums in each, box of each row)."""
+        """Iterate over the boxes with records, from the whole box down to single cells.
+
+        Yields (logarithm of the edge in cells, keys of the boxes, a row of the sums in each, box of each row).
+        """
         x, y, _ = self.cells
         cell, face = self.keys // FACES, self.keys % FACES
         at = np.stack([cell % x, cell // x % y, cell // (x * y)])
@@ -143,7 +177,7 @@ class GuideTable:
             yield k, *np.unique(key, return_index=True, return_inverse=True)
 
     def _level_of_rows(self) -> np.ndarray:
-        """[R] mean scattered luminance of the cells, drawn towards those of the boxes around them."""
+        """[R] mean scattered luminance of the cells, shrunk towards those of the enclosing boxes."""
         level: Any = None
         for _, _, first, box in self._boxes():
             sums = np.stack([np.bincount(box, column) for column in self.sums.T], 1)
@@ -151,11 +185,14 @@ class GuideTable:
         return level
 
     def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(rows [cells * FACES], probabilities [K, BINS], levels [K]). Row 0: nothing known.
+        """Compute the finished table.
 
-        From the whole box down to the cells: a box's distribution is its own mean, drawn towards that of the box around
-        it where few records, or a few bright ones, speak. Cells without records have the row of the smallest box with
-        some.
+        From the whole box down to single cells, the distribution of a box is its own mean, shrunk towards that of the
+        enclosing box where there are few records or a few dominant ones. Cells without records have the row of the
+        smallest enclosing box with records.
+
+        Returns:
+            Row of each cell [cells * ``FACES``], probabilities [K, ``BINS``] and levels [K]; row 0 means no data.
         """
         x, y, z = self.cells
         dense = np.zeros((z, y, x, FACES), np.int64)
@@ -184,12 +221,12 @@ def _grouped(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def _effective(total: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """Number of equal records that would say as much."""
+    """Effective number of records: that of equal records with the same relative variance of the mean."""
     return np.where(square > 0, total * total / np.maximum(square, 1e-300), 0)
 
 
 def _shrunk(bins: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Distribution [R, BINS] of boxes, drawn towards those of the boxes around them."""
+    """Distribution [R, BINS] of boxes, shrunk towards those of the enclosing boxes."""
     effective = _effective(sums[:, 1], sums[:, 2])[:, None]
     mean = bins / np.maximum(bins.sum(1, keepdims=True), 1e-300)
     p = effective * mean + PRIOR * prior
@@ -197,7 +234,7 @@ def _shrunk(bins: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray
 
 
 def _level(sums: np.ndarray, prior: np.ndarray | None) -> np.ndarray:
-    """Mean scattered luminance [R] of boxes, likewise."""
+    """Mean scattered luminance [R] of boxes, shrunk towards those of the enclosing boxes."""
     mean = sums[:, 3] / np.maximum(sums[:, 0], 1e-9)
     if prior is None:
         return mean
@@ -206,7 +243,14 @@ def _level(sums: np.ndarray, prior: np.ndarray | None) -> np.ndarray:
 
 
 def tree_of(p: np.ndarray) -> np.ndarray:
-    """[K, NODES, 4] probabilities of children from those of bins [K, BINS], all above zero."""
+    """Compute the conditional probabilities of a quadtree over bins.
+
+    Args:
+        p: [K, ``BINS``] probabilities of bins, > 0.
+
+    Returns:
+        [K, ``NODES``, 4] probabilities of the children of each node, given the node.
+    """
     K = len(p)
     tree = np.zeros((K, NODES, 4), np.float32)
     q = p.reshape(K, SIDE, SIDE)
@@ -220,7 +264,18 @@ def tree_of(p: np.ndarray) -> np.ndarray:
 
 
 def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: mi.Float) -> Any:
-    """``Guide`` of a table."""
+    """Copy a table to the device.
+
+    Args:
+        rows: [cells * ``FACES``] row of each cell.
+        p: [K, ``BINS``] probabilities of bins, > 0.
+        level: [K] mean scattered luminance.
+        cells: Cells along the axes.
+        share: Probability that a vertex samples the guide.
+
+    Returns:
+        ``Guide`` with these arrays.
+    """
     guide = Guide()
     guide.cells = cells
     guide.rows = mi.UInt32(rows.astype(np.uint32))

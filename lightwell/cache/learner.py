@@ -20,8 +20,8 @@ from lightwell.networks.device import tensors
 # Relative loss: the term that keeps the division finite, and the weights of luminance (Müller et al. 2021).
 LOSS_EPSILON = 0.01
 LUMINANCE = (0.299, 0.587, 0.114)
-# Adam. A long memory of the second moment: a short one clips rare bright records and darkens the fit. (A memory that
-# grows with the steps forgets the first, too large gradients, but fits no better.)
+# Adam. A small decay of the second moment clips the gradients of rare bright records and darkens the fit. (A decay that
+# grows with the steps discards the large first gradients, but fits no better.)
 BETA_1, BETA_2, EPSILON, TABLE_EPSILON = 0.9, 0.999, 1e-8, 1e-15
 # Weight decay of the layers.
 DECAY = 1e-6
@@ -29,27 +29,35 @@ DECAY = 1e-6
 
 @dataclass(frozen=True)
 class Batch:
-    """Records of one or more steps, in random order; rows beyond the last one have weight 0."""
+    """Records of one or more gradient steps in random order; rows beyond the last record have weight 0."""
 
     direct: Any
-    """[N, K] inputs."""
+    """[N, K] inputs beside the hash grid."""
     points: Any
-    """[N, 3] positions in the box."""
+    """[N, 3] positions relative to the scene's box, [0, 1]^3."""
     target: Any
-    """[N, 3]."""
+    """[N, 3] targets in units of the network."""
     weight: Any
-    """[N, 3] 1 where there is a target."""
+    """[N, 3] 1 where the channel has a target, else 0."""
 
 
 def averaging(decay: float, step: int, early: float = 0.0) -> tuple[float, float]:
-    """Factors of the new weights and of the old average after gradient step ``step`` = 1, 2, ...; they add up to 1.
+    """Compute the weights of the running average of the network's weights; they add up to 1.
 
-    With eta_t = 1 - decay^t the average is (1 - decay) / eta_t W_t + decay eta_(t-1) / eta_t W_(t-1). Without the
-    division by eta_t in the second term, as it is printed in places, the factors add up to less than 1.
+    With η_t = 1 - decay^t the average is (1 - decay) / η_t W_t + decay η_(t-1) / η_t W_(t-1) (the factor η_(t-1) is
+    missing in some printed versions, whose factors add up to less than 1).
 
-    Until 1 / (1 - decay) steps are over, that is the plain mean of all steps, those of an untrained network too.
-    ``early`` = g > 0 gives the newest weights at least (g + 1) / (t + g): the average then forgets all but about the
-    last t / g steps (polynomial-decay averaging, Shamir & Zhang 2013).
+    For the first 1 / (1 - decay) steps this is close to the plain mean of all steps, those of an untrained network
+    included. ``early`` = g > 0 gives the newest weights at least (g + 1) / (t + g), so that the average covers only
+    about the last t / g steps (polynomial-decay averaging, Shamir and Zhang 2013).
+
+    Args:
+        decay: Decay per step, in [0, 1).
+        step: Gradient step t = 1, 2, …
+        early: g ≥ 0; 0: no polynomial decay.
+
+    Returns:
+        Factor of the new weights and factor of the old average.
     """
     new = (1 - decay) / (1 - decay**step)
     if early > 0:
@@ -58,17 +66,33 @@ def averaging(decay: float, step: int, early: float = 0.0) -> tuple[float, float
 
 
 def luminance(output: Any) -> Any:
-    """[B, 1] of what the network says, detached and never negative, or of targets."""
-    # Literals, because a frozen function takes no memory that is not among its arguments.
+    """Compute the luminance of network outputs (detached, negative values clamped to 0) or of targets.
+
+    Args:
+        output: [B, 3] tensor.
+
+    Returns:
+        [B, 1] tensor.
+    """
+    # Literals, because a frozen function cannot read memory that is not among its arguments.
     channel = dr.arange(mi.UInt32, 3)
     weights = dr.select(channel == 0, LUMINANCE[0], dr.select(channel == 1, LUMINANCE[1], LUMINANCE[2]))
     return dr.matmul(dr.maximum(dr.detach(output), 0), mi.TensorXf(mi.Float(weights), (3, 1)))
 
 
 def believed(output: Any, target: Any, cap: float) -> Any:
-    """Targets [B, 3] no brighter than ``cap`` times what the network says plus one, hue kept; the mean target is one.
+    """Clamp targets to a multiple of the prediction, keeping the hue.
 
-    Relative to the network, because places beside a lamp are rightly much brighter than the mean.
+    The limit is ``cap`` times the predicted luminance plus one (the mean target is one). It is relative to the
+    prediction, because places close to a light are much brighter than the mean.
+
+    Args:
+        output: [B, 3] prediction.
+        target: [B, 3] targets.
+        cap: Largest ratio; ≤ 0: no limit.
+
+    Returns:
+        [B, 3] clamped targets.
     """
     if cap <= 0:
         return target
@@ -76,16 +100,31 @@ def believed(output: Any, target: Any, cap: float) -> Any:
 
 
 def loss(output: Any, target: Any, weight: Any) -> Any:
-    """Sum over channels and records of (f - y)^2 / (sg(lum f)^2 + 0.01), over the sum of weights."""
+    """Compute the relative squared loss (f - y)² / (sg(lum f)² + 0.01), summed, over the sum of weights.
+
+    Args:
+        output: [B, 3] prediction f.
+        target: [B, 3] targets y.
+        weight: [B, 3] 0 or 1.
+
+    Returns:
+        Scalar; differentiable in ``output``, whose luminance in the denominator is a constant (sg: stop gradient).
+    """
     scale = weight / (dr.square(luminance(output)) + LOSS_EPSILON)
     count = dr.maximum(dr.sum(weight.array), 1)
     return dr.sum((dr.square(output - target) * scale).array) / count
 
 
 class Learner:
-    """Weights, their average, Adam's moments, and the counters that belong to them."""
+    """Weights, their average, Adam's moments, and the step counters of both."""
 
     def __init__(self, model: Model, settings: CacheSettings) -> None:
+        """Initialise the weights.
+
+        Args:
+            model: Network.
+            settings: Settings of the cache: seed and optimiser.
+        """
         self.model, self.settings = model, settings
         initial = model.initial(settings.seed)
         self.values: Tensors = tensors(initial)
@@ -96,22 +135,35 @@ class Learner:
             tensors({k: np.zeros_like(v) for k, v in initial.items()}) for _ in range(2)
         )
         self.step = 0
-        """Gradient steps taken: the clock of Adam."""
+        """Gradient steps taken, t of Adam's bias correction."""
         self.averaged = 0
-        """Gradient steps in the average; set back by ``forget``."""
+        """Gradient steps in the average; reset by ``forget``."""
 
     @property
     def shown(self) -> Tensors:
-        """The weights that pixels see."""
+        """Return the weights that rendering paths evaluate.
+
+        Returns:
+            Averaged weights; the raw ones before the first step or without averaging.
+        """
         return self.average if self.averaged and self.settings.ema_decay else self.values
 
     def forget(self) -> None:
-        """Begin the average anew from the raw weights: after a change of the scene."""
+        """Restart the average from the raw weights, after a change of the scene."""
         self.average = {k: mi.TensorXf(v) for k, v in self.values.items()}
         self.averaged = 0
 
     def train(self, batch: Batch, start: int, rate: float) -> Any:
-        """One step on ``settings.batch`` rows from ``start`` on; returns (loss, signed residual) as device numbers."""
+        """Take one gradient step on ``settings.batch`` rows.
+
+        Args:
+            batch: Records on the device.
+            start: First row.
+            rate: Learning rate, > 0.
+
+        Returns:
+            Loss and mean signed residual as one two-dimensional point on the device.
+        """
         self.step += 1
         self.averaged += 1
         new, old = averaging(self.settings.step_decay, self.averaged, self.settings.early_average)
@@ -127,7 +179,11 @@ class Learner:
         return told
 
     def rescale(self, k: float) -> None:
-        """Multiply what the network says by ``k`` exactly, moments included: its last layer is linear."""
+        """Multiply the network's output by a factor, exactly: the last layer is linear. Moments are scaled, too.
+
+        Args:
+            k: Factor, > 0.
+        """
         last = self.model.last
         for tensors_, factor in (
             (self.values, k),
@@ -141,7 +197,7 @@ class Learner:
 
 @functools.lru_cache(maxsize=64)
 def _frozen_step(model: Model, count: int, cap: float) -> Any:
-    """One optimiser step as a frozen function, kept for the life of the process (see ``networks.training``)."""
+    """Return one optimiser step as a frozen function, cached for the life of the process."""
 
     def step(values, average, moments, direct, points, target, weight, start, rate, new, old):
         x, p, y, w = (_rows(t, start, count) for t in (direct, points, target, weight))
@@ -162,7 +218,7 @@ def _frozen_step(model: Model, count: int, cap: float) -> Any:
 
 
 def _updated(values, average, moments, gradients, rate, new, old):
-    """Adam and the average; nothing moves where the gradient as a whole is not finite."""
+    """Update Adam and the average; nothing changes when any gradient is not finite."""
     norm = sum(dr.sum(dr.square(g.array)) for g in gradients.values())
     sound = dr.isfinite(norm)
     values_, average_, first_, second_ = {}, {}, {}, {}
@@ -172,7 +228,7 @@ def _updated(values, average, moments, gradients, rate, new, old):
         moves = mi.Bool(sound)
         ε = EPSILON
         if name == "table":
-            moves = sound & (g != 0)  # Entries that no record met stay as they are.
+            moves = sound & (g != 0)  # Entries that no record reads stay as they are.
             ε = TABLE_EPSILON
         else:
             g = g + DECAY * v

@@ -1,12 +1,12 @@
-"""The level of a still: by how much traced light exceeds what the network says, place by place.
+"""Local gain of a still: a factor by place that corrects the mean brightness of the network's predictions.
 
-A network that had a second to learn blurs: light of bright places spills into dark ones, and rare bright records,
-capped so that they do not ruin the fit, are missing. Both are errors of brightness over some distance, and the training
-paths of a still, all of which end by roulette, measure them. Sums over cells tell the factor of each cell; where a cell
-has few or noisy records, that of the larger cell around it holds. The factor is interpolated, so that no cells show.
+A network trained for a second is blurred: bright places bleed into dark ones, and rare bright records, clamped to keep
+the fit stable, are missing. Both are errors of brightness over some distance, and the training paths of a still, which
+all end by Russian roulette, measure them. Sums over cells give a factor for each cell; where a cell has few or noisy
+records, that of the enclosing larger cell is used. The factor is interpolated, so that cells are not visible.
 
-Notation: cells N^3 in the scene's box for each of six sides, the axis that a normal is nearest to. Cells are summed in
-Morton order (the eight children of a cell are neighbours in memory) and read in that of rows.
+Notation: N^3 cells in the scene's box for each of six sides, the axis that a normal is nearest to. Cells are summed in
+Morton order (the eight children of a cell are neighbours in memory) and read in row-major order.
 """
 
 from __future__ import annotations
@@ -19,42 +19,67 @@ from lightwell.cache.features import Vertex
 BITS = 5
 N, SIDES = 1 << BITS, 6
 CELLS = SIDES * N**3
-# A cell's factor differs from that of the cell around it by no more than this, and from one by no more than its square.
+# Largest ratio of a cell's factor to that of the enclosing cell; the factor itself is limited to its square.
 MOST = 4.0
-# Frames of a still whose records are compared. A record counts up to this, times the root of their number, times the
-# cache's value plus the mean: with more records a bright one does less harm.
+# Frames of a still whose records are used. A record is clamped to CAP, times the square root of their number, times the
+# prediction plus the mean: with more records a single bright one has less influence.
 FRAMES, CAP = 16, 15.0
-# Records of a cell that its own variance must outweigh to be believed against that of the cell around it.
+# Number of records as which the variance of the enclosing cell counts in the variance of a cell.
 PRIOR = 8.0
-# A difference is believed from as many variances of its noise on.
+# Multiple of the noise variance that is subtracted in the shrinkage.
 CLEAR = 2.0
 
 
 class Gain:
-    """What turns the network's numbers into radiance: one over the radiance scale."""
+    """Factor from network output to radiance: one over the radiance scale."""
 
     DRJIT_STRUCT = {"unscale": mi.Float}  # noqa: RUF012
 
     def __init__(self, unscale: Any = None) -> None:
+        """Set the factor.
+
+        Args:
+            unscale: One over the radiance scale; None: 1.
+        """
         self.unscale = mi.Float(1) if unscale is None else unscale
 
     def at(self, v: Vertex) -> mi.Float:
-        """The factor at a vertex."""
+        """Return the factor at vertices.
+
+        Args:
+            v: Vertices; not used here.
+
+        Returns:
+            Factor, the same for all vertices.
+        """
         return self.unscale
 
 
 class LocalGain(Gain):
-    """The same with a level."""
+    """Factor from network output to radiance that depends on position and orientation."""
 
     DRJIT_STRUCT = {"unscale": mi.Float, "level": mi.Float}  # noqa: RUF012
 
     def __init__(self, unscale: Any = None, level: Any = None) -> None:
+        """Set the factors.
+
+        Args:
+            unscale: One over the radiance scale; None: 1.
+            level: [``CELLS``] factors; None: 1 everywhere.
+        """
         super().__init__(unscale)
         self.level = mi.Float(1) if level is None else level
         """[CELLS] factors."""
 
     def at(self, v: Vertex) -> mi.Float:
-        """The factor at a vertex, interpolated between the centres of cells."""
+        """Interpolate the factor between the centres of cells.
+
+        Args:
+            v: Vertices.
+
+        Returns:
+            [N] factors.
+        """
         places = [dr.clip(x * N - 0.5, 0, N - 1) for x in v.p]
         low = [dr.minimum(mi.UInt32(x), N - 2) for x in places]
         high = [x - mi.Float(cell) for x, cell in zip(places, low)]
@@ -70,7 +95,14 @@ class LocalGain(Gain):
 
 
 def side(n: mi.Vector3f) -> mi.UInt32:
-    """0 ... 5: the axis that a normal is nearest to, and its sign."""
+    """Find the axis and the sign that normals are nearest to.
+
+    Args:
+        n: [N] normals.
+
+    Returns:
+        [N] 2 * axis + (1 if negative).
+    """
     a = dr.abs(n)
     axis = dr.select((a.x >= a.y) & (a.x >= a.z), mi.UInt32(0), dr.select(a.y >= a.z, mi.UInt32(1), mi.UInt32(2)))
     along = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
@@ -90,14 +122,25 @@ def _morton(x: mi.UInt32, y: mi.UInt32, z: mi.UInt32, of: mi.UInt32) -> mi.UInt3
 
 
 class Sums:
-    """[CELLS] each, in Morton order: records, traced light, what the network says, squares of their difference."""
+    """Sums by cell in Morton order: records, traced luminance, predicted luminance, and squared difference."""
 
     def __init__(self, frames: int = 1) -> None:
+        """Start with zeros.
+
+        Args:
+            frames: Frames whose records will be added, ≥ 1; sets the clamp of bright records.
+        """
         self.cap = dr.opaque(mi.Float, CAP * frames**0.5)
         self.count, self.traced, self.said, self.square = (dr.zeros(mi.Float, CELLS) for _ in range(4))
 
     def add(self, v: Vertex, traced: mi.Float, said: mi.Float) -> None:
-        """Take in records: luminances in units of the network, >= 0."""
+        """Add records; luminances are in units of the network.
+
+        Args:
+            v: Vertices.
+            traced: [N] traced luminance, ≥ 0.
+            said: [N] predicted luminance, ≥ 0.
+        """
         traced = dr.minimum(traced, self.cap * (said + 1))
         sound = dr.isfinite(traced) & dr.isfinite(said)
         cell = [dr.minimum(mi.UInt32(dr.clip(x, 0, 1) * N), N - 1) for x in v.p]
@@ -109,7 +152,11 @@ class Sums:
             dr.scatter_add(table, value, at, sound)
 
     def levels(self) -> mi.Float:
-        """[CELLS] factors in the order of rows, from the whole scene down to the cells."""
+        """Compute the factors, from the whole scene down to single cells.
+
+        Returns:
+            [``CELLS``] factors in row-major order.
+        """
         pyramid = [(self.count, self.traced, self.said, self.square)]
         for _ in range(BITS):
             pyramid.append(tuple(dr.block_sum(s, 8) for s in pyramid[-1]))
@@ -120,7 +167,8 @@ class Sums:
             if repeats > 1:
                 factor, around = dr.repeat(factor, repeats), dr.repeat(around, repeats)
             said *= factor
-            # A few dark records say little where the cell around theirs knows that bright ones are rare.
+            # A few dark records are weak evidence where the enclosing cell has rare bright ones: its variance counts
+            # too.
             own = dr.square(count) * square / dr.maximum(dr.square(said), 1e-24)
             variance = (own + PRIOR * around) / dr.maximum(count + dr.select(around > 0, PRIOR, 0), 1)
             around = variance
@@ -133,10 +181,20 @@ class Sums:
 
 
 def corrected(traced: mi.Float, said: mi.Float, noise: mi.Float) -> mi.Float:
-    """Traced over said, shrunk towards 1 by what of the difference may be noise, given as a relative variance.
+    """Compute the ratio of traced to predicted luminance, shrunk towards 1 by the share that noise can explain.
 
-    Positive-part shrinkage (James & Stein 1961): a cell in which one bright record makes the difference is its own
-    noise, and stays as it is.
+    Positive-part shrinkage: where a single bright record causes the difference, the noise estimate is equally large,
+    and the factor stays 1.
+
+    Args:
+        traced: [N] sums of traced luminance.
+        said: [N] sums of predicted luminance.
+        noise: [N] relative variance of the traced sum.
+
+    Returns:
+        [N] factors in [1 / ``MOST``, ``MOST``].
+
+    Reference: James and Stein 1961, *Estimation with Quadratic Loss*.
     """
     off = traced / dr.maximum(said, 1e-12) - 1
     share = dr.maximum(1 - CLEAR * noise / dr.maximum(dr.square(off), 1e-12), 0)

@@ -1,4 +1,4 @@
-"""The live session: a scene whose camera, lights and objects move while the cache follows."""
+"""Live session: a scene whose camera, lights and objects are moved while the cache keeps training."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ from lightwell.core.image_io import encoded
 from lightwell.scenes import load
 from lightwell.scenes.scene import Camera, Scene
 
-# Panels of the page. Every panel but the first two is made on every other frame.
+# Panels of the page. All but the first two are rendered every other frame.
 PANELS = ("cache-image", "path", "cache", "error")
-# Frames that are averaged at most while nothing moves; points of the curves that are kept.
+# Largest number of frames averaged while nothing moves; points of the loss curve that are kept.
 MOST_FRAMES, CURVE = 512, 240
 JPEG_QUALITY = 88
-# How far commands may lead when many of them follow each other: the power of e of one step of the camera, its distance
-# as a multiple and a part of the scene's extent, the light of a lamp.
+# Limits of accumulated commands: exponent of e of one camera step; distance of the camera over the scene's extent (and
+# its inverse); factor of a light.
 CLOSER, FARTHEST, GAINS = 5.0, 1e3, (1e-6, 1e6)
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A point light that is added to a scene."""
+    """Point light that is added to a scene."""
 
     place: np.ndarray
-    """[3] metres."""
+    """[3] position, metres."""
     intensity: float
-    """Candela."""
+    """Radiant intensity, relative linear units."""
 
 
 class LiveScene:
-    """A Mitsuba scene with one sensor, and what can be moved in it."""
+    """Mitsuba scene with one sensor, and its movable camera, lights and objects."""
 
     def __init__(self, loaded: Scene, size: int, camera: Camera | None = None, lamp: Lamp | None = None) -> None:
-        """Put together what a session needs.
+        """Build the Mitsuba scene of a session.
 
         Args:
             loaded: The scene.
             size: Edge of the sensor's square film, pixels.
-            camera: Where the view begins; None: the scene's first camera, else one outside of its bounds.
-            lamp: A point light to add; None: one where nothing else shines.
+            camera: Initial view; None: the scene's first camera, or else one outside of its bounds.
+            lamp: Point light to add; None: one is added only if the scene has no emitter.
         """
         self.name = loaded.name
         content: dict[str, Any] = {"type": "scene"}
@@ -63,7 +63,7 @@ class LiveScene:
         low, high = bounds_of(loaded.mi)
         self.center, self.extent = (low + high) / 2, float((high - low).max())
         self.gains: dict[int, float] = {}
-        """Index of a lamp to what its light has been multiplied with."""
+        """Index of a light to the factor of its radiance so far."""
         if lamp is None and not loaded.mi.emitters():
             lamp = Lamp(self.center + np.array([0, 0.3 * (high - low)[1], 0]), self.extent**2)
         self.own_lamp = lamp is not None
@@ -73,7 +73,8 @@ class LiveScene:
         camera = camera or (loaded.cameras[0] if loaded.cameras else self._outside(low, high))
         self.position, self.target = np.array(camera.position, float), np.array(camera.target, float)
         self.up, self.fov = np.array(camera.up, float), camera.fov_y
-        # Orbit about what the camera looks at, not about a point right before it.
+        # Orbit about what the camera looks at: a target right in front of the camera is moved to the scene's centre
+        # depth.
         forward = self.target - self.position
         forward /= np.linalg.norm(forward)
         self.target = self.position + forward * max(float((self.center - self.position) @ forward), 0.2 * self.extent)
@@ -105,7 +106,13 @@ class LiveScene:
         )
 
     def orbit(self, right: float, up: float, closer: float) -> None:
-        """Turn round the target by angles in radians and come closer by a factor e^closer."""
+        """Rotate the camera about the target and move it closer by a factor e^``closer``.
+
+        Args:
+            right: Angle about the vertical axis, radians.
+            up: Elevation angle, radians; not applied near the poles.
+            closer: Exponent of the approach, clamped to ±``CLOSER``.
+        """
         offset = self.position - self.target
         axis = self.up / np.linalg.norm(self.up)
         offset = _turned(offset, axis, -right)
@@ -122,7 +129,12 @@ class LiveScene:
         sensor.update()
 
     def move(self, index: int, by: np.ndarray) -> None:
-        """Shift a thing by a vector, in parts of the scene's extent."""
+        """Translate an object or the added lamp.
+
+        Args:
+            index: Index of the object; -1: the added lamp.
+            by: [3] vector in units of the scene's extent.
+        """
         step = np.asarray(by, float) * self.extent
         if index < 0:
             key = "lamp.position"
@@ -134,7 +146,12 @@ class LiveScene:
         self.parameters.update()
 
     def brighten(self, index: int, factor: float) -> None:
-        """Multiply the light of a lamp, within ``GAINS`` of what it was."""
+        """Multiply the radiance of a light; the accumulated factor stays within ``GAINS``.
+
+        Args:
+            index: Index of an emitting object; -1: the added lamp.
+            factor: Factor, > 0.
+        """
         before = self.gains.get(index, 1.0)
         self.gains[index] = float(np.clip(before * factor, *GAINS))
         factor = self.gains[index] / before
@@ -152,10 +169,17 @@ def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
 
 
 class LiveSession:
-    """Renders in a thread; the page reads ``state`` and sends ``command``s."""
+    """Renders a scene continuously in one thread, while a page reads ``state`` and sends commands from others."""
 
     def __init__(self, source: str, settings: CacheSettings, size: int = 256, **options: Any) -> None:
-        """``options`` are those of ``lightwell.scenes.load``."""
+        """Load a scene and make an untrained cache.
+
+        Args:
+            source: Scene file or name of a built-in scene.
+            settings: Settings of the cache.
+            size: Edge of the square image, pixels.
+            **options: Options of ``lightwell.scenes.load``.
+        """
         self.live = LiveScene(load(source, **options), size)
         self.settings, self.size = settings, size
         self.cache = RadianceCache(settings)
@@ -178,7 +202,11 @@ class LiveSession:
     # ------------------------------------------------------------------ commands
 
     def command(self, order: bytes | Mapping[str, Any]) -> None:
-        """Queue what the page asks for, a JSON object; ValueError for what is no command."""
+        """Check a command of the page and add it to the queue.
+
+        Args:
+            order: JSON object as text or as a mapping; ``parse_command`` raises ``ValueError`` for an invalid one.
+        """
         self.commands.append(parse_command(order, {t["index"] for t in self.live.things}))
 
     def _obey(self) -> None:
@@ -204,7 +232,7 @@ class LiveSession:
             self._forget_pictures()
 
     def _forget_pictures(self) -> None:
-        """Begin the averages anew."""
+        """Restart the averages."""
         self.still = 0
         for total in self.sums.values():
             total[:] = 0
@@ -212,7 +240,7 @@ class LiveSession:
     # ------------------------------------------------------------------ frames
 
     def loop(self) -> None:
-        """Until ``running`` is taken away; a failure is shown on the page."""
+        """Render frames until ``running`` is False; an error ends the loop and is shown on the page."""
         while self.running:
             try:
                 self._obey()
@@ -222,9 +250,9 @@ class LiveSession:
                 self.running = False
 
     def frame(self) -> None:
-        """One frame: train, render both, and now and then the other panels."""
+        """Train, render with the cache and by path tracing, and every other frame render the other panels."""
         seed = self.frames & 0xFFFFFF
-        # A cache that is cold, or whose scene has just changed, learns from larger frames, and pictures made meanwhile
+        # An untrained cache, or one whose scene has just changed, trains with larger frames; images rendered meanwhile
         # are not averaged.
         if self.cache.eager:
             self._forget_pictures()
@@ -271,7 +299,11 @@ class LiveSession:
             self.pictures |= made
 
     def state(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
+        """Return the numbers that the page shows beside the images.
+
+        Returns:
+            Dictionary of JSON types.
+        """
         last = self.cache.history[-1] if self.cache.history else None
         return {
             "scene": self.live.name, "frame": self.frames, "still": self.still, "frozen": self.cache.frozen,

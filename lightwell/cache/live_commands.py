@@ -1,4 +1,4 @@
-"""What the live page may ask for: every command is checked before the session sees it."""
+"""Commands of the live page, each of which is checked before the session executes it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-# Largest number by key: radians or powers of e of a camera movement, parts of the scene's extent of a thing's.
+# Largest magnitudes: radians or exponents of e of a camera movement; shift of an object in scene extents.
 CAMERA, SHIFT = 100.0, 1.0
-# Range of the factor of a lamp.
+# Range of the factor of a light.
 DARKEST, BRIGHTEST = 0.01, 100.0
 # Keys that a command may have beside ``do``; those that it must have.
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -31,22 +31,24 @@ class Command:
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
-    """Of ``orbit``: angles in radians, and the power of e by which to come closer; of ``move``: a vector in parts of
-    the scene's extent."""
+    """``orbit``: two angles in radians and the exponent of e of the approach; ``move``: a vector in scene extents."""
     factor: float = 1.0
-    """By which the light of a lamp is multiplied."""
+    """Factor of the radiance of a light."""
 
 
 def parse_command(data: bytes | Mapping[str, Any], things: Collection[int]) -> Command:
     """Check a command.
 
     Args:
-        data: A JSON object as text or read: ``do`` and the keys of that command.
-        things: Indices that ``thing`` may have.
+        data: JSON object, as text or parsed: ``do`` and the keys of that command.
+        things: Valid indices of ``thing``.
+
+    Returns:
+        The command.
 
     Raises:
-        ValueError: It is no command: its form, its keys, a number that is none or out of its range, or a thing that is
-            not there.
+        ValueError: Not a JSON object, an unknown command or key, a missing key, a value that is not a number or out of
+            range, or an unknown ``thing``.
     """
     try:
         order = json.loads(data) if isinstance(data, bytes) else dict(data)

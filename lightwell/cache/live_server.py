@@ -1,4 +1,4 @@
-"""The page of the live session, served on this machine only."""
+"""HTTP server of the live session, on the loopback interface only."""
 
 from __future__ import annotations
 
@@ -17,16 +17,27 @@ PAGE = Path(__file__).with_name("live.html")
 
 
 def open_live(session: LiveSession, port: int = 0) -> LocalServer:
-    """Serve the page of a session on 127.0.0.1; port 0 takes any free one.
+    """Serve the page of a session on 127.0.0.1; the server raises ``ValueError`` when the port is not free.
 
-    Raises:
-        ValueError: The port cannot be opened.
+    Args:
+        session: Session to show.
+        port: Port; 0: any free one.
+
+    Returns:
+        Running server, a context manager.
     """
     return LocalServer(page_of(session), port, "live")
 
 
 def page_of(session: LiveSession) -> Application:
-    """The application of a session: GET / the page, GET /frame pictures and numbers, POST /command."""
+    """Make the web application of a session: GET / is the page, GET /frame images and numbers, POST /command.
+
+    Args:
+        session: Session to show.
+
+    Returns:
+        Function from requests to answers.
+    """
 
     def answer(request: Request) -> Answer:
         known = {"/": "GET, HEAD", "/frame": "GET, HEAD", "/command": "POST"}.get(request.path)
@@ -57,15 +68,20 @@ def _frame(session: LiveSession) -> Answer:
 def live(
     source: str, settings: CacheSettings, size: int = 256, port: int = 0, browser: bool = True, **options: Any
 ) -> None:
-    """Serve the page until interrupted. ``options`` are those of ``lightwell.scenes.load``.
+    """Serve the live page until interrupted.
 
-    The session works in a thread of its own, so that Ctrl-C never lands in native code. After Ctrl-C that thread is
-    still at work: end the process with ``os._exit``, as the command line does.
+    Ctrl-C raises ``KeyboardInterrupt``, an unusable scene or port ``ValueError``, a failed session ``RuntimeError``.
 
-    Raises:
-        KeyboardInterrupt: The user pressed Ctrl-C.
-        ValueError: The scene cannot be used, or the port cannot be opened.
-        RuntimeError: The session has failed.
+    The session runs in a thread of its own, so that Ctrl-C does not interrupt native code. After Ctrl-C that thread is
+    still active: end the process with ``os._exit``, as the command line does.
+
+    Args:
+        source: Scene file or name of a built-in scene.
+        settings: Settings of the cache.
+        size: Edge of the square image, pixels.
+        port: Port; 0: any free one.
+        browser: Whether to open the page in the default browser.
+        **options: Options of ``lightwell.scenes.load``.
     """
     failures: list[Exception] = []
 
@@ -85,7 +101,11 @@ def live(
     worker = threading.Thread(target=work, name="live", daemon=True)
     worker.start()
     while worker.is_alive():
-        # In steps: a wait without an end cannot be interrupted on Windows.
+        # In steps: a wait without a timeout cannot be interrupted on Windows.
         worker.join(1)
+    _raise_first(failures)
+
+
+def _raise_first(failures: list[Exception]) -> None:
     if failures:
         raise failures[0]

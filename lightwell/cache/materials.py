@@ -1,7 +1,7 @@
-"""Roughness and non-diffuse albedo of the scene's materials: tables by material and angle.
+"""Tables of roughness and non-diffuse albedo of the scene's materials, by material and angle.
 
-Mitsuba has no query for either. Roughness comes from a table of plugins; the albedo of everything that is not diffuse
-is the mean sample weight of the BSDF over a fixed set of points (so that the network's inputs carry no noise) minus the
+Mitsuba has no query for either. Roughness comes from a table of plugins; the albedo of all non-diffuse lobes is the
+mean sample weight of the BSDF over a fixed set of points (so that the network's inputs are free of noise) minus the
 diffuse reflectance.
 """
 
@@ -15,37 +15,59 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 
-# Angles of the table, samples of one entry, and places on the texture that they are spread over.
+# Angles of the table, and samples of one entry, which are spread over the texture.
 ANGLES, SAMPLES = 16, 256
 # GGX width of a rough plugin where the file names none (Mitsuba's default).
 DEFAULT_ALPHA = 0.1
-# Plugins without roughness, and those that are diffuse all over.
+# Plugins without roughness, and those with a diffuse lobe only.
 SMOOTH = {"conductor", "dielectric", "thindielectric", "null"}
 DIFFUSE = {"diffuse", "pplastic"}
 ROUGH = {"roughconductor", "roughdielectric", "roughplastic", "plastic", "principled", "principledthin", "measured",
          "hair"}  # fmt: skip
-# Share of values that may be no numbers before a material is refused.
+# Largest share of values that are not finite; a material above it is refused.
 MOST_BROKEN = 0.01
 
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """Per registered BSDF; rows of BSDFs that are not in the scene are zero."""
+    """Roughness and albedo of the M registered BSDFs; rows of BSDFs that are not in the scene are zero."""
 
     roughness: Any
-    """[M] Float."""
+    """[M] Float, [0, 1]."""
     albedo: Any
-    """[M * ANGLES * 4] Float: directional albedo beside the diffuse one, by |cos| of the viewing angle."""
+    """[M * ANGLES * 4] Float: directional albedo of the non-diffuse lobes, by |cos| of the viewing angle."""
     highest: float
-    """Largest alpha + beta met: above one, a material makes energy."""
+    """Largest sum of both albedos; above one, a material does not conserve energy."""
 
     def lookup(self, bsdf: Any, cosine: mi.Float, active: mi.Bool) -> tuple[mi.Float, mi.Color3f]:
-        """Roughness and albedo of the lanes' materials, linear in the cosine."""
+        """Look up roughness and albedo, interpolated linearly in the cosine.
+
+        Args:
+            bsdf: BSDFs, one per lane.
+            cosine: [N] cosine of the viewing angle.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            Roughness and albedo of the non-diffuse lobes, [N] each.
+        """
         return lookup(self.roughness, self.albedo, bsdf, cosine, active)
 
 
-def lookup(roughness, albedo, bsdf, cosine, active) -> tuple[mi.Float, mi.Color3f]:
-    """See ``MaterialTable.lookup``."""
+def lookup(
+    roughness: mi.Float, albedo: mi.Float, bsdf: Any, cosine: mi.Float, active: mi.Bool
+) -> tuple[mi.Float, mi.Color3f]:  # fmt: skip
+    """Look up roughness and albedo, interpolated linearly in the cosine.
+
+    Args:
+        roughness: [M] roughness.
+        albedo: [M * ``ANGLES`` * 4] albedo.
+        bsdf: BSDFs, one per lane.
+        cosine: [N] cosine of the viewing angle.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        Roughness and albedo of the non-diffuse lobes, [N] each.
+    """
     row = dr.reinterpret_array(mi.UInt32, bsdf)
     at = dr.clip(dr.abs(cosine) * ANGLES - 0.5, 0, ANGLES - 1)
     low = dr.minimum(mi.UInt32(at), ANGLES - 2)
@@ -57,7 +79,14 @@ def lookup(roughness, albedo, bsdf, cosine, active) -> tuple[mi.Float, mi.Color3
 
 
 def material_table(scene: Any) -> MaterialTable:
-    """Table of all materials of a Mitsuba scene."""
+    """Compute the tables of all materials of a scene.
+
+    Args:
+        scene: Mitsuba scene.
+
+    Returns:
+        Tables on the device.
+    """
     bsdfs = {}
     for shape in scene.shapes():
         bsdf = shape.bsdf()
@@ -81,14 +110,14 @@ def material_table(scene: Any) -> MaterialTable:
 
 
 def _albedos(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean sample weight and diffuse reflectance [M, ANGLES, 3] of materials, by angle; share that is no number [M]."""
+    """Mean sample weight and diffuse reflectance [M, ANGLES, 3] by angle; share of values that are not finite [M]."""
     count = len(numbers) * ANGLES * SAMPLES
     lane = dr.arange(mi.UInt32, count)
     sample = lane % SAMPLES
     angle = (lane // SAMPLES) % ANGLES
     which = dr.gather(mi.UInt32, mi.UInt32(numbers), lane // (SAMPLES * ANGLES))
     bsdf = dr.reinterpret_array(mi.BSDFPtr, which)
-    # Steps of the R sequence (Roberts 2018), by which points fill the axes evenly.
+    # Increments of the R sequence (Roberts 2018), a low-discrepancy sequence.
     golden = [1.0 / 1.1673039782614187 ** (k + 1) for k in range(5)]
     u = [x - dr.floor(x) for x in (mi.Float(sample) * g for g in golden)]
     si = dr.zeros(mi.SurfaceInteraction3f, count)
@@ -109,7 +138,7 @@ def _albedos(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _refuse(bsdfs: dict[int, Any], numbers: np.ndarray, broken: np.ndarray) -> None:
-    """A material that answers with no number now and then is survived; one that does so often is a mistake."""
+    """Refuse materials that often return values that are not finite; rare ones are ignored."""
     for number, share in zip(numbers, broken):
         if share > MOST_BROKEN:
             bsdf = bsdfs[int(number)]
@@ -120,7 +149,7 @@ def _refuse(bsdfs: dict[int, Any], numbers: np.ndarray, broken: np.ndarray) -> N
 
 
 def _roughness(bsdf: Any) -> float:
-    """GGX width of a material, lobe-weighted for mixtures: 0 for mirrors, 1 for diffuse ones."""
+    """GGX width of a material, averaged over the lobes of mixtures: 0 for mirrors, 1 for diffuse materials."""
     name = bsdf.class_name().lower().replace("bsdf", "")
     values = {k: v for k, v in mi.traverse(bsdf)}
     alphas = [_mean(v) for k, v in values.items() if {"alpha", "alpha_u", "alpha_v"} & set(k.split("."))]

@@ -1,6 +1,6 @@
-"""The network of the cache: training in tensor mode, inference packed inside the rendering kernel.
+"""The network of the cache: tensors in training, packed matrices inside the rendering kernel for inference.
 
-Notation: B records, K inputs beside the hash grid, layers W without biases, ReLU inside, linear output of three.
+Notation: B records, K inputs beside the hash grid, layers W without biases, ReLU between them, three linear outputs.
 """
 
 from __future__ import annotations
@@ -26,52 +26,94 @@ Tensors = dict[str, Any]
 
 @dataclass(frozen=True)
 class Model:
-    """Shape of the cache's network; hashable, holds no weights."""
+    """Shape of the cache's network; hashable, without weights."""
 
     encoding: str
+    """Of the position: 'hash' or 'frequency'."""
     levels: int
+    """Hash grid: number of levels."""
     base: float
+    """Hash grid: cells per axis of the first level."""
     growth: float
+    """Hash grid: ratio of the cells per axis of successive levels."""
     entries_log2: int
+    """Hash grid: base-2 logarithm of the largest number of entries of a level."""
     hidden: int
+    """Neurons per hidden layer."""
     layers: int
+    """Hidden layers."""
     factorise: bool
+    """Whether the network learns radiance divided by reflectance."""
 
     @staticmethod
     def of(settings: CacheSettings) -> Model:
-        """The model that the settings describe."""
+        """Return the model that settings describe.
+
+        Args:
+            settings: Settings of the cache.
+
+        Returns:
+            The model.
+        """
         return Model(**settings.network())
 
     @cached_property
     def grid(self) -> HashGrid | None:
-        """The hash grid, or None with the frequency encoding."""
+        """Return the hash grid.
+
+        Returns:
+            The grid; None with the frequency encoding.
+        """
         if self.encoding != "hash":
             return None
         return HashGrid(self.levels, self.base, self.growth, self.entries_log2, 4)
 
     @property
     def direct_inputs(self) -> int:
-        """Inputs that are computed, not looked up."""
+        """Return the number K of inputs beside the hash grid.
+
+        Returns:
+            16 or 64.
+        """
         return 16 if self.grid else 64
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Widths of the layers."""
+        """Return the widths of all layers.
+
+        Returns:
+            Inputs, hidden layers, outputs.
+        """
         return (self.direct_inputs + (self.grid.width if self.grid else 0), *[self.hidden] * self.layers, 3)
 
     @property
     def last(self) -> str:
-        """Name of the last layer."""
+        """Return the name of the last layer's weights.
+
+        Returns:
+            Name.
+        """
         return f"w{self.layers}"
 
     @property
     def parameters(self) -> int:
-        """Number of weights."""
+        """Count the weights, table entries included.
+
+        Returns:
+            Number of weights.
+        """
         table = self.grid.entries * self.grid.channels if self.grid else 0
         return table + sum(a * b for a, b in zip(self.sizes, self.sizes[1:]))
 
     def initial(self, seed: int) -> dict[str, np.ndarray]:
-        """Xavier-uniform weights [in, out] and a table of small numbers, float32."""
+        """Draw initial weights: Xavier-uniform matrices [in, out] and a table of small numbers.
+
+        Args:
+            seed: Seed.
+
+        Returns:
+            Name to float32 array.
+        """
         rng = np.random.default_rng(seed)
         values = {f"w{k}": glorot(rng, a, b) for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:]))}
         if self.grid:
@@ -81,13 +123,29 @@ class Model:
         return values
 
     def inputs(self, v: Vertex) -> list[mi.Float]:
-        """Inputs beside the hash grid."""
+        """Compute the inputs beside the hash grid.
+
+        Args:
+            v: Vertices.
+
+        Returns:
+            K arrays [N].
+        """
         return raw_inputs(v) if self.grid else paper_inputs(v)
 
     # ------------------------------------------------------------------ training
 
     def forward(self, values: Mapping[str, Any], direct: Any, points: Any) -> Any:
-        """[B, K] inputs and [B, 3] points to [B, 3] outputs, differentiable in the weights."""
+        """Evaluate the network on tensors, differentiable in the weights.
+
+        Args:
+            values: Weights by name.
+            direct: [B, K] inputs.
+            points: [B, 3] positions in [0, 1]^3.
+
+        Returns:
+            [B, 3] outputs.
+        """
         if self.grid:
             x = dr.matmul(self.grid(values["table"], points), values["w0"]) + dr.matmul(direct, values["wd"])
         else:
@@ -99,7 +157,14 @@ class Model:
     # ------------------------------------------------------------------ inference
 
     def packed(self, values: Mapping[str, Any]) -> tuple[Any, ...]:
-        """Weights in the layout that cooperative vectors read, and the table."""
+        """Pack weights in the layout of cooperative vectors.
+
+        Args:
+            values: Weights by name.
+
+        Returns:
+            Views of the matrices, and the table of the hash grid.
+        """
         first = values["w0"]
         if self.grid:
             first = dr.concat([values["w0"], values["wd"]], axis=0)
@@ -109,7 +174,15 @@ class Model:
         return (*views, table)
 
     def evaluate(self, packed: tuple[Any, ...], v: Vertex) -> mi.Color3f:
-        """Network output of one vertex per lane, unclipped."""
+        """Evaluate the network at one vertex per lane.
+
+        Args:
+            packed: Result of ``packed``.
+            v: Vertices.
+
+        Returns:
+            [N] outputs, which may be negative.
+        """
         *views, table = packed
         inputs = hash_lookup(self.grid.layout, table, self.grid.packets, v.p) if self.grid else []
         x = nn.CoopVec(*inputs, *self.inputs(v))
@@ -120,11 +193,29 @@ class Model:
         return mi.Color3f(*x)
 
     def radiance(self, packed: tuple[Any, ...], v: Vertex, gain: Gain) -> mi.Color3f:
-        """Scattered radiance of a vertex, never negative."""
+        """Predict the scattered radiance towards ``v.w``.
+
+        Args:
+            packed: Result of ``packed``.
+            v: Vertices.
+            gain: Factor from network output to radiance.
+
+        Returns:
+            [N] radiance, ≥ 0.
+        """
         return self.physical(self.evaluate(packed, v), v, gain.at(v))
 
     def physical(self, output: mi.Color3f, v: Vertex, unscale: mi.Float) -> mi.Color3f:
-        """Network output to radiance. A value that is not finite counts as 0."""
+        """Convert network outputs to radiance; values that are not finite become 0.
+
+        Args:
+            output: [N] network outputs.
+            v: Vertices.
+            unscale: [N] or scalar factor, one over the radiance scale.
+
+        Returns:
+            [N] radiance, ≥ 0.
+        """
         value = dr.maximum(output, 0) * unscale
         if self.factorise:
             ρ = v.reflectance()
@@ -132,7 +223,16 @@ class Model:
         return dr.select(dr.isfinite(value), value, 0)
 
     def target(self, radiance: mi.Color3f, v: Vertex, scale: mi.Float) -> tuple[mi.Color3f, mi.Color3f]:
-        """What the network should say for a radiance, and 1 or 0 per channel: whether it is learned."""
+        """Convert radiance to targets of the network.
+
+        Args:
+            radiance: [N] scattered radiance.
+            v: Vertices.
+            scale: Radiance scale.
+
+        Returns:
+            Targets [N], and per channel 1 where it is learned, else 0 [N].
+        """
         y = radiance * scale
         if not self.factorise:
             return y, mi.Color3f(1)

@@ -1,10 +1,12 @@
-"""Rendering paths, which end in the cache, and what they share with training paths.
+"""Rendering paths, which end in the cache, and the parts that they share with training paths.
 
-Notation: x1 is the primary hit, x2, x3 ... those behind it; β the throughput from the eye, τ that of one bounce.
+Notation: N lanes; x1 is the primary hit, x2, x3 ... the following vertices; β the throughput from the camera, τ that of
+one bounce.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from lightwell.backend import dr, mi
@@ -13,127 +15,198 @@ from lightwell.cache.features import Vertex
 from lightwell.cache.materials import lookup
 from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
 
-# Reflectances beyond this are those of a fallback, not of a material.
+# Larger reflectances come from a fallback of the plugin, not from a material.
 MAX_REFLECTANCE = 1.0
 
 
 class Surroundings:
-    """What paths need beside the scene: the box, the materials, and the limits. Opaque, so that kernels are reused."""
+    """Parameters of paths beside the scene: box, materials and limits. Opaque numbers, so that kernels are reused."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "low": mi.Point3f, "inverse": mi.Vector3f, "roughness": mi.Float, "albedo": mi.Float, "c": mi.Float,
         "max_depth": mi.UInt32, "rr_depth": mi.UInt32, "spike": mi.Float,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.low, self.inverse = mi.Point3f(0), mi.Vector3f(1)
         """Smallest corner of the scene's box and one over its edges."""
         self.roughness, self.albedo = mi.Float(0), mi.Float(0)
-        """``materials.MaterialTable``."""
+        """Arrays of ``materials.MaterialTable``."""
         self.c = mi.Float(0.01)
-        """Termination threshold in the paper's units."""
+        """Termination threshold c of Müller et al. 2021."""
         self.max_depth, self.rr_depth = mi.UInt32(0xFFFFFFFF), mi.UInt32(5)
+        """Largest path length, and depth from which Russian roulette may end a path."""
         self.spike = mi.Float(dr.inf)
-        """Largest luminance that one sample may gather by a caustic, where paths may end in the cache."""
+        """Largest luminance of a caustic in one sample, where paths may end in the cache."""
 
     def vertex(self, si: mi.SurfaceInteraction3f, bsdf: Any, active: mi.Bool) -> Vertex:
-        """The network's inputs at a surface, seen along ``si.wi``."""
+        """Compute the network's inputs at surface points seen along ``si.wi``.
+
+        Args:
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            Vertices.
+        """
         w = si.to_world(si.wi)
         n = mi.Vector3f(si.sh_frame.n)
         n = dr.select(dr.dot(n, w) < 0, -n, n)
         r, b = lookup(self.roughness, self.albedo, bsdf, si.wi.z, active)
         a = bsdf.eval_diffuse_reflectance(si, active)
-        # Plugins without a diffuse lobe answer with their value at normal incidence, which is no reflectance.
+        # Plugins without a diffuse lobe return their value at normal incidence, which is not a reflectance.
         diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
         a = dr.select(diffuse & dr.isfinite(a), dr.clip(a, 0, MAX_REFLECTANCE), 0)
         return Vertex((si.p - self.low) * self.inverse, n, w, r, a, b)
 
     def inside(self, p: mi.Point3f) -> mi.Bool:
-        """Whether a point lies in the scene's box: outside nothing was learned."""
+        """Test whether points lie in the scene's box; nothing is learned outside.
+
+        Args:
+            p: [N] points, metres.
+
+        Returns:
+            [N] mask.
+        """
         q = (p - self.low) * self.inverse
         return dr.all((q >= 0) & (q <= 1))
 
 
 def footprint(t: mi.Float, cosine: mi.Float) -> mi.Float:
-    """Area that a pixel-independent camera ray stands for at its hit: t^2 / (4 pi |cos|)."""
+    """Compute the footprint of a camera ray at its hit, independent of the pixel size: t² / (4π |cos|).
+
+    Args:
+        t: [N] distance from the camera, metres.
+        cosine: [N] cosine between ray and normal.
+
+    Returns:
+        [N] areas, m².
+    """
     return dr.square(t) * dr.inv_four_pi / dr.abs(cosine)
 
 
 def spread(t: mi.Float, pdf: mi.Float, cosine: mi.Float) -> mi.Float:
-    """Root of the area that a scattered ray stands for at its hit; infinite (the path ends) where undefined."""
+    """Compute the square root of the footprint of a scattered ray at its hit.
+
+    Args:
+        t: [N] distance, metres.
+        pdf: [N] density of the direction per steradian.
+        cosine: [N] cosine between ray and normal.
+
+    Returns:
+        [N] lengths, metres; infinity, which ends the path, where the footprint is undefined.
+    """
     density = pdf * dr.abs(cosine)
     return dr.select(density > 0, t * dr.rsqrt(density), dr.inf)
 
 
 class Spread:
-    """How far a path has spread since the primary hit (Bekaert et al. 2003; Müller et al. 2021)."""
+    """Footprint of a path since the primary hit (Bekaert et al. 2003; Müller et al. 2021)."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "a0": mi.Float, "s": mi.Float, "run": mi.Float, "run_pdf": mi.Float, "scattered": mi.Bool,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.a0 = mi.Float(0)
         """Footprint of the primary hit."""
         self.s = mi.Float(0)
-        """Root of the area that the path stands for."""
+        """Square root of the footprint of the path."""
         self.run, self.run_pdf = mi.Float(0), mi.Float(0)
-        """Distance since the last vertex that scattered (null surfaces are none), and the density of the direction
-        there; 0 after delta bounces."""
+        """Distance since the last vertex that scattered (null interfaces do not) and density of the direction there;
+        0 after delta bounces."""
         self.scattered = mi.Bool(False)
-        """There was such a vertex behind the camera."""
+        """Whether there was such a vertex after the camera."""
 
     def arrive(self, si: Any, ray: Any) -> mi.Float:
-        """Take in the segment that ends at ``si``; returns what the vertex would add to ``s``."""
+        """Add the segment that ends at ``si``.
+
+        Args:
+            si: Surface interactions at the end of the segment.
+            ray: Rays of the segment.
+
+        Returns:
+            [N] length that the vertex would add to ``s``, metres.
+        """
         cosine = dr.dot(si.n, ray.d)
         self.run += si.t
         self.a0 = dr.select(self.scattered, self.a0, footprint(self.run, cosine))
         return dr.select(self.scattered & (self.run_pdf > 0), spread(self.run, self.run_pdf, cosine), 0)
 
     def leave(self, added: mi.Float, bounce: Bounce, active: mi.Bool) -> None:
-        """Go on behind a vertex."""
+        """Continue after a vertex.
+
+        Args:
+            added: [N] result of ``arrive``.
+            bounce: Sampled directions at the vertex.
+            active: [N] mask of the paths that continue.
+        """
         self.s += dr.select(active & ~bounce.null, added, 0)
         self.run = dr.select(bounce.null, self.run, 0)
         self.run_pdf = dr.select(bounce.null, self.run_pdf, dr.select(bounce.delta, 0, bounce.pdf))
         self.scattered |= active & ~bounce.null
 
     def ratio(self) -> mi.Float:
-        """a / a0."""
+        """Compute the footprint of the path over that of the primary hit.
+
+        Returns:
+            [N] ratio a / a0.
+        """
         return dr.square(self.s) / self.a0
 
 
 class Walk:
-    """The variables of a path that both kinds of loops carry along."""
+    """Loop variables that rendering and training paths share."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "ray": mi.Ray3f, "β": mi.Spectrum, "η": mi.Float, "depth": mi.UInt32, "prev": mi.Interaction3f,
         "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": Spread, "first": mi.Float, "active": mi.Bool,
     }  # fmt: skip
 
-    def __init__(self, ray=None):
+    def __init__(self, ray: Any = None) -> None:
+        """Start paths.
+
+        Args:
+            ray: Rays [N]; None: to be set later.
+        """
         self.ray = mi.Ray3f() if ray is None else mi.Ray3f(dr.detach(ray))
         self.β, self.η = mi.Spectrum(1), mi.Float(1)
-        """Throughput from the eye and product of the indices of refraction; training paths count from the query on."""
+        """Throughput and product of refractive indices, from the camera; in training paths from the query vertex."""
         self.depth = mi.UInt32(0)
-        """Vertices left behind; likewise."""
+        """Vertices left behind; in training paths since the query vertex."""
         self.prev = dr.zeros(mi.Interaction3f)
         """Vertex that the ray comes from."""
         self.prev_pdf, self.prev_delta = mi.Float(1), mi.Bool(True)
-        """Density of the ray's direction there; it came from a delta lobe."""
+        """Density of the ray's direction there, and whether it was sampled from a delta component."""
         self.foot = Spread()
         self.first = mi.Float(0)
-        """What the path was expected to bring when the guide first knew."""
+        """Contribution expected at the first vertex where the guide had data, see ``Visit.survival``."""
         self.active = mi.Bool(True)
+        """Whether the path continues."""
 
     def emission(self, scene: Any, si: Any) -> mi.Spectrum:
-        """Light of an emitter that BSDF sampling met, with its MIS weight against light sampling."""
+        """Evaluate an emitter reached by BSDF sampling, with its MIS weight against light sampling.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions at the end of the rays.
+
+        Returns:
+            [N] weighted radiance.
+        """
         ds = mi.DirectionSample3f(scene, si, self.prev)
         em_pdf = scene.pdf_emitter_direction(self.prev, ds, self.active & ~self.prev_delta)
         weight = dr.detach(power_heuristic(self.prev_pdf, em_pdf))
         return weight * ds.emitter.eval(si, self.active & (self.prev_pdf > 0))
 
     def leave(self, si: Any, bounce: Bounce) -> None:
-        """Step behind the vertex."""
+        """Continue in the sampled direction.
+
+        Args:
+            si: Surface interactions at the vertex.
+            bounce: Sampled directions and their weights.
+        """
         self.ray = si.spawn_ray(si.to_world(bounce.wo))
         self.β *= bounce.weight
         self.η *= bounce.eta
@@ -141,45 +214,56 @@ class Walk:
         self.prev_pdf, self.prev_delta = bounce.pdf, bounce.delta
 
     def survival(self) -> mi.Float:
-        """Probability that roulette lets the path go on."""
+        """Compute the survival probability of Russian roulette from throughput and refraction.
+
+        Returns:
+            [N] probabilities up to ``RR_MAX``.
+        """
         return dr.minimum(dr.max(self.β) * dr.square(self.η), RR_MAX)
 
 
 class Ending:
-    """Where the cache comes into a rendering path."""
+    """State of the query of the cache in a rendering path."""
 
     DRJIT_STRUCT = {"vertex": Vertex, "β": mi.Spectrum, "differs": mi.Bool}  # noqa: RUF012
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.vertex, self.β = Vertex(), mi.Spectrum(0)
-        """biased: the query vertex and the throughput there; the value is added behind the loop."""
+        """biased: the query vertex and the throughput there; the value is added after the loop."""
         self.differs = mi.Bool(False)
-        """difference: the path has met its query vertex."""
+        """difference: whether the path has reached its query vertex."""
 
 
 @dr.syntax
 def render_path(
-    scene, sampler, ray, around, cache, q, caching: bool, estimator: str, first_direct: bool, guide: Any = None
-):  # fmt: skip
-    """Radiance along one camera ray per lane.
+    scene: Any, sampler: Any, ray: Any, around: Surroundings, cache: Callable[[Any, Any], Any], q: mi.Float,
+    caching: bool, estimator: str, first_direct: bool, guide: Any = None,
+) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float]:  # fmt: skip
+    """Estimate the radiance along one camera ray per lane.
 
-    Parameters
-      ray           Camera ray, or a ``Walk`` that is under way.
-      cache         Vertex, mask -> radiance; called at the query vertex.
-      q             Probability that a path goes on behind a query, where the estimator lets it.
-      caching       Whether paths may end in the cache at all; without it this is Mitsuba's ``path``.
-      estimator     'biased': paths end in the cache. 'residual': the cache is a control variate at every vertex that
-                    could end the path. 'difference': what a residual path adds to a biased one.
-      first_direct  Whether direct light at the primary hit is counted (False: reservoirs supply it).
-      guide         None, or the ``Guide`` that directions are sampled from beside the BSDF.
-    returns         (L, valid, depth, a / a0 at the end): radiance, whether anything was hit, vertices.
+    Args:
+        scene: Mitsuba scene.
+        sampler: Source of random numbers.
+        ray: Camera rays, or a ``Walk`` in progress.
+        around: Parameters of the paths.
+        cache: Function of vertices and a mask, with radiance [N]; called at query vertices.
+        q: Probability that a path continues behind a query, for the estimators with a control variate.
+        caching: Whether paths may end in the cache at all; if not, this is Mitsuba's ``path``.
+        estimator: 'biased': paths end in the cache. 'residual': the cache is a control variate at every vertex that
+            could end the path. 'difference': the difference of a residual path and a biased one.
+        first_direct: Whether direct light at the primary hit is counted (False: it comes from reservoirs).
+        guide: ``Guide`` that directions are sampled from beside the BSDF; None: the BSDF alone.
+
+    Returns:
+        Radiance [N], mask of rays that hit a surface [N], number of vertices [N], and footprint over that of the
+        primary hit at the end [N].
 
     Papers: Müller et al. 2021 (termination, query), Bekaert et al. 2003 (footprints).
     """
     walk = ray if isinstance(ray, Walk) else Walk(ray)
     end = Ending()
     L = mi.Spectrum(0)  # Radiance gathered
-    valid = mi.Bool(False)  # Something was met
+    valid = mi.Bool(False)  # A surface was hit
     supplied = mi.Bool(False)  # The ray left a primary hit whose direct light comes from elsewhere
 
     while dr.hint(walk.active, label="lightwell nrc"):
@@ -187,7 +271,7 @@ def render_path(
         bsdf = si.bsdf(walk.ray)
         smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
-        # ---------------------- Emission, met by BSDF sampling ----------------------
+        # -------------------- Emission, reached by BSDF sampling --------------------
 
         met = walk.β * walk.emission(scene, si)
         if dr.hint(caching and estimator == "biased", mode="scalar"):
@@ -196,7 +280,7 @@ def render_path(
         valid |= si.is_valid() & walk.active
         goes = walk.active & si.is_valid() & (walk.depth + 1 < around.max_depth)
 
-        # --------------------- Footprint, and the end in the cache ---------------------
+        # --------------------- Footprint and termination into the cache -----------------
 
         added = mi.Float(0)
         if dr.hint(caching, mode="scalar"):
@@ -228,9 +312,23 @@ def render_path(
     return L, valid, walk.depth, walk.foot.ratio()
 
 
-def guided_visit(walk, guide, around, sampler, si, bsdf, goes):
-    """The guide's view of a vertex, and its roulette: (visit, which lanes go on, with what probability). Draws no
-    number without a guide."""
+def guided_visit(
+    walk: Walk, guide: Any, around: Surroundings, sampler: Any, si: Any, bsdf: Any, goes: mi.Bool
+) -> tuple[Any, mi.Bool, mi.Float]:  # fmt: skip
+    """Look up the guide at a vertex and play its Russian roulette. Without a guide no random number is drawn.
+
+    Args:
+        walk: Path state; throughput and ``first`` are updated.
+        guide: ``Guide`` or None.
+        around: Parameters of the paths.
+        sampler: Source of random numbers.
+        si: Surface interactions.
+        bsdf: Their BSDFs.
+        goes: [N] mask of the active paths.
+
+    Returns:
+        Visit (None without a guide), mask of the paths that continue [N], and their survival probability [N].
+    """
     if guide is None:
         return None, goes, mi.Float(1)
     visit = guide.visit(around, si, bsdf.flags(), sampler.next_1d(), goes)
@@ -240,7 +338,7 @@ def guided_visit(walk, guide, around, sampler, si, bsdf, goes):
 
 
 def _go_on(walk, sampler, around, si, goes, plain: bool) -> None:
-    """Roulette by the throughput; a guide has its own."""
+    """Russian roulette by the throughput; paths with a guide use the guide's instead."""
     walk.depth[si.is_valid() & walk.active] += 1
     β_max = dr.max(walk.β)
     walk.active = goes & (β_max != 0)
@@ -253,7 +351,10 @@ def _go_on(walk, sampler, around, si, goes, plain: bool) -> None:
 
 
 def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, q, estimator: str):
-    """Where the footprint is wide, the path ends in the cache, or takes it for a control variate: (L, who goes on)."""
+    """Where the footprint is wide, end the path in the cache or use the cache as a control variate.
+
+    Returns (radiance so far, mask of the paths that continue).
+    """
     wide = walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
     ends = goes & wide & smooth & around.inside(si.p)
     if estimator == "biased":
@@ -265,15 +366,20 @@ def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, 
 
 
 def _uncut(walk: Walk, around: Surroundings, met: mi.Spectrum) -> mi.Float:
-    """The share that is kept of an emitter met through mirrors or glass from a surface that scatters (only behind one
-    has a path any spread): no light sampling helps there, and one such sample would outweigh all others of its
-    pixel."""
+    """Factor that limits caustics: emission reached from a scattering surface through mirrors or glass.
+
+    Light sampling cannot find these paths, and one such sample would outweigh all others of its pixel. A path has a
+    spread above 0 only after a surface that scatters.
+    """
     caustic = walk.prev_delta & (walk.foot.s > 0)
     return dr.select(caustic, dr.minimum(1, around.spike / dr.maximum(mi.luminance(met), 1e-20)), 1)
 
 
 def _residual(walk, end, sampler, L, value, goes, ends, q, estimator: str):
-    """L_s = L̂ + (L_s - L̂), the bracket by roulette; of a difference, the first L̂ is left out and all before it."""
+    """Control variate: L_s = L̂ + (L_s - L̂), where the bracket is estimated by roulette with probability q.
+
+    The estimator 'difference' omits the first L̂ and all radiance before it.
+    """
     go = sampler.next_1d(goes) < q
     first = mi.Bool(False)
     if estimator == "difference":
