@@ -252,7 +252,8 @@ class SurfaceTraining:
         with self.state.job.progress.stage(self._title, steps, "steps") as stage:
             look, save = self._watch(learner, checkpoint, stage)
             while learner.state.step < steps:
-                self.cut = timed and self.clock.seconds > deadline
+                # Something is learned however slow the machine is.
+                self.cut = timed and learner.state.step > 0 and self.clock.seconds > deadline
                 if self.cut:
                     return
                 before = learner.state.step
