@@ -24,7 +24,7 @@ from rows import Row, publish, without_bar
 
 from lightwell.baking.evaluate import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
-from lightwell.fields.factored import PRESETS, FactoredFit, FactoredPreset
+from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.report.charts import Axis
 from lightwell.report.scatter import Point, scatter_chart

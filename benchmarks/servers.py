@@ -16,8 +16,8 @@ from pathlib import Path
 
 from rows import Row, at_most, publish
 
-from lightwell.local_server import THREADS
-from lightwell.serve import open_server
+from lightwell.serving.folder import open_server
+from lightwell.serving.server import THREADS
 
 CLIENTS, REQUESTS = 500, 200
 PAGE_BYTES = 1 << 20

@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 
+from lightwell.core.isolated import Worker, WorkerError
 from lightwell.exr import ExrError, decode_parts, read_header
 from lightwell.exr.header import parse_header
 from lightwell.exr.worker import decode
-from lightwell.isolated import Worker, WorkerError
 from lightwell.lens import exr, frames
 from lightwell.lens.errors import LensError
 from lightwell.limits import Limits

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from lightwell.isolated import Worker, WorkerDied, WorkerError
+from lightwell.core.isolated import Worker, WorkerDied, WorkerError
 
 HERE = "tests.test_isolated"
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the address space reliably")
@@ -104,7 +104,7 @@ def test_pickled_objects_are_not_sent():
 
 def test_a_worker_ends_when_the_process_that_asks_is_killed():
     program = (
-        "import numpy as np, os, signal; from lightwell.isolated import Worker\n"
+        "import numpy as np, os, signal; from lightwell.core.isolated import Worker\n"
         f"w = Worker('{HERE}:process', seconds=20, memory=1 << 28)\n"
         "print(int(w.ask({}, 1 << 10)['id']), flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )

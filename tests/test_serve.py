@@ -13,8 +13,8 @@ import time
 
 import pytest
 
-from lightwell import local_server
-from lightwell.serve import checked_folder, open_server, parse_range
+from lightwell.serving import server as local_server
+from lightwell.serving.folder import checked_folder, open_server, parse_range
 
 PAGE = "<style>p{}</style><script>let a = 1</script><p>page</p>" + "<p>text</p>" * 200
 ASSET = bytes(range(256)) * 40

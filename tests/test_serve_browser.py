@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lightwell.serve import open_server
+from lightwell.serving.folder import open_server
 
 PACKAGE = Path(__file__).parents[1] / "lightwell"
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")

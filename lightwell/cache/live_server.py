@@ -11,7 +11,7 @@ from typing import Any
 
 from lightwell.cache.live import LiveSession
 from lightwell.cache.settings import CacheSettings
-from lightwell.local_server import Answer, Application, LocalServer, Request
+from lightwell.serving.server import Answer, Application, LocalServer, Request
 
 PAGE = Path(__file__).with_name("live.html")
 

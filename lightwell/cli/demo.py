@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.no_open or not sys.stdout.isatty():
         print(f"open {page} in a browser, or run: lightwell view {arguments.out}", file=sys.stderr)
         return code
-    from lightwell.serve import view
+    from lightwell.serving.folder import view
 
     view(arguments.out)
     return code

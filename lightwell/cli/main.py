@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 import lightwell
-from lightwell.interrupts import Interrupts
+from lightwell.cli.interrupts import Interrupts
 
 # Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
 USAGE_ERROR, INTERRUPTED = 2, 130

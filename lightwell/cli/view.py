@@ -15,7 +15,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
-    from lightwell.serve import view
+    from lightwell.serving.folder import view
 
     view(arguments.out, arguments.port, not arguments.no_open)
     return 0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.exr.chunks import memory_of
 from lightwell.exr.header import ExrError, Part
-from lightwell.isolated import Arrays, Worker, WorkerDied, WorkerError
 
 # Most copies of the pixels that decoding holds: OpenEXR's planes, float32 arrays, compression buffers.
 COPIES = 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.isolated import Arrays
+from lightwell.core.isolated import Arrays
 
 # Threads that decode chunks; each needs part of the limited address space.
 THREADS = 4

@@ -20,13 +20,13 @@ GROUP = "lightwell.fields"
 
 # Name → module that holds the field as ``FIELD``. The first is the default.
 BUILT_IN = {
-    "factored": "lightwell.fields.factored",
-    "mlp": "lightwell.fields.mlp",
-    "tree": "lightwell.fields.tree",
-    "kdtree": "lightwell.fields.kdtree",
-    "experts": "lightwell.fields.experts",
-    "hard-mixture": "lightwell.fields.hard_mixture",
-    "balanced": "lightwell.fields.balanced",
+    "factored": "lightwell.fields.surface.factored",
+    "mlp": "lightwell.fields.surface.mlp",
+    "tree": "lightwell.fields.surface.tree",
+    "kdtree": "lightwell.fields.surface.kdtree",
+    "experts": "lightwell.fields.surface.experts",
+    "hard-mixture": "lightwell.fields.surface.hard_mixture",
+    "balanced": "lightwell.fields.surface.balanced",
     "probes": "lightwell.fields.probes.field",
     "lightmap": "lightwell.fields.lightmap.field",
 }

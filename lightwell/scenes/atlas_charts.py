@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from lightwell.packer import Packer, Packing
+from lightwell.scenes.packer import Packer, Packing
 from lightwell.scenes.scene import Scene
 
 # More charts than this on 1024 x 1024 are packed by xatlas' fast method: brute force takes seconds per thousand there,

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.core.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.exr import ExrError, read_header
-from lightwell.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.limits import Budget
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.mesh_files import check_obj, check_ply
@@ -214,7 +214,8 @@ class Files:
         if self._worker is None or memory > self._memory:
             self.close()
             seconds = self._budget.limits.seconds
-            self._worker, self._memory = Worker("lightwell.native_files:answer", seconds=seconds, memory=memory), memory
+            self._memory = memory
+            self._worker = Worker("lightwell.core.native_files:answer", seconds=seconds, memory=memory)
         try:
             return self._worker.ask({**request, "path": np.array(str(path))}, most_bytes)
         except (WorkerDied, WorkerError) as error:

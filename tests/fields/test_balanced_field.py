@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_up import SETUP, smooth, unit
 
-from lightwell.fields import balanced
 from lightwell.fields.base import FieldSetup, query_inputs
-from lightwell.fields.cells import Cells, light_bins, signature
-from lightwell.fields.examples import Examples
-from lightwell.fields.inputs import Inputs
-from lightwell.fields.lattice import Gate, Lattice
+from lightwell.fields.surface import balanced
+from lightwell.fields.surface.cells import Cells, light_bins, signature
+from lightwell.fields.surface.examples import Examples
+from lightwell.fields.surface.inputs import Inputs
+from lightwell.fields.surface.lattice import Gate, Lattice
 from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.transport.samples import Query, Samples
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from made_up import SETUP, make_query, make_samples
 
-from lightwell.fields import gate
-from lightwell.fields.experts import BORDER_SHARE, PRESETS, start
-from lightwell.fields.hard_mixture import PRESETS as HARD_PRESETS
-from lightwell.fields.hard_mixture import HardMixtureFit
+from lightwell.fields.surface import gate
+from lightwell.fields.surface.experts import BORDER_SHARE, PRESETS, start
+from lightwell.fields.surface.hard_mixture import PRESETS as HARD_PRESETS
+from lightwell.fields.surface.hard_mixture import HardMixtureFit
 from lightwell.networks.autoencoder import GateTraining
 
 

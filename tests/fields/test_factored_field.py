@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightwell.fields import factored
 from lightwell.fields.base import FieldSetup, is_matte, query_inputs
+from lightwell.fields.surface import factored
 from lightwell.graph import evaluate
 from lightwell.scenes.scene import Material
 from lightwell.transport.samples import Query, Samples

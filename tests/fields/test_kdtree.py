@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_up import SETUP, make_query, make_samples
 
-from lightwell.fields.kd_level import is_trained
-from lightwell.fields.kdtree import PRESETS, KdFit, KdPreset
-from lightwell.fields.partition import Partition
+from lightwell.fields.surface.kd_level import is_trained
+from lightwell.fields.surface.kdtree import PRESETS, KdFit, KdPreset
+from lightwell.fields.surface.partition import Partition
 from lightwell.graph import Builder, evaluate
 from lightwell.networks import TrainingSettings
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lightwell.fields.base import FieldSetup, query_inputs, radiance_unit
-from lightwell.fields.mlp import PRESETS, MlpFit, MlpPreset
 from lightwell.fields.registry import BUILT_IN, check_preset, find_field
+from lightwell.fields.surface.mlp import PRESETS, MlpFit, MlpPreset
 from lightwell.graph import evaluate
 from lightwell.networks import TrainingSettings
 from lightwell.transport.samples import Query, Samples

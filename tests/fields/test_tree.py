@@ -6,8 +6,8 @@ import numpy as np
 from made_up import SETUP, make_query, make_samples
 from sklearn.tree import DecisionTreeRegressor
 
-from lightwell.fields.partition import walk
-from lightwell.fields.tree import PRESETS, TreeFit, node_rows
+from lightwell.fields.surface.partition import walk
+from lightwell.fields.surface.tree import PRESETS, TreeFit, node_rows
 
 
 def test_the_rows_are_the_tree_of_scikit_learn():

@@ -124,7 +124,7 @@ def keep_processes(memory: int) -> None:
 
     Starting one for every file takes ten times longer than reading it. One that dies is started again, as ever.
     """
-    from lightwell import isolated
+    from lightwell.core import isolated
     from lightwell.exr import decoding
     from lightwell.scenes import mitsuba_files
 

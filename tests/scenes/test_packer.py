@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from lightwell.packer import Packer
+from lightwell.scenes.packer import Packer
 
 SQUARE = np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.uint32([[0, 1, 2], [0, 2, 3]])
 
@@ -49,7 +49,7 @@ def test_a_mesh_that_kills_the_process_twice_is_one_line():
 
 def test_no_process_is_left_when_ours_is_killed(tmp_path):
     program = (
-        "import os, sys; from lightwell.packer import Packer\n"
+        "import os, sys; from lightwell.scenes.packer import Packer\n"
         "p = Packer(); p._start(); print(p._process.pid, flush=True); os.kill(os.getpid(), 9)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.experts import PRESETS as EXPERTS_PRESETS
-from lightwell.fields.experts import ExpertsPreset, GatedFit
-from lightwell.fields.gate import share_facts, softmax
+from lightwell.fields.surface.experts import PRESETS as EXPERTS_PRESETS
+from lightwell.fields.surface.experts import ExpertsPreset, GatedFit
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.gate import share_facts, softmax
 from lightwell.networks import LOSSES, TrainingSettings
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
 from lightwell.networks.capacity import assign_within

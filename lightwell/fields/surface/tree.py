@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
-from lightwell.fields.examples import Examples
 from lightwell.fields.features import open_builder
-from lightwell.fields.inputs import Inputs, Kind
-from lightwell.fields.partition import check_nodes, walk
-from lightwell.fields.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
+from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.inputs import Inputs, Kind
+from lightwell.fields.surface.partition import check_nodes, walk
+from lightwell.fields.surface.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
 from lightwell.files import Arrays, save_arrays
 from lightwell.graph import Graph, quantise
 from lightwell.networks.checkpoint import read_checkpoint, taking_up

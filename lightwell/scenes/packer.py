@@ -126,7 +126,7 @@ class Packer:
 
     def _start(self) -> subprocess.Popen[bytes]:
         # The other process imports the same modules as this one.
-        program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.packer import serve; serve()"
+        program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.scenes.packer import serve; serve()"
         self._process = subprocess.Popen(
             [sys.executable, "-c", program, *sys.path],
             stdin=subprocess.PIPE,

@@ -25,10 +25,10 @@ from scipy.special import expit
 
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.features import FeatureOctaves
-from lightwell.fields.gate import append, choose, entropy, lower_choice, share_facts, shares, softmax
-from lightwell.fields.inputs import Inputs, Kind
-from lightwell.fields.segmented import NetworkPreset, SegmentedFit
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.gate import append, choose, entropy, lower_choice, share_facts, shares, softmax
+from lightwell.fields.surface.inputs import Inputs, Kind
+from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
 from lightwell.graph import Builder
 from lightwell.networks import Mlp, TrainingSettings
 from lightwell.networks.autoencoder import GateTraining, TiedAutoencoder

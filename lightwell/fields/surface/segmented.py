@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
-from lightwell.fields.examples import Examples
 from lightwell.fields.features import FeatureOctaves, open_builder
-from lightwell.fields.inputs import Inputs, Kind
+from lightwell.fields.surface.examples import Examples
+from lightwell.fields.surface.inputs import Inputs, Kind
 from lightwell.files import Arrays, save_arrays
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.networks import Mlp, TrainingSettings

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
-from lightwell.fields.emphasis import by_object
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
+from lightwell.fields.surface.emphasis import by_object
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.fields.examples import Examples
-from lightwell.fields.lattice import Lattice
+from lightwell.fields.surface.examples import Examples
+from lightwell.fields.surface.lattice import Lattice
 from lightwell.networks.assignment import assign_cells
 
 # The light's range is cut in two this many times: 64 bins.

@@ -20,10 +20,10 @@ from typing import Literal
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.kd_level import HELD_OUT, WHOLE, Level, Rule, is_trained
-from lightwell.fields.partition import Partition
-from lightwell.fields.segmented import NetworkPreset, SegmentedFit
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.kd_level import HELD_OUT, WHOLE, Level, Rule, is_trained
+from lightwell.fields.surface.partition import Partition
+from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
 from lightwell.graph import Builder
 from lightwell.networks import TrainingSettings
 from lightwell.networks.batched import BatchedTrainer, initial_batch

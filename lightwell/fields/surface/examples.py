@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.inputs import Inputs
+from lightwell.fields.surface.inputs import Inputs
 from lightwell.networks.losses import EPSILON
 from lightwell.transport.samples import Query, Samples
 

@@ -108,7 +108,9 @@ class Worker:
 
     def _start(self) -> subprocess.Popen[bytes]:
         # The other process imports the same modules as this one.
-        program = "import sys; sys.path[:] = sys.argv[3:]; from lightwell.isolated import serve; serve(*sys.argv[1:3])"
+        program = (
+            "import sys; sys.path[:] = sys.argv[3:]; from lightwell.core.isolated import serve; serve(*sys.argv[1:3])"
+        )
         self._process = subprocess.Popen(
             [sys.executable, "-c", program, self._function, str(self._memory), *sys.path],
             stdin=subprocess.PIPE,

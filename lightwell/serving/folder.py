@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 from urllib.parse import quote
 
-from lightwell.local_server import Answer, Application, LocalServer, Request, wait_for_interrupt
+from lightwell.serving.server import Answer, Application, LocalServer, Request, wait_for_interrupt
 
 # MIME types of what bakes and exports write; not the machine's own table, which differs.
 TYPES = {

@@ -1,4 +1,4 @@
-"""Files that only native code can read, read in a worker process (``lightwell.isolated``) by Mitsuba.
+"""Files that only native code can read, read in a worker process (``lightwell.core.isolated``) by Mitsuba.
 
 The readers of EXR, HDR and PFM pictures, of serialized meshes and of measured BSDFs are native code that
 cannot be trusted with a damaged file. In the worker a crash is one line for the user.
@@ -14,7 +14,7 @@ from types import ModuleType
 
 import numpy as np
 
-from lightwell.isolated import Arrays
+from lightwell.core.isolated import Arrays
 
 # First two bytes of a serialized mesh; bytes that are unpacked at once.
 SERIALIZED, PART = 0x041C, 1 << 20

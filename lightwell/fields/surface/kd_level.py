@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lightwell.fields.examples import Examples
-from lightwell.fields.partition import Partition
+from lightwell.fields.surface.examples import Examples
+from lightwell.fields.surface.partition import Partition
 from lightwell.networks import Mlp
 from lightwell.networks.batched import BatchedSet, BatchedTrainer
 from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under

@@ -1,10 +1,10 @@
 """Experts without seams and without dead gates: balanced assignment, an overlap that both sides learn, no gate network.
 
-A lattice over the scene (``fields/lattice.py``) says which two of M small experts shade a point and how much of the
+A lattice over the scene (``lattice.py``) says which two of M small experts shade a point and how much of the
 second. It is read at place and normal alone, so that nothing pops when light or eye move, and costs table reads but no
 multiply-adds. The cells of the lattice are dealt out like this:
 
-    start      k-means on place, normal and *answer to the light* (``fields/cells.py``), with a floor and a cap on the
+    start      k-means on place, normal and *answer to the light* (``cells.py``), with a floor and a cap on the
                samples of an expert;
     rounds     train all experts at once; price every cell under every expert by the error on its samples; deal the
                cells out anew at the least total price, again within floor and cap (``networks/assignment.py``);
@@ -31,13 +31,13 @@ import numpy as np
 from scipy import sparse
 
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.cells import Cells, balanced_means, describe
-from lightwell.fields.examples import Examples
 from lightwell.fields.features import FeatureOctaves, open_builder
-from lightwell.fields.gate import append, share_facts, shares
-from lightwell.fields.lattice import Gate, Lattice, Split
-from lightwell.fields.segmented import NetworkPreset, SegmentedFit, as_radiance
+from lightwell.fields.surface.cells import Cells, balanced_means, describe
+from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.gate import append, share_facts, shares
+from lightwell.fields.surface.lattice import Gate, Lattice, Split
+from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit, as_radiance
 from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.networks import TrainingSettings
 from lightwell.networks.assignment import assign_cells

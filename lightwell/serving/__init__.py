@@ -1,0 +1,1 @@
+"""Pages on this machine: one hardened server on the loopback interface, for baked folders and live sessions."""
