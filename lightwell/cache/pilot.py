@@ -1,7 +1,7 @@
-"""The pilot of a still: passes with and without the guide in turns, to see which kind brings the picture on faster.
+"""Pilot of a still: alternate passes with and without the guide, to decide which kind reduces the error faster.
 
-Effort is variance times time: of two kinds of passes with one mean, that with the smaller product goes on. What was
-rendered to find out stays in the picture.
+Of two unbiased kinds of passes, the one with the smaller product of variance and time is continued. The passes of the
+pilot are part of the image.
 """
 
 from __future__ import annotations
@@ -10,33 +10,47 @@ from typing import Any
 
 import numpy as np
 
-# Passes of each kind, and parts of a picture's samples that one of them has where no clock runs.
+# Passes of each kind; without a time limit, a pass has one part in PARTS of the image's samples.
 PASSES, PARTS = 3, 32
 # Samples per pixel from which a still has a pilot.
 ENOUGH = 32
-# Edge of the squares of pixels that are compared, and the share of the noisiest that does not count: single bright
-# paths would decide.
+# Edge of the squares of pixels that are compared, and share of the noisiest ones that are left out, because single
+# bright paths would dominate.
 SQUARE, NOISIEST = 4, 0.01
-# Time of a guided pass over that of a plain one, where no clock may decide (measured: 1.0 to 1.2).
+# Time of a guided pass over that of a plain one where the result must be reproducible (measured: 1.0 to 1.2).
 COST = 1.2
-# Relative variance: share of the mean radiance below which errors of dark places count less.
+# Relative variance: share of the mean radiance that limits the weight of dark pixels.
 DARK = 0.1
 
 
 class Pilot:
-    """Collects passes of two kinds; ``guided`` is the key."""
+    """Passes of both kinds; the key of the dictionaries is whether the guide was used."""
 
     def __init__(self) -> None:
+        """Start without passes."""
         self.pictures: dict[bool, list[np.ndarray]] = {False: [], True: []}
         self.seconds: dict[bool, list[float]] = {False: [], True: []}
 
     def add(self, guided: bool, block: Any, seconds: float) -> None:
-        """Take in an image block of one pass and its time; the least counts, because the first makes kernels."""
+        """Add one pass.
+
+        Args:
+            guided: Whether the guide was used.
+            block: Image block of the pass.
+            seconds: Wall time; the smallest one of a kind counts, because the first pass compiles kernels.
+        """
         self.pictures[guided].append(radiance_of(np.array(block.tensor())))
         self.seconds[guided].append(seconds)
 
     def guide_pays(self, timed: bool) -> bool:
-        """Whether guided passes need less variance times time; ``timed``: by the clock, or by ``COST``."""
+        """Decide whether guided passes have the smaller product of variance and time.
+
+        Args:
+            timed: Whether to use the measured times (not reproducible); if not, ``COST``.
+
+        Returns:
+            True when the guide should be used; False with fewer than two passes of a kind.
+        """
         if min(len(x) for x in self.pictures.values()) < 2:
             return False
         plain, guided = efforts(np.array(self.pictures[False]), np.array(self.pictures[True]))
@@ -45,27 +59,43 @@ class Pilot:
 
 
 def radiance_of(channels: np.ndarray) -> np.ndarray:
-    """[H, W, 3] of a block's sums [H, W, 4 or 5], whose last channel is the weight; NaN where there is none."""
+    """Divide the sums of an image block by their weights.
+
+    Args:
+        channels: [H, W, 4 or 5] sums: RGB, optional alpha, weight.
+
+    Returns:
+        [H, W, 3] radiance; NaN where the weight is 0.
+    """
     weight = channels[..., -1:]
     return np.where(weight > 0, channels[..., :3] / np.where(weight > 0, weight, 1), np.nan)
 
 
 def efforts(plain: np.ndarray, guided: np.ndarray) -> tuple[float, float]:
-    """Relative variance of passes [K, H, W, 3] of both kinds: that of squares of pixels over their squared mean,
-    without the noisiest squares; NaN where there is nothing to compare."""
+    """Estimate the relative variance of one pass of each kind.
+
+    Pixels are averaged over squares; variance is divided by the squared mean, and the noisiest squares are left out.
+
+    Args:
+        plain: [K, H, W, 3] passes without the guide.
+        guided: [K, H, W, 3] passes with the guide.
+
+    Returns:
+        Relative variances without and with the guide; NaN when no square is finite.
+    """
     both = [_squares(x) for x in (plain, guided)]
     mean = 0.5 * (both[0][0] + both[1][0])
     sound = np.isfinite(mean) & np.isfinite(both[0][1]) & np.isfinite(both[1][1])
     if not sound.any():
         return float("nan"), float("nan")
     scale = mean[sound] ** 2 + (DARK * mean[sound].mean()) ** 2 + 1e-30
-    told = [np.sort(variance[sound] / scale) for _, variance in both]
-    kept = max(1, int(len(told[0]) * (1 - NOISIEST)))
-    return float(told[0][:kept].mean()), float(told[1][:kept].mean())
+    relative = [np.sort(variance[sound] / scale) for _, variance in both]
+    kept = max(1, int(len(relative[0]) * (1 - NOISIEST)))
+    return float(relative[0][:kept].mean()), float(relative[1][:kept].mean())
 
 
 def _squares(passes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance of one pass by squares of pixels, channels averaged."""
+    """Mean over passes and variance of one pass, for squares of pixels; channels are averaged."""
     _, height, width, _ = passes.shape
     rows, columns = height // SQUARE, width // SQUARE
     if not rows or not columns:

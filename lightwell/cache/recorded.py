@@ -1,4 +1,4 @@
-"""``dr.freeze`` with a way out: what cannot be recorded is traced anew each time, slower and with the same numbers."""
+"""``dr.freeze`` with a fallback: a function that cannot be recorded is traced at every call, with the same result."""
 
 from __future__ import annotations
 
@@ -7,31 +7,35 @@ from typing import Any
 
 from lightwell.backend import freeze, mi
 
-# After so many refusals a function is traced for good.
+# Failures after which a function is always traced.
 MOST_REFUSALS = 3
-# Recordings of one function before Dr.Jit warns of values that change at every call. Here none do, but tables of guides
-# differ in size from integrator to integrator, and a process may make many; ten, the default, warned in benchmarks.
+# Recordings of one function before Dr.Jit warns of values that change at every call. Here none do, but guide tables
+# differ in size between integrators, and a process may make many; the default of ten caused warnings in benchmarks.
 EXPECTED = 100
 
 
 class Recorded:
-    """A function of scene and arrays, recorded at its first call.
+    """A function of a scene and arrays that is recorded at its first call.
 
-    A recording is of one scene and is thrown away when another one comes: materials of a scene that is gone give their
-    numbers to those of the next, and a recording would call the wrong ones. The last scene is held for that.
+    A recording belongs to one scene and is discarded when another one is passed: Mitsuba reuses the registry numbers of
+    deleted materials, and an old recording would call the wrong ones. The last scene is kept alive for that reason. It
+    is shared by all recordings of the process, because registry numbers are.
 
-    The last scene is known to all recordings of the process, because so are the numbers of materials.
-
-    Recording is refused while materials of another scene are alive in the process and have nested ones (masks, blends):
-    virtual calls could reach them, and they are not among the arguments.
+    Recording fails while materials of another scene with nested ones (masks, blends) exist in the process: virtual
+    calls could reach them, and they are not among the arguments.
     """
 
     scene: Any = None
-    """The scene that was last played, by any recording."""
+    """Scene of the last call of any recording."""
     turn = 0
-    """How many times that changed."""
+    """How many times the scene changed."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        """Prepare a recording.
+
+        Args:
+            function: Function whose first argument is the scene.
+        """
         self.function, self.frozen = function, freeze(function, warn_after=EXPECTED)
         self.refusals, self.recorded = 0, -1
 
@@ -47,7 +51,7 @@ class Recorded:
         return self.function(*arguments)
 
     def _follow(self, scene: Any) -> None:
-        """Begin anew where the scene is not the one that the recording is of."""
+        """Discard the recording when the scene is not the recorded one."""
         if not isinstance(scene, mi.Scene):
             return
         if Recorded.scene is not scene:

@@ -1,6 +1,6 @@
-"""Rays of earlier cameras: what went off screen is traced anew now and then, in the scene of today.
+"""Replay of camera rays: rays of earlier cameras are traced again in the current scene.
 
-A pool of places, not of radiance: nothing in it goes stale when light or objects change.
+This keeps the cache trained in regions that have left the screen. The pool stores rays and no radiance, so that it stays valid when lights or objects change.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import numpy as np
 
 from lightwell.backend import mi
 
-# Rays that are kept, and how many of a camera that goes.
+# Rays in the pool, and rays that are kept of each earlier camera.
 CAPACITY, PER_CAMERA = 4096, 512
 
 
 class Replay:
-    """A pool of rays; older ones give way at random."""
+    """Pool of rays; once it is full, new ones replace random old ones."""
 
     def __init__(self) -> None:
+        """Make an empty pool."""
         self.held = 0
         """Rays in the pool."""
         self._o, self._d = np.zeros((CAPACITY, 3), np.float32), np.zeros((CAPACITY, 3), np.float32)
@@ -30,14 +31,26 @@ class Replay:
         """Origins and directions on the device."""
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """What the next frame depends on: values of JSON types, and arrays."""
+        """Return the state that the next frame depends on.
+
+        Returns:
+            Dictionary of JSON types, and arrays [CAPACITY, 3] of origins and directions with those of the last frame.
+        """
         arrays = {"o": self._o, "d": self._d}
         if self._last is not None:
             arrays |= {"last_o": np.array(self._last[0]), "last_d": np.array(self._last[1])}
         return {"held": self.held, "pose": self._pose, "random": self._rng.bit_generator.state}, arrays
 
     def restore(self, state: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Take over what ``state`` gave."""
+        """Restore the state of a checkpoint.
+
+        Args:
+            state: Dictionary from ``state``.
+            arrays: Arrays from ``state``, [CAPACITY, 3] float32 each for "o" and "d".
+
+        Raises:
+            ValueError: The arrays are of another shape or type, or the number of rays is out of range.
+        """
         if any(arrays[name].shape != (CAPACITY, 3) or arrays[name].dtype != np.float32 for name in "od"):
             raise ValueError(f"the pool of rays is not {CAPACITY} x 3 numbers")
         self.held, self._pose = int(state["held"]), str(state["pose"])
@@ -50,13 +63,22 @@ class Replay:
         self._upload()
 
     def look(self, pose: str) -> None:
-        """Before a frame: where the camera is a new one, keep rays of the one before."""
+        """Announce the camera of the next frame; if it has moved, rays of the last frame are added to the pool.
+
+        Args:
+            pose: Text that identifies the camera's transform.
+        """
         if pose != self._pose and self._last is not None:
             self._keep(*self._last)
         self._pose = pose
 
     def saw(self, origins: Any, directions: Any) -> None:
-        """After a frame: its rays [P], on the device."""
+        """Store the rays of a frame.
+
+        Args:
+            origins: [P] origins on the device, metres.
+            directions: [P] unit directions on the device.
+        """
         self._last = (origins, directions)
 
     def _keep(self, origins: Any, directions: Any) -> None:

@@ -1,9 +1,9 @@
-"""The device side of one frame of training: paths, their targets, and the bias meter, recorded once and played again.
+"""Device side of one training frame: paths, their targets and the bias estimate, recorded once and replayed.
 
-Tracing the Python of a path takes longer than running a small frame of it: ``dr.freeze`` keeps what was recorded. What
-is baked into a recording (sizes, the film, the kind of choice) is part of the key.
+Tracing the Python code of a path takes longer than running a small frame of it, so ``dr.freeze`` keeps the recording.
+Constants of a recording (sizes, film, choice of paths) are part of its key.
 
-Notation: P paths, V slots per path, R = P V.
+Notation: P paths, V slots per path, R = P V slots in all.
 """
 
 from __future__ import annotations
@@ -27,25 +27,28 @@ TRAINING_STREAM = 0x5EED
 
 @dataclass(frozen=True)
 class Shape:
-    """What a recording of a frame depends on."""
+    """Constants of a recorded training frame."""
 
     P: int
+    """Training paths."""
     V: int
+    """Record slots per path."""
     crop: tuple[int, int]
-    """Pixels of the film."""
+    """Width and height of the film, pixels."""
     shutter: tuple[float, float]
+    """Time at which the shutter opens, and exposure time."""
     choice: str
-    """Which paths roulette alone ends: 'all', 'none', 'sixteenth' (one of every 4 x 4 tiles), 'hashed'."""
+    """Paths that only roulette ends: 'all', 'none', 'sixteenth' (one of every 4 x 4 tiles), 'hashed'."""
     film: str
-    """Kind and place of the sensor's film."""
+    """Class of the sensor, size and offset of its film."""
     teaches: bool = False
-    """Whether the records are for a guide, too."""
+    """Whether the records are used to train a guide, too."""
     guided: bool = False
-    """Whether there is one already."""
+    """Whether directions are sampled from a guide."""
 
 
 class Numbers:
-    """Scalars of a frame, opaque."""
+    """Scalars of a training frame, opaque so that the recording is reused."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "seed": mi.UInt32, "frame": mi.UInt32, "columns": mi.UInt32, "tile": mi.Vector2f, "u": mi.Float,
@@ -53,13 +56,27 @@ class Numbers:
     }  # fmt: skip
 
     def __init__(
-        self, seed=0, frame=0, columns=1, tile=(1.0, 1.0), u=0.0, attenuation=1.0, shortest=1, replay=0.0, held=0
-    ):  # fmt: skip
+        self, seed: int = 0, frame: int = 0, columns: int = 1, tile: tuple[float, float] = (1.0, 1.0), u: float = 0.0,
+        attenuation: float = 1.0, shortest: int = 1, replay: float = 0.0, held: int = 0,
+    ) -> None:  # fmt: skip
+        """Make the scalars opaque.
+
+        Args:
+            seed: Seed of the image.
+            frame: Number of the frame.
+            columns: Tiles per row.
+            tile: Width and height of a tile, pixels.
+            u: Share of the paths that only Russian roulette ends, [0, 1].
+            attenuation: Factor of cache values that end training paths, [0, 1].
+            shortest: Records from the query vertex before a cache value may end a path, ≥ 1.
+            replay: Share of the paths that start with a ray of the pool, [0, 1].
+            held: Rays in the pool.
+        """
         whole = lambda x: dr.opaque(mi.UInt32, x & 0xFFFFFFFF)  # noqa: E731
         real = lambda x: dr.opaque(mi.Float, x)  # noqa: E731
         self.seed, self.frame, self.columns = whole(seed), whole(frame), whole(columns)
         self.tile = mi.Vector2f(real(tile[0]), real(tile[1]))
-        """Pixels of a tile."""
+        """Width and height of a tile, pixels."""
         self.u, self.attenuation = real(u), real(attenuation)
         self.shortest = whole(shortest)
         self.replay, self.held = real(replay), whole(held)
@@ -67,7 +84,7 @@ class Numbers:
 
 
 class Traced:
-    """What a frame of training paths gave."""
+    """Result of a frame of training paths."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
@@ -80,40 +97,61 @@ class Traced:
         self.features, self.targets = mi.Float(0), mi.Float(0)
         """[R * WIDTH] vertices and [R * 4] radiance."""
         self.rows, self.count, self.dropped = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-        """[R] rows with a finite record first; how many there are; how many are not finite."""
+        """[R] rows with a finite record, then zeros; their number; number of records that are not finite."""
         self.luminance = mi.Float(0)
         """[R] of radiance over reflectance, -1 where there is no record."""
         self.hits = mi.UInt32(0)
-        """Paths that met something that can be learned."""
+        """Paths that hit a surface with a record."""
         self.meter = mi.Vector3f(0)
-        """Bias meter: number of unbiased paths, sum and sum of squares of prefix * (traced - cached)."""
+        """Bias estimate: number of unbiased paths, sum and sum of squares of prefix * (traced - cached)."""
         self.level = mi.Float(0)
-        """Sum of the cache's values at the tails that ended paths, over their number."""
+        """Mean luminance of the cache at the tails that ended paths."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0)
-        """[P] rays that the paths began with."""
+        """[P] camera rays."""
         self.cell, self.bin = mi.UInt32(0), mi.Float(-1)
-        """[R] for the guide: cell, and bin of the direction (-1: nothing to learn)."""
+        """[R] for the guide: cell, and bin of the direction (-1: no record)."""
         self.met, self.reach, self.whole = mi.Float(0), mi.Float(0), mi.Float(0)
-        """[R] for the guide: luminance that came from there up to the next record; factor of what that one scatters;
-        all that was scattered, light sampling included."""
+        """[R] for the guide: luminance from that direction up to the next record; factor of the luminance that the next
+        record scatters; all scattered luminance, light sampling included."""
 
 
 def choice_of(u: float) -> str:
-    """How a share of paths is chosen."""
+    """Name the way in which a share of the paths is chosen.
+
+    Args:
+        u: Share of the paths that only Russian roulette ends.
+
+    Returns:
+        'all', 'none', 'sixteenth' or 'hashed', see ``Shape.choice``.
+    """
     return "all" if u >= 1 else "none" if u <= 0 else "sixteenth" if u == 1 / 16 else "hashed"
 
 
 def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
-    """Where in their tiles a frame's training pixels lie, [0, 1)^2."""
+    """Compute the position of a frame's training pixels within their tiles.
+
+    Args:
+        frame: Number of the frame.
+        seed: Seed of the image.
+
+    Returns:
+        Offset in [0, 1)^2 that all tiles share.
+    """
     return draws(mi.UInt32(0xFFFFFFFF), frame, mixed(seed + TRAINING_STREAM)).next_2d()
 
 
 @functools.lru_cache(maxsize=64)
 def frozen_frame(model: Model, shape: Shape) -> Any:
-    """f(scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) -> Traced; weights with one
-    over scale.
+    """Return a training frame as a function that is recorded once.
 
-    pool  origins and directions of rays of earlier cameras. cells: of the guide, along the axes.
+    Args:
+        model: Network of the cache.
+        shape: Constants of the recording.
+
+    Returns:
+        Function of (scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) with a ``Traced``.
+        Weights come with their ``Gain``; the pool is origins and directions of rays of earlier cameras; cells are those
+        of the guide along the axes.
     """
 
     def run(scene, sensor, around, tails, pixels, numbers, pool, cells, guide):
@@ -157,7 +195,7 @@ def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
 
 
 def _replayed(ray: Any, numbers: Numbers, pool: Any, P: int) -> tuple[Any, mi.Bool]:
-    """Some of the rays replaced by ones of the pool, and which: what they meet is traced in the scene of today."""
+    """Replace some of the rays by ones of the pool; returns the rays and the mask of the replaced ones."""
     lane = mixed(dr.arange(mi.UInt32, P) * mi.UInt32(GOLDEN) ^ mixed(numbers.frame + 77))
     chosen = (mi.Float(lane) * 2.0**-32 < numbers.replay) & (numbers.held > 0)
     row = mixed(lane + 5) % dr.maximum(numbers.held, 1)
@@ -168,7 +206,7 @@ def _replayed(ray: Any, numbers: Numbers, pool: Any, P: int) -> tuple[Any, mi.Bo
 
 
 def _unbiased(shape: Shape, numbers: Numbers) -> mi.Bool:
-    """Mask: in every group of 1/u tiles, one at an offset that changes with the frame."""
+    """Mask of the paths that only roulette ends: one in 1/u tiles, at an offset that changes with the frame."""
     tile = dr.arange(mi.UInt32, shape.P)
     if shape.choice in ("all", "none"):
         return mi.Bool(shape.choice == "all") & (tile >= 0)
@@ -188,7 +226,7 @@ def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool
 
 
 def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -> None:
-    """What the guide learns from a frame: radiance that was scattered by each vertex, by where it came from."""
+    """Compute the guide's training data: radiance scattered by each vertex, by incident direction."""
     row = dr.arange(mi.UInt32, dr.width(ok))
     v = stored(records.features, row, ok)
     out.cell = key_of(mi.Vector3f(v.p) * cells, v.n, cells)
@@ -196,7 +234,7 @@ def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -
     luminance = lambda four: mi.luminance(mi.Color3f(four.x, four.y, four.z))  # noqa: E731
     C, T = colour(records.gathered, row, ok), colour(records.through, row, ok)
     out.whole, out.bin = luminance(colour(out.targets, row, ok)), dr.select(ok, T.w, -1)
-    # The record behind it lies in the next slot, if that is the same path's.
+    # The next record of the same path is in the next slot.
     follows = ok & (row % V + 1 < V) & (dr.gather(mi.Vector4f, out.targets, row + 1, ok & (row % V + 1 < V)).w > 0)
     out.reach = dr.select(follows, luminance(T), 0)
     out.met = dr.maximum(dr.select(follows, luminance(C), out.whole) - C.w, 0)
@@ -205,7 +243,7 @@ def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -
 def _meter(
     model: Model, records: Any, at_query: mi.Color3f, pixels: Any, counts: mi.Bool, V: int, P: int
 ) -> mi.Vector3f:
-    """Unbiased paths that no query would have ended count with a difference of 0."""
+    """Bias estimate; unbiased paths without a query vertex count with a difference of 0."""
     v, found = query_vertex(records, V, P)
     counts = counts & records.unbiased
     found &= counts & dr.all(dr.isfinite(at_query))

@@ -1,7 +1,7 @@
-"""Training paths: they leave a record at every vertex, from which targets are worked out backwards.
+"""Training paths: each vertex leaves a record, and targets are computed backwards along the path.
 
-A record is an open segment: what was gathered between its vertex and the next one (C) and the throughput between
-the two (T). Then L_s[k] = C[k] + T[k] L_s[k + 1]. Delta vertices are passed through and leave no record.
+A record is an open segment: the radiance gathered between its vertex and the next one (C) and the throughput between
+both (T). Then L_s[k] = C[k] + T[k] L_s[k + 1]. Delta vertices leave no record; the path passes through them.
 
 Notation: P paths, V slots per path, row = path * V + slot.
 """
@@ -18,61 +18,76 @@ from lightwell.cache.paths import Surroundings, Walk, guided_visit
 
 
 class Records:
-    """Slots of all training paths."""
+    """Record slots of all training paths."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "gathered": mi.Float, "through": mi.Float, "count": mi.UInt32, "query": mi.Int32,
         "prefix": mi.Color3f, "tail": Vertex, "ended": mi.Bool, "unbiased": mi.Bool,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.features = mi.Float(0)
         """[P * V * WIDTH] vertices."""
         self.gathered, self.through = mi.Float(0), mi.Float(0)
-        """[P * V * 4] C and T of each slot; the fourth numbers are for the guide: luminance of the light sampled at the
-        vertex, and the bin of the direction that it bounced to (-1: a mirror's)."""
+        """[P * V * 4] C and T of each slot; the fourth numbers are for the guide: luminance of light sampling at the
+        vertex, and bin of the next direction (-1: sampled from a delta component)."""
         self.count = mi.UInt32(0)
         """[P] slots in use."""
         self.query = mi.Int32(-1)
         """[P] slot at which a rendering path would have ended, -1: nowhere."""
         self.prefix = mi.Color3f(0)
-        """[P] throughput from the eye to it."""
+        """[P] throughput from the camera to that slot."""
         self.tail, self.ended = Vertex(), mi.Bool(False)
-        """[P] where the path ended in the cache, and whether it did."""
+        """[P] vertex at which the path ended in the cache, and whether it did."""
         self.unbiased = mi.Bool(False)
-        """[P] paths that end by roulette alone."""
+        """[P] paths that only roulette ends."""
 
 
 class Suffix:
-    """What a training path carries along beside ``Walk``."""
+    """Loop variables of training paths beside ``Walk``."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "C": mi.Color3f, "T": mi.Color3f, "count": mi.UInt32, "query": mi.Int32, "prefix": mi.Color3f, "tail": Vertex,
         "ended": mi.Bool, "bounces": mi.UInt32, "late": mi.UInt32, "sampled": mi.Float, "bin": mi.Float,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.C, self.T = mi.Color3f(0), mi.Color3f(1)
-        """The open segment."""
+        """Gathered radiance and throughput of the open segment."""
         self.sampled, self.bin = mi.Float(0), mi.Float(-1)
-        """Likewise, what the guide learns from: light sampled where it begins, and where the path went from there."""
+        """For the guide: luminance of light sampling at the start of the segment, and bin of its direction."""
         self.count = mi.UInt32(0)
         """Slots in use."""
         self.query, self.prefix = mi.Int32(-1), mi.Color3f(0)
+        """As in ``Records``."""
         self.tail, self.ended = Vertex(), mi.Bool(False)
+        """As in ``Records``."""
         self.bounces = mi.UInt32(0)
-        """Vertices left behind in all."""
+        """Vertices left behind since the camera."""
         self.late = mi.UInt32(0)
-        """Records since the query vertex, it included."""
+        """Records from the query vertex on, inclusive."""
 
 
 @dr.syntax
-def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest, V: int, P: int, guide: Any = None):
-    """Trace P training paths, one per lane, and leave their records.
+def trace_records(
+    scene: Any, sampler: Any, ray: Any, around: Surroundings, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
+    guide: Any = None,
+) -> Records:  # fmt: skip
+    """Trace P training paths, one per lane, and store their records.
 
-    unbiased  mask of the paths that no cache value ends; they may be longer than V vertices.
-    guide     None, or the ``Guide`` that directions are sampled from beside the BSDF.
-    shortest  records from the query vertex on before a cache value may end a path; the paper: 1.
+    Args:
+        scene: Mitsuba scene.
+        sampler: Source of random numbers.
+        ray: [P] camera rays.
+        around: Parameters of the paths.
+        unbiased: [P] mask of the paths that no cache value ends; they may be longer than V vertices.
+        shortest: Records from the query vertex before a cache value may end a path; 1 in Müller et al. 2021.
+        V: Slots per path.
+        P: Number of paths.
+        guide: ``Guide`` that directions are sampled from beside the BSDF; None: the BSDF alone.
+
+    Returns:
+        The records.
     """
     out = Records()
     out.features = dr.zeros(mi.Float, P * V * WIDTH)
@@ -87,7 +102,7 @@ def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest,
         bsdf = si.bsdf(walk.ray)
         smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
-        # ---------------------- Emission, met by BSDF sampling ----------------------
+        # -------------------- Emission, reached by BSDF sampling --------------------
 
         kept.C += dr.select(kept.count > 0, kept.T * walk.emission(scene, si), 0)
         goes = walk.active & si.is_valid() & (kept.bounces + 1 < around.max_depth)
@@ -126,7 +141,7 @@ def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest,
         walk.foot.leave(added, bounce, goes)
         _roulette(walk, kept, si, sampler, around, goes, guide is None)
 
-    # A path that ended closes its last segment; nothing but a tail lies behind it.
+    # Close the last segment of each path; only a tail can follow it.
     closes = kept.count > 0
     dr.scatter(gathered, mi.Vector4f(*kept.C, kept.sampled), path * V + kept.count - 1, closes)
     dr.scatter(through, mi.Vector4f(*dr.select(kept.ended, kept.T, 0), kept.bin), path * V + kept.count - 1, closes)
@@ -136,7 +151,7 @@ def trace_records(scene, sampler, ray, around: Surroundings, unbiased, shortest,
 
 
 def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Float:
-    """The suffix begins at the query vertex: throughput, depth and spread count from there."""
+    """Begin the suffix at the query vertex: throughput, depth and spread restart there."""
     kept.query = dr.select(begins, mi.Int32(kept.count), kept.query)
     kept.prefix = dr.select(begins, mi.Color3f(walk.β), kept.prefix)
     walk.β = dr.select(begins, mi.Spectrum(1), walk.β)
@@ -148,7 +163,7 @@ def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Flo
 
 
 def _open(kept: Suffix, opens: mi.Bool) -> None:
-    """A new segment."""
+    """Begin a new segment."""
     kept.C = dr.select(opens, mi.Color3f(0), kept.C)
     kept.T = dr.select(opens, mi.Color3f(1), kept.T)
     kept.count = dr.select(opens, kept.count + 1, kept.count)
@@ -158,7 +173,7 @@ def _open(kept: Suffix, opens: mi.Bool) -> None:
 def _roulette(
     walk: Walk, kept: Suffix, si: Any, sampler: Any, around: Surroundings, goes: mi.Bool, plain: bool
 ) -> None:
-    """Stopping criterion: roulette, compensated in T; a guide has its own."""
+    """Stopping criterion: Russian roulette, compensated in T; paths with a guide use the guide's instead."""
     left = si.is_valid() & walk.active
     walk.depth = dr.select(left, walk.depth + 1, walk.depth)
     kept.bounces = dr.select(left, kept.bounces + 1, kept.bounces)
@@ -184,7 +199,7 @@ def _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes):
 
 
 def _note(kept: Suffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
-    """What the guide learns from."""
+    """Store the guide's training data of a vertex."""
     kept.sampled = dr.select(opens, mi.luminance(mi.Color3f(bounce.light)), kept.sampled)
     to = mi.Float(bin_of(si.to_world(bounce.wo)))
     kept.bin = dr.select(opens, dr.select(bounce.delta | bounce.null, -1, to), kept.bin)
@@ -192,9 +207,16 @@ def _note(kept: Suffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
 
 @dr.syntax
 def resolve(records: Records, tail_value: Any, V: int, P: int) -> tuple[mi.Float, mi.Color3f]:
-    """Targets by the backward walk: ([P * V * 4] L_s per slot, 0 beyond; L_s at the query vertex [P]).
+    """Compute the targets backwards along each path.
 
-    tail_value  [P] radiance that the cache gives for the tails, already attenuated.
+    Args:
+        records: Result of ``trace_records``.
+        tail_value: [P] radiance of the cache at the tails, attenuated.
+        V: Slots per path.
+        P: Number of paths.
+
+    Returns:
+        Scattered radiance L_s and a flag 1 per slot [P * V * 4], 0 in unused slots; and L_s at the query vertex [P].
     """
     targets = dr.zeros(mi.Float, P * V * 4)
     path = dr.arange(mi.UInt32, P)
@@ -206,7 +228,7 @@ def resolve(records: Records, tail_value: Any, V: int, P: int) -> tuple[mi.Float
         row = path * V + mi.UInt32(k)
         C = dr.gather(mi.Vector4f, gathered, row)
         T = dr.gather(mi.Vector4f, through, row)
-        # A factor of zero ends the sum even where the rest is infinite.
+        # A throughput of zero ends the sum even where the rest is infinite.
         rest = mi.Color3f(T.x, T.y, T.z) * L
         L = mi.Color3f(C.x, C.y, C.z) + dr.select(mi.Color3f(T.x, T.y, T.z) == 0, 0, rest)
         dr.scatter(targets, mi.Vector4f(*L, 1), row)
@@ -216,7 +238,16 @@ def resolve(records: Records, tail_value: Any, V: int, P: int) -> tuple[mi.Float
 
 
 def query_vertex(records: Records, V: int, P: int) -> tuple[Vertex, mi.Bool]:
-    """[P] vertices at which rendering paths would have ended, and whether there is one."""
+    """Gather the vertices at which rendering paths would have ended.
+
+    Args:
+        records: Result of ``trace_records``.
+        V: Slots per path.
+        P: Number of paths.
+
+    Returns:
+        Vertices [P], and mask of the paths with one [P].
+    """
     found = records.query >= 0
     row = dr.arange(mi.UInt32, P) * V + mi.UInt32(dr.maximum(records.query, 0))
     return stored(records.features, row, found), found

@@ -1,4 +1,4 @@
-"""Debug views: what the cache says and what the paths do, as pictures."""
+"""Debug views: predictions of the cache and properties of the paths as images."""
 
 from __future__ import annotations
 
@@ -8,18 +8,28 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
-from lightwell.cache.frames import sobol_rays
-from lightwell.cache.paths import render_path
+from lightwell.cache.frames import evaluator, sobol_rays
+from lightwell.cache.paths import Surroundings, render_path
 
-# Mirrors and panes that a view looks through at most, and samples per pixel of guides.
+# Largest number of mirrors and panes that a view looks through, and samples per pixel of the denoiser's guide images.
 MIRRORS, GUIDE_SPP = 8, 4
-# Pixels along the edge of the squares over which the bias view averages: what is left of it per pixel is noise.
+# Edge of the squares over which the bias view averages, pixels: single pixels would show noise.
 BLOCK = 8
 
 
 @dr.syntax
-def first_vertex(scene, sampler, ray, around):
-    """The first surface that is no mirror: (vertex, whether there is one, throughput, emission seen on the way)."""
+def first_vertex(scene: Any, sampler: Any, ray: Any, around: Surroundings) -> tuple[Vertex, mi.Bool, Any, Any]:
+    """Follow rays through mirrors and clear glass to the first surface that is not specular.
+
+    Args:
+        scene: Mitsuba scene.
+        sampler: Source of random numbers.
+        ray: [N] camera rays.
+        around: ``Surroundings`` of the cache.
+
+    Returns:
+        Vertices, mask of rays with one [N], throughput [N], and emission of the surfaces on the way [N].
+    """
     ray = mi.Ray3f(dr.detach(ray))
     β, L = mi.Spectrum(1), mi.Spectrum(0)
     vertex, found = Vertex(), mi.Bool(False)
@@ -55,7 +65,17 @@ def _rays(sensor: Any, spp: int, seed: int):
 
 
 def guides(scene: Any, sensor: Any, cache: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Albedo and normal [H, W, 3] of the first surfaces that are no mirrors."""
+    """Render the guide images of the denoiser at the first surfaces that are not specular.
+
+    Args:
+        scene: Mitsuba scene.
+        sensor: Mitsuba sensor.
+        cache: ``RadianceCache`` of the scene.
+        seed: Seed.
+
+    Returns:
+        Albedo [H, W, 3] in [0, 1] and normal [H, W, 3].
+    """
     ray, _, _, sampler = _rays(sensor, GUIDE_SPP, seed)
     v, found, β, _ = first_vertex(scene, sampler, ray, cache.around)
     albedo = dr.clip(dr.select(found, β * v.reflectance(), 0), 0, 1)
@@ -64,7 +84,22 @@ def guides(scene: Any, sensor: Any, cache: Any, seed: int) -> tuple[np.ndarray, 
 
 
 def view(scene: Any, sensor: Any, cache: Any, name: str, spp: int, seed: int) -> np.ndarray:
-    """The debug view ``name`` as [H, W, 3]; see docs/radiance-cache.md for what each shows."""
+    """Render a debug view; docs/radiance-cache.md describes each.
+
+    Args:
+        scene: Mitsuba scene.
+        sensor: Mitsuba sensor.
+        cache: ``RadianceCache`` of the scene.
+        name: Name of the view, see ``settings.CHOICES``.
+        spp: Samples per pixel, ≥ 1.
+        seed: Seed.
+
+    Returns:
+        [H, W, 3] linear image.
+
+    Raises:
+        ValueError: There is no view of that name.
+    """
     if name in ("training", "tiles"):
         return _training(sensor, cache, name, seed)
     rays = _rays(sensor, spp, seed)
@@ -99,8 +134,6 @@ def _blocks(image: np.ndarray) -> np.ndarray:
 
 
 def _path_view(scene, cache, rays, name: str):
-    from lightwell.cache.frames import evaluator
-
     ray, weight, _, sampler = rays
     around = cache.around
     if name == "cache-2":
@@ -119,7 +152,7 @@ def _path_view(scene, cache, rays, name: str):
 
 
 def _training(sensor, cache, name: str, seed: int) -> np.ndarray:
-    """White where the last frame trained; 'tiles': a chequered grid."""
+    """White at the training pixels of the last frame; 'tiles': a checkerboard of the tiles."""
     width, height = (int(x) for x in sensor.film().crop_size())
     columns, rows, tile_w, tile_h = cache.controller(width, height).grid(width, height)
     image = np.zeros((height, width, 3), np.float32)
