@@ -1,4 +1,4 @@
-"""A field as it ships, evaluated on queries."""
+"""Evaluation of the shading graph of a field, as it is written."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from lightwell.transport.samples import Query
 
 
 class Baked:
-    """A shading graph as it ships, evaluated on queries: radiance with the reflectance multiplied in."""
+    """A shading graph as it is written, evaluated on queries; the result is radiance, reflectance included."""
 
     def __init__(self, graph: Graph) -> None:
+        """Compile a graph.
+
+        Args:
+            graph: Shading graph with an output ``radiance`` that is divided by the reflectance.
+        """
         self.graph = graph
         self._compiled: Compiled = compile(graph)
 
@@ -29,7 +34,14 @@ class Baked:
         return "segment" in self.graph.outputs
 
     def segments(self, query: Query) -> tuple[np.ndarray, np.ndarray]:
-        """[N] index of each point's first expert and [N] share of its second one, in [0, 0.5]."""
+        """Return which experts shade each point.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int64 index of the first expert, and [N] float32 share of the second one, in [0, 0.5].
+        """
         names = tuple(name for name in ("segment", "overlap") if name in self.graph.outputs)
         found = {name: value[:, 0] for name, value in self._outputs(query, names).items()}
         index = np.rint(found["segment"]).astype(np.int64)

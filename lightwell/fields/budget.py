@@ -1,4 +1,4 @@
-"""How long a field may take, or how good it must become."""
+"""The budget of a field: a time, or an error to reach."""
 
 from __future__ import annotations
 
@@ -27,7 +27,15 @@ class Budget:
 
     @staticmethod
     def parse(text: str) -> Budget:
-        """Read ``60s``, ``5m``, ``1h`` as a time, ``5%`` as a relative error; ``ValueError`` for anything else."""
+        """Read a budget from text.
+
+        Args:
+            text: A time like ``60s``, ``5m`` or ``1h``, or a relative error like ``5%``. Anything else is a
+                ``ValueError``.
+
+        Returns:
+            The budget.
+        """
         value = quantity(text, SECONDS | {"%": 0.01}, "a time or an error; write 60s, 5m, 1h or 5%")
         return Budget(None, value) if "%" in text else Budget(value)
 

@@ -1,6 +1,6 @@
-"""What the networks see of a query, written as a shading graph: one meaning in training and in the viewer.
+"""Inputs of the networks, written as a shading graph, so that training and viewer compute the same.
 
-Notation: p surface point, n normal, v direction to the eye, r mirrored view direction, l light, ω direction to the
+Notation: p surface point, n normal, v direction to the camera, r mirrored view direction, l light, ω direction to the
 light, d distance to it; positions are mapped to about [−1, 1]³ by one scale.
 """
 
@@ -23,13 +23,13 @@ INPUT_WIDTHS = {
     "metallic": 1,
 }
 
-# Softens 1/d and log d where a light almost touches a surface; in units of half the scene.
+# Softens 1/d and log d where a light almost touches a surface, in units of half the scene's extent.
 DISTANCE_SOFTENING = 0.02
 
 
 @dataclass(frozen=True)
 class FeatureOctaves:
-    """How finely positions are encoded: sin and cos of 2^k π c for k below these numbers."""
+    """Octaves of the frequency encoding of positions: sin and cos of 2^k π c for k below these numbers."""
 
     position: int = 6
     light: int = 4
@@ -38,30 +38,63 @@ class FeatureOctaves:
 
 
 def open_builder() -> Builder:
-    """A builder with the inputs of a query declared."""
+    """Start a graph that has the inputs of a query.
+
+    Returns:
+        The builder.
+    """
     return Builder(**INPUT_WIDTHS)
 
 
-def normalised(b: Builder, name: str, setup: FieldSetup, **options) -> str:
-    """Map a world position to about [−1, 1]³ by one scale for all axes."""
+def normalised(b: Builder, name: str, setup: FieldSetup, per_frame: bool = False) -> str:
+    """Map a world position to about [−1, 1]³ by one scale for all axes.
+
+    Args:
+        b: Graph to add nodes to.
+        name: Name of the node with the position in metres, width 3.
+        setup: Bounds of the scene.
+        per_frame: Whether the position depends on frame inputs only.
+
+    Returns:
+        Name of the new node, width 3.
+    """
     scale = 1.0 / setup.half_extent
-    return b.affine(name, [scale] * 3, [-c * scale for c in setup.center], **options)
+    return b.affine(name, [scale] * 3, [-c * scale for c in setup.center], per_frame=per_frame)
 
 
 def raw_features(b: Builder, setup: FieldSetup) -> tuple[list[str], list[str]]:
-    """The 12 raw inputs of the report: x, n, incoming view direction, l. Returns (per pixel, per frame) nodes."""
+    """Add the 12 raw inputs of the 2013 report: x, n, incoming view direction, l.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds and light of the scene.
+
+    Returns:
+        Names of nodes that are evaluated per pixel, and of those that are evaluated per frame.
+    """
     incoming = b.scale("view", -1.0)
     light = [] if setup.light == "static" else [_light(b, setup)]
     return [normalised(b, "position", setup), "normal", incoming], light
 
 
-def waves(b: Builder, value: str, octaves: int, falloff: float, **options) -> str:
-    """Sines and cosines of a vector, the k-th octave scaled by falloff^k."""
-    found = b.frequency(value, octaves, **options)
+def waves(b: Builder, value: str, octaves: int, falloff: float, per_frame: bool = False) -> str:
+    """Add sines and cosines of a vector, the k-th octave scaled by falloff^k.
+
+    Args:
+        b: Graph to add nodes to.
+        value: Name of a node, width 3.
+        octaves: Number of octaves, ≥ 1.
+        falloff: Amplitude of an octave relative to the one below, in (0, 1].
+        per_frame: Whether the vector depends on frame inputs only.
+
+    Returns:
+        Name of the new node, width 6 × octaves.
+    """
+    found = b.frequency(value, octaves, per_frame=per_frame)
     if falloff == 1.0:
         return found
     amplitude = np.tile(np.repeat(falloff ** np.arange(octaves), 2), 3)
-    return b.affine(found, amplitude, np.zeros_like(amplitude), **options)
+    return b.affine(found, amplitude, np.zeros_like(amplitude), per_frame=per_frame)
 
 
 def _light(b: Builder, setup: FieldSetup) -> str:
@@ -70,7 +103,16 @@ def _light(b: Builder, setup: FieldSetup) -> str:
 
 
 def encoded_features(b: Builder, setup: FieldSetup, octaves: FeatureOctaves) -> tuple[list[str], list[str]]:
-    """Encoded inputs and the local geometry of light, surface and eye. Returns (per pixel, per frame) nodes."""
+    """Add the encoded inputs and the local geometry of light, surface and camera.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds and light of the scene.
+        octaves: Octaves of the encoding.
+
+    Returns:
+        Names of nodes that are evaluated per pixel, and of those that are evaluated per frame.
+    """
     p = normalised(b, "position", setup)
     r = b.normalize(b.reflect("normal", "view"))
     pixel = [p, waves(b, p, octaves.position, octaves.falloff), "normal", r, b.dot("normal", "view")]
@@ -96,9 +138,18 @@ GRID_MARGIN = 1.02
 
 
 def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
-    """Where a grid over the scene is read: in [0, 1]³, ``lift`` above the surface on the viewer's side.
+    """Add the point at which a grid over the scene is read.
 
-    The two sides of a wall thinner than a cell, and the faces at an edge, so read different places.
+    The point lies above the surface on the viewer's side. So the two sides of a wall thinner than a cell, and the faces
+    at an edge, read different places.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds of the scene.
+        lift: Distance from the surface along the normal, in edges of the grid's cube.
+
+    Returns:
+        Name of the node with the point in [0, 1]³, width 3.
     """
     scale = 0.5 / (GRID_MARGIN * setup.half_extent)
     place = b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
@@ -106,7 +157,16 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
 
 
 def local_features(b: Builder, setup: FieldSetup) -> list[str]:
-    """What a grid cannot know of a pixel: the geometry of light, normal and, unless all is matte, eye and surface."""
+    """Add the inputs that a grid cannot provide: the geometry of light and normal and, where a surface is glossy, of
+    the view.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds and light of the scene.
+
+    Returns:
+        Names of nodes that are evaluated per pixel.
+    """
     pixel = ["normal"]
     if not setup.matte:
         r = b.normalize(b.reflect("normal", "view"))
@@ -123,7 +183,18 @@ def local_features(b: Builder, setup: FieldSetup) -> list[str]:
 
 
 def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) -> list[str]:
-    """What a network of the light alone sees: its place, waves of it, and log distances to the scene's bounds."""
+    """Add the inputs of a network that depends on the light alone: position, encoding, log distances to the scene's
+    bounds.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds and light of the scene.
+        octaves: Octaves of the encoding.
+        falloff: Amplitude of an octave relative to the one below, in (0, 1].
+
+    Returns:
+        Names of nodes that are evaluated per frame; none without a variable light.
+    """
     if setup.light == "static":
         return []
     l = _light(b, setup)

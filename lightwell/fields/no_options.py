@@ -1,4 +1,4 @@
-"""The options of fields that have none of their own."""
+"""Options of the fields that declare none of their own."""
 
 from __future__ import annotations
 
@@ -7,4 +7,4 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class NoOptions:
-    """No option but those of every bake."""
+    """No options beyond those of every bake."""

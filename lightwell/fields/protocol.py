@@ -1,11 +1,12 @@
-"""What a field is: a strategy that prepares a scene, takes samples, fits, and lowers what it has learned to a graph.
+"""The interface of a field: it prepares a scene, takes samples, fits, and lowers the result to a shading graph.
 
-    state   = field.prepare(job)              atlas, lattice, the light that moves; cheap checks come first
+    state   = field.prepare(job)              check the settings; make the atlas or lattice; set the variable light
     samples = field.sample(state, role)       path-traced
     fit     = field.fit(state, role, samples)
-    lowered = fit.lower()                     what ships
+    lowered = fit.lower()                     the shading graph that is written
 
-A bake calls these four for each role of the state, scores what ships and writes it; it knows nothing else of a field.
+A bake makes these four calls for each role of the state, then scores and writes the lowered graph. It uses nothing else
+of a field.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ Role = Literal["indirect", "static"]
 
 @dataclass(frozen=True)
 class Job:
-    """A scene to learn, what is asked, and the means."""
+    """The input of a field: scene, settings, work folder and progress."""
 
     scene: Scene
     request: Request
     options: Any
     """Instance of the field's ``Options``."""
     work: Work
-    """Where work is kept until the bake is written."""
+    """Folder of intermediate results until the bake is written."""
     progress: Progress
     shared: bool = False
     """Whether other fields learn from the same samples: none then depend on the fit, half of the budget traces them,
@@ -47,31 +48,38 @@ class Job:
 
 @dataclass
 class State:
-    """A prepared scene. Fields derive from it what they keep between their stages."""
+    """A prepared scene. Fields derive classes from it for what they keep between their stages."""
 
     job: Job
     scene: Scene
-    """What is traced and scored; a field may have put a light into it."""
+    """The scene that is traced and scored; a field may have added a light."""
     variable: Variable | None
-    """What may move; None: nothing."""
+    """Ranges of the variable light; None: no light varies."""
     roles: tuple[Role, ...]
-    """What is learned, in this order; the first is what the report's headline figures are of."""
+    """Parts of the light that are learned, in this order; the report's headline figures are those of the first."""
     warnings: list[str] = field(default_factory=list)
     """Notes of the field, for the report."""
 
     @property
     def shipped(self) -> Scene:
-        """The scene as it is written: with the second texture coordinates of an atlas, for example."""
+        """Return the scene as it is written: with the second texture coordinates of an atlas, for example."""
         return self.scene
 
     def finished(self, fits: Mapping[Role, Fit]) -> ReBake | None:
-        """What is written instead of a report where only a part was baked again; None: a report."""
+        """Return the summary of an incremental bake.
+
+        Args:
+            fits: The fit of each role.
+
+        Returns:
+            The summary that replaces the report; None for a full bake, which has a report.
+        """
         return None
 
 
 @dataclass(frozen=True)
 class Shown:
-    """How a bake is shown first."""
+    """The light under which a bake is shown first."""
 
     light: np.ndarray
     """[3] place of the light, metres, or direction to the sun."""
@@ -81,7 +89,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class ExtraFile:
-    """A file beside the asset."""
+    """A file that is written beside the asset."""
 
     name: str
     media_type: str
@@ -91,7 +99,7 @@ class ExtraFile:
 
 @dataclass(frozen=True)
 class ReBake:
-    """What an incremental bake says of itself, instead of a report."""
+    """The summary of an incremental bake, which replaces the report."""
 
     shown: Shown
     facts: dict[str, Any]
@@ -102,7 +110,7 @@ class ReBake:
 
 @dataclass(frozen=True)
 class Lowered:
-    """What ships of one fit."""
+    """The part of a fit that is written to the asset."""
 
     graph: Graph
     """What every runtime evaluates; its output ``radiance`` is divided by the reflectance."""
@@ -116,7 +124,7 @@ class Lowered:
 
 @dataclass(frozen=True)
 class Traced:
-    """What the samples of a fit cost."""
+    """The cost of the samples of a fit."""
 
     paths: int = 0
     """Light paths."""
@@ -151,19 +159,40 @@ class Fit(Protocol):
     """Counts that the budget bought; JSON values."""
     training: Training
     facts: dict[str, Any]
-    """What the representation tells of itself for the report; JSON values, NumPy numbers included."""
+    """Facts about the representation for the report; JSON values, NumPy numbers included."""
 
     def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
-        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        """Return the inputs of the graph at surface points.
+
+        Args:
+            points: N surface points.
+            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            N queries.
+        """
 
     def lower(self) -> Lowered:
-        """Give what ships, rounded to the types that are stored."""
+        """Return the shading graph that is written, its buffers rounded to their stored types.
+
+        Returns:
+            The graph and what is stored beside it.
+        """
 
     note: str
     """One line about ``files`` for the terminal, known once they were asked for; or nothing."""
 
     def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files that lie beside the asset ``glb``; ``keep``: also what an incremental bake starts from."""
+        """List the files that are written beside the asset.
+
+        Args:
+            glb: Path of the asset.
+            shown: The light under which the bake is shown first.
+            keep: Also list the files that an incremental bake starts from.
+
+        Returns:
+            The files, not yet written.
+        """
 
 
 class Field(Protocol):
@@ -178,13 +207,36 @@ class Field(Protocol):
     """Fields with the same word here learn from the same samples when they are compared."""
 
     def prepare(self, job: Job) -> State:
-        """Check what is asked, find what may move, and make what samples need. ``ValueError`` for mistakes."""
+        """Check the settings, find the variable light, and make what sampling needs. Mistakes of the user are
+        ``ValueError``.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+        """
 
     def sample(self, state: State, role: Role) -> Any:
-        """Trace the samples of a role, or read those that an interrupted bake has left."""
+        """Trace the samples of a role, or read those that an interrupted bake has kept.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to sample, one of ``state.roles``.
+
+        Returns:
+            Samples of the field's own type.
+        """
 
     def fit(self, state: State, role: Role, samples: Any, folder: Path | None = None) -> Fit:
-        """Learn from samples that ``sample`` gave, here or in another field that shares them.
+        """Fit the field to samples.
 
-        ``folder``: where checkpoints lie where several fields work in one bake; None: the field's own choice.
+        Args:
+            state: The prepared scene.
+            role: The part of the light that the samples hold.
+            samples: Samples from ``sample`` of this field, or of another with the same ``shares``.
+            folder: Folder of the checkpoints where several fields are fitted in one run; None: the field chooses it.
+
+        Returns:
+            The finished fit.
         """

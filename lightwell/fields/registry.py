@@ -39,12 +39,26 @@ OPTIONS = {
 
 
 def field_names() -> tuple[str, ...]:
-    """List the names of all fields, those of other distributions last."""
+    """List the names of all fields, those of other distributions last.
+
+    Returns:
+        Names, each once; the default field comes first.
+    """
     return (*BUILT_IN, *(name for name in _added() if name not in BUILT_IN))
 
 
 def find_field(name: str) -> Field:
-    """Return a field; ``ValueError`` for an unknown name or a plug-in that cannot be loaded."""
+    """Return a field by its name; the module or distribution that holds it is imported.
+
+    Args:
+        name: Name of a field, as ``field_names`` lists it.
+
+    Returns:
+        The field.
+
+    Raises:
+        ValueError: The name is unknown, or the distribution that adds the field cannot be loaded.
+    """
     if name in BUILT_IN:
         return import_module(BUILT_IN[name]).FIELD
     if name not in _added():
@@ -53,7 +67,14 @@ def find_field(name: str) -> Field:
 
 
 def options_type(name: str) -> type:
-    """Return the dataclass of a field's own options."""
+    """Return the dataclass of a field's own options.
+
+    Args:
+        name: Name of a field.
+
+    Returns:
+        The dataclass; ``NoOptions`` for a field that declares none.
+    """
     if name in OPTIONS:
         module, kind = OPTIONS[name]
         return getattr(import_module(module), kind)
@@ -65,7 +86,11 @@ def options_type(name: str) -> type:
 
 
 def option_homes() -> dict[str, list[str]]:
-    """Map the name of each option that only some of lightwell's fields have to those fields."""
+    """Map the name of each option that only some of the built-in fields have to those fields.
+
+    Returns:
+        Name of the option to names of fields.
+    """
     from lightwell.core.options import options_of
 
     homes: dict[str, list[str]] = {}
@@ -76,12 +101,27 @@ def option_homes() -> dict[str, list[str]]:
 
 
 def field_of(preset: str) -> str:
-    """Return the field that a preset alone means: the first that has it, the default one where none has."""
+    """Find the field of a preset that was given without a field.
+
+    Args:
+        preset: Name of a preset.
+
+    Returns:
+        Name of the first built-in field that has the preset; the default field where none has it.
+    """
     return next((name for name in BUILT_IN if preset in find_field(name).presets), DEFAULT)
 
 
 def check_preset(name: str, preset: str) -> None:
-    """Refuse a preset that a field does not have."""
+    """Check that a field has a preset.
+
+    Args:
+        name: Name of a field.
+        preset: Name of a preset.
+
+    Raises:
+        ValueError: The field has no such preset.
+    """
     presets = find_field(name).presets
     if preset not in presets:
         raise ValueError(

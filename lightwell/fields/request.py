@@ -1,4 +1,4 @@
-"""What is asked of every field. Nothing heavy is imported here: command lines are made from it."""
+"""Settings that every field shares. The command line is made from this module, so it imports nothing slow."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from lightwell.fields.budget import Budget
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is asked of a field, whichever it is. With fixed ``steps`` and ``shards`` the same seed gives the same
-    learned light, to the bit."""
+    """Settings of a bake that every field shares. With fixed ``steps`` and ``shards``, the same seed gives the same
+    learned light, bit for bit.
+    """
 
     preset: str = option("default", "settings of the field, e.g. default, report-20, report-200")
     budget: Budget = option(

@@ -1,4 +1,4 @@
-"""Inputs of networks computed for many rows by the shading graph that will compute them in the viewer."""
+"""Inputs of networks for many samples, computed by the same shading graph as in the viewer."""
 
 from __future__ import annotations
 
@@ -14,14 +14,26 @@ ROWS_AT_ONCE = 1 << 20
 
 
 class Tabulated:
-    """A graph over a query as a function to NumPy rows."""
+    """A graph over queries, as a function that returns NumPy arrays."""
 
     def __init__(self, graph: Graph) -> None:
+        """Compile a graph.
+
+        Args:
+            graph: Graph with the inputs of a query.
+        """
         self.graph = graph
         self._compiled: Compiled = compile(graph)
 
     def width(self, output: str) -> int:
-        """Numbers per row of an output."""
+        """Return the width of an output.
+
+        Args:
+            output: Name of the output.
+
+        Returns:
+            Numbers per query.
+        """
         return self.graph.widths[self.graph.outputs[output]]
 
     def __call__(self, query: Query) -> dict[str, np.ndarray]:

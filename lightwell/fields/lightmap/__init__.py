@@ -1,1 +1,1 @@
-"""Neural light maps: an atlas, the light that arrives on it, and a network that reads features of its texels."""
+"""Neural light maps: an atlas, its irradiance, and a network that reads features of its texels."""

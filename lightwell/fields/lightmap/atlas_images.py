@@ -1,4 +1,5 @@
-"""Images over an atlas: texels between charts are filled, so that every bilinear read near a chart is the chart's own.
+"""Images over an atlas. Texels between charts are filled, so that a bilinear read near a chart never mixes in another
+one.
 
 Notation: n texels along each edge, C channels.
 """
@@ -10,14 +11,23 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.core.denoise import denoise, missing
 
-# Charts of fewer texels than this along an edge are not denoised: the filter has nothing to go by.
+# Charts of fewer texels than this along an edge are not denoised, because the filter has too little context.
 SMALLEST = 4
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
 SMALL, MIRRORED = 8, 16
 
 
 def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
-    """Texels within ``reach`` of a covered one become copies of the nearest, the rest smooth; [n, n, C]."""
+    """Fill the texels that no chart covers: those near a chart copy the nearest covered texel, the others are smooth.
+
+    Args:
+        image: [n, n, C] image.
+        covered: [n, n] bool, True for texels with a value.
+        reach: Distance up to which texels are copies, in texels.
+
+    Returns:
+        [n, n, C] float32 image.
+    """
     distance, index = distance_transform_edt(~covered, return_indices=True)
     near = distance <= reach
     filled = np.where(near[..., None], image[tuple(index)], 0).astype(np.float32)
@@ -25,7 +35,15 @@ def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
 
 
 def push_pull(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Fill unknown texels with means of ever larger neighbourhoods; known ones stay (Gortler et al. 1996)."""
+    """Fill unknown texels with means of ever larger neighbourhoods (Gortler et al. 1996).
+
+    Args:
+        image: [n, n, C] image.
+        known: [n, n] bool, True for texels that keep their value.
+
+    Returns:
+        [n, n, C] float32 image.
+    """
     weight = known.astype(np.float32)[..., None]
     if weight.all() or image.shape[0] == 1 or image.shape[1] == 1:
         return image
@@ -43,10 +61,17 @@ def _halved(image: np.ndarray) -> np.ndarray:
 
 
 def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
-    """[n, n, 3] diffuse light without noise, chart by chart, so that none sees its neighbours; unchanged on platforms
-    without Open Image Denoise (``lightwell.core.denoise.missing``).
+    """Denoise diffuse light, each chart in a rectangle of its own that continues the chart, so that charts do not mix.
 
-    Every chart is denoised in a rectangle of its own, whose other texels continue the chart.
+    Unchanged on platforms without Open Image Denoise (``lightwell.core.denoise.missing``).
+
+    Args:
+        image: [n, n, 3] linear light.
+        chart: [n, n] int chart of each texel, −1 for none.
+        reach: Distance up to which a chart is continued by copies, in texels.
+
+    Returns:
+        [n, n, 3] image.
     """
     if missing():
         return image

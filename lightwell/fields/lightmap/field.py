@@ -1,4 +1,4 @@
-"""The strategy of light maps: atlas, light that arrives, light that leaves towards eyes, network."""
+"""The field ``lightmap``: atlas, irradiance at texels, radiance towards views, and the network."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ from lightwell.transport.irradiance import irradiance
 from lightwell.transport.mapped import MappedQuery, mapped_query
 from lightwell.transport.samples import SurfacePoints
 
-# Shares of the budget: light at texels, samples of eyes; the rest trains.
+# Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 # An atlas is not made larger for its small charts where its texels would get fewer paths than this.
 ROOMY_PATHS = 32
-# Paths per eye sample, and bounds of their number.
+# Paths per sample of radiance towards views, and bounds of the number of samples.
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
 POINTS_PER_LIGHT = 128
-# What a training step of 2^14 rows takes on two cores, and the fewest steps.
+# Seconds of a training step of 2^14 rows on two cores, and the fewest steps.
 STEP_SECONDS, LEAST_STEPS = 0.04, 200
 # Edge of the light that the fallback is made from where there is no ordinary light map.
 COARSE = 1024
-# Paths per second that the reference's budget reckons with, until a scene's own rate is known.
+# Paths per second that the reference's budget assumes until the scene's rate is measured.
 RATE = 3e5
 # The validation points of an error budget: their number, seed and paths.
 VALIDATION_POINTS, VALIDATION_SEED, VALIDATION_PATHS = 4096, 0xA11D, 256
@@ -71,9 +71,9 @@ class LightmapState(State):
     paths: int = 0
     """Paths per texel."""
     eyes: int = 0
-    """Eye samples."""
+    """Number of samples of radiance towards views."""
     round: int = 0
-    """Of an error budget: each has twice the paths, eye samples and steps of the last."""
+    """Of an error budget: each has twice the paths, radiance samples and steps of the last."""
     facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
 
     @property
@@ -94,7 +94,7 @@ class LightmapState(State):
 
 @dataclass(frozen=True)
 class StillSamples:
-    """Light that stands still: what arrives at texels, and what leaves towards eyes."""
+    """Samples of the light of the scene's own emitters: irradiance at texels and radiance towards views."""
 
     chart: Chart
     eyes: EyeSamples
@@ -146,16 +146,37 @@ class FittedLightmap:
         return self.state.facts
 
     def query(self, points: SurfacePoints, light: np.ndarray) -> MappedQuery:
-        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        """Return the inputs of the graph at surface points.
+
+        Args:
+            points: N surface points.
+            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            N queries.
+        """
         return mapped_query(self.state.scene, self.state.atlas, points, light)
 
     def lower(self) -> Lowered:
-        """Give what ships."""
+        """Return the shading graph that is written, with its pictures and an ordinary light map for other viewers.
+
+        Returns:
+            The graph and what is stored beside it.
+        """
         ordinary = fallback(self.chart) if self.chart else None
         return Lowered(self.map.lower(), self.map.pictures, ordinary, f"lightmap {self.role}")
 
     def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """A light map has no file beside the asset."""
+        """List the files beside the asset: a light map has none.
+
+        Args:
+            glb: Path of the asset.
+            shown: The light under which the bake is shown first.
+            keep: Whether an incremental bake may follow.
+
+        Returns:
+            An empty list.
+        """
         return []
 
 
@@ -170,7 +191,15 @@ class LightmapField:
     # ------------------------------------------------------------------ prepare
 
     def prepare(self, job: Job) -> LightmapState:
-        """Light a dark scene, find what may move, cut and pack the atlas, and count what the budget buys."""
+        """Add a light to a scene that has none, find the variable light, make the atlas, and plan the samples of the
+        budget.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+        """
         request, preset = job.request, PRESETS[job.request.preset]
         scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
         variable = declare(request.vary, scene) if request.vary else None
@@ -193,7 +222,15 @@ class LightmapField:
     # ------------------------------------------------------------------ sample
 
     def sample(self, state: LightmapState, role: Role) -> StillSamples | EyeSamples:
-        """Trace what arrives and what leaves, or what leaves under lights that move."""
+        """Trace irradiance at texels and radiance towards views; for a variable light, only the latter.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to sample.
+
+        Returns:
+            Samples for ``fit``.
+        """
         job, seed = state.job, state.job.request.seed
         with job.work.timed("trace"), job.progress.stage(f"trace {role}", 2, "") as stage:
             if role == "indirect":
@@ -214,7 +251,17 @@ class LightmapField:
     def fit(
         self, state: LightmapState, role: Role, samples: StillSamples | EyeSamples, folder: Path | None = None
     ) -> FittedLightmap:
-        """Fit; towards an error, again with twice of everything until it is reached."""
+        """Fit the light map; with a target error, again with twice the samples until the error is reached.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light that the samples hold.
+            samples: Samples from ``sample``.
+            folder: Not used: checkpoints lie in the state's own folder.
+
+        Returns:
+            The finished fit.
+        """
         budget: Budget = state.job.request.budget
         fit = self._fit_once(state, role, samples)
         if budget.error is None:
@@ -251,7 +298,7 @@ FIELD = LightmapField()
 
 
 def _check(job: Job, roles: tuple[Role, ...]) -> None:
-    """Refuse what leaves nothing to learn, and options that nothing would listen to."""
+    """Refuse settings that leave nothing to learn, and options without effect."""
     if not roles and job.shared:
         raise ValueError(
             "a light map stores no light that moves unless --vary declares it; "
@@ -275,7 +322,7 @@ def _lay_out(state: LightmapState) -> None:
     """Find the sides that are stored, the atlas, and the counts of paths and samples."""
     job, scene, preset = state.job, state.scene, state.preset
     request, options = job.request, job.options
-    # A light that moves may come to every side that is seen.
+    # A variable light can reach every visible side.
     look = lit_sides if state.variable is None else seen_sides
     sides = kept_sides(state.folder / "sides.npz", lambda: look(scene, request.seed))
     atlas = _atlas(scene, options, preset, sides)
@@ -283,14 +330,14 @@ def _lay_out(state: LightmapState) -> None:
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
     state.paths, state.eyes = kept_counts(state.folder / "counts.npz", lambda: _counts(first, state))
     if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
-        # Texels that are too noisy to be denoised are no room.
+        # A larger atlas is of no use where its texels are too noisy to be denoised.
         atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
         state.paths *= 4
     state.atlas = atlas
 
 
 def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: Sides) -> Atlas:
-    """The atlas. Without an ordinary light map, the light that arrives is for the fallback alone: traced coarsely."""
+    """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
     size = options.size or preset.size
     if preset.base and not options.size:
         return roomy_atlas(scene, size, options.mips, sides)
@@ -299,7 +346,7 @@ def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides
 
 
 def _counts(first: Chart | None, state: LightmapState) -> tuple[int, int]:
-    """Paths per texel and eye samples; fixed where ``--shards`` is given."""
+    """Paths per texel and number of radiance samples; fixed where ``--shards`` is given."""
     request, preset = state.job.request, state.preset
     if first is None:
         return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT
@@ -315,7 +362,7 @@ def _counts(first: Chart | None, state: LightmapState) -> tuple[int, int]:
 
 
 def _still_samples(state: LightmapState, made: Chart) -> EyeSamples:
-    """Eye samples, a tenth of them on seams."""
+    """Sample radiance towards views, a tenth of it on seams."""
     scene, preset, seed = state.scene, state.preset, state.job.request.seed
     samples = eye_samples(scene, made, state.eyes, EYE_PATHS, seed + 5, made.image if preset.base else None)
     across = None
@@ -337,7 +384,7 @@ def _steps(state: LightmapState) -> int:
 
 
 def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
-    """The light map of light that stands still, without a network where that is no better than none."""
+    """Fit the light map of the scene's own light; the network is left out where it does not lower the error."""
     scene, made, preset = state.scene, samples.chart, state.preset
     seed, say = state.job.request.seed, state.job.progress.say
     if preset.hidden and not made.glossy.any():
@@ -355,7 +402,7 @@ def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
 
 @dataclass(frozen=True)
 class _Validation:
-    """Surface points that training never sees, and what leaves them."""
+    """Held-out surface points and the radiance that leaves them."""
 
     points: SurfacePoints
     light: np.ndarray

@@ -1,11 +1,13 @@
-"""Neural light maps: the light of surfaces in small textures, read by a network that knows the eye.
+"""The fit of a neural light map: the light of surfaces in small textures, and a network that adds the view-dependent
+part.
 
-Fit to samples of radiance, with the quantiser in the loop, and lowered to a shading graph whose uint8 buffers are
-pictures. Notation: N samples, n texels along the edge of the atlas, S the unit of radiance.
+Fit to samples of radiance, with quantisation simulated in training, and lowered to a shading graph whose uint8 buffers
+are stored as pictures. Notation: N samples, n texels along the edge of the atlas, S the unit of radiance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -26,9 +28,9 @@ from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, 
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
 from lightwell.transport.mapped import MappedQuery
 
-# Shares of the steps after which the quantiser's noise becomes rounding, and the textures those of the file.
+# Shares of the steps after which quantisation noise becomes rounding, and textures become those of the file.
 ROUND_FROM, FREEZE_FROM = 0.5, 0.85
-# The first two forms of the quantiser where features are made from places: none, and rounding of what is made.
+# The first two forms of the quantiser where sine layers compute the features: none, and rounding of their outputs.
 PLACES = ("places", "rounded-places")
 # Columns of a row.
 COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about")
@@ -40,14 +42,14 @@ FAR_SHARE = 0.25
 
 @dataclass(frozen=True)
 class LightmapPreset:
-    """Everything that defines a light map."""
+    """Settings of a light map."""
 
     base: str = "webp90"
     """Codec of the ordinary light map below the network; empty: none."""
     base_reduction: int = 1
     """Edge of the atlas relative to that of the stored picture."""
     direction_reduction: int = 4
-    """The same of the directions' picture."""
+    """The same for the picture of directions."""
     direction: bool = False
     """A second picture with the dominant direction (directional light map)."""
     channels: int = 6
@@ -58,7 +60,7 @@ class LightmapPreset:
     """Widths of the network's layers; empty: no network."""
     activation: str = "relu"
     inputs: Literal["reflected", "mirror", "view", "report", "uv", "light"] = "reflected"
-    """What the network knows beside the features; see ``lightmap_graph``."""
+    """Inputs of the network other than the features; see ``MapNodes.inputs``."""
     siren: bool = False
     stage: tuple[int, ...] = ()
     """Sine layers that make the features in training (siren-two-stage)."""
@@ -66,15 +68,15 @@ class LightmapPreset:
     """Widths of layers that make the features from where a surface lies until they become a texture; empty: every
     texel is learned by itself."""
     octaves: int = 4
-    """Of sines and cosines of the position, for these layers."""
+    """Octaves of the frequency encoding of positions for these layers."""
     demodulated: bool = True
     """Without a base: whether the output is multiplied by the reflectance."""
     mirrors: tuple[int, ...] = ()
     """Edges of the textures of the environment, which the mirrored ray reads; coarse to fine."""
     mirror_channels: int = 6
-    """Channels of each, a multiple of three."""
+    """Channels of each of these textures, a multiple of three."""
     storage: str = "float16"
-    """Of the weights; 'int8': with a step for every output row, biases as half floats."""
+    """Storage type of the weights; 'int8': with a step for every output row, biases as half floats."""
     rate: float = 5e-3
     size: int = 1024
     """Edge of the atlas unless another is asked for."""
@@ -104,30 +106,30 @@ PRESETS: dict[str, LightmapPreset] = {
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
 }
 
-# The light map of a light that moves: its light cannot be stored, only features that the network reads with the light.
+# The light map of a variable light: irradiance cannot be stored, only features for a network with the light as input.
 MOVING = LightmapPreset("", channels=9, share=1 / 16, hidden=(32, 32), activation="silu", inputs="light")
 
 
 @dataclass
 class LightmapFit:
-    """One light map in the making."""
+    """A light map while it is fitted."""
 
     preset: LightmapPreset
     size: int
-    """n."""
+    """n, texels along the edge of the atlas."""
     unit: float
-    """S."""
+    """S, radiance unit."""
     base: Picture | None = None
-    """E' in the curve of a screen."""
+    """Irradiance / π, stored with an sRGB-like transfer function."""
     direction: Picture | None = None
     seed: int = 0
     batch: int = 1 << 14
     mips: int = 0
-    """Of the atlas."""
+    """Levels of the atlas."""
     setup: FieldSetup | None = None
-    """Of the scene, where the light moves or is mirrored."""
+    """Of the scene; needed for a variable light and for an environment."""
     mask: Picture | None = None
-    """What surfaces are; see ``MapNodes``."""
+    """Mask of the surfaces; see ``MapNodes``."""
     relief: bool = False
     """Whether normal maps bend the normals of a surface that is lit."""
 
@@ -167,7 +169,15 @@ class LightmapFit:
     # ------------------------------------------------------------------ fit
 
     def rows(self, query: MappedQuery, far: int = 0) -> np.ndarray:
-        """[N, 11 + I + A] what the network sees of a query, at a level of the mip chain."""
+        """Compute the inputs of the network.
+
+        Args:
+            query: N queries.
+            far: Level of the mip chain, ≥ 0.
+
+        Returns:
+            [N, 11 + I + A] float32 inputs.
+        """
         seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
         found = seen(query)
         return np.concatenate([found[n] for n in COLUMNS if n in found], axis=1)
@@ -178,12 +188,18 @@ class LightmapFit:
         radiance: np.ndarray,
         weight: np.ndarray,
         steps: int,
-        progress=None,
+        progress: Callable[[int], None] | None = None,
         folder: Path | None = None,
     ) -> None:
-        """Fit to N samples of radiance [N, 3], importance weights [N]; nothing to do without a network.
+        """Fit to samples; without a network there is nothing to train.
 
-        folder   Where every form of the quantiser leaves what it has learned, for a training that is resumed.
+        Args:
+            query: N queries.
+            radiance: [N, 3] radiance.
+            weight: [N] importance weights; samples with weight 0 are left out.
+            steps: Number of training steps.
+            progress: Called with the number of the step, every 50 steps.
+            folder: Folder of the checkpoints, one per phase of quantisation; None: the training cannot be resumed.
         """
         if not self.preset.hidden:
             return
@@ -236,7 +252,7 @@ class LightmapFit:
         own = int(np.clip(level + round(np.log2(self.preset.share)), 0, self._feature_mips()))
         return replace(self.network, texture=replace(texture, level=own))
 
-    def _phase(self, data: list[TrainingSet], until: int, steps: int, progress) -> None:
+    def _phase(self, data: list[TrainingSet], until: int, steps: int, progress: Callable[[int], None] | None) -> None:
         """Steps up to ``until`` with the quantiser as it is; a quarter of them read a random level of the mip chain."""
         settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
         trainer = Trainer(self.network, settings, self.seed)
@@ -322,9 +338,20 @@ class LightmapFit:
     # ------------------------------------------------------------------ result
 
     def predict(self, query: MappedQuery) -> np.ndarray:
-        """[N, 3] radiance as trained."""
+        """Predict radiance, before rounding to the stored types.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         return self.network.evaluate(self._parameters, self.rows(query)) * self.unit
 
     def lower(self) -> Graph:
-        """The field as it ships."""
+        """Return the shading graph that is written.
+
+        Returns:
+            The graph.
+        """
         return self.nodes.lowered(self._features, self._parameters if self.preset.hidden else {})

@@ -1,7 +1,8 @@
-"""Fits of a light map: pictures of the light that arrives, and a network that is better than none or left out."""
+"""Fits of a light map: the picture of the irradiance, and a network that is kept only where it lowers the error."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from lightwell.transport.samples import Samples
 
 # Edge of the features of a larger atlas, relative to those of one of the usual size.
 FINER = 1.5
-# Eye samples that judge whether the network is better than none.
+# Held-out samples that decide whether the network lowers the error.
 HELD = 1 << 13
 # Trainings from different starts, of which the best on held-out samples is taken; each has at least so many steps.
 STARTS, ENOUGH_STEPS, START_SEED = 3, 800, 0x10001
@@ -40,11 +41,26 @@ def fitted(
     preset: LightmapPreset,
     seed: int,
     steps: int,
-    progress=None,
+    progress: Callable[[int], None] | None = None,
     folder: Path | None = None,
     size: int | None = None,
 ) -> LightmapFit:
-    """Pictures of the light that arrives, and the trained network; ``size`` of the features' atlas where it differs."""
+    """Encode the irradiance as a picture and train the network.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        samples: N samples of radiance towards views.
+        preset: Settings.
+        seed: Seed of the weights.
+        steps: Number of training steps.
+        progress: Called with the number of the step, every 50 steps.
+        folder: Folder of the checkpoints; None: the training cannot be resumed.
+        size: Texels along the edge of the features' atlas; None: as ``made``.
+
+    Returns:
+        The fit.
+    """
     size = size or made.atlas.size
     if preset.base and size > preset.size:
         # A larger atlas is for small charts, which share fewer texels of features then; directions stay as they are.
@@ -53,7 +69,7 @@ def fitted(
         preset = replace(preset, share=FINER * preset.share / factor, direction_reduction=coarser)
     bumpy = bool(relief(scene).any())
     if bumpy and preset.inputs == "mirror" and preset.direction:
-        # Where normals are bent, the network reads where the light comes from: leaning towards it is what bumps do.
+        # With normal maps, the network needs the direction of the light: bumps lean towards it or away from it.
         preset = replace(preset, inputs="reflected")
     unit = sample_unit(samples)
     base = base_picture(made, unit, preset) if preset.base else None
@@ -81,33 +97,72 @@ def fitted(
 
 
 def shown_error(fit: LightmapFit, samples: EyeSamples) -> float:
-    """Mean squared error of what a screen shows, without the noise of the samples."""
+    """Compute the mean squared error after the transfer function of a display, without the noise of the samples.
+
+    Args:
+        fit: The fit.
+        samples: N samples.
+
+    Returns:
+        The error; display values are in [0, 1].
+    """
     f, a, b = (display(v / fit.unit) for v in (Baked(fit.lower())(samples.query), samples.half_a, samples.half_b))
     return float(np.average(((f - a) * (f - b)).mean(axis=1), weights=samples.weight))
 
 
 def base_picture(made: Chart, unit: float, preset: LightmapPreset) -> Picture:
-    """E' in the curve of a screen."""
+    """Encode irradiance / π with an sRGB-like transfer function.
+
+    Args:
+        made: Atlas and irradiance.
+        unit: Radiance unit S.
+        preset: Codec and reduction.
+
+    Returns:
+        The picture.
+    """
     image = reduced(made.image, preset.base_reduction) if preset.base_reduction > 1 else made.image
     mips = max(made.atlas.mips - int(np.log2(preset.base_reduction)), 0)
     return encode(stored(image / unit), preset.base, mips)
 
 
 def sample_unit(samples: EyeSamples) -> float:
-    """S = 4 x the mean radiance."""
+    """Compute the radiance unit S, 4 × the mean radiance.
+
+    Args:
+        samples: N samples.
+
+    Returns:
+        S.
+    """
     shape = np.zeros(len(samples.weight), np.uint32)
     return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
 
 
 def direction_picture(made: Chart, reduction: int) -> Picture:
-    """The dominant direction as bytes, at a lower resolution."""
+    """Encode the dominant direction of the light as bytes, at a lower resolution.
+
+    Args:
+        made: Atlas and irradiance.
+        reduction: Texels of the atlas per texel of the picture along an edge, ≥ 1.
+
+    Returns:
+        The picture.
+    """
     small = reduced(direction_image(made), min(reduction, made.atlas.size))
     mips = max(made.atlas.mips - int(np.log2(reduction)), 0)
     return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp", mips)
 
 
 def fallback(made: Chart) -> Fallback:
-    """Linear irradiance for viewers that know MOZ_lightmap only."""
+    """Encode linear irradiance for viewers that only support MOZ_lightmap.
+
+    Args:
+        made: Atlas and irradiance.
+
+    Returns:
+        Picture and its greatest value.
+    """
     image = made.image
     factor = max(made.atlas.size // FALLBACK_SIZE, 1)
     irradiance = np.pi * reduced(image, factor)
@@ -117,7 +172,14 @@ def fallback(made: Chart) -> Fallback:
 
 
 def atlas_facts(atlas: Atlas) -> dict[str, Any]:
-    """What the report says of the atlas."""
+    """Summarise the atlas for the report.
+
+    Args:
+        atlas: The atlas.
+
+    Returns:
+        JSON values.
+    """
     return {
         "origin": atlas.origin,
         "size": atlas.size,
@@ -128,7 +190,14 @@ def atlas_facts(atlas: Atlas) -> dict[str, Any]:
 
 
 def texel_facts(made: Chart) -> dict[str, Any]:
-    """What the report says of the light at the texels."""
+    """Summarise the irradiance at the texels for the report.
+
+    Args:
+        made: Atlas and irradiance.
+
+    Returns:
+        JSON values.
+    """
     return {
         "texels": len(made.texels.index),
         "texels_without_light": int((~made.stored).sum()),

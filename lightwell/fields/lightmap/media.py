@@ -1,7 +1,7 @@
-"""Subsurface light: radiance of solids that light goes through, by Mitsuba's ``volpath``.
+"""Subsurface light: radiance of translucent solids, traced with Mitsuba's ``volpath``.
 
-The scene's own records know surfaces only; Mitsuba loads the same file once more, with the media inside its shapes.
-Media that fill the air between surfaces are not meant: rays start just above the surface that they look at.
+The scene's own data holds surfaces only; Mitsuba loads the same file once more, with the media inside its shapes.
+Media between surfaces (fog) are not supported: rays start just above the surface that they look at.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lightwell.transport.interactions import upload
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 
-# What the loader says of a shape whose medium it leaves out.
+# Warning of the loader for a shape whose medium it leaves out.
 WARNING = "': the medium inside it is ignored"
 # Bounces in the medium; beyond the second, paths may end early.
 MAX_DEPTH, RR_DEPTH = 128, 32
@@ -26,13 +26,33 @@ LIFT, LAUNCH = 1e-3, 1 << 19
 
 
 def media_meshes(scene: Scene) -> np.ndarray:
-    """[M] bool: meshes with a medium inside."""
+    """Find the meshes with a medium inside.
+
+    Args:
+        scene: M meshes.
+
+    Returns:
+        [M] bool.
+    """
     names = {w[len("shape '") : -len(WARNING)] for w in scene.warnings if w.endswith(WARNING)}
     return np.array([mesh.name in names for mesh in scene.meshes], bool)
 
 
 def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """As ``static``: radiance leaving points towards their views, subsurface light too; two half means [N, 3]."""
+    """Trace radiance that leaves points towards their views, as ``static`` does, with subsurface light.
+
+    Args:
+        scene: The scene.
+        points: N surface points.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        Two independent half means, [N, 3] each.
+
+    Raises:
+        ValueError: ``paths`` is odd or less than 2.
+    """
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     place, half = frames(scene, points)[0], paths // 2
@@ -61,7 +81,7 @@ def _whole(scene: Scene):
 
 
 def _mean(geometry, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:
-    """[N, 3] mean radiance of rays; a path that is not finite counts as nothing."""
+    """[N, 3] mean radiance of rays; a path that is not finite counts as 0."""
     count = len(origin) * paths
     row = dr.arange(mi.UInt32, count) // paths
     take = lambda rows, kind: dr.gather(kind, upload(kind, rows), row)  # noqa: E731

@@ -1,4 +1,4 @@
-"""Light maps of a light that moves: features on the atlas, read by a network that knows where the light is."""
+"""Light maps of a variable light: features on the atlas, and a network whose inputs include the light."""
 
 from __future__ import annotations
 
@@ -15,12 +15,24 @@ from lightwell.transport.mapped import mapped_query
 from lightwell.transport.radiance import indirect
 from lightwell.transport.surface import draw_surface
 
-# Points that share one place of the light.
+# Points that share one position of the light.
 POINTS_PER_LIGHT = 32
 
 
 def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, paths: int, seed: int) -> EyeSamples:
-    """Surface points with views and lights of their own, and the indirect radiance that leaves them."""
+    """Sample surface points, each with a view and a light, and trace the indirect radiance that leaves them.
+
+    Args:
+        scene: The scene.
+        atlas: Its atlas.
+        variable: Ranges of the light.
+        count: Number of points.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        The samples, for a unit light; those that are not finite have weight 0.
+    """
     draw = draw_surface(scene, count, seed, floor=64)
     points = _towards_eyes(scene, draw.points, seed)
     lights = sample_lights(scene, variable, -(-count // POINTS_PER_LIGHT), seed)
@@ -34,7 +46,20 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
 def moving_fit(
     scene: Scene, atlas: Atlas, variable: Variable, samples: EyeSamples, unit: float, seed: int, steps: int
 ) -> LightmapFit:
-    """The trained light map of role ``indirect``."""
+    """Train the light map of a variable light.
+
+    Args:
+        scene: The scene.
+        atlas: Its atlas.
+        variable: Ranges of the light.
+        samples: N samples.
+        unit: Radiance unit S.
+        seed: Seed of the weights.
+        steps: Number of training steps.
+
+    Returns:
+        The trained light map.
+    """
     setup = FieldSetup.of(scene, unit, variable.kind)
     fit = LightmapFit(MOVING, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
     fit.train(samples.query, samples.radiance, samples.weight, steps)

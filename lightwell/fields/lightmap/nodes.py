@@ -1,6 +1,6 @@
-"""The shading graph of a light map: one meaning for training and for viewers.
+"""The shading graph of a light map, the same for training and viewers.
 
-Notation: R reflectance, a diffuse albedo, F = R − a what is reflected otherwise, E' irradiance / π, q byte / 255.
+Notation: R reflectance, a diffuse albedo, F = R − a the rest of the reflectance, E' irradiance / π, q byte / 255.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from lightwell.fields.lightmap.fit import LightmapPreset
 
 INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
-# E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that bytes are spent as the eye
-# sees them; the largest value is 1 / SOFT.
+# E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that the steps of a byte are
+# about equally visible everywhere; the largest value is 1 / SOFT.
 SOFT = 1 / 64
 # Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
 REPORT_OCTAVES = 6
@@ -32,36 +32,50 @@ BOX_MARGIN, PARALLEL = 1.02, 1e-3
 DIELECTRIC = 0.04
 # The lobe of a directional light map: a spherical Gaussian of this sharpness over roughness to the fourth.
 SHARPNESS, LEAST_ROUGHNESS = 0.5, 0.05
-# Softens how much a bump counts where the light grazes the wall behind it.
+# Limits the effect of a bump where the light is at a grazing angle to the geometric surface.
 LEAST_UPRIGHT = 0.1
 
 
 def stored(value: np.ndarray) -> np.ndarray:
-    """E' / S → bytes."""
+    """Encode relative irradiance as bytes.
+
+    Args:
+        value: [...] E' / S, ≥ 0.
+
+    Returns:
+        [...] float64 values of bytes, 0 to 255.
+    """
     x = np.maximum(np.asarray(value, np.float64), 0)
     return np.floor(255 * np.sqrt(np.minimum(x * (1 + SOFT) / (1 + x), 1)) + 0.5).astype(np.uint8)
 
 
 def restored(texels: np.ndarray) -> np.ndarray:
-    """Bytes → E' / S."""
+    """Decode bytes to relative irradiance, the inverse of ``stored``.
+
+    Args:
+        texels: [...] bytes.
+
+    Returns:
+        [...] float32 E' / S.
+    """
     u = (np.asarray(texels, np.float32) / 255) ** 2
     return u / (1 + SOFT - u)
 
 
 @dataclass(frozen=True)
 class MapNodes:
-    """Puts together the nodes of one light map."""
+    """Builds the nodes of one light map."""
 
     preset: LightmapPreset
     unit: float
     base: Picture | None
     direction: Picture | None
     setup: FieldSetup | None = None
-    """What the light map knows of the scene; needed where the light moves and where there is an environment."""
+    """Bounds and light of the scene; needed for a variable light and for an environment."""
     mask: Picture | None = None
-    """What surfaces are: red, whether the eye matters; green, whether the light map lights them at all."""
+    """Mask of the surfaces: red where glossy, green where the light map covers them."""
     far: int = 0
-    """Level of the mip chain of the atlas that is read; 0 for the graph that ships."""
+    """Level of the mip chain of the atlas that is read; 0 for the stored graph."""
     size: int = 1
     """Edge of the atlas."""
     relief: bool = False
@@ -75,26 +89,63 @@ class MapNodes:
     # ------------------------------------------------------------------ parts
 
     def albedo(self, b: Builder) -> tuple[str, str]:
-        """a and F, from the reflectance and the metallicness."""
+        """Add diffuse albedo a and the rest of the reflectance F, from reflectance and metallic.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Names of the nodes of a and F, width 3 each.
+        """
         dielectric = b.affine("metallic", [-1], [1])
         color = b.subtract("reflectance", b.scale(dielectric, DIELECTRIC))
         albedo = b.clamp(b.multiply(color, dielectric), 0.0, 1.0)
         return albedo, b.subtract("reflectance", albedo)
 
     def stored(self, b: Builder, picture: Picture, name: str) -> str:
-        """A picture as a buffer."""
+        """Add a picture as a buffer, at the level of the mip chain that this graph reads.
+
+        Args:
+            b: Graph to add to.
+            picture: The picture.
+            name: Name of the buffer.
+
+        Returns:
+            Name of the buffer.
+        """
         return b.buffer(picture.buffer(picture.level(self.far, self.size) if self.far else 0), name)
 
     def curve(self, b: Builder) -> str:
-        """q, what the base stores."""
+        """Add q, the stored value of the irradiance.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node, width 3.
+        """
         return b.texture("uv1", self.stored(b, self.base, "e"), name="q")
 
     def direction_node(self, b: Builder) -> str:
-        """Mean direction of the light, shorter the less it is directed."""
+        """Add the mean direction of the light; it is shorter the less directed the light is.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node, width 3.
+        """
         return b.affine(b.texture("uv1", self.stored(b, self.direction, "d")), [2] * 3, [-1] * 3, name="direction")
 
     def known(self, b: Builder) -> tuple[str, str]:
-        """g and whether a surface is lit, 0 or 1."""
+        """Add the mask: the gloss g, and whether the light map covers the surface.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Names of two nodes, width 1 each.
+        """
         if self.mask is None:
             one = b.affine("roughness", [0], [1])
             return one, one
@@ -103,9 +154,16 @@ class MapNodes:
         return b.slice(m, 0, 1), b.slice(m, 1, 1)
 
     def mirrored(self, b: Builder) -> tuple[str, str]:
-        """(place in the environment, distance), where the mirrored ray leaves the scene's box.
+        """Add the point where the mirrored view ray leaves the scene's box.
 
-        Slab method on the box scaled to [−1, 1]³; the direction from its middle, octahedral (Cigolle et al. 2014).
+        Slab method on the box scaled to [−1, 1]³. The direction from the middle of the box to that point is octahedral
+        (Cigolle et al. 2014).
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Names of the nodes of the place in the environment, width 2, and of the distance, width 1.
         """
         half = [0.5 * BOX_MARGIN * max(s, 1e-6) for s in self.setup.size]
         p = b.affine("position", [1 / h for h in half], [-c / h for c, h in zip(self.setup.center, half)])
@@ -118,20 +176,45 @@ class MapNodes:
         return _octahedral(b, b.add(p, b.multiply(r, distance))), distance
 
     def irradiance(self, b: Builder) -> str:
-        """E' / S."""
+        """Add E' / S, decoded from q.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node, width 3.
+        """
         q = self.curve(b)
         u = b.multiply(q, q)
         return b.multiply(u, b.reciprocal(b.affine(u, [-1] * 3, [1] * 3), SOFT))
 
     def leaned(self, b: Builder, light: str, direction: str) -> str:
-        """Light on bent normals: E'(n') / E'(n) = n' · v / n · v while none crosses the horizon; v = ∫ L ω lies nearly
-        along the mean direction."""
+        """Correct irradiance for a shading normal n': E'(n') / E'(n) = n' · v / n · v, unless light crosses the
+        horizon.
+
+        v = ∫ L ω is nearly parallel to the mean direction of the light.
+
+        Args:
+            b: Graph to add nodes to.
+            light: Name of the node of E' / S, width 3.
+            direction: Name of the node of the mean direction, width 3.
+
+        Returns:
+            Name of the node, width 3.
+        """
         lean = b.dot(b.subtract("shading_normal", "normal"), direction)
         upright = b.reciprocal(b.clamp(b.dot("normal", direction), 0.0, 1.0), LEAST_UPRIGHT)
         return b.multiply(light, b.activate(b.affine(b.multiply(lean, upright), [1], [1]), "relu"))
 
     def inputs(self, b: Builder) -> list[str]:
-        """What the network knows beside features."""
+        """Add the inputs of the network other than features.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Names of the nodes.
+        """
         kind = self.preset.inputs
         if kind == "uv":
             return [b.affine("uv1", [2, 2], [-1, -1])]
@@ -162,7 +245,14 @@ class MapNodes:
         return known
 
     def about(self, b: Builder) -> str:
-        """What is known of a place, whatever the eye: where it lies, how it is turned, the light that arrives."""
+        """Add the view-independent inputs of a place: position, normal and the light that arrives.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node.
+        """
         position = normalised(b, "position", self.setup)
         known = [position, b.frequency(b.scale(position, 0.5), self.preset.octaves), "normal"]
         known += ["q"] if self.base is not None else []
@@ -173,7 +263,14 @@ class MapNodes:
     # ------------------------------------------------------------------ whole graphs
 
     def rows(self, b: Builder) -> dict[str, str]:
-        """place, base, gain, gloss, mirror, inputs: the columns of a training row."""
+        """Add the columns of a training row: place, base, gain, gloss, mirror, inputs.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the column to name of the node.
+        """
         albedo, rest = self.albedo(b)
         gloss, lit = self.known(b)
         # The inputs name the curve, q, which the irradiance reads.
@@ -194,7 +291,15 @@ class MapNodes:
         return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
 
     def lowered(self, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> Graph:
-        """The graph that ships: pictures as they are, weights in the preset's storage."""
+        """Return the graph that is written: pictures as they are, weights in the preset's storage type.
+
+        Args:
+            features: Pictures of the features by name.
+            weights: Weights [in, out] and biases [1, out] of the network by name.
+
+        Returns:
+            The graph.
+        """
         b = Builder(**INPUTS)
         light = self._with_network(b, features, weights) if self.preset.hidden else self._without(b)
         graph = _pruned(b.build(radiance=b.scale(light, self.unit)))
@@ -260,7 +365,14 @@ class MapNodes:
 
 
 def row_graph(nodes: MapNodes) -> Graph:
-    """The columns of a training row as outputs ``place, base, gain, inputs``."""
+    """Return a graph whose outputs are the columns of a training row.
+
+    Args:
+        nodes: Nodes of the light map.
+
+    Returns:
+        The graph.
+    """
     b = Builder(**INPUTS)
     return b.build(**{name: b.scale(node, 1.0) for name, node in nodes.rows(b).items()})
 
@@ -286,5 +398,5 @@ def _octahedral(b: Builder, direction: str) -> str:
 
 
 def _pruned(graph: Graph) -> Graph:
-    """Without nodes and inputs that nothing needs."""
+    """Remove nodes and inputs that no output depends on."""
     return graph.only(*graph.outputs)

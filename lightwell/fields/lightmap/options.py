@@ -1,4 +1,4 @@
-"""What only light maps take."""
+"""Options of light maps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a light map bake keeps while it runs, so that a killed one goes on where it was and ends with the same bytes."""
+"""Intermediate results of a light map bake, so that an interrupted bake can be resumed and gives the same bytes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,16 @@ LIGHT = ("half_a", "half_b", "direction", "wrong")
 
 
 def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of ``path``, or those that ``make`` makes, written by a temporary name and a rename.
+    """Read arrays from a file, or make and write them (to a temporary name, then renamed).
 
-    Those of a damaged file are made again, with a note.
+    A damaged file is made again, with a warning.
+
+    Args:
+        path: File in ``.npz`` format.
+        make: Makes the arrays, of any shape.
+
+    Returns:
+        Arrays by name.
     """
     if path.exists():
         try:
@@ -35,7 +42,15 @@ def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.
 
 
 def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
-    """See ``kept``."""
+    """Read or make the sides that a light map stores; see ``kept``.
+
+    Args:
+        path: File in ``.npz`` format.
+        make: Makes the sides.
+
+    Returns:
+        The sides.
+    """
 
     def arrays():
         made = make()
@@ -46,7 +61,15 @@ def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
 
 
 def kept_light(path: Path, make: Callable[[], Irradiance]) -> Irradiance:
-    """See ``kept``."""
+    """Read or make irradiance; see ``kept``.
+
+    Args:
+        path: File in ``.npz`` format.
+        make: Makes the irradiance.
+
+    Returns:
+        The irradiance.
+    """
 
     def arrays():
         made = make()
@@ -56,7 +79,15 @@ def kept_light(path: Path, make: Callable[[], Irradiance]) -> Irradiance:
 
 
 def kept_eyes(path: Path, make: Callable[[], EyeSamples]) -> EyeSamples:
-    """See ``kept``."""
+    """Read or make samples of radiance towards views; see ``kept``.
+
+    Args:
+        path: File in ``.npz`` format.
+        make: Makes the samples.
+
+    Returns:
+        The samples.
+    """
 
     def arrays():
         made = make()
@@ -69,6 +100,14 @@ def kept_eyes(path: Path, make: Callable[[], EyeSamples]) -> EyeSamples:
 
 
 def kept_counts(path: Path, make: Callable[[], tuple[int, int]]) -> tuple[int, int]:
-    """Counts that depend on how fast the machine was."""
+    """Read or make two counts that depend on the speed of the machine; see ``kept``.
+
+    Args:
+        path: File in ``.npz`` format.
+        make: Makes the counts.
+
+    Returns:
+        The counts.
+    """
     found = kept(path, lambda: {"counts": np.array(make(), np.int64)})["counts"]
     return int(found[0]), int(found[1])

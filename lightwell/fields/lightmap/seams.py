@@ -1,7 +1,8 @@
-"""Training across seams: places that lie on two charts, and must look alike on both."""
+"""Training across seams: points that lie on two charts and must have the same colour on both."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,14 +23,24 @@ INSIDE = 1e-3
 
 @dataclass(frozen=True)
 class SeamPairs:
-    """N places, once on each of their two charts, seen from the same direction."""
+    """N points on seams, once on each of their two charts, with the same view direction."""
 
     one: SurfacePoints
     two: SurfacePoints
 
 
 def seam_pairs(scene: Scene, made: Chart, count: int, seed: int) -> SeamPairs | None:
-    """Places on seams of surfaces that the eye matters to, as dense along all; None without such seams."""
+    """Sample points on seams of glossy surfaces, uniformly along their length.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        count: Number of points.
+        seed: Seed of the sampler.
+
+    Returns:
+        The points; None where no such seam exists.
+    """
     found = seams(scene, made.atlas)
     mesh = tables(scene).mesh_of[found.triangle[:, 0]] if len(found) else np.zeros(0, int)
     odds = np.where(found.smooth & ~matte(scene)[mesh], found.length, 0) if len(found) else np.zeros(0)
@@ -62,7 +73,19 @@ def _views(scene: Scene, points: SurfacePoints, side: np.ndarray, rng: np.random
 
 
 def seam_samples(scene: Scene, made: Chart, known: np.ndarray, count: int, paths: int, seed: int) -> EyeSamples | None:
-    """Both charts' rows of ``count / 2`` places with one target: |f₁ − y|² + |f₂ − y|² bounds |f₁ − f₂|² / 2."""
+    """Sample points on seams with one target for both charts: |f₁ − y|² + |f₂ − y|² bounds |f₁ − f₂|² / 2.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        known: [n, n, 3] irradiance / π of the atlas, at which paths end.
+        count: Number of samples, two per point.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        The samples; None where no such seam exists.
+    """
     pairs = seam_pairs(scene, made, max(count // 2, 1), seed)
     if pairs is None:
         return None
@@ -76,8 +99,22 @@ def seam_samples(scene: Scene, made: Chart, known: np.ndarray, count: int, paths
     return EyeSamples(query, *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
 
 
-def seam_gap(scene: Scene, made: Chart, field, unit: float, seed: int, count: int = 1 << 13) -> float:
-    """Mean |L₁ − L₂| over the mean of both, across seams where light is continuous; 0 without such seams."""
+def seam_gap(
+    scene: Scene, made: Chart, field: Callable[[MappedQuery], np.ndarray], unit: float, seed: int, count: int = 1 << 13
+) -> float:
+    """Measure the mean difference |L₁ − L₂| across seams, relative to the mean of both, where light is continuous.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        field: Returns [N, 3] radiance of N queries.
+        unit: Radiance unit S.
+        seed: Seed of the sampler.
+        count: Number of points.
+
+    Returns:
+        The relative difference; 0 where no such seam exists.
+    """
     pairs = seam_pairs(scene, made, count, seed)
     if pairs is None:
         return 0.0

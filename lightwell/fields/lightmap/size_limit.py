@@ -1,4 +1,4 @@
-"""``--max-bytes``: which sizes, codecs and channels fit, and which of them is best, by short trial fits."""
+"""The option ``--max-bytes``: find the sizes, codecs and channels that fit and are best, by short trials."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import restored
 from lightwell.fields.lightmap.trace import Chart, EyeSamples
 
-# Steps of a trial, samples it learns from and is judged on.
+# Steps of a trial, its training samples and its held-out samples.
 TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 300, 1 << 17, 1 << 14
 # Codecs of the ordinary light map, from large to small; the first is lossless.
 CODECS = ("webp", "webp98", "webp95", "webp90", "webp75")
@@ -23,12 +23,12 @@ Fitter = Callable[[LightmapPreset, EyeSamples, int], LightmapFit]
 
 @dataclass(frozen=True)
 class Trial:
-    """One choice and what it gives."""
+    """A variant of the preset, its size and its error."""
 
     preset: LightmapPreset
     bytes: int
     error: float
-    """What a screen shows of the stored light's error and of that of held-out eye samples; only the order matters."""
+    """Error of the stored light and of held-out samples, in display values; only the order of trials matters."""
 
     @property
     def label(self) -> str:
@@ -41,7 +41,15 @@ class Trial:
 
 
 def candidates(preset: LightmapPreset, mips: int) -> list[LightmapPreset]:
-    """Variants of a preset, from large to small."""
+    """List variants of a preset, from large to small.
+
+    Args:
+        preset: The preset.
+        mips: Levels of the mip chain.
+
+    Returns:
+        Presets.
+    """
     if not preset.base:
         return [replace(preset, share=preset.share / 2**k) for k in range(6)]
     found = [replace(preset, base=codec) for codec in CODECS]
@@ -57,8 +65,25 @@ def candidates(preset: LightmapPreset, mips: int) -> list[LightmapPreset]:
     return list(dict.fromkeys(found))
 
 
-def choose(limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter, say) -> LightmapPreset:
-    """The best of the candidates that fit into ``limit`` bytes; prints the curve."""
+def choose(
+    limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter, say: Callable[[str], None]
+) -> LightmapPreset:
+    """Choose the best variant that fits into a number of bytes; each trial is printed.
+
+    Args:
+        limit: Most bytes.
+        preset: The preset.
+        made: Atlas and irradiance.
+        samples: N samples.
+        fit: Fits a variant.
+        say: Prints a line.
+
+    Returns:
+        The chosen variant.
+
+    Raises:
+        ValueError: No variant fits.
+    """
     trials = []
     for candidate in candidates(preset, made.atlas.mips):
         trials.append(trial(candidate, made, samples, fit))
@@ -77,7 +102,17 @@ def choose(limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples,
 
 
 def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter) -> Trial:
-    """Fit for a moment; some rows are kept from training."""
+    """Fit a variant with few steps; some samples are held out to measure the error.
+
+    Args:
+        preset: The variant.
+        made: Atlas and irradiance.
+        samples: N samples.
+        fit: Fits the variant.
+
+    Returns:
+        Bytes and error of the variant.
+    """
     order = np.random.default_rng(0x7121).permutation(len(samples.weight))
     held = order[: min(JUDGED_ROWS, len(order) // 2)]
     seen = order[len(held) :][:TRIAL_ROWS]
@@ -87,7 +122,7 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
     bytes_ = weights + sum(len(p.data) for p in found.pictures.values())
     error = _stored_error(found, made)
     if preset.hidden and len(held):
-        # By the graph that would ship, which has no network where it was no better than none. The noise is taken off.
+        # By the graph that would be written, without a network that does not lower the error; noise is subtracted.
         kept = samples[held]
         f, a, b = (display(v / found.unit) for v in (Baked(graph)(kept.query), kept.half_a, kept.half_b))
         error += float(np.average(((f - a) * (f - b)).mean(axis=1), weights=kept.weight + 1e-12))
@@ -95,7 +130,7 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
 
 
 def _stored_error(fit: LightmapFit, made: Chart) -> float:
-    """Mean squared error of what a screen shows of E' as the base stores it."""
+    """Mean squared error of the stored irradiance in display values."""
     if fit.base is None:
         return 0.0
     image = restored(fit.base.buffer().array)

@@ -1,4 +1,4 @@
-"""How large the square of a light map is."""
+"""The size of the square atlas of a light map."""
 
 from __future__ import annotations
 
@@ -11,7 +11,17 @@ ROOMY, MOST_ROOMY = 0.65, 2048
 
 
 def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
-    """The atlas, twice as large where charts are so small that padding would take much of it."""
+    """Make an atlas, twice as large where the charts are so small that padding would take much of it.
+
+    Args:
+        scene: The scene.
+        size: Texels along the edge.
+        mips: Levels of the mip chain.
+        sides: Sides to store.
+
+    Returns:
+        The atlas.
+    """
     made = build(scene, size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
     if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
         return made

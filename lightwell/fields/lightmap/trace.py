@@ -1,7 +1,11 @@
-"""What a light map learns from: light that arrives at texels, and light that leaves surfaces towards eyes."""
+"""Samples of a light map: irradiance at texels, and radiance that leaves surfaces towards views.
+
+n texels along the edge of the atlas, K covered texels, M meshes, T triangles.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,52 +36,63 @@ from lightwell.transport.tables import shape_index, shape_lookup, tables
 from lightwell.transport.texels import Texels, texels
 from lightwell.transport.visible import side_points, visible_sides
 
-# More rays than this leave a scene that daylight can enter.
+# A scene is open to daylight if more than this share of rays leaves it.
 OPEN = 0.005
-# A side counts as lit when its brightest point has this share of the mean light; paths that look for it.
+# A side counts as lit when its brightest point has this share of the mean light; paths per point of the search.
 DARK, DARK_PATHS = 1e-4, (8, 64, 512)
-# Points that look for light, over the whole scene; each side gets two at least.
+# Points of this search over the whole scene; each side gets two at least.
 LOOKS = 1 << 16
-# The same for sides that nothing has seen yet.
+# The same for sides that were not visible so far.
 PEEPS = 1 << 16
-# Rays from free places that look for sides: anywhere, and at each side that was not found yet.
+# Rays from free air that search for sides: in all directions, and towards each side that was not found yet.
 GLANCES, AIMED = 1 << 20, 16
-# Sides of more than this share of all area are faint if less than this share of so many points on them sees air.
+# Sides of more than this share of all area are faint if less than this share of so many points on them is visible.
 LARGE, LITTLE, GLIMPSES = 1e-3, 0.1, 64
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
-# Texels darker than this share of the mean are asked whether anything can see them.
+# Texels darker than this share of the mean are stored only if they are visible.
 BLACK = 0.02
-# Points of a scene where the eye matters nowhere.
+# Points of a scene without glossy surfaces.
 FEW_EYES = 1 << 12
 # Paths through media are noisier: so many times more of them.
 MEDIA_PATHS = 4
-# Surfaces darker than this keep the light that the surface tracer sees.
+# Surfaces darker than this keep the light of the surface tracer.
 LEAST_ALBEDO = 0.02
-# Shares of view directions: towards places where an eye may stand, the rest as ``draw_surface`` distributes them.
+# Shares of view directions: towards likely camera positions, the rest as ``draw_surface`` distributes them.
 TOWARDS_EYES = 0.5
 
 
 @dataclass(frozen=True)
 class Chart:
-    """An atlas and the light that arrives on it."""
+    """An atlas and the irradiance at its texels."""
 
     atlas: Atlas
     texels: Texels
     light: Irradiance
     stored: np.ndarray
-    """[K] bool: texels that something can see; the others take the light of their neighbours."""
+    """[K] bool: visible texels; the others take the light of their neighbours."""
     glossy: np.ndarray
-    """[K] bool: the eye matters there."""
+    """[K] bool: the texel belongs to a glossy surface, whose radiance is view-dependent."""
 
     @cached_property
     def image(self) -> np.ndarray:
-        """[n, n, 3] E': denoised, continued across chart borders and smooth between them."""
+        """Return irradiance / π over the atlas, see ``light_image``.
+
+        Returns:
+            [n, n, 3] float32.
+        """
         return light_image(self)
 
 
 def lit_scene(scene: Scene) -> tuple[Scene, str]:
-    """A scene without light of its own gets a sky where daylight can enter, else a lamp; and what was done."""
+    """Add a light to a scene that has none: a sky where daylight can enter, else a lamp.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        The lit scene, and one line about the light; empty where the scene is unchanged.
+    """
     if scene.has_static_light:
         return scene, ""
     if _escape_share(scene) > OPEN:
@@ -90,25 +105,33 @@ def lit_scene(scene: Scene) -> tuple[Scene, str]:
 
 @dataclass(frozen=True)
 class Sides:
-    """[2, T] bool each: which sides of which triangles a light map stores."""
+    """[2, T] bool each: the sides of triangles that a light map stores."""
 
     lit: np.ndarray
-    """Stored: something sees them and light reaches them."""
+    """Stored: visible and lit."""
     dark: np.ndarray
-    """Seen, but black for the light map: no light reaches them, or they are clear glass."""
+    """Visible, but black in the light map: no light reaches them, or they are clear glass."""
     faint: np.ndarray | None = None
-    """Stored, but large and nearly all behind other things."""
+    """Stored, but large and mostly hidden behind other geometry."""
 
 
 def lit_sides(scene: Scene, seed: int) -> Sides:
-    """Sides that something sees and light reaches, and those that are seen and dark."""
+    """Find the sides of triangles that can be seen and receive light, and those that can be seen and are dark.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        The sides.
+    """
     seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
     side, triangle = np.nonzero(seen & ~glass)
     area = tables(scene).area[triangle]
     brightest, least = np.zeros(len(side)), 0.0
     for k, paths in enumerate(DARK_PATHS):
-        # Few paths find the light of most sides; those for which they found none are looked at again, more closely.
+        # A few paths find the light of most sides; the others are traced again with more paths.
         rows = np.flatnonzero(brightest <= least)
         if not len(rows):
             break
@@ -123,7 +146,16 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
 
 
 def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
-    """[2, T] bool: sides so large that their texels count, of which little sees air."""
+    """Find the large sides of which only a small part is visible.
+
+    Args:
+        scene: T triangles.
+        lit: [2, T] bool sides that are stored.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, T] bool.
+    """
     area = tables(scene).area
     side, triangle = np.nonzero(lit & (area > LARGE * (lit * area).sum()))
     faint = np.zeros_like(lit)
@@ -138,7 +170,15 @@ def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
 
 
 def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
-    """[2, T] bool: sides of which some point can be seen; what peeps out behind a skirting board counts."""
+    """Find the sides of which some point can be seen, even a narrow strip behind other geometry.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, T] bool.
+    """
     seen = visible_sides(scene, seed) | met_sides(scene, seed)
     side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
     if len(side):
@@ -154,8 +194,19 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
 def met_sides(
     scene: Scene, seed: int, side: np.ndarray | None = None, triangle: np.ndarray | None = None
 ) -> np.ndarray:
-    """[2, T] bool: sides that rays from free places meet, in all directions or at places on sides [K] of triangles [K].
-    Of two faces in one place, the one that rays meet counts."""
+    """Find the sides that rays from free air hit, in all directions or towards given sides.
+
+    Of two coincident faces, the one that rays hit counts.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+        side: [K] side, 0 or 1, of each target; None: all directions.
+        triangle: [K] triangle of each target; None: all directions.
+
+    Returns:
+        [2, T] bool.
+    """
     rng = np.random.default_rng([seed, 0x6A2E])
     places = free_places(scene, rng)
     if len(scene.cameras):
@@ -174,7 +225,7 @@ def met_sides(
 
 
 def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """[2, T] bool: sides that rays [N, 3] meet."""
+    """[2, T] bool: sides that rays [N, 3] hit."""
     t = tables(scene)
     found = np.zeros((2, len(t.area)), bool)
     if not len(origin):
@@ -191,7 +242,15 @@ def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """[K, 3] places in the free air, the half of it that is farther from surfaces."""
+    """Sample points in the free air, in the half of it that is farther from surfaces.
+
+    Args:
+        scene: The scene.
+        rng: Random generator.
+
+    Returns:
+        [K, 3] float32 positions, metres.
+    """
     from lightwell.scenes.free_air import free_air
 
     low, high = scene.bounds
@@ -200,8 +259,21 @@ def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     return places[distance > np.quantile(distance, 0.5)].astype(np.float32)
 
 
-def spread(scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int):
-    """Random points on sides [K] of triangles, two at least on each and the more the larger it is; and their rows."""
+def spread(
+    scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int
+) -> tuple[SurfacePoints, np.ndarray]:
+    """Sample random points on sides of triangles, at least two on each and more on larger ones.
+
+    Args:
+        scene: T triangles.
+        side: [K] side, 0 or 1.
+        triangle: [K] triangle.
+        count: Number of points over all sides, about.
+        seed: Seed of the sampler.
+
+    Returns:
+        P surface points, and [P] int row of each in ``side``.
+    """
     area = tables(scene).area[triangle]
     looks = np.clip(count * area / max(area.sum(), 1e-30), 2, count).astype(np.int64)
     row = np.repeat(np.arange(len(side)), looks)
@@ -212,14 +284,22 @@ def spread(scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, see
 
 
 def seen_sides(scene: Scene, seed: int) -> Sides:
-    """All sides that something sees are stored but those of clear glass."""
+    """Find all sides that can be seen; those of clear glass are not stored.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        The sides.
+    """
     seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
     return Sides(seen & ~glass, seen & glass)
 
 
 def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:
-    """E' at all texels; those of narrow places, which no filter can denoise, get more paths."""
+    """Irradiance / π at all texels; narrow charts, which the filter cannot denoise, get more paths."""
     light = _arriving(scene, covered.points, paths, seed)
     rows = np.flatnonzero(narrow(covered))
     more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
@@ -233,9 +313,16 @@ def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradia
 
 
 def narrow(covered: Texels) -> np.ndarray:
-    """[K] bool: texels of charts, or of parts of them, that are too narrow for the denoiser."""
+    """Find the texels of charts, or of parts of them, that are too narrow for the denoiser.
+
+    Args:
+        covered: K covered texels.
+
+    Returns:
+        [K] bool.
+    """
     half = SMALL / 2
-    # Charts keep apart, so that the distance to what no chart covers is that to the border.
+    # Charts are apart, so the distance to the nearest uncovered texel is the distance to the border.
     wide = distance_transform_edt(covered.chart >= 0) >= half
     if not wide.any():
         return np.ones(len(covered.index), bool)
@@ -258,18 +345,32 @@ def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irr
 
 
 def _albedo(query) -> np.ndarray:
-    """[N, 3] diffuse albedo a, as the graph knows it."""
+    """[N, 3] diffuse albedo a, as the graph computes it."""
     color = query.reflectance - DIELECTRIC * (1 - query.metallic)
     return np.clip(color * (1 - query.metallic), 0, 1)
 
 
 def matte(scene: Scene) -> np.ndarray:
-    """[M] bool: meshes that look the same from everywhere."""
+    """Find the meshes whose radiance is view-independent.
+
+    Args:
+        scene: M meshes.
+
+    Returns:
+        [M] bool.
+    """
     return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
 
 
 def clear_glass(scene: Scene) -> np.ndarray:
-    """[M] bool: transmissive meshes with a lobe too narrow for any light map; the rasteriser draws them."""
+    """Find the transmissive meshes with a lobe too narrow for a light map; the rasteriser draws them.
+
+    Args:
+        scene: M meshes.
+
+    Returns:
+        [M] bool.
+    """
     materials = [scene.materials[mesh.material] for mesh in scene.meshes]
     return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)
 
@@ -282,13 +383,24 @@ def chart(
     seed: int,
     own: bool = True,
     sides: Sides | None = None,
-    keep=None,
+    keep: Callable[[Callable[[], Irradiance]], Irradiance] | None = None,
     atlas: Atlas | None = None,
 ) -> Chart:
-    """Atlas, texels and their light.
+    """Make an atlas and trace the irradiance at its texels.
 
-    keep    Gives the light that a killed bake has kept, or keeps it.
-    atlas   That of an earlier call; None: it is made.
+    Args:
+        scene: The scene.
+        size: Texels along the edge.
+        mips: Levels of the mip chain.
+        paths: Paths per texel, even, ≥ 2.
+        seed: Seed of the sampler.
+        own: Whether second texture coordinates of the scene's file may serve as the atlas.
+        sides: Sides to store; None: the lit ones.
+        keep: Reads the irradiance of an interrupted bake, or makes and writes it; None: it is made.
+        atlas: Atlas of an earlier call; None: it is made.
+
+    Returns:
+        Atlas and irradiance.
     """
     if atlas is None:
         sides = lit_sides(scene, seed) if sides is None else sides
@@ -300,9 +412,19 @@ def chart(
 
 
 def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
-    """[K] bool: finite light, not facing the insides of things and, where it is black, seen from somewhere.
+    """Find the texels to store: finite light, not inside closed objects and, where they are black, visible from
+    somewhere.
 
     The floor under a box is black: read bilinearly it would darken the floor beside the box.
+
+    Args:
+        scene: The scene.
+        covered: K covered texels.
+        light: Irradiance at the texels.
+        seed: Seed of the sampler.
+
+    Returns:
+        [K] bool.
     """
     brightness = light.mean.mean(axis=1)
     stored = light.valid & np.isfinite(brightness)
@@ -313,7 +435,15 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
 
 
 def light_image(made: Chart, clean: bool = True) -> np.ndarray:
-    """[n, n, 3] E' of an atlas: denoised, continued across chart borders and smooth between them."""
+    """Make the image of irradiance / π: denoised, continued across chart borders and smooth between charts.
+
+    Args:
+        made: Atlas and irradiance.
+        clean: Whether to denoise.
+
+    Returns:
+        [n, n, 3] float32.
+    """
     n = made.atlas.size
     image = np.zeros((n * n, 3), np.float32)
     image[made.texels.index] = made.light.mean
@@ -330,7 +460,14 @@ def light_image(made: Chart, clean: bool = True) -> np.ndarray:
 
 
 def mask_image(made: Chart) -> np.ndarray:
-    """[n, n, 3] uint8: red where the eye matters, green where there is a light map at all."""
+    """Make the mask of a light map: red where the surface is glossy, green where a texel is covered.
+
+    Args:
+        made: Atlas and irradiance.
+
+    Returns:
+        [n, n, 3] uint8.
+    """
     n = made.atlas.size
     image = np.zeros((n * n, 3), np.float32)
     image[made.texels.index, 0] = 255 * made.glossy
@@ -342,7 +479,14 @@ def mask_image(made: Chart) -> np.ndarray:
 
 
 def direction_image(made: Chart) -> np.ndarray:
-    """[n, n, 3] in [-1, 1]: mean direction of the light, as long as the light is directed."""
+    """Make the image of the mean direction of the light; its length is the degree to which the light is directed.
+
+    Args:
+        made: Atlas and irradiance.
+
+    Returns:
+        [n, n, 3] float32 in [−1, 1].
+    """
     n = made.atlas.size
     image = np.zeros((n * n, 3), np.float32)
     brightness = made.light.mean @ np.float32([0.2126, 0.7152, 0.0722])
@@ -353,7 +497,15 @@ def direction_image(made: Chart) -> np.ndarray:
 
 
 def reduced(image: np.ndarray, factor: int) -> np.ndarray:
-    """[n / f, n / f, C] means of squares of texels."""
+    """Average squares of texels.
+
+    Args:
+        image: [n, n, C] image.
+        factor: f, texels along the edge of a square; divides n.
+
+    Returns:
+        [n / f, n / f, C] means.
+    """
     n = image.shape[0] // factor
     return image.reshape(n, factor, n, factor, -1).mean(axis=(1, 3))
 
@@ -386,11 +538,21 @@ class EyeSamples:
 
 
 def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, known: np.ndarray | None) -> EyeSamples:
-    """Points on surfaces that the eye matters to, half of them seen from places where it may stand, and their radiance.
+    """Sample points on glossy surfaces, half of them visible from likely camera positions, and trace their radiance.
 
-    A Lambertian surface needs none: what arrives there says all. Without any other surface, a few points of all.
+    A Lambertian surface needs none, because its radiance follows from the irradiance. Where all surfaces are
+    Lambertian, a few points of all surfaces are sampled.
 
-    known   [n, n, 3] E' of the atlas, at which paths end; None: they are traced to their ends.
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        count: Number of points.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+        known: [n, n, 3] irradiance / π of the atlas, at which paths end; None: paths are traced to their ends.
+
+    Returns:
+        The samples.
     """
     wanted = ~matte(scene) & ~clear_glass(scene)
     draw = _drawn(scene, wanted, count, seed)
@@ -409,7 +571,7 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
 
 
 def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
-    """``count`` points on the meshes [M] that are wanted; a few of all where none of them sees air."""
+    """``count`` points on the meshes [M] that are wanted; a few on all meshes where none of them is visible."""
     if wanted.any():
         try:
             return draw_surface(scene, count, seed, floor=64, only=wanted)
@@ -418,8 +580,22 @@ def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDr
     return draw_surface(scene, FEW_EYES, seed, floor=64)
 
 
-def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int):
-    """[2, N, 3] radiance by final gather, its diffuse part replaced by what the light map knows."""
+def corrected(
+    scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int
+) -> np.ndarray:
+    """Trace radiance by final gather, with its diffuse part replaced by the light map's.
+
+    Args:
+        scene: The scene.
+        atlas: Its atlas.
+        points: N surface points.
+        known: [n, n, 3] irradiance / π of the atlas.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, N, 3] radiance, two independent half means.
+    """
     light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
     query = mapped_query(scene, atlas, points)
     color = _albedo(query)
@@ -429,7 +605,15 @@ def corrected(scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarr
 
 
 def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """[N, C] reads of an image [n, n, C] at uv [N, 2], as the graph's ``texture`` reads it."""
+    """Read an image bilinearly, as the graph's op ``texture`` does.
+
+    Args:
+        image: [n, n, C] image.
+        uv: [N, 2] texture coordinates in [0, 1].
+
+    Returns:
+        [N, C] values.
+    """
     n = image.shape[0]
     at = np.clip(uv * np.float32(n) - np.float32(0.5), 0, n - 1)
     low = at.astype(np.int64)

@@ -1,1 +1,1 @@
-"""Light probes as a field: a lattice of learned probes whose light is a function of the light that moves."""
+"""The field ``probes``: a lattice of light probes whose light is a learned function of the variable light."""

@@ -1,6 +1,6 @@
-"""Probes as they were baked: the light of some states, how they are mixed to bases, and the code that mixes the bases.
+"""Baked probes: light under some states of the variable light, reduced to bases, and the network that mixes the bases.
 
-From this everything is written: the shading graph, files, the page, and the state that an incremental bake starts from.
+The shading graph, the files, the page, and the state of an incremental bake are written from this.
 Notation: P nodes, F fine probes, S states, K bases.
 """
 
@@ -33,13 +33,13 @@ MOST_COMPARED = 4096
 
 @dataclass(frozen=True)
 class BakedProbes:
-    """See the module."""
+    """Baked probes; see the module."""
 
     lit: Lit
     mix: np.ndarray
     """[S, K] float64: basis k is the sum of the states times column k; [1, 1] for the scene's own light."""
     code: Code | None
-    """From the place of the light to K factors; None: the scene's own light."""
+    """Network from the light's position to K factors; None: the scene's own light."""
     unit: float
     """Radiance unit S of the shading graph."""
     preset: str
@@ -47,15 +47,30 @@ class BakedProbes:
 
     @cached_property
     def basis(self) -> np.ndarray:
-        """[P + F, 9, 3, K] float32."""
+        """Compute the stored bases.
+
+        Returns:
+            [P + F, 9, 3, K] float32 spherical harmonics.
+        """
         return mixed(self.lit.solution.light, self.mix)
 
     def lower(self) -> Graph:
-        """The query as a shading graph; the light's network runs once a frame."""
+        """Return the shading graph; the network of the light is evaluated once per frame.
+
+        Returns:
+            The graph.
+        """
         return lower(self.lit.geometry.volume, self.unit, self.basis / self.unit, self.code)
 
     def factors(self, light: np.ndarray) -> np.ndarray:
-        """[K] of a light at [3]."""
+        """Compute the factors of the bases under a light.
+
+        Args:
+            light: [3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            [K] factors.
+        """
         if self.code is None:
             return np.ones(1)
         b = Builder(light=3)
@@ -63,7 +78,15 @@ class BakedProbes:
         return evaluate(graph, {"light": np.asarray(light, np.float32).reshape(1, 3)})["code"][0]
 
     def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
-        """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
+        """Compute the probe volume under a light.
+
+        Args:
+            light: [3] position of the light in metres, or direction towards the sun; None: without a variable light.
+            intensity: Intensity in cd or lx: a scalar or [3] by colour.
+
+        Returns:
+            The volume.
+        """
         return self.lit.geometry.volume.lit(self._under(self.basis, light, intensity))
 
     def _under(self, basis: np.ndarray, light, intensity) -> np.ndarray:
@@ -73,10 +96,20 @@ class BakedProbes:
     def files(
         self, role: str, glb: Path, scene: Scene, shown: Shown, keep: bool
     ) -> tuple[list[ExtraFile], dict[str, float]]:
-        """List the files beside the asset ``glb``, and bytes per live probe by part.
+        """List the files beside the asset.
 
-        ``probes-ROLE.lwp`` is for lights of three.js, ``probes-ROLE-compare.lwp`` has the baselines in the same file,
-        ``probes.html`` shows that and the scene; ``keep``: ``probes-ROLE.npz``, from which ``rebaked`` starts.
+        ``probes-ROLE.lwp`` is for lights of three.js. ``probes-ROLE-compare.lwp`` has the baselines too;
+        ``probes.html`` shows it with the scene. With ``keep``, ``probes-ROLE.npz`` is the start of an incremental bake.
+
+        Args:
+            role: Role of the fit.
+            glb: Path of the asset.
+            scene: The scene.
+            shown: The light under which the bake is shown first.
+            keep: Also list the state of an incremental bake.
+
+        Returns:
+            The files, and bytes per live probe by part.
         """
         lit = self.volume(shown.light, shown.intensity)
         mean = float(np.abs(lit.light[lit.alive, 0]).mean()) if lit.alive.any() else 1.0
@@ -96,7 +129,13 @@ class BakedProbes:
         return files, parts
 
     def keep(self, out: Path, role: str, shown: Shown) -> None:
-        """Write ``probes-ROLE.npz``, from which ``rebaked`` starts."""
+        """Write ``probes-ROLE.npz``, the start of an incremental bake.
+
+        Args:
+            out: Folder.
+            role: Role of the fit.
+            shown: The light under which the bake is shown first.
+        """
         facts = {"preset": self.preset, "unit": self.unit, "coding": self.coding, "role": role}
         more = {"mix": self.mix, "light": np.float64(shown.light), "intensity": np.float64(shown.intensity)}
         if self.code is not None:
@@ -107,7 +146,17 @@ class BakedProbes:
 
     @staticmethod
     def kept(path: Path) -> tuple[BakedProbes, Shown]:
-        """What ``keep`` wrote, checked."""
+        """Read and check a file that ``keep`` wrote.
+
+        Args:
+            path: The file.
+
+        Returns:
+            The probes, and the light under which they were shown.
+
+        Raises:
+            ValueError: The file does not describe baked probes.
+        """
         lit, facts, more = keep.load(path)
         try:
             states = 1 if lit.lights is None else len(lit.lights)
@@ -128,17 +177,34 @@ class BakedProbes:
     def rebaked(
         self, scene: Scene, variable: Variable, box: np.ndarray, fit: Callable | None
     ) -> tuple[BakedProbes, np.ndarray]:
-        """The probes after the scene has changed inside ``box`` [2, 3], and the numbers of what was solved again.
+        """Solve again the probes that a change of the scene affects.
 
-        Bases are mixed as before, so that the light's network stays what it was and nothing is trained.
+        The bases are mixed as before: the network of the light stays as it is, and nothing is trained.
+
+        Args:
+            scene: The changed scene.
+            variable: Ranges of the light; None: no variable light.
+            box: [2, 3] corners of the changed region, metres.
+            fit: Fits interpolation weights; None: from scratch.
+
+        Returns:
+            The probes, and the [R] int numbers of those that were solved again.
         """
         lit, again = relit(scene, self.lit, box, fit, variable)
         return replace(self, lit=lit), again
 
 
 def mixed(light: np.ndarray, mix: np.ndarray) -> np.ndarray:
-    """[P, 9, 3, K] float32 bases of the states [S, P, 9, 3] (or the one state [P, 9, 3]). Probe by probe and state by
-    state, so that a probe's bytes depend on its own light alone."""
+    """Combine states to bases. Each probe and state is added separately, so that a probe's bytes depend on its light
+    alone.
+
+    Args:
+        light: [S, P, 9, 3] light of the states, or [P, 9, 3] of one state.
+        mix: [S, K] factors.
+
+    Returns:
+        [P, 9, 3, K] float32 bases.
+    """
     states = light if light.ndim == 4 else light[None]
     out = np.zeros((*states.shape[1:], mix.shape[1]))
     for state, row in zip(states, mix):
@@ -147,9 +213,18 @@ def mixed(light: np.ndarray, mix: np.ndarray) -> np.ndarray:
 
 
 def singular_mix(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
-    """[S, K] of the leading right singular vectors of states [S, P, 9, 3], sized so that codes are about 1."""
+    """Compute the factors of the leading singular vectors, scaled so that the code of a state is about 1.
+
+    Args:
+        states: [S, P, 9, 3] light of the states.
+        live: [P] bool or int indices of the probes that count.
+        rank: Most bases K.
+
+    Returns:
+        [S, K] factors.
+    """
     matrix = states[:, live].reshape(len(states), -1).astype(np.float64)
-    # States count alike, whether the light is near a wall or far: each is divided by its size.
+    # All states have equal weight, however near the light is to a wall: each is divided by its norm.
     size = np.linalg.norm(matrix, axis=1, keepdims=True)
     share = np.where(size > 0, 1 / np.maximum(size, 1e-30), 0)
     u, s, _ = np.linalg.svd(matrix * share, full_matrices=False)

@@ -1,4 +1,4 @@
-"""The strategy of light probes: a surface field whose lattice and light are solved for before its network trains."""
+"""The field ``probes``: a surface field whose lattice and light are solved before its network is trained."""
 
 from __future__ import annotations
 
@@ -20,19 +20,51 @@ class ProbesField(SurfaceField):
     Options = ProbesOptions
 
     def prepare(self, job: Job) -> State:
-        """Find the light that moves, or the probes that an edit starts from."""
+        """Find the variable light, or read the probes that an incremental bake starts from.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+        """
         return RebakeState.of(job) if job.options.rebake else super().prepare(job)
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | None:
-        """Trace the samples of the light's network; an edit needs none."""
+        """Trace the samples of the light's network; an incremental bake needs none.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to sample.
+
+        Returns:
+            The samples; None for an incremental bake.
+        """
         return None if isinstance(state, RebakeState) else super().sample(state, role)
 
     def fit(self, state: State, role: Role, samples: SurfaceSamples | None, folder: Path | None = None) -> Fit:
-        """Solve and train, or solve again what an edit touches."""
+        """Solve the probes and train the light's network, or solve again the probes that a change affects.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light that the samples hold.
+            samples: Samples from ``sample``.
+            folder: Folder of the checkpoints; None: the field chooses it.
+
+        Returns:
+            The finished fit.
+        """
         return rebaked(state, role) if isinstance(state, RebakeState) else super().fit(state, role, samples, folder)
 
     def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
-        """Return what solves the probes' light and makes an untrained network of the light's place."""
+        """Return a function that solves the probes' light and makes an untrained network of the light.
+
+        Args:
+            state: The prepared scene.
+
+        Returns:
+            Function of set-up and seed.
+        """
         name, spacing = state.job.request.preset, state.job.options.spacing
 
         def start(setup: FieldSetup, seed: int) -> ProbesFit:
@@ -41,7 +73,17 @@ class ProbesField(SurfaceField):
         return start
 
     def start(self, setup: FieldSetup, preset: str, seed: int, spacing: float | None = None) -> ProbesFit:
-        """Make an untrained learner with a named preset; ``spacing`` of the probes in metres, None: by the scene."""
+        """Solve the probes' light and make an untrained network of the light.
+
+        Args:
+            setup: Set-up of the scene, made by ``FieldSetup.of``.
+            preset: Name of a preset.
+            seed: Seed of sampler and weights.
+            spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
+
+        Returns:
+            The learner.
+        """
         made = PRESETS[preset]
         return ProbesFit(setup, made, seed, solved(setup, made, seed, spacing), name=preset)
 

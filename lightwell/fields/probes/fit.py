@@ -1,8 +1,9 @@
-"""Learned light probes: harmonics on a lattice in the air, with learned interpolation weights: light stops at walls.
+"""Learned light probes: spherical harmonics on a lattice, with learned interpolation weights, so that walls block
+light.
 
-The geometry (``lightwell.probes``) knows no light. A declared light makes the probes relightable: some light states
-are solved for, their singular vectors are the stored bases, and a small network on the place of the light, run once a
-frame, mixes them; it is trained on the same samples as every other field.
+The geometry (``lightwell.probes``) is independent of light. A variable light makes the probes relightable: the light of
+some states is solved, their singular vectors are the stored bases, and a small network of the light's position,
+evaluated once per frame, mixes them. It is trained on the same samples as every other field.
 
 Notation: P nodes, S states, K bases, N samples.
 """
@@ -42,7 +43,7 @@ ALONG = 8
 MOST_SAMPLES = 1 << 18
 # Rows whose harmonics are evaluated together.
 CHUNK = 1 << 14
-# What is traced for each light state, and for a light that stands still; how the light's network is trained.
+# Tracing settings for each light state, and for a fixed light; training settings of the light's network.
 MOVING, STILL = Effort(24, 64, 256, most=4), Effort(32, 256, 1024, most=8)
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
 # The seed of the light states is this far from that of the samples.
@@ -56,31 +57,31 @@ LIGHT = Derived[Solved]("probes.light", most=4)
 
 @dataclass(frozen=True)
 class ProbesPreset:
-    """Everything that defines a probe field beside its spacing."""
+    """Settings of a probe field other than its spacing."""
 
     function: str = "relu-field"
     """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
     effort: Effort = MOVING
     static_effort: Effort = STILL
     states: int = 48
-    """Light states that are solved for (S)."""
+    """Number of light states that are solved (S)."""
     rank: int = 8
-    """Bases that are kept of them (K)."""
+    """Number of bases that are kept (K)."""
     generator: bool = False
-    """Whether fits start from the generator: a network per probe wants it, a grid's convex problem does not."""
+    """Whether fits start from the generator: needed for a network per probe, not for the convex problem of a grid."""
     refine: bool = True
-    """Whether what the generator finds is refined, probe by probe."""
+    """Whether the generator's weights are refined, probe by probe."""
     coding: str = "zh3"
     """Of the light in files: 'l2' or 'zh3'."""
     bricks: float = 1.0
     """Fine probes per live probe of the lattice, at most; 0: no bricks."""
     hidden: tuple[int, ...] = (48, 48)
-    """Widths of the network on the place of the light."""
+    """Widths of the network of the light's position."""
     training: TrainingSettings = TRAINING
 
 
 DRAFT = ProbesPreset(effort=Effort(8, 16, 64, most=1), static_effort=Effort(8, 64, 128, most=1), states=12, rank=4)
-# Ours, hat × ratio: default (a ReLU field of 4³ bytes) and the others by their names; ``bare-``: the published forms.
+# The weights hat × ratio: default (a ReLU field of 4³ bytes) and others by name; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
     "default": ProbesPreset(),
     "draft": DRAFT,
@@ -95,7 +96,7 @@ PRESETS: dict[str, ProbesPreset] = {
 
 @dataclass(frozen=True)
 class CodeNetwork:
-    """Mixes K bases by the place of the light: rows are (features of the light [F], light per basis [3 K])."""
+    """Mixes K bases by the position of the light. A row is (features of the light [F], light per basis [3 K])."""
 
     mlp: Mlp
 
@@ -105,7 +106,15 @@ class CodeNetwork:
         return self.mlp.sizes[-1]
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Named arrays of parameters."""
+        """Make initial parameters.
+
+        Args:
+            seed: Seed of the weights.
+            bias: Bias of the last layer.
+
+        Returns:
+            Arrays by name.
+        """
         return self.mlp.initial(seed, bias)
 
     def __call__(self, parameters: Any, x: Any) -> Any:
@@ -118,7 +127,15 @@ class CodeNetwork:
         return dr.matmul(mixed, _ones_where(3 * k, 3, lambda row, column: row // k == column))
 
     def evaluate(self, parameters: Any, x: np.ndarray) -> np.ndarray:
-        """The same on NumPy arrays."""
+        """Evaluate the network with NumPy.
+
+        Args:
+            parameters: Arrays by name.
+            x: [N, F + 3 K] rows.
+
+        Returns:
+            [N, 3] light in unit S, without reflectance.
+        """
         features = self.mlp.sizes[0]
         code = self.mlp.evaluate(parameters, x[:, :features])
         return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
@@ -197,7 +214,11 @@ class ProbesFit:
         return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples of the light's network; the scene's own light needs none."""
+        """Set the training samples of the light's network; without a variable light they are not used.
+
+        Args:
+            samples: Path-traced samples.
+        """
         if self._static:
             return
         order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))[:MOST_SAMPLES]
@@ -206,7 +227,11 @@ class ProbesFit:
         self._data = TrainingSet.from_numpy(self._rows(part.query), target, np.asarray(part.weight))
 
     def validate_on(self, samples: Samples) -> None:
-        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
+
+        Args:
+            samples: Path-traced samples.
+        """
         self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
 
     def _error(self, parameters: dict[str, np.ndarray]) -> float:
@@ -222,7 +247,17 @@ class ProbesFit:
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Train the light's network to step ``until`` of ``total``."""
+        """Train the light's network; without a variable light only the error is measured.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
         if not self._static:
             return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
         state = self.state
@@ -233,7 +268,14 @@ class ProbesFit:
         return False
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance, reflectance included."""
+        """Predict radiance.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         mixed = self._mixed(self._trainer.best, self._rows(query))
         return np.maximum(mixed, 0) * self.setup.unit * query.reflectance
 
@@ -248,15 +290,36 @@ class ProbesFit:
         return BakedProbes(self._lit, self._mix, code, self.setup.unit, self.name, self.preset.coding)
 
     def lower(self) -> Graph:
-        """The query as a shading graph."""
+        """Return the shading graph.
+
+        Returns:
+            The graph.
+        """
         return self.baked.lower()
 
     def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
-        """The volume under the light at ``light`` [3] of ``intensity`` (cd or lx, a number or [3] colours)."""
+        """Compute the probe volume under a light.
+
+        Args:
+            light: [3] position of the light in metres, or direction towards the sun; None: without a variable light.
+            intensity: Intensity in cd or lx: a scalar or [3] by colour.
+
+        Returns:
+            The volume.
+        """
         return self.baked.volume(light, intensity)
 
     def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files beside the asset; ``keep``: also the state that an incremental bake starts from."""
+        """List the files beside the asset.
+
+        Args:
+            glb: Path of the asset.
+            shown: The light under which the bake is shown first.
+            keep: Also list the state of an incremental bake.
+
+        Returns:
+            The files.
+        """
         role = "static" if self._static else "indirect"
         files, in_file = self.baked.files(role, glb, self.setup.scene, shown, keep)
         self.facts["file_bytes_per_probe"] = in_file
@@ -264,16 +327,33 @@ class ProbesFit:
         return files
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically; the volume itself is found again from the seed."""
+        """Write a checkpoint atomically; the probes are not part of it, they are solved again from the seed.
+
+        Args:
+            path: File to write.
+        """
         self._trainer.save(path)
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint.
+
+        Args:
+            path: File that ``save`` wrote.
+        """
         self._trainer.load(path)
 
 
 def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
-    """One line: bytes of a probe."""
+    """Describe the bytes of a probe in one line.
+
+    Args:
+        volume: The probes.
+        coding: Number format of the stored light.
+        in_file: Bytes per live probe in the file, by part.
+
+    Returns:
+        The line.
+    """
     parts = volume.bytes_per_probe(coding)
     told = ", ".join(f"{name} {value:.0f}" for name, value in parts.items() if name != "record")
     return (
@@ -292,26 +372,36 @@ def _geometry(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) ->
 
 
 def fit_of(preset: ProbesPreset) -> Callable | None:
-    """How weights are fitted; None: from scratch, also where the generator is missing."""
+    """Return the function that fits interpolation weights.
+
+    Args:
+        preset: Settings.
+
+    Returns:
+        The function; None: weights are fitted from scratch, also where the generator is missing.
+    """
     return fit_with(preset.function, refine=preset.refine) if preset.generator else None
 
 
 def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | None = None) -> Solved:
-    """Trace the light of all states once and keep it with the scene.
+    """Trace the light of all states; the result is kept with the scene.
 
     Args:
-        setup: Made by ``FieldSetup.of``: probes are traced in the air of its scene.
+        setup: Set-up of the scene, made by ``FieldSetup.of``.
         preset: Settings of the probes.
         seed: Seed of the sampler.
         spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
 
     Returns:
-        The light of all states, how they are mixed to bases [S, K], and how volume and baselines answer in the air.
+        The light of all states, the factors of the bases [S, K], and the errors of volume and baselines in the air.
+
+    Raises:
+        ValueError: The set-up has no scene.
     """
     if setup.scene is None:
         raise ValueError("probes: the set-up has no scene; probes are traced in its air, make it with FieldSetup.of")
     geometry = _geometry(setup, preset, spacing)
-    # The lights of a moving source are drawn from its variable.
+    # The states of a variable light are drawn from its ranges.
     arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed)
     return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed), arguments)
 

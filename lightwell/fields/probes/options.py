@@ -1,4 +1,4 @@
-"""What only light probes take."""
+"""Options of light probes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,17 @@ Box = tuple[float, float, float, float, float, float]
 
 
 def parse_box(text: str) -> Box:
-    """Read 'x0,y0,z0,x1,y1,z1' in metres; ``ValueError`` for anything else."""
+    """Read a box from text.
+
+    Args:
+        text: 'x0,y0,z0,x1,y1,z1' in metres, the smallest corner first.
+
+    Returns:
+        The six numbers.
+
+    Raises:
+        ValueError: The text is not a box.
+    """
     try:
         box = tuple(float(part) for part in text.split(","))
     except ValueError:

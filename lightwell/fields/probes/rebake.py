@@ -1,7 +1,7 @@
 """The incremental bake of light probes: ``lightwell bake SCENE --field probes --rebake OLD --box x0,y0,z0,x1,y1,z1``.
 
-Only what the box touches is cast, fitted, traced and solved again. The probes of OLD, baked with ``--keep``, say how;
-nothing is trained, and nothing is measured against the reference: that is what a whole bake is for.
+Only the probes that the box affects are fitted, traced and solved again, with the settings of OLD, which was baked with
+``--keep``. Nothing is trained, and nothing is measured against the reference: a full bake does that.
 """
 
 from __future__ import annotations
@@ -29,13 +29,23 @@ ROLES: tuple[Role, ...] = ("indirect", "static")
 
 @dataclass
 class RebakeState(State):
-    """The probes of an earlier bake."""
+    """The prepared scene of an incremental bake, with the probes of the earlier bake."""
 
     before: dict[Role, tuple[BakedProbes, Shown]] = field(default_factory=dict)
 
     @staticmethod
     def of(job: Job) -> RebakeState:
-        """Read the probes of an earlier bake; ``ValueError`` where the scene cannot be an edit of theirs."""
+        """Read the probes of an earlier bake.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+
+        Raises:
+            ValueError: The folder holds no probes, or the scene is not a changed version of theirs.
+        """
         old, scene = job.options.rebake, job.scene
         _check_request(job.request)
         kept = {role: BakedProbes.kept(path) for role in ROLES if (path := old / f"probes-{role}.npz").is_file()}
@@ -45,7 +55,14 @@ class RebakeState(State):
         return RebakeState(job, scene, declare(job.request.vary, scene), tuple(kept), before=kept)
 
     def finished(self, fits: Mapping[Role, RebakedFit]) -> ReBake:
-        """What is said of the edit."""
+        """Return the summary of the incremental bake.
+
+        Args:
+            fits: The fit of each role.
+
+        Returns:
+            The summary.
+        """
         options, roles, lines = self.job.options, {}, []
         for role, fit in fits.items():
             roles[role] = fit.facts
@@ -59,7 +76,7 @@ class RebakeState(State):
 
 @dataclass
 class RebakedFit:
-    """The probes after an edit; see ``lightwell.fields.protocol.Fit``."""
+    """The probes after a change of the scene; see ``lightwell.fields.protocol.Fit``."""
 
     scene: Scene
     role: Role
@@ -77,22 +94,51 @@ class RebakedFit:
         return self.probes.unit
 
     def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
-        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        """Return the inputs of the graph at surface points.
+
+        Args:
+            points: N surface points.
+            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            N queries.
+        """
         return make_query(self.scene, points, light)
 
     def lower(self) -> Lowered:
-        """Give what ships."""
+        """Return the shading graph that is written.
+
+        Returns:
+            The graph.
+        """
         return Lowered(self.probes.lower())
 
     def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files beside the asset, the state for the next edit among them."""
+        """List the files beside the asset, with the state of the next incremental bake.
+
+        Args:
+            glb: Path of the asset.
+            shown: The light under which the bake is shown first.
+            keep: Not used: the state is always written.
+
+        Returns:
+            The files.
+        """
         files, in_file = self.probes.files(self.role, glb, self.scene, self.shown, keep=True)
         self.note = payload(self.probes.lit.geometry.volume, self.probes.coding, in_file)
         return files
 
 
 def rebaked(state: RebakeState, role: Role) -> RebakedFit:
-    """Solve again what the box touches."""
+    """Solve again the probes that the changed box affects.
+
+    Args:
+        state: The prepared scene.
+        role: Role of the probes.
+
+    Returns:
+        The fit.
+    """
     before, shown = state.before[role]
     start, box = perf_counter(), np.reshape(state.job.options.box, (2, 3))
     after, again = before.rebaked(state.scene, state.variable, box, fit_of(PRESETS[before.preset]))
@@ -116,7 +162,7 @@ def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path)
 
 
 def _check_request(request: Request) -> None:
-    """Refuse what an edit takes from the earlier bake, or has no use for."""
+    """Refuse options that an incremental bake takes from the earlier one, and those without effect."""
     for name, (declared, known) in options_of(Request).items():
         if name != "vary" and getattr(request, name) != declared.default:
             raise ValueError(

@@ -1,23 +1,23 @@
-"""Experts without seams and without dead gates: balanced assignment, an overlap that both sides learn, no gate network.
+"""Experts with continuous blending, balanced assignment and a lattice as the gate, without a gate network.
 
-A lattice over the scene (``lattice.py``) says which two of M small experts shade a point and how much of the
-second. It is read at place and normal alone, so that nothing pops when light or eye move, and costs table reads but no
-multiply-adds. The cells of the lattice are dealt out like this:
+A lattice over the scene (``lattice.py``) gives the two of M small experts that shade a point and the share of
+the second. It depends on position and normal alone, so that nothing changes abruptly when light or camera move, and it
+costs table reads but no multiply-adds. The cells of the lattice are assigned to experts like this:
 
-    start      k-means on place, normal and *answer to the light* (``cells.py``), with a floor and a cap on the
-               samples of an expert;
-    rounds     train all experts at once; price every cell under every expert by the error on its samples; deal the
-               cells out anew at the least total price, again within floor and cap (``networks/assignment.py``);
-    the rest   of the steps trains the experts for good.
+    start      k-means on position, normal and radiance under different lights (``cells.py``), with a minimum
+               and a maximum for the samples of an expert;
+    rounds     train all experts at once; the cost of a cell for an expert is the error on its samples; reassign the
+               cells at the least total cost, within the same limits (``networks/assignment.py``);
+    the rest   of the steps trains the experts with the last assignment.
 
 Between cells of different experts the scores are interpolated. There two experts are blended, and both learn from the
 samples there: the blend is continuous on every surface and the error at borders is that of the interior.
 
-Each expert sees its inputs scaled to mean 0 and variance 1 over its own samples. What ships has that folded into the
-first layer.
+Each expert sees its inputs scaled to mean 0 and variance 1 over its own samples. The stored graph has the scaling
+folded into the first layer.
 
-What it cannot do: a lattice with few steps cannot tell surfaces apart that are nearer to each other than a step and
-face the same way.
+Limits: a lattice with few steps cannot distinguish surfaces that are nearer to each other than a step and face the same
+way.
 
 M experts, N samples, F inputs.
 """
@@ -46,25 +46,25 @@ from lightwell.networks.checkpoint import Arrays, prefixed, under
 from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
 from lightwell.transport.samples import Query
 
-# Share of all steps during which cells change hands, and the fewest steps between two rounds.
+# Share of all steps during which cells are reassigned, and the fewest steps between two rounds.
 ROUNDS_SHARE, FEWEST_STEPS = 0.25, 25
-# The shares of the experts are counted, and inputs scaled, on about so many samples; cells are dealt out by more.
+# The shares of the experts are counted, and inputs scaled, on about so many samples; cells are assigned by more.
 COUNTED, DEALT = 1 << 18, 1 << 20
-# Samples that price a cell, and the largest magnitude of the squared relative error of one of them.
+# Samples per cell that estimate its cost, and the largest magnitude of the squared relative error of one of them.
 PRICED_SAMPLES, LARGEST_PRICE = 96, 4.0
-# Times that floor and cap are drawn tighter, because the border of the shipped gate runs through cells.
+# Times that the limits are tightened, because the border of the stored gate runs through cells.
 CORRECTIONS = 10
-# ... and by how much more than they were missed by, relative to an equal share.
+# ... and the margin beyond what they were missed by, relative to an equal share.
 TIGHTER = 0.01
 # Least standard deviation that an input is scaled by: normals of a flat region have none.
 LEAST_SPREAD = 0.1
-# Apart from the seeds of the first split.
+# Offset from the seeds of the first split.
 EXPERT_SEED = 7919
 
 
 @dataclass(frozen=True)
 class BalancedPreset(NetworkPreset):
-    """Everything that defines a ``balanced`` field."""
+    """Settings of a ``balanced`` field."""
 
     experts: int = 16
     cells: int = 12
@@ -74,9 +74,9 @@ class BalancedPreset(NetworkPreset):
     cap: float = 1.3
     """Largest share, likewise."""
     rounds: int = 3
-    """How often the cells are dealt out anew; fewer in short trainings."""
+    """Number of reassignments of the cells; fewer in short trainings."""
     compactness: float = 1.0
-    """Price of a neighbour with another expert, relative to the mean price of a cell at its best expert."""
+    """Cost of a neighbour with another expert, relative to the mean cost of a cell at its best expert."""
     passes: int = 0
     """How often the scores are averaged over neighbouring cells: 0 blends over one step of the lattice."""
 
@@ -93,15 +93,22 @@ PRESETS: dict[str, BalancedPreset] = {
 
 
 class BalancedFit(SegmentedFit):
-    """See ``lightwell.fields.base.Fit``."""
+    """See ``lightwell.fields.base.Learner``."""
 
     preset: BalancedPreset
 
     def __init__(self, setup: FieldSetup, preset: BalancedPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of weights and clusters.
+        """
         super().__init__(setup, preset, seed)
         self.facts |= {"gate": "lattice", "curves": {}}
         self._trainer = BatchedTrainer(self.mlp, preset.training, seed * EXPERT_SEED + np.arange(preset.experts))
-        # How often the cells have been dealt out, and the dealing by which the inputs are scaled.
+        # Number of assignments of cells so far, and the assignment by which the inputs are scaled.
         self._dealt = self._scaled = 0
         # The gate by which the experts are trained now; mean and spread [M, F] of each one's inputs.
         self._gate: Gate | None = None
@@ -110,7 +117,7 @@ class BalancedFit(SegmentedFit):
         # Gate and weights with the least validation error.
         self._best_gate: Gate | None = None
         self._best = self._trainer.parameters
-        # Made of the samples when needed: training set; how the validation samples are split.
+        # Computed from the samples when needed: training set; how the validation samples are split.
         self._data: BatchedSet | None = None
         self._watched: Split | None = None
 
@@ -126,21 +133,50 @@ class BalancedFit(SegmentedFit):
 
     @property
     def gate(self) -> Gate:
-        """The gate that belongs to ``weights``."""
+        """Return the gate that belongs to ``weights``.
+
+        Returns:
+            The gate.
+
+        Raises:
+            RuntimeError: The field is not trained yet.
+        """
         if self._best_gate is None:
             raise RuntimeError("balanced: there is no gate before the first training; call train")
         return self._best_gate
 
     def segment(self, query: Query) -> np.ndarray:
-        """[N] expert that has the larger share of each point."""
+        """Find the expert with the larger share of each point.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int expert.
+        """
         return self.gate(query).first
 
     def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
-        """[N, 3] blended outputs of the experts."""
+        """Evaluate the experts and blend their outputs.
+
+        Args:
+            examples: N samples.
+            weights: Weights by name, [M, …]; None: the best so far.
+
+        Returns:
+            [N, 3] outputs in unit S.
+        """
         return self._blended(examples.features, self.gate(examples.query), weights or self.weights)
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        """Predict radiance with the best weights so far, before they are quantised.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
         return self._blended(self.inputs.rows(query), self.gate(query), self.weights) * scale
 
@@ -154,7 +190,7 @@ class BalancedFit(SegmentedFit):
     def _rearrange(self) -> None:
         self._data = self._watched = None
 
-    # ------------------------------------------------------------------ dealing out the cells
+    # ------------------------------------------------------------------ assignment of the cells
 
     @property
     def _counted(self) -> Query:
@@ -205,7 +241,7 @@ class BalancedFit(SegmentedFit):
             share = shares(gate(self._counted).first, experts)
             if floor <= share.min() and share.max() <= cap:
                 break
-            # Half of the way to equal shares is as far as it goes.
+            # The limits move at most half of the way to equal shares.
             least += TIGHTER / experts + floor - share.min() if share.min() < floor else 0
             most -= TIGHTER / experts + share.max() - cap if share.max() > cap else 0
             least, most = min(least, 0.5 * (floor + 1 / experts)), max(most, 0.5 * (cap + 1 / experts))
@@ -222,7 +258,7 @@ class BalancedFit(SegmentedFit):
             square = np.clip(part.corrected_square(output), -LARGEST_PRICE, LARGEST_PRICE)
             price[:, e] = np.bincount(of_sample, square, len(cells)) / count
         touching = self._touching(cells)
-        # What the cells that touch would pay counts as much: prices are noisy, and regions should be whole.
+        # The cost of neighbouring cells counts as much, because costs are noisy and regions should be connected.
         price = 0.5 * (price + touching @ price)
         owned = np.eye(self.preset.experts)[self._owner(self._gate, cells)]
         return price + self.preset.compactness * max(price.min(axis=1).mean(), 0) * (1 - touching @ owned)
@@ -328,7 +364,11 @@ class BalancedFit(SegmentedFit):
     # ------------------------------------------------------------------ lower
 
     def lower(self) -> Graph:
-        """The field as it ships: gate of bytes, two experts per pixel and their blend."""
+        """Return the shading graph: the gate stored as bytes, two experts per pixel and their blend.
+
+        Returns:
+            The graph.
+        """
         b = open_builder()
         x, top = self.inputs.node(b), self.gate.node(b)
         first, second, share = (b.slice(top, k, 1) for k in range(3))

@@ -1,5 +1,5 @@
-"""Cells of a scene's surfaces as a gate sees them before anything is learned: where they are, how they face, and how
-they answer to the light. N samples, K occupied cells, B bins of the light.
+"""Cells of a scene's surfaces, described for a gate before anything is trained: position, normal, and radiance under
+different lights. N samples, K occupied cells, B bins of the light.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from lightwell.networks.assignment import assign_cells
 
 # The light's range is cut in two this many times: 64 bins.
 LIGHT_LEVELS = 6
-# Numbers that are kept of a cell's answers to the light.
+# Most components of a cell's signature.
 SIGNATURE = 8
-# Radiance in unit S below which darkness makes no difference: that of the loss.
+# Radiance in unit S below which differences do not count; the ε of the loss.
 DARK = 0.05
 # Weights of normal and signature against position in the first split. On the Cornell box, weights of the signature
 # from 0 to 1.5 end within 1 % of each other's error.
 NORMAL_WEIGHT, SIGNATURE_WEIGHT = 0.7, 0.7
-# Rounds of k-means, and how many of its last ones keep floor and cap.
+# Rounds of k-means, and how many of the last ones keep the limits.
 MEANS_ROUNDS, BALANCED_ROUNDS = 12, 3
 
 
@@ -38,7 +38,15 @@ class Cells:
 
     @staticmethod
     def of(lattice: Lattice, examples: Examples) -> Cells:
-        """The cells that the samples fall into."""
+        """Find the cells that samples lie in.
+
+        Args:
+            lattice: The lattice.
+            examples: N samples.
+
+        Returns:
+            The K occupied cells.
+        """
         number, of_sample, count = np.unique(lattice.cell(examples.query), return_inverse=True, return_counts=True)
         return Cells(number, of_sample.ravel(), count / count.sum())
 
@@ -46,12 +54,27 @@ class Cells:
         return len(self.number)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """[K, C] mean of values [N, C] over the samples of each cell."""
+        """Average values over the samples of each cell.
+
+        Args:
+            values: [N, C] a row per sample.
+
+        Returns:
+            [K, C] means.
+        """
         count = np.bincount(self.of_sample, minlength=len(self))[:, None]
         return _sums(self.of_sample, values, len(self)) / count
 
     def pick(self, most: int, seed: int) -> np.ndarray:
-        """Rows of at most ``most`` random samples of each cell."""
+        """Draw random samples of each cell.
+
+        Args:
+            most: Most samples per cell.
+            seed: Seed of the draw.
+
+        Returns:
+            Int indices of the samples, ordered by cell.
+        """
         order = np.random.default_rng((seed, len(self.of_sample))).permutation(len(self.of_sample))
         order = order[np.argsort(self.of_sample[order], kind="stable")]
         cell = self.of_sample[order]
@@ -65,8 +88,18 @@ def _sums(group: np.ndarray, values: np.ndarray, groups: int) -> np.ndarray:
 
 
 def light_bins(light: np.ndarray, levels: int = LIGHT_LEVELS) -> np.ndarray:
-    """[N] int bin of each light [N, 3]: the range is halved ``levels`` times at the median of its widest axis, so that
-    a box, an arc of the sun and a still light are all cut into bins of equally many samples."""
+    """Sort lights into bins of equally many samples.
+
+    The range is halved ``levels`` times at the median of its widest axis; this serves a box, an arc of the sun and a
+    fixed light alike.
+
+    Args:
+        light: [N, 3] positions or directions of the light.
+        levels: Number of halvings, ≥ 0.
+
+    Returns:
+        [N] int bin, in [0, 2^levels).
+    """
     bins = np.zeros(len(light), np.int64)
     for _ in range(levels):
         bins *= 2
@@ -79,10 +112,19 @@ def light_bins(light: np.ndarray, levels: int = LIGHT_LEVELS) -> np.ndarray:
 
 
 def signature(cells: Cells, examples: Examples, size: int = SIGNATURE) -> np.ndarray:
-    """[K, ≤ size] how each cell answers to the light: log of its mean target, per colour, under each bin of the light;
-    its main components. This is how a gate sees colour and shadows, not only shapes.
+    """Describe how the radiance of each cell depends on the light.
 
-    A bin in which a cell has no sample is filled with the sum of the cell's and the bin's mean deviation.
+    The log of the mean target per colour and bin of the light, reduced to its principal components. With it a gate
+    distinguishes colours and shadows, not only shapes. A bin in which a cell has no sample is filled with the sum of
+    the mean deviations of the cell and of the bin.
+
+    Args:
+        cells: K cells.
+        examples: Their samples.
+        size: Most components.
+
+    Returns:
+        [K, ≤ size] components.
     """
     bins = light_bins(examples.query.light)
     bins = np.unique(bins, return_inverse=True)[1].ravel()
@@ -113,7 +155,15 @@ def _main_components(rows: np.ndarray, weight: np.ndarray, size: int) -> np.ndar
 
 
 def describe(cells: Cells, examples: Examples) -> np.ndarray:
-    """[K, 6 + ≤ 8] position, normal and signature of each cell, each scaled to a weighted variance of its own."""
+    """Describe each cell by position, normal and signature, each scaled to a weighted variance of its own.
+
+    Args:
+        cells: K cells.
+        examples: Their samples.
+
+    Returns:
+        [K, 6 + ≤ 8] descriptions.
+    """
     query = examples.query
     parts = [cells.mean(query.position), cells.mean(query.normal), signature(cells, examples)]
     scaled = []
@@ -124,10 +174,22 @@ def describe(cells: Cells, examples: Examples) -> np.ndarray:
     return np.concatenate(scaled, axis=1)
 
 
-def balanced_means(points: np.ndarray, weight: np.ndarray, experts: int, limits: tuple[float, float], seed: int):
-    """[K] int cluster of each point [K, C] by k-means whose last rounds keep every cluster's weight within ``limits``.
+def balanced_means(
+    points: np.ndarray, weight: np.ndarray, experts: int, limits: tuple[float, float], seed: int
+) -> np.ndarray:
+    """Cluster points by k-means whose last rounds keep the weight of every cluster within limits.
 
-    k-means++ (Arthur & Vassilvitskii 2007) starts it. Clusters without points take the point that is worst off.
+    It starts from k-means++ (Arthur & Vassilvitskii 2007). An empty cluster takes the point farthest from its centre.
+
+    Args:
+        points: [K, C] points.
+        weight: [K] weights; their sum is 1.
+        experts: Number of clusters.
+        limits: Least and greatest weight of a cluster.
+        seed: Seed of the start.
+
+    Returns:
+        [K] int cluster of each point.
     """
     centres = _spread_out(points, weight, experts, np.random.default_rng(seed))
     for k in range(MEANS_ROUNDS):

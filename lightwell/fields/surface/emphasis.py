@@ -1,4 +1,4 @@
-"""How much a sample counts in training."""
+"""Weights of samples in training."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import numpy as np
 
 
 def by_object(shape: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weights [N] by which an object counts as often as it was sampled, not by its area.
+    """Compute training weights by which an object counts as often as it was sampled, not by its area.
 
-    shape   [N] object of every sample.
-    weight  [N] 1 / density of the samples relative to area-uniform sampling.
+    Small objects have a minimum of samples (``lightwell.transport.surface``). Area weights would undo it, and a door
+    handle would never be learned. Within an object the weights keep their ratios.
 
-    Small objects have a floor of samples (``lightwell.transport.surface``); area weights would undo it, and a door
-    handle would never be learned. Within an object the weights keep their ratios. The mean of the result is that of
-    objects with weight: 1.
+    Args:
+        shape: [N] int index of the object of each sample.
+        weight: [N] inverse density of the samples relative to area-uniform sampling.
+
+    Returns:
+        [N] float32 weights; their mean over each object with a positive weight is 1.
     """
     count = np.bincount(shape)
     mean = np.bincount(shape, weights=weight) / np.maximum(count, 1)

@@ -41,13 +41,13 @@ from lightwell.transport.samples import Query
 Gater = Literal["autoencoder", "joint", "multinomial"]
 # Share of the samples, those whose two best experts are nearest, that counts as the border of a region.
 BORDER_SHARE = 0.1
-# Apart from the seeds of the gate.
+# Offset from the seeds of the gate.
 EXPERT_SEED = 7919
 
 
 @dataclass(frozen=True)
 class ExpertsPreset(NetworkPreset):
-    """Everything that defines an ``experts`` field."""
+    """Settings of an ``experts`` field."""
 
     gater: Gater = "autoencoder"
     experts: int = 10
@@ -93,11 +93,18 @@ PRESETS: dict[str, ExpertsPreset] = {
 
 
 class GatedFit(SegmentedFit):
-    """What fields with a learned gate share: the gate's place in prediction and graph, and the facts about it."""
+    """Base of fields with a learned gate: the gate in prediction and graph, and the facts about it."""
 
     preset: ExpertsPreset
 
     def __init__(self, setup: FieldSetup, preset: ExpertsPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights.
+        """
         super().__init__(setup, preset, seed)
         self.gate_inputs = Inputs(setup, preset.gate_inputs, preset.octaves)
         self.gate = Mlp((self.gate_inputs.width, *preset.gate_hidden, preset.experts), "tanh", "identity")
@@ -114,7 +121,14 @@ class GatedFit(SegmentedFit):
         return self.mlp.macs + self.gate.macs
 
     def segment(self, query: Query) -> np.ndarray:
-        """[N] expert of each point."""
+        """Select the expert of each point.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int expert.
+        """
         return choose(self.gate, self.gate_weights, self.gate_inputs.rows(query))
 
     def _lower_segment(self, b: Builder, x: str) -> str:
@@ -135,15 +149,22 @@ class GatedFit(SegmentedFit):
 
 
 class CodedFit(GatedFit):
-    """Gate by auto-encoder: learned by the first ``train``, frozen from then on. See ``lightwell.fields.base.Fit``."""
+    """Gate by auto-encoder: trained by the first ``train``, constant afterwards. See ``fields.base.Learner``."""
 
     def __init__(self, setup: FieldSetup, preset: ExpertsPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights.
+        """
         super().__init__(setup, preset, seed)
         self._coder = TiedAutoencoder((self.gate_inputs.width, *preset.gate_hidden, preset.experts))
         seeds = seed * EXPERT_SEED + np.arange(preset.experts)
         self._trainer = BatchedTrainer(self.mlp, preset.training, seeds)
         self._gated = False
-        # Made of the samples when needed: training set; validation's expert of each row.
+        # Computed from the samples when needed: training set; validation's expert of each row.
         self._data: BatchedSet | None = None
         self._owner: np.ndarray | None = None
 
@@ -206,7 +227,7 @@ class CodedFit(GatedFit):
         error = validation.relative_error(self.outputs(validation, self._trainer.parameters))
         with np.errstate(invalid="ignore", divide="ignore"):
             each = np.bincount(self._owner, error, experts) / count
-        # Experts that no validation sample asks keep their latest weights.
+        # Experts without validation samples keep their latest weights.
         self._trainer.look(np.where(count > 0, each, -float(self.state.step)))
         code = expit(self.gate.evaluate(self.gate_weights, self.gate_inputs.rows(validation.query)))
         self._describe(code / code.sum(axis=1, keepdims=True))
@@ -226,9 +247,16 @@ class CodedFit(GatedFit):
 
 
 class JointFit(GatedFit):
-    """Experts and softmax gate together, by ``joint`` or ``multinomial``. See ``lightwell.fields.base.Fit``."""
+    """Experts and softmax gate together, by ``joint`` or ``multinomial``. See ``lightwell.fields.base.Learner``."""
 
     def __init__(self, setup: FieldSetup, preset: ExpertsPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights.
+        """
         super().__init__(setup, preset, seed)
         self._trainer = MixtureTrainer(self.mlp, self.gate, preset.gater, preset.training, seed * EXPERT_SEED)
         self._best = initial_batch(self.mlp, seed * EXPERT_SEED + np.arange(preset.experts))

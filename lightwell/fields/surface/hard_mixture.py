@@ -32,7 +32,7 @@ from lightwell.networks.grouped import Runs, sort_into_runs
 
 # Share of a round's steps that train the experts; the rest train the gate.
 EXPERT_STEPS = 2 / 3
-# Apart from the seeds of the experts.
+# Offset from the seeds of the experts.
 GATE_SEED = 104_729
 
 _GATE_TRAINING = TrainingSettings(loss="expected", rate=1e-2, batch=1024)
@@ -40,14 +40,14 @@ _GATE_TRAINING = TrainingSettings(loss="expected", rate=1e-2, batch=1024)
 
 @dataclass(frozen=True)
 class HardMixturePreset(ExpertsPreset):
-    """Everything that defines a ``hard-mixture`` field."""
+    """Settings of a ``hard-mixture`` field."""
 
     rounds: int = 6
-    """Rounds that the steps are divided into."""
+    """Number of rounds that the steps are divided into."""
     patience_rounds: int = 2
     """Rounds without a lower validation error until the training stops."""
     margin: float = 1 / 3
-    """How many more samples than n/M an expert may have, as a share."""
+    """Largest relative excess of an expert's samples over n/M."""
     gate_settings: TrainingSettings = _GATE_TRAINING
 
 
@@ -57,7 +57,7 @@ def _of(preset: ExpertsPreset, **changes: Any) -> HardMixturePreset:
 
 PRESETS: dict[str, HardMixturePreset] = {
     "default": _of(EXPERTS_PRESETS["default"]),
-    # The experts of the 2013 report, whose author names this method as one that works and is fiddly.
+    # The experts of the 2013 report, whose author reports that this method works but is difficult to tune.
     "report": _of(
         EXPERTS_PRESETS["report"],
         gate_settings=replace(EXPERTS_PRESETS["report"].training, loss="expected", batch=512, initial_bias=0.0),
@@ -66,14 +66,21 @@ PRESETS: dict[str, HardMixturePreset] = {
 
 
 class HardMixtureFit(GatedFit):
-    """See ``lightwell.fields.base.Fit``."""
+    """See ``lightwell.fields.base.Learner``."""
 
     preset: HardMixturePreset
 
     def __init__(self, setup: FieldSetup, preset: HardMixturePreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights and of the first split.
+        """
         super().__init__(setup, preset, seed)
         self.facts["rounds"] = []
-        # What the trainers of this round started from.
+        # Initial weights of the trainers of this round.
         start = initial_batch(self.mlp, self._expert_seeds, preset.training.initial_bias)
         gate = {name: value[None] for name, value in self.gate_weights.items()}
         self._best = start
@@ -84,7 +91,7 @@ class HardMixtureFit(GatedFit):
         self._gate = self._gate_trainer(gate)
         # The gate by which samples are assigned; none in the first round, which is random.
         self._assigning: dict[str, np.ndarray] | None = None
-        # Made of the samples when needed: the experts' rows, the gate's rows, features of the gate.
+        # Computed from the samples when needed: the experts' rows, the gate's rows, features of the gate.
         self._expert_data: BatchedSet | None = None
         self._gate_data: BatchedSet | None = None
         self._gate_rows: dict[str, np.ndarray] = {}

@@ -1,4 +1,4 @@
-"""The sets of inputs that small networks and their gates are fed, each a part of a shading graph."""
+"""Sets of inputs of small networks and their gates; each is a part of a shading graph."""
 
 from __future__ import annotations
 
@@ -22,24 +22,38 @@ from lightwell.transport.samples import Query
 
 # raw      x, n, −v, l: the report's 12 numbers.
 # ren      the same and three parameters of the surface, here its reflectance: 15 numbers.
-# local    what a region with a network of its own needs: x, n, l and their geometry, no waves.
-# lean     the same with waves of few octaves and the reflectance; what a glossy surface needs only where there is one.
-# encoded  sines and cosines of positions besides (``features.encoded_features``).
-# place    x and n: what a gate may know so that no light or eye moves its borders.
+# local    for a network of a small region: x, n, l and their geometry, without frequency encoding.
+# lean     the same with few octaves and the reflectance; inputs of glossy surfaces only where the scene has one.
+# encoded  the same with the frequency encoding of positions (``features.encoded_features``).
+# place    x and n: for gates whose borders are independent of light and camera.
 Kind = Literal["raw", "ren", "local", "lean", "encoded", "place"]
 
 
 class Inputs:
-    """A set of inputs of one scene: a node of a graph, and the rows that a network is trained on."""
+    """A set of inputs for one scene, as a node of a graph and as rows to train on."""
 
     def __init__(self, setup: FieldSetup, kind: Kind, octaves: FeatureOctaves | None = None) -> None:
+        """Choose a set of inputs.
+
+        Args:
+            setup: Bounds and light of the scene.
+            kind: Name of the set.
+            octaves: Octaves of the encoding; None: the default.
+        """
         self.setup, self.kind, self.octaves = setup, kind, octaves or FeatureOctaves()
         b = open_builder()
         self._table = Tabulated(b.build(features=self.node(b)))
         self.width = self._table.width("features")
 
     def node(self, b: Builder) -> str:
-        """Add the inputs to a graph; returns the value that holds them all."""
+        """Add the inputs to a graph.
+
+        Args:
+            b: Graph with the inputs of a query.
+
+        Returns:
+            Name of the node that holds all F inputs.
+        """
         if self.kind == "place":
             return b.concat(normalised(b, "position", self.setup), "normal")
         if self.kind == "local":
@@ -95,5 +109,12 @@ class Inputs:
         return [*geometry, b.log(distance, DISTANCE_SOFTENING), near]
 
     def rows(self, query: Query) -> np.ndarray:
-        """[N, F] float32, as the graph computes them."""
+        """Compute the inputs of queries with the same graph.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, F] float32 inputs.
+        """
         return self._table(query)["features"]

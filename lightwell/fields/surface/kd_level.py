@@ -1,4 +1,4 @@
-"""One level of a kd-tree field: the networks of all its candidates, trained and judged together.
+"""One level of a kd-tree field: the networks of all its candidates, trained and evaluated together.
 
 A candidate is a half of a leaf that may be split, or a whole leaf. E candidates, N samples, M memberships (a sample is
 in one candidate per cut that is tried).
@@ -21,7 +21,7 @@ from lightwell.networks.levenberg import LevenbergMarquardt
 
 # The axis of a candidate that is a whole leaf.
 WHOLE = -1
-# One of this many samples is held out of the training of the leaves, to judge them.
+# One of this many samples is held out of the training of the leaves, to measure their error.
 HELD_OUT = 5
 # Odd factor that spreads sample numbers over 32 bits (Knuth, multiplicative hashing).
 SPREAD, BITS = 2654435761, 32
@@ -29,10 +29,10 @@ SPREAD, BITS = 2654435761, 32
 # Samples of a level are thinned to about so many in all, but not below so many of a candidate: the first networks of a
 # tree see every part of the scene, and a level of few candidates costs no more than one of many.
 LEVEL_ROWS, CANDIDATE_ROWS = 1 << 19, 1 << 13
-# Another odd factor, for numbers that have nothing to do with which samples are held out.
+# Another odd factor, for numbers that are independent of which samples are held out.
 THINNING = 2246822519
 
-# How many standard errors a corrected error must lie above the goal to count as above it: in small leaves the mean of
+# Number of standard errors by which a corrected error must exceed the goal: in small leaves the mean of
 # the products of two noisy residuals is uncertain.
 CONFIDENCE = 2.0
 
@@ -40,10 +40,20 @@ Rule = Literal["raw", "corrected"]
 
 
 def error_of(rule: Rule, examples: Examples, output: np.ndarray, groups: np.ndarray, count: int) -> np.ndarray:
-    """[count, 2] error of each group of rows and the least that it may be; NaN for groups without rows.
+    """Compute the error of each group of samples, and a lower confidence bound of it.
 
-    output [N, 3]; groups [N] int, −1 for rows that are left out. ``raw`` is taken at its word; the square of
-    ``corrected`` may be less by ``CONFIDENCE`` standard errors.
+    For ``raw`` both are the same. For ``corrected`` the bound of the squared error is lower by ``CONFIDENCE`` standard
+    errors.
+
+    Args:
+        rule: Kind of error, ``raw`` or ``corrected``.
+        examples: N samples.
+        output: [N, 3] outputs of the network.
+        groups: [N] int group of each sample, −1 for those that are left out.
+        count: Number of groups.
+
+    Returns:
+        [count, 2] error and lower bound; NaN for groups without samples.
     """
     rows = np.flatnonzero(groups >= 0)
     terms = examples.relative_error(output) if rule == "raw" else examples.corrected_square(output)
@@ -58,13 +68,30 @@ def error_of(rule: Rule, examples: Examples, output: np.ndarray, groups: np.ndar
 
 
 def is_trained(examples: Examples) -> np.ndarray:
-    """[N] samples that are not held out: a function of a sample's number, so that further samples change nothing."""
+    """Separate training samples from held-out ones, by a hash of a sample's number: more samples do not change the
+    others.
+
+    Args:
+        examples: N samples.
+
+    Returns:
+        [N] bool, True for training samples.
+    """
     spread = examples.row.astype(np.uint64) * np.uint64(SPREAD) % np.uint64(1 << BITS)
     return spread * np.uint64(HELD_OUT) >> np.uint64(BITS) != 0
 
 
 def thinned(row: np.ndarray, candidate: np.ndarray, candidates: int) -> np.ndarray:
-    """[K] of [M] memberships that are used: those of crowded candidates by chance, a function of a sample's number."""
+    """Limit the memberships of candidates that have very many, by a hash of a sample's number.
+
+    Args:
+        row: [M] sample of each membership.
+        candidate: [M] candidate of each membership.
+        candidates: E.
+
+    Returns:
+        [K] int indices of the memberships that are used.
+    """
     most = max(LEVEL_ROWS // max(candidates, 1), CANDIDATE_ROWS)
     share = most / np.maximum(np.bincount(candidate, minlength=candidates), 1)
     if (share >= 1).all():
@@ -74,7 +101,7 @@ def thinned(row: np.ndarray, candidate: np.ndarray, candidates: int) -> np.ndarr
 
 
 class Level:
-    """Candidates, their trainer, and their errors so far."""
+    """Candidates of a level, their trainer, and their errors so far."""
 
     def __init__(
         self,
@@ -83,7 +110,14 @@ class Level:
         side: np.ndarray,
         trainer: BatchedTrainer | LevenbergMarquardt,
     ) -> None:
-        """parent [E] leaf; axis [E] of its cut, or WHOLE; side [E] 0 below the cut, 1 above it."""
+        """Start a level.
+
+        Args:
+            parent: [E] leaf of each candidate.
+            axis: [E] axis of its cut, or WHOLE.
+            side: [E] 0 below the cut, 1 above it.
+            trainer: Trainer of E networks.
+        """
         self.parent, self.axis, self.side, self.trainer = parent, axis, side, trainer
         # Steps done; [E, 2] training and held-out error of the best weights, and the least that they may be; NaN
         # without samples.
@@ -92,7 +126,7 @@ class Level:
         self.least = np.full((len(parent), 2), np.nan)
         # [E] held-out samples.
         self.held_count = np.zeros(len(parent))
-        # Made of the samples by ``arrange``.
+        # Computed from the samples by ``arrange``.
         self._data: Any = None
 
     def __len__(self) -> int:
@@ -110,7 +144,15 @@ class Level:
     # ------------------------------------------------------------------ samples
 
     def members(self, partition: Partition, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """([M] samples, [M] candidates they belong to)."""
+        """Find the candidates that samples belong to.
+
+        Args:
+            partition: The partition before the level.
+            position: [N, 3] positions, metres.
+
+        Returns:
+            [M] samples and [M] candidates.
+        """
         leaf = partition.locate(position)
         rows, candidates = [], []
         for axis in np.unique(self.axis):
@@ -126,7 +168,14 @@ class Level:
         return np.concatenate(rows), np.concatenate(candidates)
 
     def arrange(self, partition: Partition, examples: Examples, seed: int, most_rows: int | None) -> None:
-        """Sort the samples by candidate, unless that has been done."""
+        """Sort the samples by candidate; a second call changes nothing.
+
+        Args:
+            partition: The partition before the level.
+            examples: N samples.
+            seed: Seed of the order within a candidate.
+            most_rows: Most samples per candidate for Levenberg-Marquardt; None: no limit.
+        """
         if self._data is not None:
             return
         row, candidate = self.members(partition, np.asarray(examples.query.position, np.float32))
@@ -147,7 +196,11 @@ class Level:
     # ------------------------------------------------------------------ steps
 
     def step(self, total: int) -> None:
-        """One step of ``total`` for every candidate."""
+        """Train every candidate by one step; ``arrange`` comes first.
+
+        Args:
+            total: Steps of the schedule.
+        """
         data = self._data[0]
         if isinstance(self.trainer, BatchedTrainer):
             self.trainer.step(data, total)
@@ -156,7 +209,14 @@ class Level:
         self.steps += 1
 
     def judge(self, mlp: Mlp, examples: Examples, rule: Rule) -> None:
-        """Training and held-out error of every candidate; the weights with the least held-out error are kept."""
+        """Measure training and held-out error of every candidate, and keep its weights where the held-out error has
+        fallen.
+
+        Args:
+            mlp: Shape of the networks.
+            examples: N samples.
+            rule: Kind of error.
+        """
         _, row, candidate, trained, device = self._data
         part, output = examples.take(row), device.evaluate(mlp, self.trainer.parameters)
         groups = (np.where(trained, candidate, -1), np.where(trained, -1, candidate))
@@ -169,13 +229,28 @@ class Level:
     # ------------------------------------------------------------------ checkpoints
 
     def arrays(self) -> Arrays:
-        """Everything that a resumed level needs."""
+        """Return everything that is needed to resume the level.
+
+        Returns:
+            Arrays by name.
+        """
         own = {"parent": self.parent, "axis": self.axis, "side": self.side, "steps": np.array(self.steps)}
         return own | {"errors": self.errors, "least": self.least} | prefixed("trainer", self.trainer.arrays())
 
     @staticmethod
     def of_arrays(arrays: Arrays, trainer: Callable[[int], BatchedTrainer | LevenbergMarquardt]) -> Level:
-        """What ``arrays`` gave; trainer: makes one for so many candidates."""
+        """Restore a level.
+
+        Args:
+            arrays: The result of ``arrays`` by name, shapes [E, …].
+            trainer: Makes a trainer for a number of candidates.
+
+        Returns:
+            The level.
+
+        Raises:
+            ValueError: The arrays do not describe a level.
+        """
         parent, axis, side = (arrays[name] for name in ("parent", "axis", "side"))
         kinds = {
             "parent": parent,

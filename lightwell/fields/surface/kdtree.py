@@ -31,7 +31,7 @@ from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under
 from lightwell.networks.levenberg import LevenbergMarquardt
 from lightwell.transport.samples import Query
 
-# What a leaf is: above the goal and to be split; at the goal; or above it for good, because it has too few samples, is
+# Status of a leaf: above the goal and to be split; at the goal; or finally above it, because it has too few samples, is
 # as deep as allowed, would exceed the number of leaves, or got no better by a split.
 OPEN, MET, FEW, DEEP, FULL, WORSE = range(6)
 STATUS = ("open", "met", "few samples", "deep", "no room", "no gain")
@@ -40,7 +40,7 @@ SPARE_LEVELS = 2
 # Candidates of a level whose steps cost as much again as a single network's: levels of more have fewer steps, but not
 # fewer than a share of them.
 DEAR, LEAST_SHARE = 64, 1 / 16
-# A level is judged at most so often: that costs as much as many steps.
+# The error of a level is measured at most so often, because that costs as much as many steps.
 LOOKS = 4
 # Factors between the seeds of fits and of levels.
 SEED_STEP, LEVEL_STEP = 1_000_003, 100_003
@@ -48,7 +48,7 @@ SEED_STEP, LEVEL_STEP = 1_000_003, 100_003
 
 @dataclass(frozen=True)
 class KdPreset(NetworkPreset):
-    """Everything that defines a ``kdtree`` field."""
+    """Settings of a ``kdtree`` field."""
 
     goal: float = 0.05
     """Error below which a leaf is not split."""
@@ -84,7 +84,7 @@ _REPORT_TRAINING = TrainingSettings(
 )
 
 PRESETS: dict[str, KdPreset] = {
-    # Ours: local geometry as inputs, demodulated, halves go on from their parent, noise cannot force a split.
+    # Local geometry as inputs, demodulated, halves start from their parent's weights, noise cannot force a split.
     "default": KdPreset(TrainingSettings(rate=1e-2, batch=256, evaluate_every=50, patience=0), inherit=True),
     # The networks of the 2013 report in Ren's tree, with its rule as published.
     "report": KdPreset(
@@ -108,11 +108,18 @@ PRESETS: dict[str, KdPreset] = {
 
 
 class KdFit(SegmentedFit):
-    """See ``lightwell.fields.base.Fit``."""
+    """See ``lightwell.fields.base.Learner``."""
 
     preset: KdPreset
 
     def __init__(self, setup: FieldSetup, preset: KdPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights.
+        """
         super().__init__(setup, preset, seed)
         middle = np.asarray(setup.center)
         self.partition = Partition.of_box(middle - setup.half_extent, middle + setup.half_extent)
@@ -148,7 +155,14 @@ class KdFit(SegmentedFit):
         return self._level.trainer.best if self._levels == 0 and self._level else self._weights
 
     def segment(self, query: Query) -> np.ndarray:
-        """[N] leaf of each point."""
+        """Find the leaf of each point.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int leaf.
+        """
         return self.partition.locate(np.asarray(query.position, np.float32))
 
     def _lower_segment(self, b: Builder, x: str) -> str:
@@ -195,7 +209,7 @@ class KdFit(SegmentedFit):
         return False
 
     def _look(self) -> tuple[float, float]:
-        # A finer partition replaces a coarser one: the best error is that of what would ship.
+        # A finer partition replaces a coarser one: the best error is that of the graph that would be written.
         self.state.best_error = np.inf
         if self._described != self._levels:
             self._describe()
@@ -274,7 +288,7 @@ class KdFit(SegmentedFit):
         pairs = np.arange(len(level)).reshape(-1, cuts, 2)  # (below, above) of each cut of each parent
         parent, held = level.parent[pairs[:, 0, 0]], level.held_count[pairs]
         error = (np.nan_to_num(level.errors[pairs, 1]) * held).sum(axis=2) / np.maximum(held.sum(axis=2), 1)
-        # A cut that leaves one side empty cuts nothing off: it comes last.
+        # A cut that leaves one side empty is considered last.
         empty = (held == 0).any(axis=2)
         best = np.lexsort((error, empty), axis=1)[:, 0]
         chosen = np.arange(len(pairs)), best
@@ -295,7 +309,7 @@ class KdFit(SegmentedFit):
         """Give leaves [K] what their candidates [K] learned; a half without samples keeps what its parent knew."""
         errors, least = level.errors[candidate], level.least[candidate]
         known = ~np.isnan(errors).all(axis=1)
-        # What is known of one kind of sample stands for the other where that is missing.
+        # Where one of the two errors is missing, the other is used in its place.
         errors, least = (np.where(np.isnan(e), e[:, ::-1], e) for e in (errors, least))
         self._errors[leaf] = np.where(known[:, None], errors, 0.0)
         for name, value in level.trainer.best.items():

@@ -1,9 +1,10 @@
-"""A gate that is a picture of the scene: scores of M experts on a lattice, read at one point, without a network.
+"""A gate without a network: scores of M experts on a lattice over the scene, read at one point.
 
-The point is p + δ n, half a step off the surface, so that the two sides of a thin wall read different vertices and so
-do the two faces of a crease. Scores depend on place and normal alone: no light and no eye moves a border.
+The point is p + δ n, half a step above the surface, so that the two sides of a thin wall read different vertices, and
+so do the two faces of a crease. Scores depend on position and normal alone, so borders do not move with light or
+camera.
 
-Between the vertices the scores are interpolated, and the op ``top2`` turns them into two experts and the share of the
+Between the vertices the scores are interpolated. The op ``top2`` converts them to two experts and the share of the
 second one, which is 0 away from borders and ½ on them. Notation: [D, H, W] vertices, z the first axis; M experts.
 """
 
@@ -23,14 +24,14 @@ from lightwell.graph.buffers import UINT8_STEPS
 from lightwell.networks.checkpoint import Arrays
 from lightwell.transport.samples import Query
 
-# How far off its surface a point is looked up, in steps of the lattice. With the vertices in the middle of cells whose
-# faces lie on the scene's bounds, points of a wall on the bounds are looked up in a plane of vertices.
+# Distance from the surface at which a point is looked up, in steps of the lattice. With the vertices in the middle of
+# cells whose faces lie on the scene's bounds, points of a wall on the bounds are looked up in a plane of vertices.
 OFFSET = 0.5
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Vertices that surround the surfaces of a scene; a cell is the cube of points nearest to its vertex."""
+    """Vertices around the surfaces of a scene; a cell is the cube of points nearest to its vertex."""
 
     corner: np.ndarray
     """[3] float64 x, y, z of the lattice's least corner, half a step outside its first vertex; metres."""
@@ -41,7 +42,16 @@ class Lattice:
 
     @staticmethod
     def around(setup: FieldSetup, query: Query, cells: int) -> Lattice:
-        """What points of ``query`` need of a lattice with ``cells`` steps along the longest edge of a scene."""
+        """Make the smallest lattice around surface points.
+
+        Args:
+            setup: Bounds of the scene.
+            query: N queries.
+            cells: Steps along the longest edge of the bounds, ≥ 1.
+
+        Returns:
+            The lattice.
+        """
         step = 2 * setup.half_extent / cells
         size = np.array(setup.size or (2 * setup.half_extent,) * 3)
         low = np.array(setup.center) - 0.5 * size
@@ -54,20 +64,41 @@ class Lattice:
         return int(np.prod(self.shape))
 
     def cell(self, query: Query) -> np.ndarray:
-        """[N] number of the cell of each point, x fastest; points outside belong to the nearest cell."""
+        """Find the cell of each point; points outside belong to the nearest cell.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int64 number of the cell, x fastest.
+        """
         d, h, w = self.shape
         at = np.floor((_off(query, self.step) - self.corner) / self.step).astype(np.int64)
         x, y, z = np.clip(at, 0, [w - 1, h - 1, d - 1]).T
         return (z * h + y) * w + x
 
     def node(self, b: Builder) -> str:
-        """Add to a graph the point in [0, 1]³ at which the op ``grid`` reads the lattice."""
+        """Add to a graph the point at which the op ``grid`` reads the lattice.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node with the point in [0, 1]³, width 3.
+        """
         scale = 1 / (self.step * np.array(self.shape[::-1]))
         surface = b.affine("position", scale.tolist(), (-self.corner * scale).tolist())
         return b.add(surface, b.affine("normal", (OFFSET * self.step * scale).tolist(), [0.0, 0.0, 0.0]))
 
     def neighbours(self, cells: np.ndarray) -> np.ndarray:
-        """[K, 2] pairs of indices into ``cells``, numbers of occupied cells: each cell and those that touch it."""
+        """List pairs of occupied cells that touch.
+
+        Args:
+            cells: [K] numbers of the occupied cells.
+
+        Returns:
+            [P, 2] int pairs of indices into ``cells``; each pair in both orders.
+        """
         place = np.full(len(self), -1)
         place[cells] = np.arange(len(cells))
         padded = np.pad(place.reshape(self.shape), 1, constant_values=-1)
@@ -80,8 +111,18 @@ class Lattice:
         return np.concatenate(pairs)
 
     def scores(self, cells: np.ndarray, expert: np.ndarray, experts: int, passes: int = 0) -> np.ndarray:
-        """[D, H, W, M] uint8 scores: 255 for the expert [K] of each of the occupied ``cells`` [K], and as much for that
-        of the nearest occupied cell elsewhere. Each of ``passes`` averages over the occupied cells that touch."""
+        """Compute the stored scores: 255 for the expert of each occupied cell; other cells copy the nearest occupied
+        one.
+
+        Args:
+            cells: [K] numbers of the occupied cells.
+            expert: [K] int expert of each.
+            experts: M.
+            passes: How often scores are averaged over neighbouring occupied cells, ≥ 0.
+
+        Returns:
+            [D, H, W, M] uint8 scores.
+        """
         full = np.zeros((len(self), experts), np.float32)
         full[cells, expert] = 1
         full = full.reshape(*self.shape, experts)
@@ -101,23 +142,46 @@ def _off(query: Query, step: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Gate:
-    """Which two experts a point asks, and how much of the second; computed by the nodes that ship."""
+    """The two experts of each point and the share of the second one, computed by the nodes that are stored."""
 
     lattice: Lattice
     scores: np.ndarray
     """[D, H, W, M] uint8."""
 
     def node(self, b: Builder) -> str:
-        """Add the gate to a graph: (first expert, second expert, share of the second), width 3."""
+        """Add the gate to a graph.
+
+        Args:
+            b: Graph to add nodes to.
+
+        Returns:
+            Name of the node with first expert, second expert and share of the second, width 3.
+        """
         return b.top2(b.grid(self.lattice.node(b), pack(self.scores, "uint8")))
 
     def arrays(self) -> Arrays:
-        """For checkpoints."""
+        """Return the arrays of a checkpoint.
+
+        Returns:
+            Arrays by name.
+        """
         return {"scores": self.scores, "corner": self.lattice.corner, "step": np.array(self.lattice.step)}
 
     @staticmethod
     def of(arrays: Arrays) -> Gate:
-        """What ``arrays`` gave; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+        """Restore a gate.
+
+        Args:
+            arrays: The result of ``arrays`` by name: scores [D, H, W, M], corner [3], step (scalar). A missing name is
+                a
+                ``KeyError``.
+
+        Returns:
+            The gate.
+
+        Raises:
+            ValueError: The arrays do not describe a gate.
+        """
         scores, corner = arrays["scores"], arrays["corner"]
         if scores.ndim != 4 or scores.dtype != np.uint8 or min(scores.shape) < 1 or corner.shape != (3,):
             raise ValueError("'scores' is not a lattice of bytes with a corner")
@@ -138,12 +202,12 @@ class Gate:
 
 @dataclass(frozen=True)
 class Split:
-    """How N points are split between experts."""
+    """The split of N points between experts."""
 
     first: np.ndarray
     """[N] int64 expert with the larger share."""
     second: np.ndarray
-    """[N] int64 the other one; means nothing where ``share`` is 0."""
+    """[N] int64 the other one; undefined where ``share`` is 0."""
     share: np.ndarray
     """[N] share of the second expert, 0 … ½."""
 

@@ -1,4 +1,4 @@
-"""One network for the whole scene: the report's two sizes on raw inputs, and ours on encoded inputs.
+"""One network for the whole scene: the two sizes of the 2013 report on raw inputs, and ``default`` on encoded inputs.
 
 The targets of ``default`` are divided by the surface's reflectance (demodulated), so that textures stay sharp and the
 network learns the light alone; its exponential output cannot be negative and holds a high dynamic range.
@@ -30,7 +30,7 @@ _DEFAULT_TRAINING = TrainingSettings(rate=1e-2)
 
 @dataclass(frozen=True)
 class MlpPreset:
-    """Everything that defines an ``mlp`` field."""
+    """Settings of an ``mlp`` field."""
 
     hidden: tuple[int, ...]
     """Widths of the hidden layers."""
@@ -43,7 +43,7 @@ class MlpPreset:
     octaves: FeatureOctaves = _DEFAULT_OCTAVES
     training: TrainingSettings = _DEFAULT_TRAINING
     storage: str = "float16"
-    """Type of the shipped weights."""
+    """Type of the stored weights."""
 
 
 # The report: tanh inside, sigmoid out, relative L1, μ = 0.5 · 50 / (50 + epoch), decay 1e-4, biases 0.25. Its text does
@@ -84,7 +84,7 @@ PRESETS: dict[str, MlpPreset] = {
 
 @dataclass
 class MlpFit:
-    """See ``lightwell.fields.base.Fit``."""
+    """See ``lightwell.fields.base.Learner``."""
 
     setup: FieldSetup
     preset: MlpPreset
@@ -135,14 +135,22 @@ class MlpFit:
         return self.setup.unit * (query.reflectance if self.preset.demodulated else np.ones_like(query.reflectance))
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples, in a random order that depends on the seed and their number alone."""
+        """Set the training samples; their random order depends on the seed and their number alone.
+
+        Args:
+            samples: Path-traced samples.
+        """
         order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))
         target = samples.radiance / self._modulation(samples.query)
         features = self._feature_rows(samples.query[order])
         self._data = TrainingSet.from_numpy(features, target[order], np.asarray(samples.weight)[order])
 
     def validate_on(self, samples: Samples) -> None:
-        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
+
+        Args:
+            samples: Path-traced samples.
+        """
         features = self._feature_rows(samples.query)
         scale = self._modulation(samples.query) / self.setup.unit
         self._validation = (features, scale, samples.radiance / self.setup.unit)
@@ -157,26 +165,56 @@ class MlpFit:
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        """Train; ``learn_from`` and ``validate_on`` come first.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
         return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        """Predict radiance with the best weights so far, before they are quantised.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         output = self._trainer.network.evaluate(self._trainer.best, self._feature_rows(query))
         return output * self._modulation(query)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically."""
+        """Write a checkpoint atomically.
+
+        Args:
+            path: File to write.
+        """
         self._trainer.save(path)
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint.
+
+        Args:
+            path: File that ``save`` wrote.
+        """
         self._trainer.load(path)
 
     # ------------------------------------------------------------------ lower
 
     def lower(self) -> Graph:
-        """The field as it ships: features, layers, unit; the light's share of the first layer runs once per frame."""
+        """Return the shading graph: features, layers, unit. The light's part of the first layer is evaluated once per
+        frame.
+
+        Returns:
+            The graph.
+        """
         b = open_builder()
         pixel, frame = self._feature_nodes(b)
         weights = self._trainer.best

@@ -1,4 +1,4 @@
-"""A partition of the scene's box by midpoint splits, as a binary tree that grows. L leaves, n interior nodes."""
+"""A partition of the scene's box by splits in the middle, as a growing binary tree. L leaves, n interior nodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from lightwell.networks.checkpoint import Arrays
 
 @dataclass
 class Partition:
-    """Leaf i keeps its number for its lower half when it is split; the upper half gets the next free number."""
+    """A partition of a box. When leaf i is split, its lower half keeps the number i; the upper half gets the next free
+    number.
+    """
 
     nodes: np.ndarray
     """[n, 4] float32 rows (axis, threshold, below, above); a child −1 − i is leaf i, another one a later row."""
@@ -23,7 +25,15 @@ class Partition:
 
     @staticmethod
     def of_box(low: np.ndarray, high: np.ndarray) -> Partition:
-        """One leaf."""
+        """Make a partition with one leaf.
+
+        Args:
+            low: [3] smallest corner, metres.
+            high: [3] greatest corner, metres.
+
+        Returns:
+            The partition.
+        """
         box = (np.asarray(c, np.float32).reshape(1, 3) for c in (low, high))
         return Partition(np.zeros((0, 4), np.float32), *box, np.zeros(1, np.int64))
 
@@ -31,11 +41,26 @@ class Partition:
         return len(self.depth)
 
     def middle(self, leaf: np.ndarray) -> np.ndarray:
-        """[K, 3] float32 centres of leaves: where they would be split."""
+        """Return the centres of leaves, where they would be split.
+
+        Args:
+            leaf: [K] int leaves.
+
+        Returns:
+            [K, 3] float32 centres, metres.
+        """
         return np.float32(0.5) * (self.low[leaf] + self.high[leaf])
 
     def split(self, leaf: int, axis: int) -> int:
-        """Split a leaf at its middle; returns the number of the upper half."""
+        """Split a leaf in the middle.
+
+        Args:
+            leaf: Number of the leaf.
+            axis: Axis of the cut, 0 to 2.
+
+        Returns:
+            Number of the upper half.
+        """
         threshold = self.middle(leaf)[axis]
         upper, row = len(self), len(self.nodes)
         for column in (2, 3):
@@ -49,7 +74,14 @@ class Partition:
         return upper
 
     def locate(self, position: np.ndarray) -> np.ndarray:
-        """[N] leaf of each position [N, 3]; below a threshold means strictly below, as in the graph's op ``tree``."""
+        """Find the leaf of each position; on a threshold the upper leaf, as the graph's op ``tree`` does.
+
+        Args:
+            position: [N, 3] float32 positions, metres.
+
+        Returns:
+            [N] int64 leaf.
+        """
         return walk(self.rows, position)
 
     @property
@@ -64,7 +96,18 @@ class Partition:
 
     @staticmethod
     def of(arrays: Arrays) -> Partition:
-        """What ``arrays`` gave; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+        """Restore a partition.
+
+        Args:
+            arrays: The result of ``arrays`` by name: nodes [n, 4], low and high [L, 3], depth [L]. A missing name is a
+                ``KeyError``.
+
+        Returns:
+            The partition.
+
+        Raises:
+            ValueError: The arrays do not describe a partition.
+        """
         found = Partition(*(arrays[name] for name in ("nodes", "low", "high", "depth")))
         leaves = len(found)
         for name, value in (("low", found.low), ("high", found.high)):
@@ -76,7 +119,11 @@ class Partition:
         return found
 
     def arrays(self) -> Arrays:
-        """For checkpoints."""
+        """Return the arrays of a checkpoint.
+
+        Returns:
+            Arrays by name.
+        """
         return {"nodes": self.nodes, "low": self.low, "high": self.high, "depth": self.depth}
 
 
@@ -110,7 +157,15 @@ def check_nodes(nodes: np.ndarray, leaves: int, columns: int, depth: int | None 
 
 
 def walk(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """[N] leaf of each row of values [N, C], as the graph's op ``tree`` finds it; nodes: [n, 4], the root first."""
+    """Find the leaf of each row, as the graph's op ``tree`` does.
+
+    Args:
+        nodes: [n, 4] float32 axis, threshold and both children; the root first.
+        values: [N, C] float32 rows.
+
+    Returns:
+        [N] int64 leaf.
+    """
     at = np.zeros(len(values), np.int64)
     walking = np.arange(len(values))
     while len(walking):

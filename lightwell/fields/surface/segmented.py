@@ -1,4 +1,4 @@
-"""What fields of many small networks share: one network per segment, how it is driven, predicted, lowered and kept.
+"""Base of fields with many small networks, one per segment: training, prediction, lowering and checkpoints.
 
 A segment is a leaf or an expert; its number is a function of the query. Notation: E segments, N rows.
 """
@@ -33,7 +33,7 @@ REFLECTANCE_FLOOR = 1e-9
 
 @dataclass(frozen=True)
 class NetworkPreset:
-    """The small networks of a field: their inputs, shape and training."""
+    """Settings of the small networks: inputs, shape and training."""
 
     training: TrainingSettings
     inputs: Kind = "local"
@@ -45,14 +45,22 @@ class NetworkPreset:
     octaves: FeatureOctaves | None = None
     """How finely 'encoded' inputs are encoded."""
     storage: str = "float16"
-    """Type of the shipped weights."""
+    """Type of the stored weights."""
 
 
 class SegmentedFit:
-    """See ``lightwell.fields.base.Fit``. A subclass gives ``segment``, ``weights``, ``_lower_segment``, ``_step``,
-    ``_look`` and what it keeps in a checkpoint."""
+    """Base of a ``lightwell.fields.base.Learner``. Subclasses implement ``segment``, ``weights``, ``_lower_segment``,
+    ``_step``, ``_look`` and their part of a checkpoint.
+    """
 
     def __init__(self, setup: FieldSetup, preset: NetworkPreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the weights.
+        """
         self.setup, self.preset, self.seed = setup, preset, seed
         self.inputs = Inputs(setup, preset.inputs, preset.octaves)
         self.mlp = Mlp((self.inputs.width, *preset.hidden, 3), preset.activation, preset.output)
@@ -64,17 +72,41 @@ class SegmentedFit:
     # ------------------------------------------------------------------ what a subclass gives
 
     def segment(self, query: Query) -> np.ndarray:
-        """[N] int number of the segment of each point."""
+        """Find the segment of each point.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N] int segment.
+
+        Raises:
+            NotImplementedError: The subclass does not implement it.
+        """
         raise NotImplementedError
 
     @property
     def weights(self) -> dict[str, np.ndarray]:
-        """[E, …] best weights of all segments so far."""
+        """Return the best weights of all segments so far.
+
+        Returns:
+            [E, …] arrays by name.
+
+        Raises:
+            NotImplementedError: The subclass does not implement it.
+        """
         raise NotImplementedError
 
     @property
     def macs(self) -> int:
-        """Multiply-accumulates per pixel of the result."""
+        """Count the multiply-accumulates per pixel.
+
+        Returns:
+            Number of multiply-accumulates.
+
+        Raises:
+            NotImplementedError: The subclass does not implement it.
+        """
         raise NotImplementedError
 
     def _lower_segment(self, b: Builder, x: str) -> str:
@@ -106,25 +138,45 @@ class SegmentedFit:
     # ------------------------------------------------------------------ data
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples; those with a target that is not finite are dropped and counted."""
+        """Set the training samples; those with a target that is not finite are dropped and counted.
+
+        Args:
+            samples: Path-traced samples.
+        """
         self.examples = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
         self.facts["dropped_samples"] = self.examples.dropped
         self._rearrange()
 
     def validate_on(self, samples: Samples) -> None:
-        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
+
+        Args:
+            samples: Path-traced samples.
+        """
         self.validation = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
         self._rearrange()
 
     def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
-        """[N, 3] outputs of the networks of each row's segment."""
+        """Evaluate the network of each sample's segment.
+
+        Args:
+            examples: N samples.
+            weights: Weights by name, [E, …]; None: the best so far.
+
+        Returns:
+            [N, 3] outputs in unit S.
+        """
         weights = weights or self.weights
         segments = len(next(iter(weights.values())))
         rows = GroupedRows(examples.features, self.segment(examples.query), segments)
         return rows.evaluate(self.mlp, weights)
 
     def validation_error(self) -> float:
-        """Mean relative error on the validation samples."""
+        """Compute the mean relative error on the validation samples.
+
+        Returns:
+            The error; 0.1 is 10 %.
+        """
         return float(self.validation.relative_error(self.outputs(self.validation)).mean())
 
     # ------------------------------------------------------------------ fit
@@ -132,7 +184,17 @@ class SegmentedFit:
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        """Train; ``learn_from`` and ``validate_on`` come first.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
         settings, state = self.preset.training, self.state
         while state.step < until:
             finished = self._step(total)
@@ -163,7 +225,14 @@ class SegmentedFit:
             state.best_error, state.best_step = error, state.step
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        """Predict radiance with the best weights so far, before they are quantised.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         weights = self.weights
         rows = GroupedRows(self.inputs.rows(query), self.segment(query), len(next(iter(weights.values()))))
         scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
@@ -172,7 +241,11 @@ class SegmentedFit:
     # ------------------------------------------------------------------ lower
 
     def lower(self) -> Graph:
-        """The field as it ships; its output ``segment`` is the number of the expert or leaf of a point."""
+        """Return the shading graph; its output ``segment`` is the number of the expert or leaf of a point.
+
+        Returns:
+            The graph.
+        """
         b = open_builder()
         x = self.inputs.node(b)
         segment = self._lower_segment(b, x)
@@ -188,14 +261,22 @@ class SegmentedFit:
     # ------------------------------------------------------------------ checkpoints
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically."""
+        """Write a checkpoint atomically.
+
+        Args:
+            path: File to write.
+        """
         save_arrays(path, self._all_arrays())
 
     def _all_arrays(self) -> Arrays:
         return state_arrays(self.state, self.facts) | prefixed("field", self._arrays())
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint; field, preset and samples must be the same."""
+        """Continue from a checkpoint of the same field, preset and samples.
+
+        Args:
+            path: File that ``save`` wrote.
+        """
         varying = tuple(f"field.{name}" for name in self.varying)
         arrays = read_checkpoint(path, self._all_arrays(), varying=(*STATE_VARYING, *varying))
         with taking_up(path):
@@ -207,14 +288,32 @@ class SegmentedFit:
 
 
 def as_radiance(b: Builder, x: str, demodulated: bool, unit: float) -> str:
-    """From a network's output to the graph's output: radiance divided by the reflectance."""
+    """Convert a network's output to the output of the graph: radiance divided by the reflectance.
+
+    Args:
+        b: Graph to add nodes to.
+        x: Name of the node with the network's output, width 3.
+        demodulated: Whether the network's targets were divided by the reflectance.
+        unit: Radiance unit S.
+
+    Returns:
+        Name of the new node, width 3.
+    """
     if not demodulated:
         x = b.multiply(x, b.reciprocal("reflectance", REFLECTANCE_FLOOR))
     return b.scale(x, unit)
 
 
 def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:
-    """The state of a training and the facts of a fit as arrays of a checkpoint."""
+    """Convert the state of a training and the facts of a fit to the arrays of a checkpoint.
+
+    Args:
+        state: Steps, errors and history.
+        facts: JSON values.
+
+    Returns:
+        Arrays by name.
+    """
     return {
         "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
         "best_error": np.array(state.best_error),
@@ -224,7 +323,18 @@ def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:
 
 
 def state_of(arrays: Arrays) -> tuple[TrainingState, dict[str, Any]]:
-    """What ``state_arrays`` was given; ``ValueError`` or ``KeyError`` for what it cannot have been."""
+    """Restore the state of a training and the facts of a fit.
+
+    Args:
+        arrays: The result of ``state_arrays`` by name (scalar values and history [K, 3]). A missing name is a
+            ``KeyError``.
+
+    Returns:
+        State and facts.
+
+    Raises:
+        ValueError: The arrays do not describe a training.
+    """
     step, seen, best_step, best_error, history = counters(arrays)
     try:
         facts = json.loads(str(arrays["facts"]))

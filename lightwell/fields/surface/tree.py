@@ -1,7 +1,8 @@
 """A regression tree with constant leaves: the baseline that the 2013 report tried first and rejected.
 
 CART on variance reduction (Breiman et al. 1984; scikit-learn, at bake time only) over the raw inputs; the smallest leaf
-is chosen on the validation samples. Steps are visible and it generalises badly: it shows what the networks are for.
+is chosen on the validation samples. Steps between leaves are visible, and it generalises badly; it is a comparison for
+the networks.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ MOST_ROWS = 1 << 19
 
 @dataclass(frozen=True)
 class TreePreset:
-    """Everything that defines a ``tree`` field."""
+    """Settings of a ``tree`` field."""
 
     inputs: Kind
     demodulated: bool
@@ -54,11 +55,18 @@ PRESETS: dict[str, TreePreset] = {
 
 
 class TreeFit:
-    """See ``lightwell.fields.base.Fit``. The tree is grown in one go; further steps find nothing to do."""
+    """See ``lightwell.fields.base.Learner``. The tree is grown in one step; further steps change nothing."""
 
     macs = 0
 
     def __init__(self, setup: FieldSetup, preset: TreePreset, seed: int) -> None:
+        """Start a fit.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Settings.
+            seed: Seed of the selection of samples.
+        """
         self.setup, self.preset, self.seed = setup, preset, seed
         self.inputs = Inputs(setup, preset.inputs)
         self.state = TrainingState()
@@ -74,7 +82,11 @@ class TreeFit:
     # ------------------------------------------------------------------ data
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples; the tree is grown anew by the next ``train``."""
+        """Set the training samples; the next ``train`` grows a new tree.
+
+        Args:
+            samples: Path-traced samples.
+        """
         if len(samples) > MOST_ROWS:
             samples = samples[np.random.default_rng(self.seed).permutation(len(samples))[:MOST_ROWS]]
         self._examples = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
@@ -82,7 +94,11 @@ class TreeFit:
         self._grown = False
 
     def validate_on(self, samples: Samples) -> None:
-        """Set the samples by which the size of the leaves is chosen."""
+        """Set the samples by which the size of the leaves is chosen.
+
+        Args:
+            samples: Path-traced samples.
+        """
         self._validation = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
 
     # ------------------------------------------------------------------ fit
@@ -90,7 +106,17 @@ class TreeFit:
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Grow the tree, if that has not been done for these samples, and go to step ``until`` at once."""
+        """Grow the tree, unless that has been done for these samples, and set the step to ``until``.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total``.
+            checkpoint: Called at the end.
+
+        Returns:
+            False: the training does not stop early.
+        """
         if not self._grown:
             self._grow()
         self.state.step = until
@@ -138,14 +164,25 @@ class TreeFit:
         return float(self._validation.relative_error(output).mean())
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance of the leaf that each point falls into."""
+        """Predict radiance before the leaves are quantised.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
         return self._values[walk(self._nodes, self.inputs.rows(query))] * scale
 
     # ------------------------------------------------------------------ lower
 
     def lower(self) -> Graph:
-        """The walk to the leaf and a table of what the leaves hold."""
+        """Return the shading graph: the walk to the leaf, and a table of the leaves' values.
+
+        Returns:
+            The graph.
+        """
         b = open_builder()
         leaf = b.tree(self.inputs.node(b), self._nodes, self._depth)
         radiance = as_radiance(b, b.rows(leaf, self._values), self.preset.demodulated, self.setup.unit)
@@ -154,7 +191,11 @@ class TreeFit:
     # ------------------------------------------------------------------ checkpoints
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically."""
+        """Write a checkpoint atomically.
+
+        Args:
+            path: File to write.
+        """
         save_arrays(path, self._arrays())
 
     def _arrays(self) -> Arrays:
@@ -162,7 +203,14 @@ class TreeFit:
         return state_arrays(self.state, self.facts) | tree | {"grown": np.array(self._grown)}
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint.
+
+        Args:
+            path: File that ``save`` wrote.
+
+        Raises:
+            ValueError: The file does not describe a tree of this field.
+        """
         arrays = read_checkpoint(path, self._arrays(), varying=(*STATE_VARYING, "nodes", "values"))
         with taking_up(path):
             state, facts = state_of(arrays)
@@ -176,10 +224,16 @@ class TreeFit:
 
 
 def node_rows(tree: Any) -> tuple[np.ndarray, np.ndarray, int]:
-    """A scikit-learn tree as rows of the op ``tree``: ([n, 4] float32, leaf number by its node number, levels).
+    """Convert a scikit-learn tree to the nodes of the op ``tree``.
 
-    scikit-learn goes left where x ≤ t in double precision, the op where x < t' in single precision: t' is the float
-    after the largest that is not above t.
+    scikit-learn goes left where x ≤ t in double precision, the op where x < t' in single precision: t' is the next
+    float after the largest that is not above t.
+
+    Args:
+        tree: ``tree_`` of a scikit-learn decision tree.
+
+    Returns:
+        [n, 4] float32 nodes, the leaf number by scikit-learn's node number, and the number of levels.
     """
     left, right = tree.children_left, tree.children_right
     inner = left >= 0
