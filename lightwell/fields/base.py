@@ -1,4 +1,4 @@
-"""What every learned representation offers, and what it is told of the scene."""
+"""The interface of a learned representation, and the facts about the scene that it is given."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Progress = Callable[[TrainingState, int], None]
 
 @dataclass(frozen=True)
 class FieldSetup:
-    """What a fit knows of the scene besides its samples."""
+    """Facts about the scene that a fit needs besides its samples."""
 
     center: tuple[float, float, float]
     """Middle of the scene's bounds, metres."""
@@ -32,15 +32,15 @@ class FieldSetup:
     unit: float
     """Radiance unit S: targets are divided by it."""
     light: Literal["point", "sun", "static"]
-    """What the declared light is; 'static' fields have none."""
+    """Kind of the declared light; 'static' fields have none."""
     size: tuple[float, float, float] | None = None
     """Edges of the scene's bounds, metres; None: a cube of ``half_extent``."""
     matte: bool = False
-    """Whether all surfaces look alike from everywhere: no glossy reflection, so no need to know the eye."""
+    """Whether the radiance of all surfaces is view-independent: no glossy reflection."""
     scene: Scene | None = field(default=None, repr=False, compare=False)
     """The scene itself, for fields that trace rays of their own."""
     variable: Variable | None = field(default=None, repr=False, compare=False)
-    """What the declared light may do, for the same."""
+    """Ranges of the declared light, for the same."""
 
     @staticmethod
     def of(
@@ -49,7 +49,17 @@ class FieldSetup:
         light: Literal["point", "sun", "static"],
         variable: Variable | None = None,
     ) -> FieldSetup:
-        """The set-up for a loaded scene."""
+        """Make the set-up of a loaded scene.
+
+        Args:
+            scene: The scene.
+            unit: Radiance unit S, > 0.
+            light: Kind of the declared light; 'static' for the scene's own light.
+            variable: Ranges of the declared light; None for 'static'.
+
+        Returns:
+            The set-up.
+        """
         center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable)
@@ -61,7 +71,15 @@ OUTLIERS, BOX_MARGIN = 0.01, 0.05
 
 
 def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
-    """The set-up with its box drawn to where samples and their lights are, if that is smaller."""
+    """Shrink the bounds of a set-up to the samples and their lights, without outliers.
+
+    Args:
+        setup: The set-up.
+        samples: Path-traced samples.
+
+    Returns:
+        The set-up with smaller bounds; ``setup`` itself where they would not be smaller.
+    """
     places = samples.query.position
     low, high = np.quantile(places, [OUTLIERS, 1 - OUTLIERS], axis=0)
     if setup.light == "point":
@@ -79,55 +97,114 @@ def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
     return replace(setup, center=as_tuple(center), half_extent=half_extent, size=as_tuple(size))
 
 
-# Index of refraction up to which a surface reflects nothing but diffusely.
+# Index of refraction up to which a surface without metal or coat counts as purely diffuse.
 MATTE_IOR = 1.01
 
 
 def is_matte(material: Material) -> bool:
-    """Whether a surface of this material is Lambertian: it looks the same from everywhere.
+    """Test whether a material is Lambertian, so that its radiance is view-independent.
 
     Burley's diffuse term is not, even at full roughness: it brightens towards grazing views.
+
+    Args:
+        material: The material.
+
+    Returns:
+        True for a Lambertian material.
     """
     layers = (material.metallic, material.clearcoat, material.sheen, material.transmission)
     return material.ior <= MATTE_IOR and not (material.delta or any(layers))
 
 
 class Learner(Protocol):
-    """A representation of light at surfaces, being fitted: ``learn_from`` samples, ``train``, both again with more."""
+    """A representation of light at surfaces while it is fitted: ``learn_from``, then ``train``; both again with more
+    samples.
+    """
 
     macs: int
     """Multiply-accumulates per pixel of the result."""
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples; later calls replace them."""
+        """Set the training samples; later calls replace them.
+
+        Args:
+            samples: Path-traced samples.
+        """
 
     def validate_on(self, samples: Samples) -> None:
-        """Set the held-out samples of early stopping."""
+        """Set the held-out samples of early stopping.
+
+        Args:
+            samples: Path-traced samples.
+        """
 
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Train to step ``until`` of a schedule of ``total`` steps; returns whether early stopping ended it."""
+        """Train.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] indirect radiance by the best weights so far, reflectance included, for a unit light."""
+        """Predict indirect radiance with the best weights so far.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance for a unit light, reflectance included.
+        """
 
     def lower(self) -> Graph:
-        """The shading graph of the best weights so far; its output ``radiance`` is divided by the reflectance."""
+        """Return the shading graph of the best weights so far; its output ``radiance`` is divided by the reflectance.
+
+        Returns:
+            The graph.
+        """
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically."""
+        """Write a checkpoint atomically.
+
+        Args:
+            path: File to write.
+        """
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint.
+
+        Args:
+            path: File that ``save`` wrote.
+        """
 
     @property
     def state(self) -> TrainingState:
-        """Steps, errors and history."""
+        """Return steps, errors and history.
+
+        Returns:
+            The state.
+        """
 
 
 def radiance_unit(samples: Samples) -> float:
-    """S = 4 × area-uniform mean of the targets over points, paths and colour channels."""
+    """Compute the radiance unit S: 4 × the area-uniform mean of the targets over points, paths and colour channels.
+
+    Args:
+        samples: N samples.
+
+    Returns:
+        S, > 0.
+
+    Raises:
+        ValueError: All targets are black.
+    """
     mean = float(np.average(samples.radiance.mean(axis=1), weights=samples.weight))
     if not mean > 0:
         raise ValueError(
@@ -138,7 +215,14 @@ def radiance_unit(samples: Samples) -> float:
 
 
 def query_inputs(query: Query) -> dict[str, np.ndarray]:
-    """The named inputs of a shading graph, [N, C] each."""
+    """Convert queries to the named inputs of a shading graph.
+
+    Args:
+        query: N queries.
+
+    Returns:
+        [N, C] float32 arrays by name of the input.
+    """
     names = ("position", "normal", "view", "light", "reflectance", "roughness", "metallic")
     names += ("uv1", "shading_normal") if hasattr(query, "uv1") else ()
     return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}

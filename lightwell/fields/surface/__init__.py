@@ -1,1 +1,1 @@
-"""Fields of light at surfaces that learn from the same samples: networks, trees, mixtures of experts."""
+"""Fields of light at surfaces that are fitted to the same samples: networks, trees, mixtures of experts."""

@@ -1,4 +1,4 @@
-"""Seconds of training at each step, over all runs of a bake."""
+"""Seconds of training at each step, summed over all runs of a bake."""
 
 from __future__ import annotations
 
@@ -11,9 +11,14 @@ from lightwell.files import write_atomically
 
 
 class Clock:
-    """Marks the time of steps; they lie on disk beside the checkpoint."""
+    """Records the time of steps, in a file beside the checkpoint."""
 
     def __init__(self, path: Path | None = None) -> None:
+        """Continue from the times in a file.
+
+        Args:
+            path: File of the times; None: they are not stored.
+        """
         self._path = path
         stored = (read_json(path, list) if path is not None else None) or [(0, 0.0)]
         self.marks: list[tuple[int, float]] = [(step, seconds) for step, seconds in stored]
@@ -25,7 +30,11 @@ class Clock:
         return perf_counter() - self._start
 
     def mark(self, step: int) -> None:
-        """Note the time of a step."""
+        """Record the time of a step.
+
+        Args:
+            step: Number of the step.
+        """
         self.marks.append((step, round(self.seconds, 4)))
 
     def save(self) -> None:
@@ -34,7 +43,14 @@ class Clock:
             write_atomically(self._path, json.dumps(self.marks))
 
     def at(self, step: float) -> float:
-        """Return the seconds at a step, between its neighbours on a straight line."""
+        """Interpolate the time of a step linearly.
+
+        Args:
+            step: Number of the step.
+
+        Returns:
+            Seconds of training.
+        """
         before = max((mark for mark in self.marks if mark[0] <= step), default=self.marks[0])
         after = min((mark for mark in self.marks if mark[0] >= step), default=self.marks[-1])
         span = after[0] - before[0]

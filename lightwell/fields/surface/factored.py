@@ -1,4 +1,4 @@
-"""Factored light transport: a hash grid of features over the scene, read by a layer that the light writes.
+"""Factored light transport: a hash grid of features over the scene, and a layer whose weights depend on the light.
 
 A pixel costs a few table reads and two small layers, because everything about the light alone is computed once per
 frame by a network that may be large. See ``lightwell.networks.factored`` for the formula.
@@ -28,7 +28,7 @@ from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
-# Fine levels without decay learn the noise of the samples; the coarsest carries what is smooth.
+# Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part.
 _DEFAULT_GRID = HashGrid(levels=4, base=7, growth=2, entries_log2=15, decay=(0.0, 0.1, 1.0, 3.0))
 _DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200)
 
@@ -39,7 +39,7 @@ LIFT = 0.5
 
 @dataclass(frozen=True)
 class FactoredPreset:
-    """Everything that defines a ``factored`` field."""
+    """Settings of a ``factored`` field."""
 
     grid: HashGrid = _DEFAULT_GRID
     light_hidden: tuple[int, ...] = (64, 64)
@@ -48,7 +48,7 @@ class FactoredPreset:
     light_falloff: float = 0.5
     training: TrainingSettings = _DEFAULT_TRAINING
     table_storage: str = "int8"
-    """Type of the shipped grid and of the light network's last layer, which is most of it."""
+    """Type of the stored grid and of the light network's last layer, which is most of it."""
     storage: str = "float16"
     """Type of all other weights."""
 
@@ -71,7 +71,7 @@ PRESETS: dict[str, FactoredPreset] = {
 
 @dataclass
 class FactoredFit:
-    """See ``lightwell.fields.base.Fit``."""
+    """See ``lightwell.fields.base.Learner``."""
 
     setup: FieldSetup
     preset: FactoredPreset
@@ -125,7 +125,11 @@ class FactoredFit:
         return self.setup.unit * query.reflectance
 
     def learn_from(self, samples: Samples) -> None:
-        """Set the training samples, which come light by light; whole lights are put in random order."""
+        """Set the training samples, ordered by light; whole lights are put in random order.
+
+        Args:
+            samples: Path-traced samples.
+        """
         run = light_runs(samples.query.light)
         lights = np.random.default_rng((self.seed, len(samples))).permutation(len(samples) // run)
         order = (lights[:, None] * run + np.arange(run)).ravel()
@@ -138,7 +142,11 @@ class FactoredFit:
         )
 
     def validate_on(self, samples: Samples) -> None:
-        """Watch mean |f − y| / (y + 0.01) in unit S on these samples."""
+        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
+
+        Args:
+            samples: Path-traced samples.
+        """
         scale = self._modulation(samples.query) / self.setup.unit
         self._validation = (self._rows(samples.query), scale, samples.radiance / self.setup.unit)
 
@@ -152,25 +160,54 @@ class FactoredFit:
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
     ) -> bool:
-        """Train to step ``until`` of ``total``; needs ``learn_from`` and ``validate_on`` before."""
+        """Train; ``learn_from`` and ``validate_on`` come first.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
         return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
 
     def predict(self, query: Query) -> np.ndarray:
-        """[N, 3] radiance of the best weights so far, as trained (not quantised)."""
+        """Predict radiance with the best weights so far, before they are quantised.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         return self.network.evaluate(self._trainer.best, self._rows(query)) * self._modulation(query)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint atomically."""
+        """Write a checkpoint atomically.
+
+        Args:
+            path: File to write.
+        """
         self._trainer.save(path)
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint.
+
+        Args:
+            path: File that ``save`` wrote.
+        """
         self._trainer.load(path)
 
     # ------------------------------------------------------------------ lower
 
     def lower(self) -> Graph:
-        """The field as it ships: the light network per frame; grid, emitted layer and head per pixel."""
+        """Return the shading graph: the network of the light per frame; grid, predicted layer and head per pixel.
+
+        Returns:
+            The graph.
+        """
         b = open_builder()
         point, pixel, frame = self._nodes(b)
         weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation

@@ -1,4 +1,4 @@
-"""The strategy of all surface fields: one way to sample and to train, whatever learns."""
+"""Base of all surface fields: sampling and training, independent of the representation."""
 
 from __future__ import annotations
 
@@ -42,21 +42,42 @@ class SurfaceFit:
         return getattr(self.learner, "note", "")
 
     def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
-        """Give the graph's inputs at N surface points under a light [3] or [N, 3]."""
+        """Return the inputs of the graph at surface points.
+
+        Args:
+            points: N surface points.
+            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            N queries.
+        """
         return make_query(self.scene, points, light)
 
     def lower(self) -> Lowered:
-        """Give what ships."""
+        """Return the shading graph that is written.
+
+        Returns:
+            The graph.
+        """
         return Lowered(self.learner.lower())
 
     def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files beside the asset: those of the learner, if it has any."""
+        """List the files beside the asset: those of the learner, if it has any.
+
+        Args:
+            glb: Path of the asset.
+            shown: The light under which the bake is shown first.
+            keep: Also list what an incremental bake starts from.
+
+        Returns:
+            The files.
+        """
         more = getattr(self.learner, "files", None)
         return more(glb, shown, keep) if more else []
 
 
 class SurfaceField:
-    """A field that learns the light at surface points from samples of it; see ``lightwell.fields.protocol.Field``."""
+    """Base of fields that are fitted to samples at surface points; see ``lightwell.fields.protocol.Field``."""
 
     Options: type = NoOptions
     shares = "surface"
@@ -74,11 +95,27 @@ class SurfaceField:
         self.name, self.presets, self._learner = name, dict(presets), learner
 
     def start(self, setup: FieldSetup, preset: str, seed: int) -> Learner:
-        """Make an untrained learner with a named preset."""
+        """Make an untrained learner.
+
+        Args:
+            setup: Bounds, light and radiance unit of the scene.
+            preset: Name of a preset.
+            seed: Seed of the weights.
+
+        Returns:
+            The learner.
+        """
         return self._learner(setup, self.presets[preset], seed)
 
     def prepare(self, job: Job) -> State:
-        """Find the light that moves; a box without free air is refused."""
+        """Find the variable light; a range without free air is refused.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+        """
         request = job.request
         variable = declare(request.vary, job.scene)
         sample_lights(job.scene, variable, 1, request.seed)
@@ -86,15 +123,40 @@ class SurfaceField:
         return State(job, job.scene, variable, ("indirect", "static") if static else ("indirect",))
 
     def sample(self, state: State, role: Role) -> SurfaceSamples:
-        """Trace area-uniform samples."""
+        """Trace area-uniform samples, or read those of an interrupted bake.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to sample.
+
+        Returns:
+            The samples.
+        """
         return surface_samples(state, role)
 
     def fit(self, state: State, role: Role, samples: SurfaceSamples, folder: Path | None = None) -> SurfaceFit:
-        """Train, trace where the error is, and train on; ``folder``: where checkpoints lie."""
+        """Train, trace more samples where the error is large, and continue training.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light that the samples hold.
+            samples: Samples from ``sample``.
+            folder: Folder of the checkpoints; None: that of the role.
+
+        Returns:
+            The finished fit.
+        """
         training = SurfaceTraining(state, role, samples, self.starter(state), folder)
         learner = training.run()
         return SurfaceFit(state.scene, learner, samples.unit, training.traced, training.plan, training.summary(learner))
 
     def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
-        """Return what makes an untrained learner from (setup, seed)."""
+        """Return a function that makes an untrained learner.
+
+        Args:
+            state: The prepared scene.
+
+        Returns:
+            Function of set-up and seed.
+        """
         return lambda setup, seed: self.start(setup, state.job.request.preset, seed)

@@ -1,7 +1,7 @@
-"""From seconds to counts: how many shards and steps a budget buys on this machine.
+"""Plans: how many shards and steps a time budget buys on this machine.
 
-A plan is measured once and written down; everything after it depends on the plan and the seed alone, so that a bake
-that was killed and resumed ends with the same bytes.
+A plan is measured once and stored; everything after it depends on the plan and the seed alone, so that an interrupted
+and resumed bake ends with the same bytes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,11 @@ class SamplePlan:
     seconds_per_shard: float = 0.0
 
     def extended(self) -> SamplePlan:
-        """The plan of the next round: half as many shards again, all of them adaptive."""
+        """Return the plan of the next round: half as many shards again, all of them adaptive.
+
+        Returns:
+            The plan.
+        """
         more = min(max(self.shards // 2, 1), max(MOST_SHARDS - self.shards - self.adaptive_shards, 0))
         return replace(self, adaptive_shards=self.adaptive_shards + more)
 
@@ -53,12 +57,26 @@ class StepPlan:
     seconds_per_step: float = 0.0
 
     def extended(self) -> StepPlan:
-        """The plan of the next round: as many steps again."""
+        """Return the plan of the next round: as many steps again.
+
+        Returns:
+            The plan.
+        """
         return replace(self, steps=self.steps + 2 * max(self.steps - self.first_steps, FEWEST_STEPS))
 
 
 def plan_samples(seconds: float, seconds_per_shard: float, fixed: int | None, shared: bool) -> SamplePlan:
-    """Spend the share of ``seconds`` that traces, or plan ``fixed`` shards; ``shared``: none of them are adaptive."""
+    """Plan the number of shards.
+
+    Args:
+        seconds: Time budget; a share of it is for tracing.
+        seconds_per_shard: Measured time of a shard.
+        fixed: Number of area-uniform shards, instead of the budget; None: by the budget.
+        shared: Whether several fields use the samples; then no shard is adaptive.
+
+    Returns:
+        The plan.
+    """
     share = SHARED_TRACE_SHARE if shared else TRACE_SHARE
     total = min(max(int(share * seconds / max(seconds_per_shard, 1e-6)), FEWEST_SHARDS), MOST_SHARDS)
     adaptive = int(ADAPTIVE_SHARE * total)
@@ -70,7 +88,16 @@ def plan_samples(seconds: float, seconds_per_shard: float, fixed: int | None, sh
 
 
 def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> StepPlan:
-    """Spend ``seconds`` on steps, or plan ``fixed`` ones."""
+    """Plan the number of training steps.
+
+    Args:
+        seconds: Time budget of the training.
+        seconds_per_step: Measured time of a step.
+        fixed: Number of steps, instead of the budget; None: by the budget.
+
+    Returns:
+        The plan.
+    """
     steps = fixed or max(int(seconds / max(seconds_per_step, 1e-6)), FEWEST_STEPS)
     return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
 
@@ -79,12 +106,24 @@ Plan = TypeVar("Plan", SamplePlan, StepPlan)
 
 
 def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
-    """Write a plan, whole or not at all."""
+    """Write a plan atomically.
+
+    Args:
+        path: File to write.
+        plan: The plan.
+    """
     write_atomically(path, json.dumps(asdict(plan)))
 
 
 def load_plan(path: Path, kind: type[Plan]) -> Plan:
     """Read a plan that ``save_plan`` wrote.
+
+    Args:
+        path: The file.
+        kind: Class of the plan.
+
+    Returns:
+        The plan.
 
     Raises:
         ValueError: The file is damaged, or of another version; one line.

@@ -33,7 +33,7 @@ class TracedShards:
     report: PathReport
     """Path counts of all shards."""
     seconds_per_shard: float
-    """What the last shard cost; next to nothing when it was on disk already."""
+    """Seconds of the last shard; about 0 when it was on disk already."""
 
 
 def trace_shards(
@@ -45,7 +45,20 @@ def trace_shards(
     make: Callable | None,
     stage: Stage,
 ) -> TracedShards:
-    """Write the shards that ``folder`` lacks and read all ``count``; ``make`` as in ``generate``."""
+    """Write the shards that a folder lacks, and read all of them.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        shards: Size, paths and seed of the shards.
+        folder: Folder of the shards.
+        count: Number of shards.
+        make: Makes a shard, as in ``generate``; None: area-uniform points.
+        stage: Progress of the stage.
+
+    Returns:
+        The samples and their cost.
+    """
     last, cost = perf_counter(), 0.0
 
     def ready(index: int, total: int) -> None:
@@ -61,7 +74,17 @@ def trace_shards(
 
 
 def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: bool = False) -> Samples:
-    """The held-out samples of early stopping; ``own_light``: of the scene's own emitters."""
+    """Trace the held-out samples of early stopping.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        seed: Seed of the bake.
+        own_light: Whether the light is that of the scene's own emitters.
+
+    Returns:
+        The samples.
+    """
     seed += VALIDATION_SEED
     draw = draw_seen(scene, variable, VALIDATION_POINTS, seed, floor=8)
     lights = sample_lights(scene, variable, VALIDATION_LIGHTS, seed).repeat(

@@ -1,4 +1,4 @@
-"""The training of a surface field: trace, train, trace where the error is, train on."""
+"""The training of a surface field: trace, train, trace where the error is large, continue training."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SECONDS_PER_SHARD = 3.0
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 # Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
 NOMINAL_STEPS = 1 << 16
-# Share of the budget that the static field gets when there is also a light that moves.
+# Share of the budget that the static field gets when there is also a variable light.
 STATIC_SHARE = 0.4
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
 # of this many places.
@@ -58,13 +58,29 @@ class SurfaceSamples:
 
 
 def role_seconds(state: State, role: Role) -> float:
-    """Return the seconds of the first round of a role."""
+    """Compute the time of the first round of a role.
+
+    Args:
+        state: The prepared scene.
+        role: The role.
+
+    Returns:
+        Seconds.
+    """
     share = {"indirect": 1 - STATIC_SHARE, "static": STATIC_SHARE}[role] if len(state.roles) > 1 else 1.0
     return share * state.job.request.budget.round_seconds
 
 
 def surface_samples(state: State, role: Role) -> SurfaceSamples:
-    """Trace the samples that the budget buys, where people look; what an interrupted bake has traced is read."""
+    """Trace the area-uniform samples that the budget buys; those of an interrupted bake are read.
+
+    Args:
+        state: The prepared scene.
+        role: The part of the light to sample.
+
+    Returns:
+        The samples.
+    """
     request, path = state.job.request, _folder(state, role) / "plan.json"
     count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or FEWEST_SHARDS
     if not path.exists():
@@ -115,7 +131,7 @@ def _trace(state: State, role: Role, name: str, count: int, make: Callable, titl
 
 
 class SurfaceTraining:
-    """Trains one role of a surface field on samples."""
+    """The training of one role of a surface field."""
 
     def __init__(
         self,
@@ -125,7 +141,15 @@ class SurfaceTraining:
         start: Callable[[FieldSetup, int], Learner],
         folder: Path | None = None,
     ) -> None:
-        """``start`` makes an untrained learner; ``folder``: where checkpoints lie, by default that of the role."""
+        """Set up a training.
+
+        Args:
+            state: The prepared scene.
+            role: The role.
+            samples: Its samples.
+            start: Makes an untrained learner from set-up and seed.
+            folder: Folder of the checkpoints; None: that of the role.
+        """
         self.state, self.role, self.samples = state, role, samples
         self.folder = folder or _folder(state, role)
         self.cut = False
@@ -138,7 +162,11 @@ class SurfaceTraining:
     # ------------------------------------------------------------------ the whole
 
     def run(self) -> Learner:
-        """Return the trained learner; a checkpoint that is there is taken up."""
+        """Train, from the checkpoint where there is one.
+
+        Returns:
+            The trained learner.
+        """
         checkpoint, marks = self.folder / "fit.npz", self.folder / "clock.json"
         self._plan = self._planned()
         if not checkpoint.exists():
@@ -167,7 +195,14 @@ class SurfaceTraining:
         return replace(a, paths=a.paths + b.paths, dropped=a.dropped + b.dropped)
 
     def summary(self, learner: Learner) -> Training:
-        """How long it took, and how good it became when."""
+        """Summarise time, steps and errors of the training.
+
+        Args:
+            learner: The trained learner.
+
+        Returns:
+            The summary.
+        """
         curve = [(self.clock.at(step), error) for step, _, error in learner.state.history]
         return Training(self._seconds, learner.state.step, curve, self.cut)
 
