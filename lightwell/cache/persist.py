@@ -1,42 +1,79 @@
-"""Caches on disk: one .npz without pickles: weights, averages, moments, clocks, box, settings and versions."""
+"""Radiance caches on disk: one .npz file without pickled objects.
+
+It holds weights, averages, moments, step counters, box, settings and versions.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import BINS
 from lightwell.cache.guide_table import SUMS, GuideTable
+from lightwell.cache.learner import Learner
 from lightwell.cache.level import CELLS, MOST
-from lightwell.cache.settings import settings_of
+from lightwell.cache.scale import RadianceScale
+from lightwell.cache.settings import CacheSettings, settings_of
 from lightwell.files import load_arrays, save_arrays
 from lightwell.limits import Limits
 from lightwell.networks.device import tensors
 
-if TYPE_CHECKING:
-    from lightwell.cache.radiance_cache import RadianceCache
-
 VERSION = 3
-# Versions that can be read: 1 had no guide, 2 one level for all places, which is left out.
+# Versions that can be read: 1 had no guide, 2 one level for all places, which is ignored.
 READS = (1, 2, 3)
 PARTS = ("value", "average", "first", "second")
 
 
+class Persistent(Protocol):
+    """Parts of a radiance cache that a file holds."""
+
+    settings: CacheSettings
+    learner: Learner
+    scale: RadianceScale
+    box: np.ndarray | None
+    """[2, 3] corners of the scene's box."""
+    level: Any
+    """[CELLS] factors of the local gain, or None."""
+    frame: int
+    """Frames trained."""
+    since_change: int
+    """Frames trained since the last change of the scene."""
+    scene_mark: str
+    """Fingerprint of the scene."""
+    guide_table: GuideTable | None
+
+
+Cache = TypeVar("Cache", bound=Persistent)
+
+
 def fingerprint(scene: Any) -> str:
-    """What tells scenes apart: number of shapes, triangles and emitters, and the box."""
+    """Describe a scene: number of shapes, triangles and emitters, and the bounding box.
+
+    Args:
+        scene: Mitsuba scene.
+
+    Returns:
+        JSON text; scenes with different texts are different.
+    """
     box = scene.bbox()
     primitives = sum(int(shape.primitive_count()) for shape in scene.shapes())
     corners = [round(float(x), 4) for corner in (box.min, box.max) for x in np.array(corner).ravel()]
     return json.dumps([len(scene.shapes()), primitives, len(scene.emitters()), corners])
 
 
-def save(cache: RadianceCache, path: str | Path, more: Mapping[str, np.ndarray] | None = None) -> None:
-    """Write by a temporary name and a rename; ``more`` arrays belong to the caller, ``load`` passes over them."""
+def save(cache: Persistent, path: str | Path, more: Mapping[str, np.ndarray] | None = None) -> None:
+    """Write a cache to a file, atomically.
+
+    Args:
+        cache: Cache to store.
+        path: File, ``.npz``.
+        more: Further arrays [...] of the caller, which ``load`` ignores.
+    """
     learner = cache.learner
     about = {
         "version": VERSION,
@@ -62,10 +99,24 @@ def save(cache: RadianceCache, path: str | Path, more: Mapping[str, np.ndarray] 
     save_arrays(Path(path), arrays | dict(more or {}))
 
 
-def load(path: str | Path, scene: Any | None = None, limits: Limits | None = None) -> RadianceCache:
-    """Read what ``save`` wrote; refuses what does not fit, with the reason. ``scene`` is checked where given."""
-    from lightwell.cache.radiance_cache import RadianceCache
+def load(
+    path: str | Path, make: Callable[[CacheSettings, np.ndarray], Cache], scene: Any | None = None,
+    limits: Limits | None = None,
+) -> Cache:  # fmt: skip
+    """Read a file that ``save`` wrote and check everything in it.
 
+    Args:
+        path: File.
+        make: Function of settings and box [2, 3] that makes an untrained cache.
+        scene: Mitsuba scene that the cache must belong to; None: any.
+        limits: Limits of the file's size; None: the default ones.
+
+    Returns:
+        The cache.
+
+    Raises:
+        ValueError: The file is damaged, of an unknown version, or of another scene; one line with the cure.
+    """
     path = Path(path)
     arrays = _checked(path, limits or Limits())
     try:
@@ -79,7 +130,7 @@ def load(path: str | Path, scene: Any | None = None, limits: Limits | None = Non
         raise ValueError(f"{path}: version {found} of the format, this lightwell reads {READS}; train again")
     if scene is not None and about.get("scene") and fingerprint(scene) != about["scene"]:
         raise ValueError(f"{path}: was learned on another scene; train a new cache, or load without naming a scene")
-    cache = RadianceCache(settings, arrays["box"])
+    cache = make(settings, arrays["box"])
     _fill(cache, arrays, path)
     if settings.guided and "guide.keys" in arrays:
         _fill_guide(cache, arrays, path)
@@ -103,11 +154,11 @@ def _checked(path: Path, limits: Limits) -> dict[str, np.ndarray]:
 
 
 def _sound_scale(numbers: np.ndarray) -> bool:
-    """Scale and mean radiance, both positive."""
+    """Test that scale and mean radiance are positive and finite."""
     return len(numbers) >= 2 and bool(np.isfinite(numbers).all() and (numbers[:2] > 0).all())
 
 
-def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
+def _fill(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) -> None:
     learner = cache.learner
     parts = []
     for part in PARTS:
@@ -128,8 +179,8 @@ def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> No
     cache.scale.started = True
 
 
-def _fill_guide(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
-    """The guide's sums; every cell once, inside the table, and sums that no division can harm."""
+def _fill_guide(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) -> None:
+    """Restore the guide's sums: each cell once and inside the table, all numbers finite and not negative."""
     assert cache.box is not None
     table = GuideTable(cache.box, cache.settings.guide_share)
     keys = np.atleast_1d(arrays["guide.keys"])
@@ -148,7 +199,7 @@ def _fill_guide(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path)
 
 
 def _level(found: np.ndarray | None, path: Path) -> Any:
-    """Factors of the level, or None where there are none."""
+    """Check the factors of the local gain; None where there are none."""
     if found is None:
         return None
     if found.shape != (CELLS,) or found.dtype != np.float32 or not ((found > 0) & (found <= MOST**2)).all():

@@ -191,7 +191,7 @@ class RadianceCache:
     @staticmethod
     def load(path: Any, scene: Any | None = None) -> RadianceCache:
         """Read a file that ``save`` wrote; see ``persist``."""
-        return persist.load(path, scene)
+        return persist.load(path, RadianceCache, scene)
 
     def training_offset(self, seed: int) -> tuple[float, float]:
         """Where in their tiles the last frame's training pixels lay, [0, 1)^2."""

@@ -1,6 +1,7 @@
 """Replay of camera rays: rays of earlier cameras are traced again in the current scene.
 
-This keeps the cache trained in regions that have left the screen. The pool stores rays and no radiance, so that it stays valid when lights or objects change.
+This keeps the cache trained in regions that have left the screen. The pool stores rays and no radiance, so that it
+stays valid when lights or objects change.
 """
 
 from __future__ import annotations

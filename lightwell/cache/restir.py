@@ -1,8 +1,8 @@
-"""Reservoirs for direct light at the first hit, after Bitterli et al. 2020, in the space of random numbers.
+"""Reservoirs for direct light at the first hit, after Bitterli et al. 2020, in primary sample space.
 
-A light sample is the pair of numbers u in [0, 1)^2 that Mitsuba's emitter sampling turns into a point on a light. The
-target of a pixel is lum(BSDF * weight(u)) without visibility. Because all pixels share the square, samples move between
-pixels without a Jacobian, whatever the kind of light.
+A light sample is the pair of random numbers u in [0, 1)^2 that Mitsuba's emitter sampling maps to a point on a light.
+The target function of a pixel is lum(BSDF * weight(u)) without visibility. Because all pixels share the unit square,
+samples move between pixels without a Jacobian, for any kind of light.
 
 Notation: N lanes, reservoir (u, W, M), candidates with density 1 in u.
 """
@@ -18,9 +18,9 @@ from lightwell.backend import dr, mi
 # Neighbours and radius of spatial reuse (passes x neighbours: biased 2 x 5 as one pass of 5, unbiased 1 x 3), pixels.
 NEIGHBOURS = {"biased": 5, "unbiased": 3}
 RADIUS = 30.0
-# Neighbours that differ by more are not asked: depth, relative; cosine between normals (25 degrees).
+# Neighbours whose surfaces differ by more are not used: relative depth; cosine between normals (25 degrees).
 DEPTH, NORMAL = 0.1, 0.906
-# The past counts at most so many times the present.
+# Largest candidate count of a temporal reservoir over the number of new candidates.
 HISTORY = 20.0
 
 
@@ -32,42 +32,89 @@ class Reservoirs:
         "o": mi.Point3f, "d": mi.Vector3f,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
+        """Make empty reservoirs."""
         self.u, self.W, self.M = mi.Point2f(0), mi.Float(0), mi.Float(0)
-        """Sample, its weight, and how many candidates stand behind it."""
+        """Sample, its unbiased contribution weight, and its number of candidates."""
         self.t, self.n = mi.Float(0), mi.Vector3f(0)
-        """Distance and normal of the surface; t = 0: none."""
+        """Distance and normal of the surface; t = 0: no surface."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0, 0, 1)
-        """The camera ray, from which the surface is found again."""
+        """Camera ray, from which the surface is computed again."""
 
 
-def contribution(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool):
-    """(BSDF * weight of light sample u, unshadowed; the light sample). Density 1 in u."""
+def contribution(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool) -> tuple[Any, Any]:
+    """Evaluate a light sample without visibility; its density in u is 1.
+
+    Args:
+        scene: Mitsuba scene.
+        si: Surface interactions.
+        bsdf: Their BSDFs.
+        u: [N] random numbers in [0, 1)^2.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        [N] BSDF times emitter weight, and the direction samples [N].
+    """
     ds, weight = scene.sample_emitter_direction(si, u, False, active)
     value = bsdf.eval(mi.BSDFContext(), si, si.to_local(ds.d), active & (ds.pdf != 0))
     out = value * weight
     return dr.select(active & (ds.pdf != 0) & dr.all(dr.isfinite(out)), out, 0), ds
 
 
-def target(scene, si, bsdf, u, active) -> mi.Float:
-    """The number that reservoirs aim at."""
+def target(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool) -> mi.Float:
+    """Evaluate the target function of the reservoirs.
+
+    Args:
+        scene: Mitsuba scene.
+        si: Surface interactions.
+        bsdf: Their BSDFs.
+        u: [N] random numbers in [0, 1)^2.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        [N] luminance of ``contribution``, ≥ 0.
+    """
     value, _ = contribution(scene, si, bsdf, u, active)
     return dr.maximum(mi.luminance(value), 0)
 
 
-def first_hit(scene, ray, active=True):
-    """(surface, material, whether it takes reservoirs)."""
+def first_hit(scene: Any, ray: Any, active: mi.Bool | bool = True) -> tuple[Any, Any, mi.Bool]:
+    """Intersect camera rays with the scene.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        Surface interactions, BSDFs, and mask of the surfaces with a component that is not a delta function [N].
+    """
     si = scene.ray_intersect(ray, mi.RayFlags.All, True, mi.Bool(active))
     bsdf = si.bsdf(ray)
     return si, bsdf, si.is_valid() & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
 
 @dr.syntax
-def choose(scene, ray, sampler, candidates, before, temporal: bool, film=None, width=0, height=0) -> Reservoirs:
-    """Candidates, one shadow ray, and the surface's own past.
+def choose(
+    scene: Any, ray: Any, sampler: Any, candidates: mi.UInt32, before: Reservoirs, temporal: bool, film: Any = None,
+    width: mi.UInt32 | int = 0, height: mi.UInt32 | int = 0,
+) -> Reservoirs:  # fmt: skip
+    """Fill one reservoir per lane: initial candidates, one shadow ray, and temporal reuse.
 
-    before  reservoirs of the last pass, one per pixel. film: takes a point of the world to where that pass saw it,
-            [0, 1]^2 (``world_to_film``), so that the past follows its surface when the camera moves.
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        sampler: Source of random numbers.
+        candidates: Number of initial candidates, ≥ 1.
+        before: Reservoirs of the last pass, one per pixel.
+        temporal: Whether ``before`` is used.
+        film: Projection of the last pass from world space to [0, 1]^2 (``world_to_film``), so that reservoirs follow
+            their surfaces when the camera moves; None: the camera has not moved.
+        width: Image width, pixels.
+        height: Image height, pixels.
+
+    Returns:
+        Reservoirs of this pass.
     """
     out = Reservoirs()
     si, bsdf, usable = first_hit(scene, ray)
@@ -105,8 +152,14 @@ def choose(scene, ray, sampler, candidates, before, temporal: bool, film=None, w
 
 
 def world_to_film(sensor: Any) -> Any:
-    """The transform from world to [0, 1]^2 of the film as the sensor stands now; None for sensors without a field of
-    view."""
+    """Compute the projection of a sensor from world space to its film.
+
+    Args:
+        sensor: Mitsuba sensor.
+
+    Returns:
+        Transform to [0, 1]^2 of the film; None for sensors without a field of view.
+    """
     parameters = mi.traverse(sensor)
     if "x_fov" not in parameters:
         return None
@@ -123,7 +176,7 @@ def world_to_film(sensor: Any) -> Any:
 
 
 def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoirs, mi.Bool]:
-    """The last pass's reservoir of each surface, and whether that pass saw its place."""
+    """Return the last pass's reservoir of each surface, and whether its point was on the film of that pass."""
     if film is None:
         return before, usable
     at = film @ si.p
@@ -133,11 +186,29 @@ def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoi
 
 
 @dr.syntax
-def shade(scene, ray, sampler, held, width, height, spp, count: int, unbiased: bool):
-    """Direct light [N] at the first hits after merging ``count`` neighbours' reservoirs; 0 where there are none.
+def shade(
+    scene: Any, ray: Any, sampler: Any, held: Reservoirs, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
+    count: int, unbiased: bool,
+) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
+    """Compute the direct light at the first hits after spatial reuse of neighbours' reservoirs.
 
-    Biased merging divides by all candidates met and darkens where neighbours could not have made the sample. Unbiased
-    merging divides by the candidates of those that could: their target is asked again, visibility included.
+    Biased merging divides by all candidates and is too dark where neighbours could not have generated the sample.
+    Unbiased merging divides by the candidates of those that could: their target function, with visibility, is evaluated
+    again.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        sampler: Source of random numbers.
+        held: Reservoirs of this pass.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        spp: Samples per pixel of this pass.
+        count: Neighbours, ≥ 0.
+        unbiased: Whether merging is unbiased.
+
+    Returns:
+        Radiance [N], 0 where there are no reservoirs; weights W [N] and candidate counts M [N] after merging.
     """
     N = dr.width(held.W)
     lane = dr.arange(mi.UInt32, N)
@@ -146,7 +217,7 @@ def shade(scene, ray, sampler, held, width, height, spp, count: int, unbiased: b
     si, bsdf, usable = first_hit(scene, ray)
     angle, offset_r = sampler.next_1d() * dr.two_pi, sampler.next_1d()
 
-    u, M = mi.Point2f(held.u), mi.Float(held.M)  # Copies: what is held is the past of the next pass.
+    u, M = mi.Point2f(held.u), mi.Float(held.M)  # Copies: the next pass reuses ``held``.
     p = target(scene, si, bsdf, u, usable)
     total = p * held.W * held.M
     best = p
@@ -180,7 +251,7 @@ def shade(scene, ray, sampler, held, width, height, spp, count: int, unbiased: b
 
 
 def _neighbour(at, angle, radius, k, count, width, height):
-    """Pixel number of the k-th neighbour: golden-angle spiral in a disc, mirrored at the border."""
+    """Return the pixel index of the k-th neighbour: golden-angle spiral in a disc, mirrored at the image border."""
     r = dr.sqrt((mi.Float(k) + 0.25 + 0.75 * radius) / count) * RADIUS
     turn = angle + mi.Float(k) * 2.399963
     x, y = at.x + r * dr.cos(turn), at.y + r * dr.sin(turn)
@@ -192,12 +263,12 @@ def _neighbour(at, angle, radius, k, count, width, height):
 
 
 def _alike(other: Reservoirs, si: Any, elsewhere: mi.Bool) -> mi.Bool:
-    """Whether a neighbour's surface is near enough in depth and direction."""
+    """Test whether a neighbour's surface has a similar depth and normal."""
     return elsewhere & (other.t > 0) & (dr.abs(other.t / si.t - 1) < DEPTH) & (dr.dot(other.n, si.n) > NORMAL)
 
 
 def _possible(scene, o, d, u, active) -> mi.Bool:
-    """Whether the surface behind a camera ray could have given sample u with a weight above 0."""
+    """Test whether the first hit of a camera ray could have generated sample u with a weight above 0."""
     si, bsdf, usable = first_hit(scene, mi.Ray3f(o, d), active)
     active = active & usable
     p = target(scene, si, bsdf, u, active)

@@ -1,51 +1,80 @@
-"""Reservoirs for light of one bounce and more at the first hit, after Ouyang et al. 2021.
+"""Reservoirs for indirect light at the first hit, after Ouyang et al. 2021.
 
-A sample is a point x_s on a diffuse surface and the radiance L that leaves it. Moved from first hit a to first hit b,
-its weight is multiplied by (cos_b / cos_a) (|x_a - x_s|^2 / |x_b - x_s|^2), angles measured at x_s. What is no diffuse
-surface is not shared: it counts for its own pixel alone. The cache can say L, or a path is traced on.
+A sample is a point x_s on a diffuse surface and the radiance L that leaves it. When it moves from first hit a to first
+hit b, its weight is multiplied by the Jacobian (cos_b / cos_a) (|x_a - x_s|^2 / |x_b - x_s|^2), with angles at x_s.
+Samples on surfaces that are not diffuse are not shared: they count for their own pixel only. L comes from the cache or
+from a longer path.
 
 Notation: N lanes; reservoirs (x_s, n_s, L, W, M) with W in solid angle at the first hit p.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.paths import Walk, render_path
+from lightwell.cache.paths import Surroundings, Walk, render_path
 from lightwell.cache.restir import _alike, _neighbour, first_hit
 from lightwell.transport.radiance import interaction_at, power_heuristic
 
 
 class Bounced:
-    """One secondary point per lane, and the first hit it was found from."""
+    """One secondary point per lane, and the first hit it was sampled from."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "x": mi.Point3f, "ns": mi.Vector3f, "L": mi.Color3f, "W": mi.Float, "M": mi.Float, "p": mi.Point3f,
         "t": mi.Float, "n": mi.Vector3f, "o": mi.Point3f, "d": mi.Vector3f,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
+        """Make empty reservoirs."""
         self.x, self.ns, self.L = mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Color3f(0)
         """Secondary point, its normal on the side of the first hit, radiance that leaves it."""
         self.W, self.M = mi.Float(0), mi.Float(0)
+        """Unbiased contribution weight, and number of candidates."""
         self.p, self.t, self.n = mi.Point3f(0), mi.Float(0), mi.Vector3f(0)
-        """First hit: place, distance from the camera (0: none), normal."""
+        """First hit: position, distance from the camera (0: no hit), normal."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0, 0, 1)
-        """The camera ray."""
+        """Camera ray."""
 
 
 def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
-    """Light sampling at the first hit with its MIS weight against BSDF sampling."""
+    """Sample an emitter at the first hit, with the MIS weight against BSDF sampling.
+
+    Args:
+        scene: Mitsuba scene.
+        si: Surface interactions.
+        bsdf: Their BSDFs.
+        sampler: Source of random numbers.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        [N] weighted radiance.
+    """
     ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)
     active = active & (ds.pdf != 0)
     value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
     return dr.select(active, value * weight * dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf)), 0)
 
 
-def choose(scene, ray, sampler, around, evaluate, caching: bool) -> tuple[Bounced, mi.Color3f, mi.Bool]:
-    """One bounce per lane: (reservoirs of what can be shared, all the rest of the light at the first hit, whether the
-    first hit takes reservoirs)."""
+def choose(
+    scene: Any, ray: Any, sampler: Any, around: Surroundings, evaluate: Callable[[Any, Any], Any], caching: bool
+) -> tuple[Bounced, mi.Color3f, mi.Bool]:
+    """Sample one bounce per lane.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        sampler: Source of random numbers.
+        around: ``Surroundings`` of the paths.
+        evaluate: Function of vertices and a mask, with the cache's radiance [N].
+        caching: Whether paths may end in the cache.
+
+    Returns:
+        Reservoirs of the light that can be shared, all other light at the first hits [N], and mask of the first hits
+        that use reservoirs [N].
+    """
     si, bsdf, usable = first_hit(scene, ray)
     rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
     sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
@@ -54,7 +83,7 @@ def choose(scene, ray, sampler, around, evaluate, caching: bool) -> tuple[Bounce
     walk.depth = mi.UInt32(1)
     walk.prev, walk.prev_pdf = interaction_at(si), mi.Float(sample.pdf)
     walk.prev_delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    # The footprint of a secondary point counts as wide, so that the cache answers there.
+    # The footprint of a secondary point counts as wide, so that the path ends in the cache there.
     walk.foot.scattered, walk.foot.run_pdf = mi.Bool(True), dr.select(walk.prev_delta, 0, walk.prev_pdf)
     delta, active = mi.Bool(walk.prev_delta), mi.Bool(walk.active)
     behind = scene.ray_intersect(walk.ray, mi.RayFlags.All, False, active)
@@ -77,12 +106,34 @@ def choose(scene, ray, sampler, around, evaluate, caching: bool) -> tuple[Bounce
 
 
 def walk_direction(si: Any, behind: Any) -> mi.Vector3f:
-    """From the first hit to the point behind it, unit."""
+    """Compute the direction from the first hit to the secondary point.
+
+    Args:
+        si: Surface interactions of the first hits.
+        behind: Surface interactions of the secondary points.
+
+    Returns:
+        [N] unit directions.
+    """
     return dr.normalize(behind.p - si.p)
 
 
-def reached(si: Any, bsdf: Any, x: mi.Point3f, ns: mi.Vector3f, L: mi.Color3f, active: mi.Bool):
-    """(BSDF * L towards a secondary point seen from ``si``, cosine at that point, squared distance)."""
+def reached(
+    si: Any, bsdf: Any, x: mi.Point3f, ns: mi.Vector3f, L: mi.Color3f, active: mi.Bool
+) -> tuple[Any, mi.Float, mi.Float]:
+    """Evaluate the light from a secondary point at a first hit, without visibility.
+
+    Args:
+        si: Surface interactions of the first hits.
+        bsdf: Their BSDFs.
+        x: [N] secondary points, metres.
+        ns: [N] unit normals there.
+        L: [N] radiance that leaves them.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        BSDF * L [N], cosine at the secondary point [N] and squared distance [N].
+    """
     offset = x - si.p
     distance2 = dr.squared_norm(offset)
     direction = offset * dr.rsqrt(dr.maximum(distance2, 1e-20))
@@ -93,13 +144,41 @@ def reached(si: Any, bsdf: Any, x: mi.Point3f, ns: mi.Vector3f, L: mi.Color3f, a
 
 
 def visible(scene: Any, si: Any, x: mi.Point3f, active: mi.Bool) -> mi.Bool:
-    """Whether nothing stands between."""
+    """Test visibility between first hits and points.
+
+    Args:
+        scene: Mitsuba scene.
+        si: Surface interactions of the first hits.
+        x: [N] points, metres.
+        active: [N] mask of the active lanes.
+
+    Returns:
+        [N] mask of the active lanes without an occluder.
+    """
     return active & ~scene.ray_test(si.spawn_ray_to(x), active)
 
 
 @dr.syntax
-def shade(scene, ray, sampler, held: Bounced, width, height, spp, count: int, unbiased: bool):
-    """Shared light [N] at the first hits after merging ``count`` neighbours' reservoirs, and the weights W and M."""
+def shade(
+    scene: Any, ray: Any, sampler: Any, held: Bounced, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
+    count: int, unbiased: bool,
+) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
+    """Compute the shared light at the first hits after spatial reuse of neighbours' reservoirs.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        sampler: Source of random numbers.
+        held: Reservoirs of this pass.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        spp: Samples per pixel of this pass.
+        count: Neighbours, ≥ 0.
+        unbiased: Whether merging is unbiased, see ``restir.shade``.
+
+    Returns:
+        Radiance [N], weights W [N] and candidate counts M [N] after merging.
+    """
     lane = dr.arange(mi.UInt32, dr.width(held.W))
     pixel, s = lane // spp, lane % spp
     at = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
@@ -144,7 +223,7 @@ def shade(scene, ray, sampler, held: Bounced, width, height, spp, count: int, un
 
 
 def _possible(scene, o, d, x, ns, L, active) -> mi.Bool:
-    """Whether the surface behind a camera ray could have found the secondary point."""
+    """Test whether the first hit of a camera ray could have sampled the secondary point."""
     si, bsdf, usable = first_hit(scene, mi.Ray3f(o, d), active)
     active = active & usable
     value, _, _ = reached(si, bsdf, x, ns, L, active)
