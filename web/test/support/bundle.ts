@@ -13,10 +13,12 @@ const here = (path: string): string => fileURLToPath(new URL(path, import.meta.u
 export interface BundleOptions {
   /** Leave these out: what the page brings along. */
   readonly external?: readonly RegExp[];
+  /** Package to take for three.js: another version under another name. */
+  readonly three?: string;
 }
 
 /** One minified module made of an entry (a path from `test/`) or of a text of imports. */
-export async function bundle(entry: string, { external = [] }: BundleOptions = {}): Promise<string> {
+export async function bundle(entry: string, { external = [], three }: BundleOptions = {}): Promise<string> {
   const folder = mkdtempSync(join(tmpdir(), "lightwell-bundle-"));
   const isText = /[\s;]/.test(entry);
   const id = isText ? join(folder, "entry.ts") : here(`../${entry}`);
@@ -28,7 +30,12 @@ export async function bundle(entry: string, { external = [] }: BundleOptions = {
     oxc: { jsx: { development: false } },
     logLevel: "error",
     root: here("../.."),
-    resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
+    resolve: {
+      alias: [
+        ...Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })),
+        ...(three ? [{ find: /^three(?=$|\/)/, replacement: three }] : []),
+      ],
+    },
     define: { "process.env.NODE_ENV": '"production"' },
     plugins: [
       {
