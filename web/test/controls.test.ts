@@ -35,9 +35,9 @@ afterEach(async () => {
   expect(errors).toEqual([]);
 });
 
-async function open(width: number, height: number, html: string): Promise<Page> {
+async function open(width: number, height: number, html: string, mode = "learned"): Promise<Page> {
   tab = await openPage(browser, width, height);
-  await tab.page.goto(site.put("/page.html", html));
+  await tab.page.goto(`${site.put("/page.html", html)}?mode=${mode}`);
   await tab.page.evaluate(() => window.lightwell.ready);
   return tab.page;
 }
