@@ -1,10 +1,10 @@
-"""``lightwell_nrc``: the radiance cache as a Mitsuba integrator."""
+"""``lightwell_nrc``: rendering with the radiance cache as a Mitsuba integrator."""
 
 from __future__ import annotations
 
 import logging
 import time
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -19,17 +19,17 @@ from lightwell.cache.settings import CacheSettings, settings_of
 
 # Samples per pixel from which 'auto' trains first and then renders with a frozen cache.
 STILL_SPP = 8
-# Frames of training of a still: this many, and so many more per sample per pixel, at most.
+# Training frames of a still: a first number, a further number per sample per pixel, and the largest sum.
 WARMUP_FIRST, WARMUP_PER_SPP, WARMUP_MOST = 6, 0.1, 64
-# A still by time is path traced when gradient steps times relative variance of a path stay below this: what so few
-# steps can teach would cost more than it brings (measured: the Cornell box, variance 0.8, gains from 90 steps on).
+# A still with a time limit is path traced when gradient steps times relative variance of a path stay below this: so few
+# steps would cost more time than they save (measured: the Cornell box, variance 0.8, gains from 90 steps on).
 WORTH = 50.0
-# Times as much where the picture is denoised: the denoiser takes most of the noise, and leaves the cache's error
+# Factor of WORTH where the image is denoised: the denoiser removes most of the noise, but not the cache's error
 # (measured, times WORTH: staircase2 at 11 and living-room-2 at 4 gain, the Cornell box at 1.3 loses).
 WORTH_DENOISED = 2.5
 # Stills with estimator=guided train for this share of their time at most.
 GUIDED_SHARE = 0.25
-# Samples per pixel at least that the cap of caustics counts with.
+# Smallest number of samples per pixel used for the limit of caustics.
 SPIKE_SAMPLES = 32
 # The learning rate of a still falls to this share of the first.
 FINAL_RATE = 0.1
@@ -42,22 +42,29 @@ check_variant()
 
 
 class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
-    """Neural radiance cache: a path tracer that learns while it renders.
+    """Neural radiance cache: a path tracer that trains a small network while it renders.
 
     Every parameter of ``CacheSettings`` is a parameter of the plugin, in XML and in dictionaries, for example
     ``preset`` ('compact' or 'paper'), ``termination_c`` (0.01; infinity is plain path tracing), ``estimator``
     ('biased', or the unbiased 'guided', 'residual' and 'two-level'), ``first_hit`` ('nee', 'restir-di').
 
-    Paths follow Mitsuba's ``path`` until their footprint has spread; there a small network answers with the light that
-    the surface scatters. The network learns from a few training paths per frame. The cache belongs to the integrator
-    object and the scene: rendering the same scene again goes on learning.
+    Paths follow Mitsuba's ``path`` until their footprint is wide enough; there the network predicts the radiance that
+    the surface scatters, and the path ends. The network is trained on a few paths per frame. The cache belongs to the
+    integrator object and the scene: rendering the same scene again continues the training.
 
-    Cannot: participating media, polarisation, spectral variants, derivatives of the picture.
+    Not supported: participating media, polarisation, spectral variants, derivatives of the image.
 
-    Papers: Müller et al. 2021, *Real-time Neural Radiance Caching for Path Tracing*. An independent implementation.
+    Paper: Müller et al. 2021, *Real-time Neural Radiance Caching for Path Tracing*. This is an independent
+    implementation.
     """
 
     def __init__(self, props: Any = None, settings: CacheSettings | None = None) -> None:
+        """Read the parameters.
+
+        Args:
+            props: Mitsuba properties of the plugin; None: the defaults.
+            settings: Settings; None: those of ``props``.
+        """
         if props is None:
             props = mi.Properties("lightwell_nrc")
         if settings is None:
@@ -68,33 +75,45 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.max_depth = settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF
         self.rr_depth = settings.rr_depth
         self.cache: RadianceCache | None = None
-        """Made when a scene is first rendered; assign one to start warm."""
+        """Made when a scene is first rendered; assign a trained one to start from it."""
         self.told: list[Told] = []
-        """What the last render said about its training."""
+        """Training statistics of the last render, one entry per frame."""
         self.seconds: dict[str, float] = {}
-        """Wall time of the last render by stage."""
+        """Wall time of the last render by stage, seconds."""
         self._scene: Any = None
         self.reservoirs: Any = None
         """Reservoirs of the last pass, and the camera that they belong to."""
         self._pose = self._pose_mark = ""
         self._film: Any = None
-        """Takes the world to the film of the last pass with reservoirs."""
+        """Projection from world space to the film of the last pass with reservoirs."""
         self._began = 0.0
         self.caching = self.settings.caching
-        """Whether the paths of this picture may end in the cache; not in a still too short to learn anything."""
+        """Whether the paths of this image may end in the cache; False in a still too short for training."""
         self.guiding = self.settings.guided
-        """Likewise, whether they are guided."""
+        """Whether the paths of this image are guided."""
         self.samples = 0
         """Samples per pixel of the last render."""
 
     def to_string(self) -> str:
+        """Describe the integrator in one line.
+
+        Returns:
+            Text with preset, threshold and estimator.
+        """
         s = self.settings
         return f"NrcIntegrator[preset = {s.preset}, c = {s.termination_c:g}, estimator = {s.estimator}]"
 
     # ------------------------------------------------------------------ the cache
 
     def cache_of(self, scene: Any) -> RadianceCache:
-        """The cache that belongs to a scene, made on first use."""
+        """Return the cache of a scene; it is made on first use and prepared again for another scene.
+
+        Args:
+            scene: Mitsuba scene.
+
+        Returns:
+            The cache, ready for the scene.
+        """
         if self.cache is None or (self._scene is not None and self._scene is not scene):
             self.cache = RadianceCache(self.settings)
         if self._scene is not scene or self.cache.materials is None:
@@ -104,20 +123,42 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return self.cache
 
     def scene_changed(self, kind: str = "light") -> None:
-        """Hint that 'light', 'material', 'geometry' or 'camera' changed."""
+        """Announce a change of the scene.
+
+        Args:
+            kind: 'light', 'material', 'geometry' or 'camera'.
+        """
         if self.cache is not None and self._scene is not None:
             self.cache.scene_changed(kind, self._scene)
             self.reservoirs = None
 
     def saw(self, sensor: Any) -> None:
-        """Take the pose of ``sensor`` for that of the last pass, whose reservoirs are restored from a checkpoint."""
+        """Set the pose of the last pass, whose reservoirs were restored from a checkpoint.
+
+        Args:
+            sensor: Mitsuba sensor of that pass.
+        """
         self._pose = self._pose_mark = str(sensor.world_transform())
         self._film = None if self.reservoirs is None else restir.world_to_film(sensor)
 
     # ------------------------------------------------------------------ rendering
 
-    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
-        """The picture [H, W, C]; trains on the way."""
+    def render(
+        self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
+    ) -> Any:  # fmt: skip
+        """Render an image and train the cache meanwhile.
+
+        Args:
+            scene: Mitsuba scene.
+            sensor: Mitsuba sensor, or its index in the scene.
+            seed: Seed; the same seed, settings and cache give the same image.
+            spp: Samples per pixel; 0: those of the sensor's sampler.
+            develop: Ignored; the image is always developed.
+            evaluate: Ignored; the image is always evaluated.
+
+        Returns:
+            [H, W, C] tensor, linear RGB first.
+        """
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         check_sensor(sensor)
@@ -135,7 +176,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             film.prepare([])
             still = self._is_still(spp)
             if self.settings.caching and self.settings.guide == "auto":
-                # Frames have no pilot; a denoiser takes what a guide would take, and would rather have the samples.
+                # Frames have no pilot; with a denoiser, the time is better spent on samples than on a guide.
                 self.guiding &= still and not self.settings.denoise
             if still:
                 self.warm_up(scene, sensor, seed, spp)
@@ -150,7 +191,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return image
 
     def _view(self, scene, sensor, cache, seed: int, spp: int, still: bool):
-        """A debug view, after the training that a picture would have had."""
+        """Render a debug view, after the training of an image."""
         for _ in range(0 if still else spp):
             self._train(scene, sensor, cache, seed)
         if self.settings.view == "reservoir":
@@ -158,7 +199,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return mi.TensorXf(views.view(scene, sensor, cache, self.settings.view, spp, seed))
 
     def _reservoir_view(self, scene, sensor, cache, seed: int):
-        """Red: logarithm of the weight W; green: candidates M over what one frame can bring."""
+        """Red: logarithm of the weight W; green: candidates M over the largest number of one frame."""
         if self.settings.first_hit == "nee":
             raise ValueError("nrc: view 'reservoir' needs first_hit = 'restir-di'")
         self._direct(scene, self._rays(sensor, seed, 0, 1, 1), sensor, 1, 1)
@@ -168,7 +209,16 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         picture = np.stack([np.log1p(weight), count / most, 0 * weight], -1).astype(np.float32)
         return mi.TensorXf(picture.reshape(height, width, 3))
 
-    def render_forward(self, *args, **kwargs):
+    def render_forward(self, *args: Any, **kwargs: Any) -> NoReturn:
+        """Refuse: the integrator has no derivatives of the image.
+
+        Args:
+            *args: Ignored.
+            **kwargs: Ignored.
+
+        Raises:
+            RuntimeError: Always.
+        """
         raise RuntimeError("nrc: lightwell_nrc gives no derivatives of the picture; use 'prb' for them")
 
     render_backward = render_forward
@@ -177,8 +227,15 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         s = self.settings
         return s.learns and (s.mode == "still" or (s.mode == "auto" and (spp >= STILL_SPP or s.seconds > 0)))
 
-    def warm_up(self, scene, sensor, seed: int, spp: int) -> None:
-        """Train before a still: the rate falls to a tenth, so that the average settles."""
+    def warm_up(self, scene: Any, sensor: Any, seed: int, spp: int) -> None:
+        """Train before a still; the learning rate falls to ``FINAL_RATE`` of the first, so that the average converges.
+
+        Args:
+            scene: Mitsuba scene.
+            sensor: Mitsuba sensor.
+            seed: Seed.
+            spp: Samples per pixel of the still, which set the number of frames.
+        """
         cache, s = self.cache_of(scene), self.settings
         most = s.warmup or int(min(WARMUP_FIRST + WARMUP_PER_SPP * spp, WARMUP_MOST))
         start = time.perf_counter()
@@ -200,7 +257,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
                 done += 1 / most
         cache.rate_factor, cache.still = 1.0, False
         if s.seconds > 0 and cache.frame == 1:
-            self.caching = False  # One frame of a cold cache: no time to learn, nor to find out whether that pays.
+            self.caching = False  # A single training frame: too little to train, or to estimate whether it pays.
         self.guiding &= self.caching or not s.caching
         if self.caching:
             cache.settle()
@@ -208,7 +265,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.seconds["train"] += time.perf_counter() - start
 
     def _pays(self, told: Told) -> bool:
-        """Whether a still by time has time for steps enough; calmer pictures need a better cache to gain from it."""
+        """Whether a still with a time limit has time for enough steps; less noisy images need a more accurate cache."""
         steps = told.steps * self.settings.train_share * self.settings.seconds / sum(told.seconds.values())
         return not steps * told.noise < WORTH * (WORTH_DENOISED if self.settings.denoise else 1)
 
@@ -221,12 +278,12 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             check_hits(told.hits, sensor)
 
     def _passes(self, scene, sensor, cache, seed: int, spp: int, still: bool):
-        """All samples, in passes of one sample (frames) or of as many as fit (stills)."""
+        """Render all samples, in passes of one sample (frames) or of as many as fit (stills)."""
         film = sensor.film()
         width, height = (int(x) for x in film.crop_size())
         timed = self.settings.seconds > 0
         launch = frames.SMALL_LAUNCH if timed else frames.LAUNCH
-        # A cache that learns no more needs no frames, unless reservoirs hand on their past from one to the next.
+        # A frozen cache needs no separate frames, except for the temporal reuse of reservoirs.
         learns = self.caching or self.guiding
         whole = still or not learns or (cache.frozen and self.settings.first_hit == "nee")
         per_pass = max(1, launch // (width * height)) if whole else 1
@@ -264,7 +321,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return image
 
     def _pilot(self, scene, sensor, cache, seed: int, block: int, spp: int) -> int:
-        """Find out whether the guide pays, where there is one; how many samples that took, all in the picture."""
+        """Test whether the guide, if there is one, reduces the error faster; returns the samples used, all in the image."""
         trial, done = pilot.Pilot(), 0
         if cache.guide is None or (self.settings.seconds <= 0 and spp < pilot.ENOUGH):
             self.guiding = False
@@ -285,13 +342,13 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return done
 
     def _cap_spikes(self, cache: RadianceCache, still: bool, samples: int) -> None:
-        """Say how bright a caustic may be in one of so many samples per pixel."""
+        """Set the largest luminance of a caustic in one sample, for the given number of samples per pixel."""
         cap = self.settings.spike_cap
         most = cap * cache.scale.mean * max(samples, SPIKE_SAMPLES) if still and cap > 0 else 3e38
         cache.around.spike = dr.opaque(mi.Float, most)
 
     def _balance(self, cache: RadianceCache, training: float, frame: float) -> None:
-        """budget=auto: hold training to a quarter of the frame's time, by its steps and with them its paths."""
+        """budget=auto: limit training to a quarter of the frame time, by the number of gradient steps and paths."""
         dr.sync_thread()
         now = cache.most_steps or self.settings.steps
         share = training / max(frame, 1e-9)
@@ -302,7 +359,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         cache.most_steps = wanted
 
     def _second_level(self, scene, sensor, cache, seed: int, spp: int):
-        """What full paths say beyond the cache, from one path for every ``level_samples`` cheap ones."""
+        """Estimate the error of the cache with full paths, one for every ``level_samples`` cheap ones."""
         film = sensor.film()
         count = max(1, spp // self.settings.level_samples)
         film.clear()
@@ -338,7 +395,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return frames.splat(film, L, valid, place, rays[0].wavelengths, block >= 4)
 
     def _direct(self, scene, rays, sensor, block: int, spp: int):
-        """Direct light at the first hits from reservoirs; they remember the last pass, and follow the surfaces."""
+        """Direct light at the first hits from reservoirs, with temporal reuse that follows the surfaces."""
         s = self.settings
         unbiased = s.restir_reuse == "unbiased"
         ray, sampler = mi.Ray3f(rays[0]), rays[3]
@@ -362,8 +419,10 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return L
 
     def _bounced(self, scene, cache, rays, sensor, block: int):
-        """All light along the camera rays, that of one bounce and more at the first hit from reservoirs, and whether
-        anything was met. Rays that meet a mirror first follow plain paths."""
+        """Radiance along the camera rays, with indirect light at the first hit from reservoirs, and mask of the hits.
+
+        Rays that hit a mirror first follow plain paths.
+        """
         s = self.settings
         ray, sampler = mi.Ray3f(rays[0]), rays[3]
         sizes = [dr.opaque(mi.UInt32, int(x)) for x in (*sensor.film().crop_size(), block)]
@@ -397,10 +456,17 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
 
 
 def mixed_seed(seed: int) -> int:
-    """A seed for numbers that must not be those of ``seed``."""
+    """Derive a seed for random numbers that must be independent of those of ``seed``.
+
+    Args:
+        seed: 32-bit seed.
+
+    Returns:
+        32-bit seed.
+    """
     return (seed * 0x9E3779B1 + 0x7F4A7C15) & 0xFFFFFFFF
 
 
 def register() -> None:
-    """Make ``lightwell_nrc`` known to the active Mitsuba variant."""
+    """Register ``lightwell_nrc`` with the active Mitsuba variant."""
     mi.register_integrator("lightwell_nrc", lambda props: NrcIntegrator(props))

@@ -1,4 +1,4 @@
-"""The radiance cache of one scene: it learns from training paths and answers queries."""
+"""The radiance cache of one scene: training on traced paths, and queries by rendering paths."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import FIRST, SLACK, Tiles
 from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
 
-# The box is larger than the scene by this share, so that nothing lies on its surface.
+# Relative margin of the box, so that no surface lies on its boundary.
 INFLATE = 0.01
-# Larger frames of a cold cache. Kinds of change; larger frames after one; faster learning, and for how many frames.
-# Frames that stand for one larger one in the lead-in, where none is larger.
+# Number of larger frames of an untrained cache, and factor of the lead-in where frames are not larger. Kinds of change;
+# larger frames after one; factor of the learning rate after one, and frames that have it.
 EAGER_FRAMES, SMALL_FRAMES = 8, 4
 KINDS = ("light", "material", "geometry", "camera")
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
-# Frames in which a cache may brighten: it learns a bounce in each.
+# Frames in which a cache may grow brighter, because each can add a bounce of light.
 YOUNG = 48
 # Frames between two copies of the weights.
 SNAPSHOT = 64
@@ -46,36 +46,49 @@ STILL_FRACTION, STILL_RECORDS, STILL_SIDE, STILL_SLACK = 1.0, 1 << 17, 2.0, 0.4
 
 @dataclass
 class Told:
-    """What one frame of training said."""
+    """Statistics of one training frame."""
 
     frame: int = 0
+    """Number of the frame."""
     records: int = 0
-    """Records that there were."""
+    """Records used."""
     dropped: int = 0
-    """Records dropped because they were not finite."""
+    """Records discarded because they were not finite."""
     paths: int = 0
+    """Training paths."""
     hits: int = -1
-    """Training paths that met a surface that can be learned; -1: unknown."""
+    """Training paths that hit a surface with a record; -1: unknown."""
     steps: int = 0
+    """Gradient steps."""
     loss: float = float("nan")
-    """Mean loss before the steps; NaN when nothing was learned."""
+    """Mean loss before the steps; NaN without a step."""
     residual: float = 0.0
     """Mean signed difference prediction - target, before the steps, in units of the network."""
     bias: tuple[float, float] = (0.0, float("inf"))
-    """Bias meter: mean of prefix * (traced - cached) over unbiased paths, and its standard error; radiance."""
+    """Bias estimate: mean of prefix * (traced - cached) over unbiased paths, and its standard error; radiance."""
     bias_paths: int = 0
+    """Unbiased paths of that estimate."""
     noise: float = float("nan")
-    """stills: relative variance of one path per pixel, from neighbouring training paths."""
+    """Stills: relative variance of one path per pixel, from neighbouring training paths."""
     scale: float = 1.0
+    """Radiance scale."""
     changed: bool = False
-    """The scene seemed to have changed."""
+    """Whether a change of the scene was detected."""
     seconds: dict[str, float] = field(default_factory=dict)
-    """Wall time by stage: trace, records, train."""
+    """Wall time by stage (trace, records, train), seconds."""
 
 
 def noise_of(luminances: np.ndarray, columns: int, rows: int) -> float:
-    """Relative variance of first records' luminance over reflectance [rows * columns] within squares of 4 x 4 tiles;
-    -1 stands for no record."""
+    """Estimate the relative variance of one path per pixel, within squares of 4 x 4 tiles.
+
+    Args:
+        luminances: [rows * columns] luminance over reflectance of the first record of each path; -1: no record.
+        columns: Tiles per row.
+        rows: Rows of tiles.
+
+    Returns:
+        Relative variance; NaN without a complete square.
+    """
     whole = luminances.reshape(rows, columns)[: rows // 4 * 4, : columns // 4 * 4]
     groups = whole.reshape(rows // 4, 4, columns // 4, 4).swapaxes(1, 2).reshape(-1, 16).astype(np.float64)
     groups = groups[(groups >= 0).all(axis=1) & np.isfinite(groups).all(axis=1)]
@@ -86,7 +99,17 @@ def noise_of(luminances: np.ndarray, columns: int, rows: int) -> float:
 
 
 def bounds_of(scene: Any) -> np.ndarray:
-    """[2, 3] corners of a Mitsuba scene's geometry."""
+    """Compute the bounding box of a scene.
+
+    Args:
+        scene: Mitsuba scene.
+
+    Returns:
+        [2, 3] smallest and largest corner, metres.
+
+    Raises:
+        ValueError: The scene has no surfaces.
+    """
     box = scene.bbox()
     corners = np.array([np.array(box.min), np.array(box.max)], np.float64).reshape(2, 3)
     if not np.isfinite(corners).all() or (corners[1] < corners[0]).any():
@@ -95,44 +118,53 @@ def bounds_of(scene: Any) -> np.ndarray:
 
 
 class RadianceCache:
-    """Learns scattered radiance while a scene is rendered."""
+    """Neural radiance cache of one scene: predicts scattered radiance and is trained while the scene is rendered."""
 
     def __init__(self, settings: CacheSettings, box: np.ndarray | None = None) -> None:
+        """Make an untrained cache.
+
+        Args:
+            settings: Settings.
+            box: [2, 3] corners of the region that is learned, metres; None: the bounds of the scene.
+        """
         self.settings = settings
         self.model = Model.of(settings)
         self.learner = Learner(self.model, settings)
         self.scale = RadianceScale(settings.radiance_scale)
         self.level: Any = None
-        """``level.Sums.levels`` of a still; None: one everywhere."""
+        """Local gain of a still, see ``level.Sums.levels``; None: 1 everywhere."""
         self._recent: deque[tuple[Any, ...]] = deque(maxlen=FRAMES)
         self.tiles: dict[tuple[int, int, bool], Tiles] = {}
         self.still = False
-        """Training before a still: no picture waits, so that frames are larger."""
+        """Whether training precedes a still; its frames are larger, because no image is displayed meanwhile."""
         self.still_records = STILL_RECORDS
-        """Records of such a frame."""
+        """Wanted records of such a frame."""
         self.frame = 0
         """Frames trained."""
         self.scene_mark = ""
         """Fingerprint of the scene."""
         self.detector, self.changes, self.boost = ChangeDetector(), 0, 0
-        """Finds changes; how many there were; frames that still learn faster because of one."""
+        """Detector of changes; number of changes; frames that still have a higher learning rate because of one."""
         self.guide_table: GuideTable | None = None
-        """What is known of where light comes from; made when the box is known, where settings ask for a guide."""
+        """Training data of the guide; made by ``prepare`` where the settings enable a guide."""
         self.may_guide = False
-        """guide=auto: whether the still that trains can afford to try a guide."""
+        """guide=auto: whether the still has enough samples to try a guide."""
         self.growth, self.replay = GrowthWatch(), Replay()
-        """Looks for a cache that feeds on itself; rays of earlier cameras."""
+        """Detector of unbounded growth; pool of rays of earlier cameras."""
         self.most_steps = 0
-        """budget=auto: gradient steps of a frame, at most; 0: as the settings say."""
+        """budget=auto: largest number of gradient steps of a frame; 0: that of the settings."""
         self.snapshot: tuple[Any, ...] | None = None
-        """Sound weights to go back to."""
+        """Last copy of finite weights."""
         self.rollbacks = 0
+        """Number of times that the copy was restored."""
         self.since_change = 0
-        """Frames trained since the cache was cold; set back to ``begun`` when the scene changes."""
+        """Frames trained; reset to ``begun`` when the scene changes."""
         self.begun = 0
+        """Value of ``since_change`` after the last change."""
         self.frozen = False
+        """Whether training has stopped."""
         self.rate_factor = 1.0
-        """Multiplies the learning rate: decays in stills, rises after changes."""
+        """Factor of the learning rate; decays while a still trains."""
         self.history: deque[Told] = deque(maxlen=4096)
         self.fixed_box = box
         self.box: np.ndarray | None = None if box is None else np.asarray(box, np.float64)
@@ -140,13 +172,17 @@ class RadianceCache:
         self._around: Surroundings | None = None
         self._packs: dict[str, Any] = {}
         self.picture, self.grid = (0, 0), (1, 1)
-        """Pixels of the last training frame, and its tiles."""
+        """Image size of the last training frame in pixels, and its numbers of tiles."""
         self.size = Tiles(1, 1.0)
 
     # ------------------------------------------------------------------ scene
 
     def prepare(self, scene: Any) -> None:
-        """Read box and materials; call again when materials changed."""
+        """Read the bounds and the materials of a scene; to be called again when materials or geometry changed.
+
+        Args:
+            scene: Mitsuba scene.
+        """
         if self.box is None:
             corners = bounds_of(scene)
             margin = np.maximum((corners[1] - corners[0]) * INFLATE, 1e-6 * max(1e-6, np.ptp(corners)))
@@ -158,8 +194,18 @@ class RadianceCache:
         self.scene_mark = persist.fingerprint(scene)
 
     def scene_changed(self, kind: str, scene: Any | None = None) -> None:
-        """React to a change of 'light', 'material', 'geometry' or 'camera': average anew, learn faster for a while, and
-        let training paths run to their end for some frames, so that new light does not wait for the cache."""
+        """React to a change of the scene.
+
+        The average of the weights restarts, the learning rate is raised for some frames, and all training paths end by
+        Russian roulette for some frames, so that new light does not have to propagate through outdated predictions.
+
+        Args:
+            kind: 'light', 'material', 'geometry' or 'camera'; the latter has no effect.
+            scene: Mitsuba scene, whose materials are read again; None: they have not changed.
+
+        Raises:
+            ValueError: ``kind`` is none of these.
+        """
         if kind not in KINDS:
             raise ValueError(f"nrc: scene_changed('{kind}'), expected one of {', '.join(KINDS)}")
         if kind == "camera":
@@ -169,7 +215,7 @@ class RadianceCache:
         self.learner.forget()
         self.since_change = self.begun = min(self.since_change, EAGER_FRAMES - REACTION)
         self.boost = BOOST_FRAMES
-        # Tiles of larger frames begin anew: they have shrunk to paths that end early, and the next ones do not.
+        # Tiles of larger frames restart: their size fits paths that end early, and the next paths do not.
         self.tiles = {key: tiles for key, tiles in self.tiles.items() if not key[2]}
         self.detector.reset()
         self.growth.reset()
@@ -181,32 +227,65 @@ class RadianceCache:
         self.touched()
 
     def freeze(self) -> None:
-        """Learn no more: weights stay bit for bit."""
+        """Stop training: the weights no longer change."""
         self.frozen = True
 
     def save(self, path: Any) -> None:
-        """Write to a file; see ``persist``."""
+        """Write the cache to a file, see ``persist.save``.
+
+        Args:
+            path: File, ``.npz``.
+        """
         persist.save(self, path)
 
     @staticmethod
     def load(path: Any, scene: Any | None = None) -> RadianceCache:
-        """Read a file that ``save`` wrote; see ``persist``."""
+        """Read a file that ``save`` wrote, see ``persist.load``.
+
+        Args:
+            path: File.
+            scene: Mitsuba scene that the cache must belong to; None: any.
+
+        Returns:
+            The cache.
+        """
         return persist.load(path, RadianceCache, scene)
 
     def training_offset(self, seed: int) -> tuple[float, float]:
-        """Where in their tiles the last frame's training pixels lay, [0, 1)^2."""
+        """Return the position of the last frame's training pixels within their tiles.
+
+        Args:
+            seed: Seed of the image.
+
+        Returns:
+            Offset in [0, 1)^2.
+        """
         at = shared_offset(dr.opaque(mi.UInt32, max(self.frame - 1, 0)), dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))
         return float(at.x[0]), float(at.y[0])
 
     @property
     def around(self) -> Surroundings:
-        """What paths need beside the scene."""
+        """Return the parameters of rendering paths.
+
+        Returns:
+            Parameters with the threshold of the settings.
+        """
         if self._around is None:
             self._around = self.surroundings(self.settings.termination_c)
         return self._around
 
     def surroundings(self, c: float) -> Surroundings:
-        """The same with another threshold."""
+        """Make the parameters of paths with a given termination threshold.
+
+        Args:
+            c: Threshold on the footprint over that of the primary hit, ≥ 0.
+
+        Returns:
+            The parameters.
+
+        Raises:
+            RuntimeError: ``prepare`` has not been called.
+        """
         if self.box is None or self.materials is None:
             raise RuntimeError("nrc: the cache has no scene yet; call prepare(scene) first")
         a = Surroundings()
@@ -224,8 +303,14 @@ class RadianceCache:
     # ------------------------------------------------------------------ queries
 
     def packed(self, which: str = "ema") -> Any:
-        """Weights as kernels read them: 'ema' for pixels, 'raw' for tails; with what turns its numbers into
-        radiance."""
+        """Return the weights in the layout of kernels, with the factor to radiance.
+
+        Args:
+            which: 'ema': averaged weights, for pixels; 'raw': the newest ones.
+
+        Returns:
+            Packed weights and ``Gain``.
+        """
         key = "raw" if which == "raw" or self.learner.shown is self.learner.values else "ema"
         if key not in self._packs:
             values = self.learner.values if key == "raw" else self.learner.shown
@@ -236,23 +321,41 @@ class RadianceCache:
         return self._packs[key]
 
     def touched(self) -> None:
-        """Weights or scale changed: packed copies are stale."""
+        """Discard packed copies after a change of weights or scale."""
         self._packs.clear()
 
     def radiance(self, packed: Any, v: Vertex) -> mi.Color3f:
-        """Scattered radiance towards ``v.w``."""
+        """Predict the scattered radiance towards ``v.w``.
+
+        Args:
+            packed: Result of ``packed``.
+            v: Vertices.
+
+        Returns:
+            [N] radiance, ≥ 0.
+        """
         return self.model.radiance(packed[0], v, packed[1])
 
     @property
     def guide(self) -> Guide | None:
-        """Where light comes from, as far as it is known; None: nothing yet, or not asked for."""
+        """Return the guide.
+
+        Returns:
+            Table of the guide; None when it is disabled or has no data yet.
+        """
         table = self.guide_table
         return None if table is None or not len(table.keys) else table.guide()
 
     @property
     def teaches(self) -> bool:
-        """Whether the records of the next frame teach the guide: always without a cache; beside one in the first frames
-        of a still, with guide=auto where the frame before was noisy and the picture has samples for a pilot."""
+        """Return whether the records of the next frame train the guide.
+
+        Without a cache they always do; with a cache in the first frames of a still; with guide=auto only where the
+        previous frame was noisy and the image has enough samples for a pilot.
+
+        Returns:
+            True when they do.
+        """
         s, table = self.settings, self.guide_table
         if table is None or not s.caching:
             return table is not None
@@ -264,7 +367,15 @@ class RadianceCache:
     # ------------------------------------------------------------------ training
 
     def controller(self, width: int, height: int) -> Tiles:
-        """The tile controller of a picture size."""
+        """Return the tile controller of an image size.
+
+        Args:
+            width: Image width, pixels.
+            height: Image height, pixels.
+
+        Returns:
+            The controller, with the number of records of the next frame as its target.
+        """
         large = self.still or self.eager
         key = (width, height, large)
         if key not in self.tiles:
@@ -277,25 +388,42 @@ class RadianceCache:
 
     @property
     def eager(self) -> bool:
-        """In the first frames of a cold cache, and after a change, frames are larger: nothing is known yet."""
+        """Return whether the next frame is larger, as the first ones of an untrained cache and after a change are.
+
+        Returns:
+            True for a larger frame.
+        """
         return self._larger and not self.still and self.since_change < EAGER_FRAMES
 
     @property
     def _larger(self) -> bool:
-        """Whether first frames may be larger."""
+        """Whether the first frames may be larger."""
         s = self.settings
         return s.budget == "preset" and s.eager > 1 and s.unbiased_fraction > 0
 
     @property
     def steps(self) -> int:
-        """Gradient steps of a frame, at most."""
+        """Return the largest number of gradient steps of the next frame.
+
+        Returns:
+            Number of steps, ≥ 1.
+        """
         if self.still:
             return max(self.settings.steps, 2 * self.still_records // self.settings.batch)
         steps = min(self.most_steps or self.settings.steps, self.settings.steps)
         return steps * self.settings.eager if self.eager else steps
 
     def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
-        """Trace training paths through ``sensor``, take gradient steps, adapt; says what happened."""
+        """Train on one frame: trace training paths, take gradient steps, adapt scale and tiles.
+
+        Args:
+            scene: Mitsuba scene, as given to ``prepare``.
+            sensor: Mitsuba sensor from which training paths start.
+            seed: Seed of the image.
+
+        Returns:
+            Statistics of the frame.
+        """
         told = Told(frame=self.frame, scale=self.scale.value)
         if self.frozen or not self.settings.learns:
             return told
@@ -318,7 +446,7 @@ class RadianceCache:
         return told
 
     def _trace(self, scene, sensor, seed: int, told: Told) -> Traced:
-        """Training paths, their targets, and the bias meter."""
+        """Trace training paths and compute their targets and the bias estimate."""
         s = self.settings
         film = sensor.film()
         width, height = (int(x) for x in film.crop_size())
@@ -328,7 +456,7 @@ class RadianceCache:
         u = self.unbiased_share
         shutter = (float(sensor.shutter_open()), float(sensor.shutter_open_time()))
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
-        # Beside a cache plain paths teach the guide: guided ones take longer, and bring the cache no more.
+        # With a cache, the guide is trained with plain paths: guided ones take longer without benefit for the cache.
         table, guide = (self.guide_table if self.teaches else None), (None if s.caching else self.guide)
         shape = Shape(
             columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place, table is not None,
@@ -356,7 +484,7 @@ class RadianceCache:
         return traced
 
     def settle(self) -> None:
-        """After the training of a still: measure the level with the records of its last frames."""
+        """Measure the local gain of a still with the records of its last training frames."""
         if not self._recent:
             return
         with dr.suspend_grad():
@@ -373,7 +501,7 @@ class RadianceCache:
         self.touched()
 
     def _watch_growth(self, level: float) -> None:
-        """Advise where the cache feeds on itself; one that is still learning the light of many bounces grows too."""
+        """Warn when predictions used as targets make the cache brighter without bound; not while it is untrained."""
         if self.since_change - self.begun < YOUNG:
             return
         if factor := self.growth.update(level):
@@ -385,16 +513,20 @@ class RadianceCache:
 
     @property
     def unbiased_share(self) -> float:
-        """Training paths of the next frame that end by roulette alone."""
+        """Return the share of the next frame's training paths that only Russian roulette ends.
+
+        Returns:
+            Share in [0, 1].
+        """
         u = self.settings.still_unbiased if self.still else self.settings.unbiased_fraction
         if not self.settings.caching:
             return 1.0
-        # At first nothing is known yet that could end a path.
+        # The predictions of an untrained cache must not end paths.
         frames = self.settings.lead_in * (1 if self._larger else SMALL_FRAMES)
         return 1.0 if 0 < u and self.since_change - self.begun < frames else u
 
     def _records(self, traced: Traced, seed: int, told: Told):
-        """Shuffled batches on the device and the number of steps that they are enough for."""
+        """Return shuffled batches on the device and the number of steps that they suffice for."""
         s = self.settings
         told.records, told.dropped = int(traced.count[0]), int(traced.dropped[0])
         self.size.update(told.records, told.paths, *self.picture)
@@ -405,7 +537,7 @@ class RadianceCache:
             return None, 0
         self._calibrate(luminances, told)
         steps = min(self.steps, -(-told.records // s.batch))
-        # A step of less than half a batch learns little: it waits for more records unless it is the only one.
+        # A step with less than half a batch is omitted unless it is the only one.
         if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:
             steps -= 1
         if steps == 0:
@@ -421,7 +553,7 @@ class RadianceCache:
         return batch, steps
 
     def _calibrate(self, luminances: np.ndarray, told: Told) -> None:
-        """Follow the radiance of the scene; the weights are scaled along."""
+        """Adapt the radiance scale and rescale the weights accordingly."""
         factor = self.scale.update(luminances[luminances >= 0])
         if factor != 1.0:
             self.learner.rescale(factor)
@@ -444,7 +576,7 @@ class RadianceCache:
                 self.scene_changed("light")
 
     def _guard(self, told: Told) -> None:
-        """Keep a copy of sound weights; go back to it when the loss is no number any more."""
+        """Keep a copy of finite weights, and restore it when the loss is not finite."""
         learner = self.learner
         if np.isfinite(told.loss):
             if self.frame % SNAPSHOT == SNAPSHOT - 1:
@@ -457,7 +589,7 @@ class RadianceCache:
 
 
 def _compact(traced: Traced, count: int) -> tuple[mi.Float, mi.Float]:
-    """[M * WIDTH] vertices and [M * 4] targets of a frame's records alone."""
+    """Gather the vertices [M * WIDTH] and targets [M * 4] of the M records of a frame."""
     row = dr.arange(mi.UInt32, count)
     of = dr.gather(mi.UInt32, traced.rows, row)
     features, targets = dr.empty(mi.Float, count * WIDTH), dr.empty(mi.Float, count * 4)
