@@ -321,7 +321,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         return image
 
     def _pilot(self, scene, sensor, cache, seed: int, block: int, spp: int) -> int:
-        """Test whether the guide, if there is one, reduces the error faster; returns the samples used, all in the image."""
+        """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""
         trial, done = pilot.Pilot(), 0
         if cache.guide is None or (self.settings.seconds <= 0 and spp < pilot.ENOUGH):
             self.guiding = False
