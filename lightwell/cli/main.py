@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as error:
             if interrupts.received:
                 return _interrupted(arguments)
-            if not isinstance(error, (ValueError, OSError, RuntimeError)):
+            if not isinstance(error, (ValueError, OSError, RuntimeError, MemoryError)):
                 raise
             print(f"lightwell: {_one_line(error)}", file=sys.stderr)
             return USAGE_ERROR
@@ -129,8 +129,11 @@ def _interrupted(arguments: argparse.Namespace) -> int:
 
 
 def _one_line(error: BaseException) -> str:
-    """What happened and, for a bare error of the operating system, its cure."""
+    """What happened and, for memory that ran out or a bare error of the operating system, its cure."""
     text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, MemoryError):
+        what = "" if text in ("MemoryError", "std::bad_alloc") else f" ({text[:200]})"
+        return f"needs more memory than this machine has{what}; choose a smaller scene, picture or preset"
     if isinstance(error, OSError) and text.startswith("[Errno"):
         from lightwell.files import CURES
 

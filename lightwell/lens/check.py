@@ -20,6 +20,7 @@ from lightwell.lens.library import Library, load
 from lightwell.lens.plot import picture
 from lightwell.lens.score import Score, plane_of, score
 from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet, response_of
+from lightwell.limits import Limits
 
 BROKEN = 1
 # Limits: relative change of mass, shift of the centroid in pixels, relative error of exact spreadlets.
@@ -138,7 +139,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     shape = None
     if arguments.aperture not in ("disc", *aperture.POLYGONS):
         shape = aperture.parse(arguments.aperture)
-    library = load(arguments.library, shape)
+    library = load(arguments.library, shape, Limits.parse(getattr(arguments, "limits", ())))
     found = check(library, arguments.limit_error, arguments.limit_leak, arguments.node)
     broken = [f for f in found if f.broken]
     pyramids = {}

@@ -27,10 +27,9 @@ from lightwell.lens.grid import Axis
 from lightwell.lens.recipes import Recipe
 from lightwell.lens.score import Score
 from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet
+from lightwell.limits import Limits
 
 MAGIC, VERSION = b"LWSP", 1
-# Limits that are checked before memory is allocated.
-MOST_BYTES, MOST_POINTS, MOST_RECORDS = 1 << 29, 1 << 26, 1 << 20
 RECIPE_NAMES, ANNEALS = ("default", "best", "paper"), ("none", "published", "working")
 # Members of recipes are below this; seeds may be large.
 MOST_RECIPE = 2**63
@@ -121,48 +120,51 @@ def _pack(x: np.ndarray, y: np.ndarray, q: np.ndarray, small: bool) -> bytes:
     return points.tobytes()
 
 
-def load(path: str | Path, aperture: Aperture | None = None) -> Library:
+def load(path: str | Path, aperture: Aperture | None = None, limits: Limits | None = None) -> Library:
     """Read and check a library.
 
     Args:
         path: The file.
         aperture: Aperture of the family; needed to bake further nodes of a drawn mask.
+        limits: Largest file (``decoded_bytes``) and most records (``nodes``); None for ``Limits()``.
 
     Returns:
         The library.
 
     Raises:
-        LensError: The file is missing, too large or damaged.
+        LensError: The file is missing, exceeds a limit or is damaged.
     """
     path = Path(path)
     try:
         size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise LensError(f"lens: library {path} has {size} bytes, more than {MOST_BYTES}; bake it again")
+        (limits or Limits()).budget(f"lens: library {path}", LensError).check("decoded_bytes", size)
         data = path.read_bytes()
     except FileNotFoundError:
         raise LensError(f"lens: no library {path}; write one with: lightwell lens bake {path}") from None
     except IsADirectoryError:
         raise LensError(f"lens: {path} is a folder; name a library file") from None
-    return loads(data, str(path), aperture)
+    return loads(data, str(path), aperture, limits)
 
 
-def loads(data: bytes, where: str = "library", aperture: Aperture | None = None) -> Library:
+def loads(
+    data: bytes, where: str = "library", aperture: Aperture | None = None, limits: Limits | None = None
+) -> Library:
     """Decode a library; everything that later code relies on is checked.
 
     Args:
         data: Contents of a file.
         where: Name of the file, for messages.
         aperture: Aperture of the family; needed to bake further nodes of a drawn mask.
+        limits: Most records (``nodes``); None for ``Limits()``.
 
     Returns:
         The library.
 
     Raises:
-        LensError: The data are damaged.
+        LensError: The data are damaged or exceed a limit.
     """
     try:
-        return _loads(data, aperture)
+        return _loads(data, aperture, limits or Limits())
     except LensError as error:
         raise LensError(f"lens: {where}: {error}; bake the library again") from None
     except ValueError:
@@ -173,7 +175,7 @@ def loads(data: bytes, where: str = "library", aperture: Aperture | None = None)
         raise LensError(f"lens: {where} is not a library of spreadlets ({error!r:.200}); bake it again") from None
 
 
-def _loads(data: bytes, aperture: Aperture | None) -> Library:
+def _loads(data: bytes, aperture: Aperture | None, limits: Limits) -> Library:
     if len(data) < 12 or data[:4] != MAGIC:
         raise LensError("does not begin with LWSP")
     version, length = (int(v) for v in np.frombuffer(data, "<u4", 2, 4))
@@ -186,7 +188,7 @@ def _loads(data: bytes, aperture: Aperture | None) -> Library:
     count, bits = header["points"], header["offset_bits"]
     if header["format"] != "lightwell-spreadlets" or bits not in (8, 16):
         raise LensError("has an unknown layout")
-    if type(count) is not int or not 0 <= count <= MOST_POINTS or len(body) != count * bits // 2:
+    if type(count) is not int or count < 0 or len(body) != count * bits // 2:
         raise LensError(f"has {len(body)} bytes of points where its header says {count}")
     if hashlib.sha256(body).hexdigest() != header["sha256"]:
         raise LensError("has points that do not match their check sum")
@@ -197,7 +199,10 @@ def _loads(data: bytes, aperture: Aperture | None) -> Library:
         if bits == 8
         else [("x", "<i2"), ("y", "<i2"), ("q", "<i2"), ("_", "<i2")]
     )
-    return Library(family, recipe, _spreadlets(header["records"], np.frombuffer(body, kind), family))
+    records = header["records"]
+    if len(records["node"]) > limits.nodes:
+        raise LensError(f"has {len(records['node'])} records, more than the limit of {limits.nodes} (--limit nodes=N)")
+    return Library(family, recipe, _spreadlets(records, np.frombuffer(body, kind), family))
 
 
 def _family(header: dict[str, Any], aperture: Aperture | None) -> Family:
@@ -251,7 +256,7 @@ def _aperture(key: str) -> Aperture:
 def _spreadlets(records: dict[str, Any], points: np.ndarray, family: Family) -> dict[tuple[int, int], Spreadlet]:
     """Decode the records, each checked against the points and the grid."""
     total = len(records["node"])
-    if total > MOST_RECORDS or any(len(records[name]) != total for name in FACTS):
+    if any(len(records[name]) != total for name in FACTS):
         raise LensError("has records of different lengths")
     made = {}
     for node, tier, kind, recipe, first, count, scale, *scores in zip(*(records[name] for name in FACTS)):

@@ -137,6 +137,10 @@ def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float) -> dic
         "settings": cache.to_json(),
     }
     placed = {"camera": settings.camera, "light": settings.light, "intensity": settings.intensity}
+    # Limits say what may be read, not what is seen.
+    placed["unit"] = settings.unit if settings.unit != 1 else None
+    placed["allow_paths"] = [str(path) for path in settings.allow_paths]
+    placed["format"] = settings.options.format
     return plan | {name: value for name, value in placed.items() if value}
 
 

@@ -40,6 +40,8 @@ KNOWN_EXTENSIONS = READ | {
     "KHR_texture_basisu",
     INSTANCING,
 }
+# Intensity of one colour above which a light counts as a mistake, cd or lx: a lighthouse has 1e7 cd, the sun 1.3e5 lx.
+MOST_INTENSITY = 1e10
 # Longest edges, metres, outside of which a warning says that a scene is large or small.
 LARGE, SMALL = 300.0, 0.1
 # Extensions that do not affect light and are ignored without a warning.
@@ -94,7 +96,9 @@ class _Reader:
         """Fill the lists."""
         self._check_extensions()
         poses = poses_for_flat_nodes(self.document, self._accessors, self.warnings.append)
-        nodes = list(placed_nodes(self.document, self._unit, poses))
+        # Numbers that overflow are refused; the setting costs more than a node, so that it is made once.
+        with np.errstate(all="ignore"):
+            nodes = list(placed_nodes(self.document, self._unit, poses))
         self._worlds = {node.index: node.matrix for node in nodes}
         self._textures.charge()
         for placement in placements(self.document, self._accessors, nodes):
@@ -206,7 +210,7 @@ class _Reader:
         number = extension.index("light", len(lights), "light")
         if number is None:
             extension.fail("has no light")
-        light = _light(Place(self.document.scene, f"light {number}", lights[number]))
+        light = self._possible(_light(Place(self.document.scene, f"light {number}", lights[number])), node.name)
         self.lights.append(
             replace(
                 light,
@@ -215,6 +219,18 @@ class _Reader:
                 direction=tuple((-_direction(node.matrix[:3, 2])).tolist()),
             )
         )
+
+    def _possible(self, light: Light, node: str) -> Light:
+        """Cut an intensity that no light has, because sums of it would overflow, with a warning."""
+        brightest = max(light.color)
+        if light.intensity * brightest <= MOST_INTENSITY:
+            return light
+        self.warnings.append(
+            f"light '{light.name or node}': an intensity of {light.intensity:g} times a colour of {brightest:g} is "
+            f"more than any light has; it is cut to {MOST_INTENSITY:g}"
+        )
+        color = tuple(c / brightest for c in light.color)
+        return replace(light, color=color, intensity=MOST_INTENSITY)
 
 
 def _is_outline(material: Material) -> bool:

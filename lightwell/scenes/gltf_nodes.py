@@ -12,6 +12,7 @@ from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
 
 TRANSFORMS = ("matrix", "translation", "rotation", "scale")
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,7 @@ def _world_matrix(place: Place, parent: np.ndarray) -> np.ndarray:
     """Compute the world matrix [4, 4] of a node from that of its parent; without a transform it is the parent's."""
     if place.value.keys().isdisjoint(TRANSFORMS):
         return parent
-    with np.errstate(all="ignore"):
-        matrix = parent @ local_matrix(place)
+    matrix = parent @ local_matrix(place)
     # The sum is finite exactly when all numbers are, except on overflow, which is refused too.
     if not math.isfinite(matrix.sum()):
         place.fail("has a transform that is not finite")
@@ -94,7 +94,8 @@ def local_matrix(place: Place) -> np.ndarray:
         return np.array(place.numbers("matrix", 16)).reshape(4, 4).T
     sx, sy, sz = place.numbers("scale", 3, (1.0, 1.0, 1.0))
     tx, ty, tz = place.numbers("translation", 3, (0.0, 0.0, 0.0))
-    (a, b, c), (d, e, f), (g, h, i) = rotation(place.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)))
+    rows = rotation(place.numbers("rotation", 4)) if "rotation" in place else IDENTITY
+    (a, b, c), (d, e, f), (g, h, i) = rows
     return np.array(
         [
             [a * sx, b * sy, c * sz, tx],
@@ -135,7 +136,7 @@ def rotation(quaternion: tuple[float, ...]) -> tuple[tuple[float, float, float],
     """
     length = math.hypot(*quaternion)
     if not 0 < length < math.inf:
-        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        return IDENTITY
     x, y, z, w = (v / length for v in quaternion)
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),

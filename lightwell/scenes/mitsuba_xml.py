@@ -184,6 +184,11 @@ class _Reader:
     def _add_emitter(self, node: Node) -> None:
         made = self.graph.make(node)
         if node.plugin in ("point", "spot", "directional") and (light := _punctual(node, made)) is not None:
+            if not np.isfinite([*light.position, *light.direction, *light.color, light.intensity]).all():
+                raise SceneError(
+                    f"scene '{self.graph.path.name}': {node.plugin} emitter '{node.name}' has a place, direction or "
+                    "power whose numbers overflow in single precision; make them smaller"
+                )
             self.lights.append(light)
         elif mi.has_flag(made.flags(), mi.EmitterFlags.Infinite) and self.environment is None:
             self.environment = made

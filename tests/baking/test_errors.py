@@ -182,3 +182,17 @@ def test_render_writes_a_picture(tmp_path, capsys):
         facts = json.loads(capsys.readouterr().out)
         assert (facts["width"], facts["height"]) == (32, 20) and facts["mean_radiance"] > 0
         assert Path(tmp_path / name).stat().st_size > 100
+
+
+@pytest.mark.parametrize("text", ["", "std::bad_alloc", "Unable to allocate 7.45 GiB\nfor an array"])
+def test_memory_that_runs_out_is_one_line(monkeypatch, capsys, text):
+    from lightwell.cli import doctor
+
+    def run(arguments):
+        raise MemoryError(text)
+
+    monkeypatch.setattr(doctor, "run", run)
+    assert main(["doctor"]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("lightwell: needs more memory than this machine has") and line.count("\n") == 1
+    assert "bad_alloc" not in line and ("7.45 GiB" in line) == ("7.45" in text)

@@ -17,6 +17,7 @@ from lightwell.cache import settings_of
 from lightwell.cache.live import LiveSession
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
+from lightwell.limits import Limits
 from lightwell.rendering.nrc import render_sequence
 from lightwell.rendering.settings import RenderSettings
 
@@ -128,16 +129,20 @@ def test_a_session_renders_obeys_and_goes_on():
 
 
 def test_a_sequence_resumes_and_refuses_another_plan(tmp_path):
-    def run(degrees: float = 360.0, resume: bool = False):
-        options = {"frames": 3, "format": "png", "resume": resume}
-        asked = RenderSettings("cornell", tmp_path, (16, 12), 1, integrator="nrc", options=options)
+    def run(degrees: float = 360.0, resume: bool = True, kind: str = "png", **more):
+        options = {"frames": 3, "format": kind, "resume": resume}
+        asked = RenderSettings("cornell", tmp_path, (16, 12), 1, integrator="nrc", options=options, **more)
         return render_sequence(asked, settings_of(SMALL), degrees)
 
-    assert run()["rendered"] == 3
+    assert run(resume=False)["rendered"] == 3
+    assert run()["rendered"] == 0
+    assert run(limits=Limits(lights=5))["rendered"] == 0
+    for other in ({"degrees": 90.0}, {"unit": 0.01}, {"kind": "exr"}, {"allow_paths": (tmp_path,)}):
+        with pytest.raises(ValueError, match="another animation"):
+            run(**other)
+    # A frame depends on what those before it have learned, and what is left has learned from it: all are made again.
     (tmp_path / "frame-0002.png").unlink()
-    assert run(resume=True)["rendered"] == 1 and (tmp_path / "frame-0002.png").exists()
-    with pytest.raises(ValueError, match="another animation"):
-        run(resume=True, degrees=90.0)
+    assert run()["rendered"] == 3 and (tmp_path / "frame-0002.png").exists()
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from lightwell.lens.errors import LensError
 from lightwell.lens.library import MAGIC, Library, load, loads, two_arrays
 from lightwell.lens.recipes import Recipe, lossless
 from lightwell.lens.spreadlet import CHARGE, Spreadlet
+from lightwell.limits import Limits
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,15 @@ def test_hostile_files_are_refused_in_one_line(library, change):
     with pytest.raises(LensError) as error:
         loads(_edited(library, change), "bad.lwsp")
     assert "bad.lwsp" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_limits_bound_the_file_and_its_records(library, tmp_path):
+    path = tmp_path / "disc.lwsp"
+    library.save(path)
+    assert load(path).nodes.keys() == library.nodes.keys()
+    for limit in ("nodes", "decoded_bytes"):
+        with pytest.raises(LensError, match=rf"disc.lwsp: .*more than the limit of 2\b.*--limit {limit}="):
+            load(path, limits=Limits(**{limit: 2}))
 
 
 def test_truncated_files_are_refused(library):

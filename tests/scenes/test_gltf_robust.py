@@ -1,5 +1,7 @@
 """glTF files that are hostile or imperfect: limits refuse before memory is taken, repairable faults are warnings."""
 
+import time
+
 import numpy as np
 import pytest
 from gltf_builder import SQUARE, SQUARE_INDICES, SQUARE_UV, Builder
@@ -167,12 +169,52 @@ def test_what_an_unlit_material_shows_is_no_light(tmp_path):
     assert any("its emission is what it looks like and no light" in w for w in scene.warnings)
 
 
+@pytest.mark.parametrize(("intensity", "color"), [(1e38, 1.0), (1e300, 1e300), (1.0, 1e38)])
+def test_intensities_beyond_every_light_are_cut_with_a_warning(tmp_path, intensity, color):
+    file = Builder()
+    file.mesh()
+    light = {"type": "point", "intensity": intensity, "color": [color, color / 2, 0]}
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
+    file.add("nodes", {"name": "lamp", "extensions": {"KHR_lights_punctual": {"light": 0}}})
+    scene = load(file.save(tmp_path))
+    assert scene.lights[0].intensity == 1e10 and scene.lights[0].color == (1.0, 0.5, 0.0)
+    assert any("light 'lamp'" in w and "cut to 1e+10" in w for w in scene.warnings)
+
+
 def test_emission_beyond_every_light_is_cut_with_a_warning(tmp_path):
     file = Builder()
     file.mesh(material=file.add("materials", {"emissiveFactor": [1e29, 0, 0]}))
     scene = load(file.save(tmp_path))
     assert scene.meshes[0].emission == (1e10, 0, 0)
     assert any("more than any light has" in w for w in scene.warnings)
+
+
+def _processor_seconds(path) -> float:
+    """Time that loading takes of the processor, so that a busy machine does not fail a test."""
+    begin = time.process_time()
+    load(path)
+    return time.process_time() - begin
+
+
+@pytest.mark.parametrize("count", [20_000, pytest.param(200_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("drawn", [1000, 1])
+def test_many_nodes_load_in_time_that_grows_with_their_number(tmp_path, count, drawn):
+    """200,000 take 4 s; ``drawn``: one node in so many shows a mesh."""
+    file = square(node=False)
+    for i in range(count):
+        file.add("nodes", {"translation": [i % 100, i // 100, 0], **({} if i % drawn else {"mesh": 0})})
+    assert _processor_seconds(file.save(tmp_path)) < 1 + 15 * count / 200_000
+
+
+@pytest.mark.parametrize("count", [1200, pytest.param(12_000, marks=pytest.mark.slow)])
+def test_many_meshes_over_one_buffer_load_in_time_that_grows_with_their_number(tmp_path, count):
+    """12,000 accessors, each of a mesh of its own, take 4 s."""
+    file = square(node=False)
+    for _ in range(count):
+        file.json["accessors"].append(file.json["accessors"][0])
+        number = file.add("meshes", {"primitives": [{"attributes": {"POSITION": len(file.json["accessors"]) - 1}}]})
+        file.add("nodes", {"mesh": number})
+    assert _processor_seconds(file.save(tmp_path)) < 1 + 15 * count / 12_000
 
 
 def test_units(tmp_path):

@@ -224,6 +224,10 @@ def test_limits_can_be_changed(tmp_path):
         ('<emitter type="envmap"/>', "the envmap has no file name"),
         ('<shape type="sphere"><float name="radius" value="nan"/></shape>', "no finite number"),
         ('<shape type="sphere"><point name="center" x="1e39" y="0" z="0"/></shape>', "no finite number"),
+        (
+            '<emitter type="directional"><vector name="direction" x="0" y="18446744073709551616" z="0"/></emitter>',
+            "has a place, direction or power whose numbers overflow in single precision; make them smaller",
+        ),
         ('<shape type="cube"><transform name="to_world"><scale value="inf"/></transform></shape>', "no finite number"),
         (
             '<shape type="cube"><transform name="to_world"><shape type="cube"/></transform></shape>',

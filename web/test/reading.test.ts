@@ -1,11 +1,14 @@
 /** Parts of the runtime that need no browser. */
 
-import { Arc, checkContainer, FormatError, readExtension } from "lightwell";
+import { Arc, checkContainer, FormatError, LightwellLoaderPlugin, parseLearned, readExtension } from "lightwell";
 import { Vector3 } from "three";
-import { describe, expect, it } from "vitest";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { describe, expect, it, vi } from "vitest";
 import { compare } from "../viewer/src/comparison.ts";
 import { readOptions } from "../viewer/src/options.ts";
 import { readPageData } from "../viewer/src/page-data.ts";
+import { plainRoom } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
 
 describe("Arc", () => {
   it("passes through its three directions", () => {
@@ -30,6 +33,16 @@ describe("Arc", () => {
   it("stands still where the directions coincide", () => {
     const arc = new Arc([0, 1, 0], [0, 1, 0], [0, 1, 0]);
     expect(arc.at(0.7).distanceTo(new Vector3(0, 1, 0))).toBeLessThan(1e-9);
+  });
+});
+
+describe("a mesh without positions", () => {
+  it("is said on the console", async () => {
+    const warn = vi.spyOn(console, "warn").mockImplementation(() => {});
+    const file = writeGlb(plainRoom({ tamper: (json) => delete json.meshes[0].primitives[0].attributes.POSITION }));
+    await parseLearned(new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)), file.slice().buffer);
+    expect(warn).toHaveBeenCalledWith(expect.stringMatching(/expected positions, found none/));
+    warn.mockRestore();
   });
 });
 

@@ -97,6 +97,7 @@ function warnOfPlaces(gltf: GLTF): void {
     if (!object.matrixWorld.elements.every(Number.isFinite))
       console.warn(`lightwell: mesh '${object.name}': expected a finite place in the world, found NaN or infinity; export the model again`);
     const place = object.geometry.attributes.position as BufferAttribute | undefined;
+    if (!place) console.warn(`lightwell: mesh '${object.name}': expected positions, found none; it is not drawn, export the model again`);
     if (!place || seen.has(place)) return;
     seen.add(place);
     if (!(place.array instanceof Float32Array) || place.array.every(Number.isFinite)) return;
