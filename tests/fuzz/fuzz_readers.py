@@ -17,6 +17,7 @@ MODULES = {
     "scene": ("lightwell.scenes.gltf", "lightwell.scenes.mitsuba_xml"),
     "frame": ("lightwell.scenes.mitsuba_xml", "lightwell.lens.frames"),
     "asset": ("lightwell.asset", "lightwell.graph"),
+    "export": ("lightwell.asset.export",),
     "probes": ("lightwell.probes.file", "lightwell.probes.volume"),
     "library": ("lightwell.lens.library",),
     "cache": ("lightwell.cache",),
@@ -65,6 +66,13 @@ def asset(path: Path) -> Any:
         with np.errstate(all="ignore"):
             evaluate(graph, inputs)
     return [facts, variables, [field.graph.buffers for field in fields]]
+
+
+def export(path: Path) -> Any:
+    """The shader text of a baked asset, as the verb ``export`` prints it."""
+    from lightwell.asset.export import export_field
+
+    return str(export_field(path, "glsl"))
 
 
 def probes(path: Path) -> Any:

@@ -19,7 +19,7 @@ import sys
 import traceback
 import warnings
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -129,12 +129,29 @@ def keep_processes(memory: int) -> None:
     from lightwell.scenes import mitsuba_files
 
     class Kept(isolated.Worker):
-        known: ClassVar[dict[str, isolated.Worker]] = {}
+        """Ends with a request that dies or takes too much, not with the file that it was started for."""
 
-        def __enter__(self) -> isolated.Worker:
-            return self.known.setdefault(self._function, isolated.Worker(self._function, seconds=10.0, memory=memory))
+        asking = False
 
-    decoding.Worker = mitsuba_files.Worker = Kept
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def ask(self, request: isolated.Arrays, most_bytes: int) -> isolated.Arrays:
+            self.asking = True
+            try:
+                return super().ask(request, most_bytes)
+            finally:
+                self.asking = False
+
+        def stop(self) -> int:
+            return super().stop() if self.asking else 0
+
+    known: dict[str, Kept] = {}
+
+    def kept(function: str, **_: float) -> Kept:
+        return known.setdefault(function, Kept(function, seconds=10.0, memory=memory))
+
+    decoding.Worker = mitsuba_files.Worker = kept
 
 
 def main() -> None:

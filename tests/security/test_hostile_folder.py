@@ -25,7 +25,7 @@ CALLS = {
     "python RadianceCache.load": "from lightwell.cache.radiance_cache import RadianceCache; RadianceCache.load(PATH)",
 }
 # The readers of tests/fuzz, by how expect.tsv says that a file is read.
-READERS = {"info": "scene", "export": "asset", "lens": "frame", **dict(zip(CALLS, ("probes", "cache")))}
+READERS = {"info": "scene", "export": "export", "lens": "frame", **dict(zip(CALLS, ("probes", "cache")))}
 # Files that every run opens through the command line too; the others are opened so in long runs.
 FEW = ("xml/plugin_cwd.xml", "truncated.exr", "asset_png_bomb.glb")
 CALLER = """
