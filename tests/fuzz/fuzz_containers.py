@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import random
 import re
@@ -108,7 +107,7 @@ def _numbers(rng: random.Random, body: bytes, text: bytes) -> bytes:
     size = 8 if b"8'" in text else 4
     kind = (
         ("d" if size == 8 else "f")
-        if b"f" in text.split(b"fortran")[0].split(b"descr")[1]
+        if b"f" in text.split(b"fortran")[0].split(b"descr")[-1]
         else ("q" if size == 8 else "i")
     )
     values = (
@@ -124,7 +123,8 @@ def _numbers(rng: random.Random, body: bytes, text: bytes) -> bytes:
 
 def _shape(rng: random.Random, text: bytes) -> bytes:
     found = re.search(rb"\([^)]*\)", text)
-    old = ast.literal_eval(found.group().decode()) if found else ()
+    # A description may have been damaged before.
+    old = tuple(map(int, re.findall(rb"\d+", found.group()))) if found else ()
     choices = (
         (),
         (*old, 1),
