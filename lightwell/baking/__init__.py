@@ -1,1 +1,1 @@
-"""The bake: a scene in, a glTF with learned light, a page and a report out; and the comparison of fields."""
+"""The bake of a scene to a glTF asset with learned light, a page and a report; and the comparison of fields."""

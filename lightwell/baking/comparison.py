@@ -1,4 +1,4 @@
-"""Several fields on the same samples, scored against the same reference: the pipeline over a list of fields."""
+"""Comparison of several fields on the same samples, scored against the same reference."""
 
 from __future__ import annotations
 
@@ -48,7 +48,17 @@ class FieldChoice:
 
 
 def parse_fields(text: str) -> tuple[FieldChoice, ...]:
-    """Read ``mlp,mlp:report-20,factored``, each once; ``ValueError`` with the choices for an unknown name."""
+    """Read a list of fields from text.
+
+    Args:
+        text: Names like ``mlp,mlp:report-20,factored``; a field without a preset has its default one.
+
+    Returns:
+        The fields, each once.
+
+    Raises:
+        ValueError: The text names no field.
+    """
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words:
         raise ValueError(f"compare: --fields '{text}' names no field; choose some of {', '.join(field_names())}")
@@ -93,19 +103,21 @@ def _files(settings: CompareSettings) -> list[str]:
 
 @holds_output("compare", _files)
 def compare_fields(settings: CompareSettings, progress: Progress | None = None) -> dict[str, Any]:
-    """Trace once, train every field, score all.
+    """Trace once, train every field, and score all of them.
 
-    A field that cannot be trained is left out and named under ``failed``.
+    A field that cannot be trained is left out and listed under ``failed``.
 
     Args:
-        settings: What is asked.
-        progress: Bars and lines on standard error; None: silence.
+        settings: Settings of the comparison.
+        progress: Bars and lines on standard error; None: no output.
 
     Returns:
         The content of ``compare.json``.
 
     Raises:
         ValueError: A mistake of the user: one line with the cure; or no field could be trained.
+        RuntimeError: The only field failed in Mitsuba or Dr.Jit.
+        ArithmeticError: The only field failed in a computation.
     """
     progress = progress or Progress(quiet=True)
     scene = loaded(settings)
@@ -131,14 +143,14 @@ def compare_fields(settings: CompareSettings, progress: Progress | None = None) 
 
 
 class _Comparison:
-    """What every field of a comparison is trained on and scored with."""
+    """Samples and reference that all fields of a comparison share."""
 
     def __init__(self, settings: CompareSettings, work: Work, progress: Progress, scene: Any) -> None:
         self.settings, self.work, self.progress, self.scene = settings, work, progress, scene
         self.reference: Reference | None = None
         self.notes = LateNotes(progress)
         self._budget: ReferenceBudget | None = None
-        # Samples by what fields share.
+        # Samples by ``Field.shares``.
         self._samples: dict[str, Any] = {}
 
     def field(self, choice: FieldChoice) -> ComparedField:
@@ -189,7 +201,7 @@ class _Comparison:
         return self.reference
 
     def _told(self, state: State, fit: Fit) -> dict[str, Any]:
-        """What the report says of the settings."""
+        """Settings as they are written to the report."""
         settings = self.settings
         return {
             "scene": settings.scene,
@@ -220,5 +232,12 @@ COLUMNS = (
 
 
 def table(fields: Sequence[dict[str, Any]]) -> str:
-    """The fields as aligned text, best first."""
+    """Format the fields of a comparison as text, the least error first.
+
+    Args:
+        fields: Fields as in ``compare.json``.
+
+    Returns:
+        Aligned lines.
+    """
     return aligned(sorted(fields, key=lambda field: field["relative_error"]), COLUMNS)

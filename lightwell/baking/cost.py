@@ -1,4 +1,4 @@
-"""What a shading graph costs to store and to run."""
+"""The cost of storing and evaluating shading graphs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,28 @@ from lightwell.graph import Buffer
 
 
 class Cost(TypedDict):
-    """The cost fields of a report, summed over its graphs."""
+    """The cost of fields in a report, summed over their graphs."""
 
     bytes: int
     """All buffers as stored."""
     compressed_bytes: int
     """... after zlib at its highest level."""
     parameters: int
-    """Stored numbers, scales apart."""
+    """Stored numbers without scales."""
     macs_per_pixel: int
     fetches_per_pixel: int
     """Table entries read."""
 
 
 def cost(fields: Sequence[Lowered]) -> Cost:
-    """Sum the cost of the fields that one pixel evaluates; a picture counts as its encoded bytes."""
+    """Sum the cost of the fields that one pixel evaluates; a picture counts as its encoded bytes.
+
+    Args:
+        fields: Graphs as they are written.
+
+    Returns:
+        The cost.
+    """
     graphs = [field.graph for field in fields]
     return Cost(
         bytes=sum(_stored(field, lambda buffer: buffer.nbytes) for field in fields),
@@ -44,8 +51,15 @@ def _stored(field: Lowered, size: Callable[[Buffer], int]) -> int:
 
 
 def compressed_bytes(field: Lowered) -> int:
-    """Bytes of all weights and their scales, in order, after zlib (brotli is not in the standard library), and of
-    pictures, which are compressed already."""
+    """Count the bytes of all weights and their scales after zlib (brotli is not in the standard library), and of
+    pictures.
+
+    Args:
+        field: Graph as it is written; its pictures are compressed already.
+
+    Returns:
+        Bytes.
+    """
     parts = []
     for name, buffer in field.graph.buffers.items():
         if name in field.pictures:

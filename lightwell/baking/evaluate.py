@@ -1,4 +1,4 @@
-"""Scores the field, as it ships, against the path-traced reference at held-out lights and views."""
+"""Scores of a field, as it is written, against the path-traced reference at held-out lights and views."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BLENDED = 0.01
 
 @dataclass(frozen=True)
 class Shipped:
-    """A fit as it ships, evaluated at surface points."""
+    """A fit as it is written, evaluated at surface points."""
 
     role: str
     fit: Fit
@@ -38,17 +38,43 @@ class Shipped:
 
     @staticmethod
     def of(role: str, fit: Fit, lowered: Lowered) -> Shipped:
-        """Compile the graph of a fit."""
+        """Compile the graph of a fit.
+
+        Args:
+            role: Role of the fit.
+            fit: The fit.
+            lowered: Its graph.
+
+        Returns:
+            The compiled fit.
+        """
         return Shipped(role, fit, lowered, Baked(lowered.graph))
 
     def at(self, points: SurfacePoints, light: np.ndarray) -> np.ndarray:
-        """[N, 3] radiance for a unit light at [3] or [N, 3]."""
+        """Evaluate radiance for a unit light.
+
+        Args:
+            points: N surface points.
+            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
+
+        Returns:
+            [N, 3] radiance, reflectance included.
+        """
         return self.baked(self.fit.query(points, light))
 
 
 def lit_views(scene: Scene, variable: Variable | None, count: int, seed: int) -> list[tuple[Camera, np.ndarray]]:
-    """Choose held-out views: the scene's first camera with a well-placed light, then sampled cameras with held-out
-    lights; without a light that moves, cameras alone."""
+    """Choose held-out views: the scene's first camera with a suitable light, then sampled cameras with held-out lights.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light; None: no light varies, and all lights are zeros.
+        count: Number of views, ≥ 1.
+        seed: Seed of the bake.
+
+    Returns:
+        Camera and light [3] of each view.
+    """
     if variable is None:
         cameras = sample_cameras(scene, declare((), scene), count, seed + EVALUATION_SEED, authored=True)
         return [(camera, np.zeros(3, np.float32)) for camera in cameras]
@@ -56,7 +82,17 @@ def lit_views(scene: Scene, variable: Variable | None, count: int, seed: int) ->
 
 
 def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) -> list[tuple[Camera, np.ndarray]]:
-    """Held-out views: the scene's first camera with a well-placed light, then sampled cameras with held-out lights."""
+    """Choose held-out views as ``lit_views`` does, for a scene with a variable light.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        count: Number of views, ≥ 1.
+        seed: Seed of the bake.
+
+    Returns:
+        Camera and light [3] of each view.
+    """
     cameras = sample_cameras(scene, variable, count, seed + EVALUATION_SEED, authored=True)
     held_out = held_out_lights(scene, variable, max(count, 4), seed + EVALUATION_SEED)
     chosen = []
@@ -67,7 +103,7 @@ def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) ->
 
 
 def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarray) -> np.ndarray:
-    """The held-out light by which the camera's picture has most indirect light, seen coarsely: no black pictures."""
+    """The held-out light with most indirect light in a coarse picture of the camera, so that no view is black."""
     points, mask, _ = gbuffer(scene, camera, 16, 10)
     points = points[np.flatnonzero(mask)]
     if not len(points):
@@ -75,13 +111,22 @@ def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarr
     means = []
     for light in lights:
         a, b = indirect(scene, points, light, variable, 16, EVALUATION_SEED)
-        # The median keeps a light beside one wall from winning by one bright spot.
+        # The median, so that a light close to one wall is not chosen for one bright spot.
         means.append(np.median((a + b).mean(axis=1)))
     return lights[int(np.argmax(means))]
 
 
 def compare_points(reference: PointReference, shipped: Shipped, objects: Sequence[str]) -> PointComparison:
-    """Compare a field with the reference at held-out points; ``objects`` names the meshes of the scene."""
+    """Compare a field with the reference at held-out points.
+
+    Args:
+        reference: N points and their traced radiance.
+        shipped: The field.
+        objects: Names of the meshes of the scene.
+
+    Returns:
+        The comparison.
+    """
     r, prediction = reference, shipped.at(reference.points, reference.light)
     return PointComparison(prediction, r.half_a, r.half_b, r.points.shape, objects, r.weight)
 
@@ -94,9 +139,18 @@ def compare_view(
     caption: str,
     intensity: float,
 ) -> ViewComparison:
-    """Compare one picture: what the learned light adds up to for a light of 1 cd (1 lx), with the reference.
+    """Compare the learned light of all roles with the reference in one view, for a light of 1 cd (1 lx).
 
-    The first of ``fields`` says which of its experts is where.
+    Args:
+        reference: The view and its traced radiance.
+        fields: The fields of all roles; the map of experts is that of the first.
+        size: Width and height, pixels.
+        name: Name of the view.
+        caption: Caption of the view.
+        intensity: Intensity of the light on the page, cd or lx, > 0.
+
+    Returns:
+        The comparison.
     """
     width, height = size
     queries = [shipped.fit.query(reference.points, reference.light) for shipped in fields]
@@ -109,7 +163,15 @@ def compare_view(
 
 
 def role_scale(role: str, intensity: float) -> float:
-    """Weight of a field in a picture of which the declared light has 1 cd (1 lx)."""
+    """Return the weight of a field in a picture for a declared light of 1 cd (1 lx).
+
+    Args:
+        role: Role of the field.
+        intensity: Intensity of the light on the page, cd or lx, > 0.
+
+    Returns:
+        Factor of the radiance.
+    """
     return 1.0 / intensity if role == "static" else 1.0
 
 
@@ -128,12 +190,28 @@ def _regions(
 
 
 def view_name(camera: Camera, number: int) -> str:
-    """What a view is called: the camera's own name, or its number from 1."""
+    """Return the name of a view: the camera's name, or its number from 1.
+
+    Args:
+        camera: The camera.
+        number: Index of the view, from 0.
+
+    Returns:
+        The name.
+    """
     return camera.name or f"view {number + 1}"
 
 
 def view_caption(variable: Variable | None, light: np.ndarray) -> str:
-    """Say where the light of a view stands."""
+    """Describe the position of the light of a view.
+
+    Args:
+        variable: Ranges of the light; None: no light varies.
+        light: [3] position in metres, or direction towards the sun.
+
+    Returns:
+        The caption.
+    """
     if variable is None:
         return "the scene's own light"
     where = ", ".join(f"{c:.2f}" for c in light)
@@ -141,12 +219,27 @@ def view_caption(variable: Variable | None, light: np.ndarray) -> str:
 
 
 def object_names(scene: Scene) -> list[str]:
-    """A name for every mesh."""
+    """Return a name for every mesh.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        Names, in the order of the meshes.
+    """
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
 def light_sweep(reference: SweepReference, shipped: Shipped) -> list[tuple[float, float, float]]:
-    """(place on the sweep in [0, 1], relative error, noise floor) along the chain of held-out lights."""
+    """Compute the error of a field along the chain of held-out lights.
+
+    Args:
+        reference: Traced radiance along the chain.
+        shipped: The field.
+
+    Returns:
+        (position on the chain in [0, 1], relative error, noise floor) for each light.
+    """
     r, unit = reference, shipped.fit.unit
     f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
     y = 0.5 * (a + b)

@@ -1,4 +1,4 @@
-"""What a baked asset or a scene holds, in a few lines."""
+"""Facts about a baked asset or a scene."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from typing import Any
 
 
 def describe(path: str, **loading: Any) -> dict[str, Any]:
-    """Facts about OUT, an asset with learned light, or any scene that can be loaded.
+    """Collect facts about a folder written by a bake, an asset, or any scene that can be loaded.
 
-    ``loading``: the options of ``lightwell.scenes.load``.
+    Args:
+        path: The folder, asset or scene.
+        **loading: Options of ``lightwell.scenes.load``.
+
+    Returns:
+        JSON values.
     """
     target = Path(path)
     if (target / "scene.glb").is_file():

@@ -1,4 +1,4 @@
-"""What comes after tracing and training must not cost the user the bake: its failures become notes of the report."""
+"""Failures of the scoring after tracing and training become notes of the report, so that the bake is not lost."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ class LateNotes:
         """Start without notes.
 
         Args:
-            progress: Where each note is also said at once.
+            progress: Prints each note at once.
         """
         self.texts = []
         self._progress = progress
 
     def attempt(self, what: str, make: Callable[[], T], otherwise: T) -> T:
-        """Make something, or note that it failed.
+        """Compute a part of the scoring, or add a note that it failed.
 
         Args:
-            what: Name of the part, as the note calls it.
-            make: Makes it.
-            otherwise: What stands in its place after a failure.
+            what: Name of the part in the note.
+            make: Computes the part.
+            otherwise: Result after a failure.
 
         Returns:
-            What ``make`` returned, or ``otherwise``.
+            The result of ``make``, or ``otherwise``.
 
         Raises:
-            OSError: A file cannot be read or written: the work is kept, and ``--resume`` goes on.
+            OSError: A file cannot be read or written; the work is kept for ``--resume``.
         """
         try:
             return make()
@@ -50,7 +50,7 @@ class LateNotes:
             return otherwise
 
     def add(self, text: str) -> None:
-        """Take a note.
+        """Add a note.
 
         Args:
             text: One line.

@@ -1,6 +1,6 @@
-"""The bake: prepare, sample, fit and lower as the field says; score what ships; write. No step knows which field it is.
+"""The bake: prepare, sample, fit and lower with the interface of a field; score the result; write it.
 
-This module and ``comparison`` are the only callers of ``lightwell.fields.protocol``.
+No step depends on the name of a field. Only this module and ``comparison`` call ``lightwell.fields.protocol``.
 """
 
 from __future__ import annotations
@@ -43,16 +43,15 @@ if TYPE_CHECKING:
 def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
     """Learn the indirect light of a scene; write the asset, its page and its report.
 
+    A mistake of the user is a ``ValueError`` of one line with the cure, a file that cannot be read or written an
+    ``OSError``. Nothing is left half-written.
+
     Args:
-        settings: What is asked.
-        progress: Bars and lines on standard error; None: silence.
+        settings: Settings of the bake.
+        progress: Bars and lines on standard error; None: no output.
 
     Returns:
-        The content of ``report.json``, or of ``rebake.json`` where only a part was baked again.
-
-    Raises:
-        ValueError: A mistake of the user: one line with the cure. Nothing is half-written.
-        OSError: A file cannot be read or written.
+        The content of ``report.json``, or of ``rebake.json`` for an incremental bake.
     """
     progress = progress or Progress(quiet=True)
     name = settings.field or field_of(settings.preset)
@@ -75,7 +74,17 @@ def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, 
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:
-    """Load the scene of a bake; refuse one without surfaces."""
+    """Load the scene of a bake.
+
+    Args:
+        settings: Settings with the scene and how to load it.
+
+    Returns:
+        The scene.
+
+    Raises:
+        ValueError: The scene has no triangles.
+    """
     scene = load(settings.scene, **settings.loading)
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
         raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
@@ -83,7 +92,15 @@ def loaded(settings: BakeSettings | CompareSettings) -> Scene:
 
 
 def learn(field: Field, state: State) -> dict[Role, Fit]:
-    """Sample and fit every role of a prepared scene."""
+    """Sample and fit every role of a prepared scene.
+
+    Args:
+        field: The field.
+        state: The prepared scene.
+
+    Returns:
+        The fit of each role.
+    """
     return {role: field.fit(state, role, field.sample(state, role)) for role in state.roles}
 
 
@@ -97,7 +114,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     notes = LateNotes(job.progress)
     stage = choose_stage(state.scene, state.variable, units, settings)
     shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
-    # The asset is written before anything is scored: what follows may fail.
+    # The asset is written before anything is scored, because scoring may fail.
     with job.work.timed("write"):
         size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light)
     with job.work.timed("evaluate"):
@@ -116,7 +133,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
 
 
 def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> dict[str, Any]:
-    """What the report says of the settings."""
+    """Settings as they are written to the report."""
     return {
         "scene": settings.scene,
         "variable": variable_json(state.variable),
@@ -136,7 +153,19 @@ def write_asset(
     color: Sequence[float],
     light: np.ndarray,
 ) -> int:
-    """Write ``scene.glb``; returns its size in bytes."""
+    """Write ``scene.glb``.
+
+    Args:
+        out: Folder.
+        state: The prepared scene.
+        shipped: The fits of all roles.
+        intensity: First intensity of the variable light, cd or lx.
+        color: First colour of the variable light, linear sRGB.
+        light: [3] first position of the variable light in metres, or direction towards the sun.
+
+    Returns:
+        Bytes of the file.
+    """
     variables = [] if state.variable is None else [to_json(state.variable, light, intensity, color)]
     entries = [
         FieldEntry(
@@ -196,7 +225,7 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
 
 
 def _write_files(settings: Reported, progress: Progress, shipped: Sequence[Shipped], shown: Shown) -> None:
-    """Write what a field has beside the asset."""
+    """Write the files of a field beside the asset."""
     for s in shipped:
         files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, settings.keep)
         for file in files:

@@ -1,6 +1,6 @@
-"""How good learned light looks: pictures with the reference's noise taken off, blotches, leaks; for 1 cd (1 lx).
+"""Quality of learned light: noise-corrected errors of pictures, mottle and light leaks; for 1 cd (1 lx).
 
-Truth is traced once and scored against any number of fields. Notation: V views of H x W pixels, N points.
+The reference is traced once and any number of fields is scored against it. Notation: V views of H x W pixels, N points.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Learned = Callable[[SurfacePoints, np.ndarray], np.ndarray]
 """(N surface points, lights [3] or [N, 3]) → [N, 3] radiance of a learned field for a unit light, reflectance included:
 ``lightwell.baking.evaluate.Shipped.at``."""
 
-# Patches that are scored, candidates per patch among which lit ones are sought, and the paths of that search.
+# Patches that are scored, candidates per patch of the search for lit ones, and the paths of that search.
 PATCHES, PATCH_CANDIDATES, PATCH_PILOT_PATHS = 240, 4, 32
-# A direct light without size needs no more.
+# Paths per point of direct light; a light without size needs no more.
 DIRECT_PATHS = 2
 
 
 @dataclass(frozen=True)
 class PatchTruth:
-    """Flat patches of ``POINTS`` points each under one light each, patch by patch."""
+    """Reference on flat patches of ``POINTS`` points each, with one light per patch; ordered by patch."""
 
     points: SurfacePoints
     light: np.ndarray
@@ -45,7 +45,7 @@ class PatchTruth:
 
 @dataclass(frozen=True)
 class PictureTruth:
-    """A view with what does not have to be learned."""
+    """Reference of a view, with the direct light, which is not learned."""
 
     view: ViewReference
     direct: np.ndarray
@@ -56,7 +56,7 @@ class PictureTruth:
 
 @dataclass(frozen=True)
 class QualityTruth:
-    """All that one scene is judged by."""
+    """The complete reference of a scene."""
 
     pictures: Sequence[PictureTruth]
     patches: PatchTruth | None
@@ -65,31 +65,35 @@ class QualityTruth:
 
 @dataclass(frozen=True)
 class Quality:
-    """Figures of one field on one scene; None: the scene has nothing to measure it by."""
+    """Figures of one field on one scene; None where the scene has nothing to measure."""
 
     psnr_db: float | None
-    """Displayed indirect light, noise of the reference taken off, mean over views."""
+    """PSNR of the indirect light in display values, corrected for the noise of the reference; mean over views."""
     flip: float | None
-    """Of whole pictures, direct light included, against the reference."""
+    """FLIP of whole pictures, direct light included, against the reference."""
     flip_direct: float | None
-    """... of direct light alone: what a picture without learned light scores."""
+    """... of direct light alone, the value of a picture without learned light."""
     mottle: float | None
-    """Blotches on lit patches whose truth is smooth."""
+    """Mottle on lit patches where the reference is smooth."""
     mottle_lit: float | None
     """... on all lit patches."""
     leak: float
     relative_error: float
     noise_floor: float
-    """Relative error that the reference itself has."""
+    """Relative error of the reference itself."""
     per_view: Sequence[float | None]
     """PSNR of each view."""
 
     def json(self) -> dict:
-        """Plain values."""
+        """Convert the figures to JSON values.
+
+        Returns:
+            Figures by name.
+        """
         return asdict(self)
 
 
-# ---------------------------------------------------------------------- truth
+# ---------------------------------------------------------------------- reference
 
 
 def trace_quality(
@@ -100,7 +104,19 @@ def trace_quality(
     budget: ReferenceBudget,
     seed: int,
 ) -> QualityTruth:
-    """Trace the truth of the declared light at views, patches and area-uniform points."""
+    """Trace the reference of the declared light at views, patches and area-uniform points.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        views: Camera and light [3] of each view.
+        size: Width and height of the views, pixels.
+        budget: Numbers of points, lights and paths.
+        seed: Seed of the bake.
+
+    Returns:
+        The reference.
+    """
     pictures = [trace_picture(scene, variable, camera, light, size, budget.pixel_paths) for camera, light in views]
     points = trace_points(scene, variable, "indirect", budget, seed)
     return QualityTruth(pictures, trace_patches(scene, variable, PATCHES, budget.point_paths, seed), points)
@@ -109,13 +125,36 @@ def trace_quality(
 def trace_picture(
     scene: Scene, variable: Variable, camera: Camera, light: np.ndarray, size: tuple[int, int], paths: int
 ) -> PictureTruth:
-    """Indirect and direct light of one view at its pixel centres."""
+    """Trace indirect and direct light of one view at its pixel centres.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        camera: The camera.
+        light: [3] position of the light in metres, or direction towards the sun.
+        size: Width and height, pixels.
+        paths: Paths per pixel, even, ≥ 2.
+
+    Returns:
+        The reference of the view.
+    """
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
     return PictureTruth(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
 
 
 def trace_patches(scene: Scene, variable: Variable, count: int, paths: int, seed: int) -> PatchTruth | None:
-    """Truth of the most lit patches among candidates with random held-out lights; None without flat surface."""
+    """Trace the reference of flat patches with held-out lights; the best lit ones among random candidates are chosen.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        count: Number of patches.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the bake.
+
+    Returns:
+        The reference; None for a scene without flat surfaces.
+    """
     candidates = draw_patches(scene, PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
     number = len(candidates) // POINTS
     if not number:
@@ -146,7 +185,15 @@ def _spread_of_lit(value: np.ndarray, count: int) -> np.ndarray:
 
 
 def score_quality(truth: QualityTruth, learned: Learned) -> Quality:
-    """Every figure of a field; ``learned`` is evaluated once per record."""
+    """Compute all figures of a field.
+
+    Args:
+        truth: The reference of the scene.
+        learned: Evaluates the field at surface points under lights.
+
+    Returns:
+        The figures.
+    """
     per_view, flips, bare = [], [], []
     for picture in truth.pictures:
         psnr, whole, alone = score_picture(picture, learned(picture.view.points, picture.view.light))
@@ -171,9 +218,16 @@ def score_quality(truth: QualityTruth, learned: Learned) -> Quality:
 
 
 def score_picture(picture: PictureTruth, f: np.ndarray) -> tuple[float | None, float | None, float | None]:
-    """(PSNR of indirect light, FLIP of the whole, FLIP of direct light alone) of radiance [N, 3] at the view's points.
+    """Compute figures of one view, exposed by the reference.
 
-    Exposed by the reference, picture by picture. None where the reference is black.
+    Args:
+        picture: The reference of the view.
+        f: [N, 3] radiance of the field at the points of the view.
+
+    Returns:
+        PSNR of the indirect light, FLIP of the whole picture and FLIP of direct light alone; None where the reference
+        is
+        black.
     """
     view = picture.view
     y = 0.5 * (view.half_a + view.half_b)
@@ -189,7 +243,15 @@ def score_picture(picture: PictureTruth, f: np.ndarray) -> tuple[float | None, f
 
 
 def place(picture: PictureTruth, values: np.ndarray) -> np.ndarray:
-    """[H, W, 3] picture of values [N, 3] at the points of a view, black elsewhere."""
+    """Arrange values at the points of a view as a picture.
+
+    Args:
+        picture: The view.
+        values: [N, 3] values at its points.
+
+    Returns:
+        [H, W, 3] float64 picture, 0 elsewhere.
+    """
     width, height = picture.size
     full = np.zeros((height * width, 3), np.float64)
     full[picture.view.seen] = values

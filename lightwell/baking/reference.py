@@ -1,7 +1,7 @@
-"""The path-traced reference that fields are scored against: traced once, however many fields there are.
+"""The path-traced reference that fields are scored against. It is traced once for all fields.
 
-Every record names N surface points and holds two independent halves of the radiance that leaves them. A field makes
-queries of the points by itself, because some know more of a point than others.
+Every record holds N surface points and two independent halves of the radiance that leaves them. Fields make their own
+queries of the points, because the inputs of fields differ.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lightwell.scenes.variables import Variable, first_settings
 from lightwell.transport import SurfacePoints, draw_surface, indirect, static
 from lightwell.transport.camera import gbuffer
 
-# Raised when the same arguments give other samples than before.
+# Version; to be increased when the same arguments give other samples than before.
 VERSION = 1
 NO_LIGHT = np.zeros(3, np.float32)
 
@@ -39,7 +39,7 @@ class PointReference:
 
     points: SurfacePoints
     light: np.ndarray
-    """[N, 3] place of the light of each point."""
+    """[N, 3] position of the light of each point, metres, or direction towards the sun."""
     half_a: np.ndarray
     """[N, 3] mean over the first half of the paths, for a light of 1 cd (1 lx)."""
     half_b: np.ndarray
@@ -50,13 +50,13 @@ class PointReference:
 
 @dataclass(frozen=True)
 class ViewReference:
-    """The surface points that the pixels of one picture show."""
+    """The surface points at the pixel centres of one view."""
 
     points: SurfacePoints
     light: np.ndarray
     """[3]."""
     half_a: np.ndarray
-    """[N, 3] as in ``PointReference``; the scene's own light is weighed in."""
+    """[N, 3] as in ``PointReference``; the scene's own light is included."""
     half_b: np.ndarray
     seen: np.ndarray
     """[N] pixels of the points, row-major; the other pixels show no surface."""
@@ -77,18 +77,18 @@ class SweepReference:
 
 @dataclass(frozen=True)
 class Stage:
-    """What is looked at, under which light."""
+    """The views of a report and their lights."""
 
     views: list[tuple[Camera, np.ndarray]]
-    """Held-out cameras, each with a held-out light (zeros where none moves); the first is where the page opens."""
+    """Held-out cameras, each with a held-out light (zeros without a variable light); the page opens at the first."""
     intensity: float
-    """Candela or lux that the light has first."""
+    """First intensity of the light, candela or lux."""
     color: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Everything that a field is scored against and shown beside."""
+    """Everything that fields are scored against and shown beside."""
 
     stage: Stage
     points: dict[str, PointReference]
@@ -96,7 +96,7 @@ class Reference:
     views: list[ViewReference | None]
     """One for each view of the stage; None where it could not be traced."""
     sweep: SweepReference | None
-    """None: no light moves, or it could not be traced."""
+    """None: no light varies, or it could not be traced."""
     pictures: list[PageView]
     """Complete path-traced pictures, for the page."""
 
@@ -192,7 +192,18 @@ def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float
 def trace_points(
     scene: Scene, variable: Variable | None, role: str, budget: ReferenceBudget, seed: int
 ) -> PointReference:
-    """Trace one role's radiance at held-out points, the same for each role."""
+    """Trace the radiance of one role at held-out points; the points are the same for each role.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light; None: no light varies.
+        role: The role.
+        budget: Numbers of points, lights and paths.
+        seed: Seed of the bake.
+
+    Returns:
+        The reference.
+    """
     draw = draw_surface(scene, budget.points, seed + EVALUATION_SEED)
     light = np.zeros((budget.points, 3), np.float32)
     if variable is not None:
@@ -212,9 +223,20 @@ def trace_view(
     paths: int,
     intensity: float = 1.0,
 ) -> ViewReference:
-    """Trace one picture of ``size`` = (width, height) pixels.
+    """Trace one view.
 
-    The scene's own light is weighed as on the page, where the declared light has ``intensity``.
+    Args:
+        scene: The scene.
+        variable: Ranges of the light; None: no light varies.
+        camera: The camera.
+        light: [3] position of the light in metres, or direction towards the sun.
+        roles: Roles whose light is added up.
+        size: Width and height, pixels.
+        paths: Paths per pixel, even, ≥ 2.
+        intensity: Intensity of the light on the page, cd or lx; the scene's own light is divided by it.
+
+    Returns:
+        The reference.
     """
     points, mask, _ = gbuffer(scene, camera, *size)
     seen = np.flatnonzero(mask)
@@ -226,7 +248,17 @@ def trace_view(
 
 
 def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed: int) -> SweepReference:
-    """Trace a walk of the light through its box, each held-out place next to the last."""
+    """Trace a few points under a chain of held-out lights, each near the one before.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        budget: Numbers of points, lights and paths.
+        seed: Seed of the bake.
+
+    Returns:
+        The reference.
+    """
     lights = chain(held_out_lights(scene, variable, budget.sweep, seed + 3 * EVALUATION_SEED))
     points = draw_surface(scene, budget.sweep_points, seed + 3 * EVALUATION_SEED, floor=0).points
     halves = [indirect(scene, points, light, variable, budget.sweep_paths, seed + k) for k, light in enumerate(lights)]
@@ -237,7 +269,14 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
 
 
 def chain(lights: np.ndarray) -> np.ndarray:
-    """The lights in an order in which each is the nearest of those left: a walk through the box."""
+    """Order lights so that each is the nearest of the remaining ones to the one before.
+
+    Args:
+        lights: [L, 3] positions or directions.
+
+    Returns:
+        [L, 3] the same in order; the first stays first.
+    """
     left, order = list(range(1, len(lights))), [0]
     while left:
         nearest = min(left, key=lambda k: float(np.linalg.norm(lights[k] - lights[order[-1]])))
@@ -247,7 +286,7 @@ def chain(lights: np.ndarray) -> np.ndarray:
 
 
 def _halves(scene, variable, role: str, points, light, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two halves of what a field of that role should give, [N, 3] each."""
+    """Two independent halves of the radiance of a role, [N, 3] each."""
     if role == "static":
         return static(scene, points, paths, seed + EVALUATION_SEED)
     return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED)

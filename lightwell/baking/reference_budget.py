@@ -1,4 +1,4 @@
-"""How much work goes into the truth that a bake is scored against."""
+"""The number of paths of the reference that a bake is scored against."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 EVALUATION_SEED = 0x5EED
 # Pictures for display have so many times the width and height of the views that are scored: 672 x 420 by default.
 PICTURE_SCALE = 3
-# The truth of the report may take this share of the budget, within these bounds, in seconds.
+# The reference of the report may take this share of the budget, within these bounds, in seconds.
 EVALUATION_SHARE, EVALUATION_LEAST, EVALUATION_MOST = 0.4, 12.0, 240.0
 
 
 @dataclass(frozen=True)
 class ReferenceBudget:
-    """How exact the truth is; the noise floor is reported beside every error."""
+    """Sizes and path counts of the reference; its noise floor is reported beside every error."""
 
     points: int = 4096
     point_paths: int = 1024
@@ -28,7 +28,16 @@ class ReferenceBudget:
 
     @staticmethod
     def within(seconds: float, paths_per_second: float, pixels: int) -> ReferenceBudget:
-        """Path counts that take about ``seconds`` at a measured rate; ``pixels`` over all views."""
+        """Choose path counts for a given time.
+
+        Args:
+            seconds: Time for the reference.
+            paths_per_second: Measured rate.
+            pixels: Number of pixels of all views.
+
+        Returns:
+            The budget.
+        """
         budget = seconds * paths_per_second
         even = lambda paths: max(int(paths) // 2 * 2, 8)  # noqa: E731
         return ReferenceBudget(
@@ -40,6 +49,15 @@ class ReferenceBudget:
 
     @staticmethod
     def of_budget(seconds: float, paths_per_second: float, pixels: int) -> ReferenceBudget:
-        """What is appropriate beside ``seconds`` of tracing and training."""
+        """Choose path counts in proportion to the time of tracing and training.
+
+        Args:
+            seconds: Time of tracing and training.
+            paths_per_second: Measured rate.
+            pixels: Number of pixels of all views.
+
+        Returns:
+            The budget.
+        """
         share = min(max(seconds * EVALUATION_SHARE, EVALUATION_LEAST), EVALUATION_MOST)
         return ReferenceBudget.within(share, paths_per_second, pixels)

@@ -1,5 +1,6 @@
-"""The path-traced pictures that the page shows beside the learned light: for the eye, so larger than those that are
-scored, and denoised. No figure is computed from them."""
+"""Path-traced pictures that the page shows beside the learned light. They are larger than the scored views and
+denoised; no figure is computed from them.
+"""
 
 from __future__ import annotations
 

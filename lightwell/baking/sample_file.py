@@ -1,4 +1,4 @@
-"""Samples of a scene's indirect light as a file, for work outside lightwell."""
+"""Samples of a scene's indirect light as a file, for use outside lightwell."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lightwell.core.scene_options import SceneOptions
 from lightwell.fields.request import Request
 
 _REQUEST = Request.__dataclass_fields__
-# Points that share one place of the light, as in the samples that fields learn from.
+# Points that share one position of the light, as in the training samples of fields.
 POINTS_PER_LIGHT = 128
 
 
 @dataclass(frozen=True)
 class SampleSettings(SceneOptions):
-    """Everything that decides a file of samples."""
+    """Settings of a file of samples."""
 
     scene: str
     """Path of a scene or the name of a built-in one."""
@@ -31,7 +31,7 @@ class SampleSettings(SceneOptions):
     own_light: bool = option(False, "the light of the scene's own emitters instead of the light that moves")
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing, by the name of their option."""
+        """Refuse values out of range, by the name of their option."""
         check(self, "samples")
         if self.out.suffix != ".npz":
             raise ValueError(f"samples: '{self.out}' is no .npz; name a file such as samples.npz with -o")
@@ -41,19 +41,18 @@ def write_samples(settings: SampleSettings) -> dict[str, Any]:
     """Path-trace samples and write them as an .npz of float32 and uint32 arrays of N rows.
 
     The columns are those of ``lightwell.transport.samples``: ``position, normal, view, light, reflectance, roughness,
-    metallic`` (what a field may know of a point), ``half_a, half_b, radiance`` (two independent means and their mean,
-    for a light of 1 cd or 1 lx, reflectance included), ``weight`` (makes means area-uniform), and ``shape, triangle,
-    barycentric`` (where the point lies).
+    metallic`` (the inputs of a field), ``half_a, half_b, radiance`` (two independent means and their mean, for a light
+    of 1 cd or 1 lx, reflectance included), ``weight`` (makes means area-uniform), and ``shape, triangle, barycentric``
+    (the location of the point). A file that cannot be written is an ``OSError``.
 
     Args:
-        settings: What is asked.
+        settings: Settings of the file.
 
     Returns:
         Facts: file, samples, paths, light; JSON values.
 
     Raises:
         ValueError: A mistake of the user: one line with the cure.
-        OSError: The file cannot be written.
     """
     from lightwell.files import save_arrays
     from lightwell.scenes import load

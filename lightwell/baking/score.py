@@ -1,4 +1,4 @@
-"""What a field achieved: everything that the report and the page show of it."""
+"""Scores of a field for the report and the page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,15 @@ from lightwell.scenes.variables import Variable
 
 
 def reference_budget(settings: Reported, fit: Fit) -> ReferenceBudget:
-    """Return what the reference may cost, at the number of paths per second that the fit's samples took."""
+    """Choose the path counts of the reference, at the rate that was measured on the samples of the fit.
+
+    Args:
+        settings: Views and time of the report.
+        fit: The fit.
+
+    Returns:
+        The budget.
+    """
     width, height = settings.view_size
     pixels, rate = width * height * settings.views, fit.traced.rate
     if settings.truth:
@@ -62,7 +70,7 @@ def score(
         Everything that a report says, but the size of the asset.
     """
     scene, stage = state.scene, reference.stage
-    # The one that says what the error is.
+    # The headline field: that of the variable light, or the only one.
     first = next((s for s in shipped if s.role == "indirect"), shipped[0])
     ordered = [first, *(s for s in shipped if s is not first)]
     names = evaluate.object_names(scene)
@@ -106,7 +114,14 @@ def score(
 
 
 def facts_of(shipped: Sequence[Shipped]) -> dict[str, Any]:
-    """Return what the fits tell of themselves, the first before the others: JSON values, NumPy's numbers included."""
+    """Merge the facts of all fits; where two have the same name, the first fit's counts.
+
+    Args:
+        shipped: The fits.
+
+    Returns:
+        JSON values.
+    """
     told = {}
     for s in reversed(shipped):
         told |= s.fit.facts
@@ -120,7 +135,14 @@ def _plain(value: Any) -> Any:
 
 
 def warnings(state: State) -> list[str]:
-    """List what the scene could not express, and paths that a point light cannot find."""
+    """List features of the scene that are not supported, and light paths that a point light cannot find.
+
+    Args:
+        state: The prepared scene.
+
+    Returns:
+        One line each.
+    """
     scene, variable = state.scene, state.variable
     found = [*scene.warnings, *filter(None, [missing()]), *state.warnings]
     delta = sorted(_mirrors(scene))
@@ -139,8 +161,16 @@ def _mirrors(scene: Scene) -> set[str]:
 
 
 def exposure(views: Sequence[PageView]) -> float:
-    """Brings log-average luminance to middle grey (Reinhard et al. 2002): half way between the first and the brightest
-    picture, so that neither is lost."""
+    """Compute the exposure of the page: log-average luminance at middle grey (Reinhard et al. 2002).
+
+    It lies half way between those of the first and of the brightest view, so that both are legible.
+
+    Args:
+        views: The views.
+
+    Returns:
+        Factor of the radiance.
+    """
     averages = []
     for view in views:
         luminance = view.reference.reshape(-1, 3) @ LUMINANCE
@@ -153,5 +183,12 @@ def exposure(views: Sequence[PageView]) -> float:
 
 
 def variable_json(variable: Variable | None) -> dict[str, Any] | None:
-    """The variable as JSON values."""
+    """Convert the ranges of a light to JSON values.
+
+    Args:
+        variable: The ranges; None: no light varies.
+
+    Returns:
+        JSON values; None without a variable light.
+    """
     return None if variable is None else json.loads(json.dumps(asdict(variable)))

@@ -1,4 +1,4 @@
-"""What a person asks of a bake."""
+"""Settings of bakes and comparisons."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _time(text: str) -> Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class Reported(Request, SceneOptions):
-    """What a bake and a comparison share: a request, and what is shown of the result."""
+    """Settings that a bake and a comparison share: the request, and the contents of the report."""
 
     views: int = option(4, "held-out views in the report (default: 4)", least=1)
     truth: Budget | None = option(
@@ -41,14 +41,14 @@ class Reported(Request, SceneOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Compared(Reported):
-    """What is common to all fields of a comparison."""
+    """Settings that all fields of a comparison share."""
 
     views: int = option(3, "held-out views (default: 3)", least=1)
 
 
 @dataclass(frozen=True)
 class BakeSettings(Reported):
-    """Everything that decides what a bake computes."""
+    """Settings of a bake."""
 
     scene: str
     """Path of a scene or the name of a built-in one."""
@@ -60,19 +60,35 @@ class BakeSettings(Reported):
     """Options of the field: an instance of its ``Options``, or a dictionary; None: the defaults."""
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing, by the name of their option."""
+        """Refuse values out of range, by the name of their option."""
         check(self, "bake")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", field_options(self.field, self.options or {}))
 
 
 def field_options(field: str, given: Mapping[str, Any], verb: str = "bake") -> Any:
-    """Make the options of a field; those it does not know are refused with the field that knows them."""
+    """Make the options of a field; an unknown option is an error that names the fields that have it.
+
+    Args:
+        field: Name of the field; empty: the default one.
+        given: Options by name.
+        verb: Verb of the command line for error messages.
+
+    Returns:
+        Instance of the field's ``Options``.
+    """
     kind = options_type(field or DEFAULT)
     return made(kind, given, verb, "field", field or DEFAULT, option_homes())
 
 
 def request_of(settings: Reported) -> dict[str, Any]:
-    """Return the part of settings that a field is told."""
+    """Return the settings that a field is given.
+
+    Args:
+        settings: Settings of a bake or comparison.
+
+    Returns:
+        Fields of ``Request`` by name.
+    """
     names = (*options_of(Request), "lights_per_shard")
     return {name: getattr(settings, name) for name in names}

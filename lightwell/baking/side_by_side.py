@@ -1,4 +1,4 @@
-"""Reports of several bakes side by side."""
+"""Table of the reports of several bakes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,14 @@ COLUMNS = (
 
 
 def comparison(outs: list[Path]) -> list[dict[str, Any]]:
-    """One row per folder, in the order given; ValueError where there is no report."""
+    """Read the figures of several reports; a folder without a report is a ``ValueError``.
+
+    Args:
+        outs: Folders written by bakes.
+
+    Returns:
+        Figures by name for each folder, in the order given.
+    """
     return [_row(out) for out in outs]
 
 
@@ -46,12 +53,27 @@ def _row(out: Path) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """The rows as aligned text."""
+    """Format figures as text.
+
+    Args:
+        rows: The result of ``comparison``.
+
+    Returns:
+        Aligned lines.
+    """
     return aligned(rows, COLUMNS)
 
 
 def aligned(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, str]]) -> str:
-    """Rows as text in columns of (key, heading, format); what a row lacks is a dash."""
+    """Format a table as text.
+
+    Args:
+        rows: Values by key; None is written as a dash.
+        columns: (key, heading, format) of each column.
+
+    Returns:
+        Aligned lines.
+    """
     cells = [[heading for _, heading, _ in columns]]
     for row in rows:
         cells.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in columns])

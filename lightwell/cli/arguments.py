@@ -1,4 +1,4 @@
-"""Arguments of a command line from options that are declared once (``lightwell.core.options``)."""
+"""Command-line arguments, made from options that are declared once (``lightwell.core.options``)."""
 
 from __future__ import annotations
 
@@ -49,10 +49,17 @@ def _valued(kind: str, known: Option) -> dict[str, Any]:
 
 
 def given_options(arguments: argparse.Namespace, kind: type, verb: str) -> dict[str, Any]:
-    """Return the options of a dataclass that were given, read; those that were not keep the dataclass's defaults.
+    """Convert the options that were given on the command line; others are left out.
 
-    Raises:
-        ValueError: A text cannot be read; one line that names the verb and the option.
+    A text that cannot be converted is a ``ValueError`` of one line that names the verb and the option.
+
+    Args:
+        arguments: Parsed arguments.
+        kind: Dataclass of the options.
+        verb: Verb of the command line.
+
+    Returns:
+        Values by name of the option.
     """
     given = {}
     for name, (_, known) in options_of(kind).items():
@@ -68,12 +75,21 @@ def given_options(arguments: argparse.Namespace, kind: type, verb: str) -> dict[
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Add the scene that a verb reads."""
+    """Add the argument for the scene.
+
+    Args:
+        parser: Parser to add to.
+    """
     parser.add_argument(
         "scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or cornell, courtyard, two-rooms"
     )
 
 
 def add_json(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add ``--json``."""
+    """Add ``--json``.
+
+    Args:
+        parser: Parser to add to.
+        what: Help of the option.
+    """
     parser.add_argument("--json", action="store_true", help=what)

@@ -23,14 +23,24 @@ Ctrl-C keeps a checkpoint; --resume goes on. --field NAME --help shows what that
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     add_scene(parser)
     parser.add_argument("-o", "--out", required=True, help="folder to write")
     add_bake_options(parser, argv)
 
 
 def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add what ``bake`` and ``demo`` take beside scene and folder; help shows the options of the field in ``argv``."""
+    """Add the options that ``bake`` and ``demo`` share besides scene and folder.
+
+    Args:
+        parser: Parser to add to.
+        argv: Words after the verb; help shows the options of the field in them.
+    """
     parser.add_argument(
         "--field",
         help=f"learned representation: {', '.join(BUILT_IN)}, or one that a plug-in adds "
@@ -47,14 +57,22 @@ def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> No
 
 
 def _chosen(argv: Sequence[str]) -> str | None:
-    """The field that the words name, if any."""
+    """Return the field that is named in the words, if any."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     first.add_argument("--field", nargs="?")
     return first.parse_known_args(list(argv))[0].field
 
 
 def settings(arguments: argparse.Namespace, **defaults: Any) -> BakeSettings:
-    """What the options say, checked; ``defaults`` stand for options that were not given."""
+    """Make the settings of a bake from parsed arguments.
+
+    Args:
+        arguments: Parsed arguments.
+        **defaults: Values of options that were not given.
+
+    Returns:
+        The settings.
+    """
     given = defaults | given_options(arguments, BakeSettings, "bake")
     options: dict[str, Any] = {}
     for field in dict.fromkeys([*([arguments.field] if arguments.field else []), *OPTIONS]):
@@ -64,12 +82,27 @@ def settings(arguments: argparse.Namespace, **defaults: Any) -> BakeSettings:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Bake."""
+    """Bake.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     return run_bake(arguments, settings(arguments))
 
 
 def run_bake(arguments: argparse.Namespace, asked: BakeSettings) -> int:
-    """Bake what is asked; print the report where it is wanted."""
+    """Bake; print the report as JSON if requested.
+
+    Args:
+        arguments: Parsed arguments.
+        asked: Settings of the bake.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.baking.pipeline import bake
     from lightwell.core.progress import Progress
 

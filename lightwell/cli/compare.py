@@ -17,12 +17,17 @@ lightwell compare --fields A,B,… SCENE -o OUT    train each field on the same 
   OUT/compare.json   the same as numbers
   OUT/FIELD/         scene.glb, page and report of each field, as bake writes them
 Ctrl-C keeps what is done; --resume goes on."""
-# Options of a bake that mean nothing here: each field has its own preset, and the light that moves is compared.
+# Options of a bake without meaning here: each field has its own preset, and only the variable light is compared.
 WITHOUT = ("preset", "static")
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     parser.add_argument("targets", metavar="OUT|SCENE", nargs="+", help="folders written by bake, or one scene")
     parser.add_argument(
         "--fields", metavar="FIELD[:PRESET],…", help="fields to train, for example mlp,mlp:report-20,factored"
@@ -33,7 +38,17 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Train and compare fields, or put reports side by side."""
+    """Train and compare fields, or print a table of reports.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        ValueError: Options of ``--fields`` were given without it.
+    """
     if arguments.fields is not None:
         return _compare_fields(arguments)
     from lightwell.baking.side_by_side import comparison, table

@@ -15,7 +15,12 @@ BUDGET, VIEWS = Budget(60.0), 3
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     parser.add_argument(
         "scene", nargs="?", default="courtyard", help="cornell, courtyard or two-rooms (default: %(default)s)"
     )
@@ -25,7 +30,14 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Bake, then serve the page where someone looks on."""
+    """Bake, then serve the page if the output is a terminal.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     code = bake.run_bake(arguments, bake.settings(arguments, budget=BUDGET, views=VIEWS))
     page = Path(arguments.out) / "index.html"
     if arguments.no_open or not sys.stdout.isatty():

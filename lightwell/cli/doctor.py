@@ -10,12 +10,24 @@ from lightwell.cli.arguments import add_json
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     add_json(parser, "print the facts as JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what was found and the cures; 1 where something is wrong."""
+    """Print facts about the installation, with cures for problems.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code: 0, or 1 where there is a problem.
+    """
     from lightwell import doctor
 
     report = doctor.report()

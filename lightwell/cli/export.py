@@ -11,7 +11,12 @@ from lightwell.core.scene_options import LimitOptions
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
     parser.add_argument("--to", required=True, metavar="LANGUAGE", help="glsl, wgsl or shadertoy")
     parser.add_argument("-o", "--out", help="file to write, and what it binds beside it (default: beside the asset)")
@@ -24,7 +29,14 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the shader, and say which files."""
+    """Write the shader, and print the names of the files.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.asset.export import ENDINGS, export_field, write_export
 
     path = Path(arguments.path)

@@ -13,13 +13,25 @@ DESCRIPTION = lens.DESCRIPTION
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     lens.add(parser)
     add_options(parser, LimitOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Blur, bake or check."""
+    """Blur, bake or check.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.lens.command import run as run_lens
 
     return run_lens(arguments)

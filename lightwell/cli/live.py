@@ -17,7 +17,12 @@ SMALLEST, LARGEST = 16, 2048
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     add_scene(parser)
     parser.add_argument("--size", type=int, default=256, help="edge of the square pictures, pixels (default: 256)")
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1 (default: any free one)")
@@ -27,7 +32,17 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the page until interrupted."""
+    """Serve the page until interrupted.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        ValueError: The size is out of range.
+    """
     if not SMALLEST <= arguments.size <= LARGEST:
         raise ValueError(f"live: --size {arguments.size}, expected {SMALLEST} ... {LARGEST} pixels")
     from lightwell.cache.live_server import live

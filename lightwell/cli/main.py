@@ -1,4 +1,4 @@
-"""The command ``lightwell``: finds the verb, and only then imports it, so that help is instant."""
+"""The command ``lightwell``. Only the module of the given verb is imported, so that help is printed at once."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from importlib import import_module
 import lightwell
 from lightwell.cli.interrupts import Interrupts
 
-# Exit codes: 2 is the user's mistake (one line says which), 130 is an interrupt, as shells expect.
+# Exit codes: 2 for a mistake of the user (described in one line), 130 for an interrupt, as shells expect.
 USAGE_ERROR, INTERRUPTED = 2, 130
 
 # Verb → what it does. Each is a module of this package of the same name with ``add(parser, argv)`` and
-# ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, stands in its help.
+# ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, is part of its help.
 VERBS = {
     "bake": "learn the indirect light of a scene; write scene.glb, index.html, report.html and report.json",
     "demo": "run the main job on a built-in scene and open the page",
@@ -30,7 +30,7 @@ VERBS = {
     "store": "say what lightwell keeps between runs, or remove it",
     "doctor": "say which backend runs here, and what to do when one does not",
 }
-# Verbs that an interrupt leaves something of to go on with, and verbs that end in no other way.
+# Verbs that can be resumed after an interrupt, and verbs that run until they are interrupted.
 RESUMABLE, SERVERS = ("bake", "demo"), ("view", "live")
 
 EXAMPLES = """\
@@ -50,23 +50,30 @@ examples
 
 
 class Parser(argparse.ArgumentParser):
-    """Says a mistake in one line, as every other mistake here; --help lists the arguments."""
+    """Reports a mistake in one line, as for every other error; --help lists the arguments."""
 
     def error(self, message: str):
-        """Print the line and exit with code 2."""
+        """Print a line and exit with code 2.
+
+        Args:
+            message: The mistake.
+        """
         if "expected one argument" in message:
             message += " (a value that begins with '-' is written --name=-value)"
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help lists the arguments\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; a user's mistake is one line on standard error and exit code 2, never a traceback.
+    """Run one verb. A mistake of the user is one line on standard error and exit code 2, without a traceback.
 
     Args:
         argv: Words after ``lightwell``; None: those of this process.
 
     Returns:
         The exit code: 0, 1 where a check found something, 2 for a mistake, 130 after Ctrl-C.
+
+    Raises:
+        Exception: A defect of lightwell, with its traceback.
     """
     words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     verb = words[0] if words and words[0] in VERBS else ""
@@ -92,7 +99,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
-    """Make the parser of a verb; ``argv``: its words, of which some verbs' arguments depend."""
+    """Make the parser of a verb.
+
+    Args:
+        verb: Name of the verb.
+        argv: Words after the verb; the arguments of some verbs depend on them.
+
+    Returns:
+        The parser.
+    """
     module = import_module(f"lightwell.cli.{verb}")
     parser = Parser(
         prog=f"lightwell {verb}",
@@ -104,7 +119,7 @@ def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
 
 
 def _without_verb(words: Sequence[str]) -> int:
-    """Help, version, or the mistake in the verb."""
+    """Print help or version, or report an unknown verb."""
     parser = Parser(
         prog="lightwell",
         description="Learns the indirect light of a scene and plays it back in real time.",
@@ -120,7 +135,7 @@ def _without_verb(words: Sequence[str]) -> int:
 
 
 def _interrupted(arguments: argparse.Namespace) -> int:
-    """Say what an interrupt leaves."""
+    """Print how to continue after an interrupt."""
     if arguments.verb and arguments.verb not in SERVERS:
         long = arguments.verb in RESUMABLE or getattr(arguments, "fields", None)
         resume = "; the checkpoint is kept, go on with --resume" if long else ""
@@ -129,7 +144,7 @@ def _interrupted(arguments: argparse.Namespace) -> int:
 
 
 def _one_line(error: BaseException) -> str:
-    """What happened and, for memory that ran out or a bare error of the operating system, its cure."""
+    """Describe an error in one line; for lack of memory and some errors of the operating system with the cure."""
     text = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, MemoryError):
         what = "" if text in ("MemoryError", "std::bad_alloc") else f" ({text[:200]})"

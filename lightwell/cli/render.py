@@ -13,7 +13,12 @@ from lightwell.rendering.settings import INTEGRATORS, RenderSettings
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     add_scene(parser)
     parser.add_argument("-o", "--out", required=True, help="picture to write: .png (tone-mapped) or .exr (linear)")
     add_options(parser, RenderSettings)
@@ -23,7 +28,14 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Render and say what was rendered."""
+    """Render, and print facts about the picture.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.rendering.path import render
 
     options: dict[str, Any] = {}

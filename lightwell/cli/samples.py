@@ -16,7 +16,12 @@ place, and the radiance that leaves them as two independent means. docs/python.m
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     add_scene(parser)
     parser.add_argument("-o", "--out", required=True, help="file to write, .npz")
     add_options(parser, SampleSettings)
@@ -24,7 +29,14 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Trace and write the samples."""
+    """Trace and write the samples.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.baking.sample_file import write_samples
 
     given = given_options(arguments, SampleSettings, "samples")

@@ -1,4 +1,4 @@
-"""The verb ``store``: what lightwell keeps between runs, and how to get rid of it."""
+"""The verb ``store``: information about the files that lightwell keeps between runs, and their removal."""
 
 from __future__ import annotations
 
@@ -13,21 +13,37 @@ platform's folder for caches. Beyond 20 GB (or LIGHTWELL_STORE_LIMIT) what was n
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Arguments of ``store``."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     parser.add_argument("action", choices=("info", "clear"), help="info: what it holds; clear: remove all of it")
     parser.add_argument("--json", action="store_true", help="print the facts as JSON")
     add_folder(parser)
 
 
 def add_folder(parser: argparse._ActionsContainer) -> None:
-    """The option that chooses the store."""
+    """Add the option for the folder of the store.
+
+    Args:
+        parser: Parser to add to.
+    """
     parser.add_argument(
         "--store", metavar="DIR", help="folder of the store (default: LIGHTWELL_STORE, else the platform's for caches)"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what the store holds, or clear it."""
+    """Print the contents of the store, or clear it.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code.
+    """
     from lightwell.core.store import user_store
 
     store = user_store(arguments.store)

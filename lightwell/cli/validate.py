@@ -10,13 +10,25 @@ from lightwell.core.scene_options import LimitOptions
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Add the arguments."""
+    """Add the arguments.
+
+    Args:
+        parser: Parser of the verb.
+        argv: Words after the verb.
+    """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
     add_options(parser, LimitOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what does not follow the specification; 1 if there is anything."""
+    """Print violations of the specification.
+
+    Args:
+        arguments: Parsed arguments.
+
+    Returns:
+        Exit code: 0, or 1 where there is a violation.
+    """
     from lightwell.asset.validate import validate_file
 
     problems = validate_file(arguments.path, **given_options(arguments, LimitOptions, "validate"))

@@ -1,1 +1,1 @@
-"""Pictures of a scene: by path tracing, or with the radiance cache."""
+"""Pictures of a scene, by path tracing or with the radiance cache."""

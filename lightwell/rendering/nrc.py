@@ -1,4 +1,4 @@
-"""Pictures and sequences along an orbit with the radiance cache, with progress and resume."""
+"""Pictures, and sequences along an orbit of the camera, with the radiance cache; progress and resume."""
 
 from __future__ import annotations
 
@@ -24,23 +24,28 @@ from lightwell.files import write_atomically
 from lightwell.rendering.path import Shot
 from lightwell.rendering.settings import NrcOptions, RenderSettings
 
-# The cache of a sequence, kept beside its pictures so that a resumed one goes on with what was learned.
+# The cache of a sequence, stored beside its pictures, so that a resumed sequence continues with the trained cache.
 CACHE_NAME, PLAN_NAME, EXPOSURE_NAME = "radiance-cache.npz", "animation.json", "exposure.txt"
-# A sequence turns the camera once round its target.
+# A sequence turns the camera once around its target.
 DEGREES = 360.0
 LOG = logging.getLogger("lightwell.cache")
 
 
 class Film:
-    """A scene, a film of the asked size, and a camera that can turn round its target."""
+    """A scene, a film of the requested size, and a camera that can turn around its target."""
 
     def __init__(self, settings: RenderSettings) -> None:
+        """Load the scene.
+
+        Args:
+            settings: Settings of the picture.
+        """
         shot = Shot.of(settings)
         width, height = settings.size
         lamp = None
         if shot.light is not None or shot.intensity is not None:
             lamp = Lamp(shot.good_light, 1.0 if shot.intensity is None else shot.intensity)
-        # Without cameras of its own, a scene is seen from outside of its bounds.
+        # A scene without cameras is viewed from outside of its bounds.
         camera = shot.camera if shot.scene.cameras else None
         self.live = LiveScene(shot.scene, 16, camera, lamp)
         self.spp = settings.spp
@@ -58,20 +63,40 @@ class Film:
         )
 
     def turn(self, radians: float) -> None:
-        """Turn the camera round its target."""
+        """Turn the camera around its target.
+
+        Args:
+            radians: Angle about the vertical axis.
+        """
         self.live.orbit(radians, 0, 0)
         parameters = mi.traverse(self.sensor)
         parameters["to_world"] = mi.Transform4f(self.live._pose().matrix)
         parameters.update()
 
     def render(self, integrator: Any, seed: int) -> np.ndarray:
-        """The picture [H, W, 3]."""
+        """Render the picture.
+
+        Args:
+            integrator: Mitsuba integrator.
+            seed: Seed of the sampler.
+
+        Returns:
+            [H, W, 3] float32 linear radiance.
+        """
         image = mi.render(self.live.scene, sensor=self.sensor, integrator=integrator, spp=self.spp, seed=seed)
         return np.array(image)[..., :3]
 
 
 def render_nrc(settings: RenderSettings, quiet: bool = True) -> dict[str, Any]:
-    """Render one picture with the radiance cache, or with ``frames`` a sequence; returns facts about it."""
+    """Render one picture with the radiance cache or, with ``frames``, a sequence.
+
+    Args:
+        settings: Settings of the picture.
+        quiet: Whether no progress is shown.
+
+    Returns:
+        Facts about the picture or sequence; JSON values.
+    """
     cache = parse_options(settings.options.nrc)
     return render_sequence(settings, cache, quiet=quiet) if settings.options.frames else _still(settings, cache)
 
@@ -99,7 +124,17 @@ def _still(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]:
 def render_sequence(
     settings: RenderSettings, cache: CacheSettings, degrees: float = DEGREES, quiet: bool = True
 ) -> dict[str, Any]:
-    """Render an orbit of ``degrees`` into the folder ``settings.out``; with ``resume``, what is there is kept."""
+    """Render an orbit of the camera into a folder; with ``resume``, existing frames are kept.
+
+    Args:
+        settings: Settings of the sequence.
+        cache: Settings of the radiance cache.
+        degrees: Angle of the orbit.
+        quiet: Whether no progress is shown.
+
+    Returns:
+        Facts about the sequence; JSON values.
+    """
     options: NrcOptions = settings.options
     folder, frames, kind, seed = Path(settings.out), options.frames, options.format or "exr", settings.seed
     with output_folder(folder, "render", FRAME_FILES, options.force):
@@ -126,7 +161,7 @@ def render_sequence(
 
 
 def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float) -> dict[str, Any]:
-    """What decides the frames of a sequence; another plan is not resumed by mistake."""
+    """Settings that determine the frames of a sequence; a sequence with other settings is not resumed."""
     plan = {
         "scene": str(settings.scene),
         "size": list(settings.size),
@@ -145,7 +180,7 @@ def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float) -> dic
 
 
 def _is_begun(folder: Path, plan: dict[str, Any], resume: bool) -> bool:
-    """Whether the folder holds this animation and is to be resumed; else its plan is written anew."""
+    """Test whether the folder holds this sequence and is to be resumed; otherwise write a new plan."""
     path = folder / PLAN_NAME
     if resume and path.exists():
         try:
@@ -155,7 +190,7 @@ def _is_begun(folder: Path, plan: dict[str, Any], resume: bool) -> bool:
         if before != json.loads(json.dumps(plan)):
             raise ValueError(f"render: '{folder}' holds another animation; choose another folder or drop --resume")
         return True
-    # The checkpoint of another animation must not be taken for one of this.
+    # The checkpoint of another sequence must not be used for this one.
     (folder / CACHE_NAME).unlink(missing_ok=True)
     write_atomically(path, json.dumps(plan, indent=1) + "\n")
     return False

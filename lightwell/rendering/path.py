@@ -1,4 +1,4 @@
-"""Pictures of a scene by path tracing, the reference, or with the radiance cache."""
+"""Pictures of a scene by path tracing, or with the radiance cache."""
 
 from __future__ import annotations
 
@@ -20,19 +20,26 @@ from lightwell.transport.camera import total_image
 
 @dataclass(frozen=True)
 class Shot:
-    """A loaded scene, a camera of it, and a light."""
+    """A loaded scene, one of its cameras, and a light."""
 
     scene: Scene
     camera: Camera
     variable: Variable
     light: np.ndarray | None
-    """[3] place of the point light, metres; None: the integrator's default."""
+    """[3] position of the point light, metres; None: the integrator's default."""
     intensity: float | None
     """Candela; None: 1, and pictures for screens are exposed automatically."""
 
     @staticmethod
     def of(settings: RenderSettings) -> Shot:
-        """Load the scene and find camera and light."""
+        """Load the scene and find camera and light.
+
+        Args:
+            settings: Settings of the picture.
+
+        Returns:
+            Scene, camera and light.
+        """
         scene = load(settings.scene, **settings.loading)
         light = None if settings.light is None else np.asarray(settings.light, np.float32)
         return Shot(scene, _camera(scene, settings.camera), declare((), scene), light, settings.intensity)
@@ -52,18 +59,17 @@ def _camera(scene: Scene, index: int) -> Camera:
 
 
 def render(settings: RenderSettings, quiet: bool = True) -> dict[str, Any]:
-    """Render a picture, or a sequence of them.
+    """Render a picture, or a sequence of pictures.
+
+    A mistake of the user is a ``ValueError`` of one line with the cure, a file that cannot be read or written an
+    ``OSError``.
 
     Args:
-        settings: What is asked.
+        settings: Settings of the picture.
         quiet: Whether a sequence shows no progress on standard error.
 
     Returns:
-        What was rendered: size, paths, light, mean radiance, seconds, warnings; JSON values.
-
-    Raises:
-        ValueError: A mistake of the user: one line with the cure.
-        OSError: A file cannot be read or written.
+        Size, paths, light, mean radiance, seconds, warnings; JSON values.
     """
     if settings.integrator == "nrc":
         from lightwell.rendering.nrc import render_nrc
@@ -73,7 +79,14 @@ def render(settings: RenderSettings, quiet: bool = True) -> dict[str, Any]:
 
 
 def render_path(settings: RenderSettings) -> dict[str, Any]:
-    """Path-trace and write a picture of all light: the scene's own and a point light."""
+    """Path-trace and write a picture with all light: the scene's own and a point light.
+
+    Args:
+        settings: Settings of the picture.
+
+    Returns:
+        Size, paths, light, mean radiance, seconds, warnings; JSON values.
+    """
     check_picture_name(settings.out, "render")
     shot = Shot.of(settings)
     place, intensity = shot.good_light, shot.intensity

@@ -1,4 +1,4 @@
-"""What a person asks of a picture. Nothing heavy is imported here: the command line is made from it."""
+"""Settings of a picture. The command line is made from this module, so it imports nothing slow."""
 
 from __future__ import annotations
 
@@ -12,13 +12,23 @@ from typing import Any
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 
-# Largest picture, pixels: beyond it the sums no longer fit into the memory of a small machine.
+# Largest picture, pixels; beyond it the accumulated image does not fit into the memory of a small machine.
 MOST_PIXELS = 1 << 26
 Place = tuple[float, float, float]
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Read ``640x400`` as (640, 400)."""
+    """Read the size of a picture from text.
+
+    Args:
+        text: Width and height like ``640x400``.
+
+    Returns:
+        Width and height, pixels.
+
+    Raises:
+        ValueError: The text is not a size, or the picture would be empty or too large.
+    """
     match = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text)
     width, height = (int(v) for v in match.groups()) if match else (0, 0)
     if not 0 < width * height <= MOST_PIXELS:
@@ -27,7 +37,17 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_place(texts: Sequence[str]) -> Place:
-    """Read three words as a place in metres."""
+    """Read a position from text.
+
+    Args:
+        texts: Three numbers, metres.
+
+    Returns:
+        The position.
+
+    Raises:
+        ValueError: The texts are not three finite numbers.
+    """
     try:
         x, y, z = (float(v) for v in texts)
     except ValueError:
@@ -39,7 +59,7 @@ def parse_place(texts: Sequence[str]) -> Place:
 
 @dataclass(frozen=True)
 class PathOptions:
-    """``--integrator path`` has no options of its own."""
+    """Options of ``--integrator path``: none."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +89,7 @@ INTEGRATORS: dict[str, type] = {"path": PathOptions, "nrc": NrcOptions}
 
 @dataclass(frozen=True)
 class RenderSettings(SceneOptions):
-    """Everything that decides a picture."""
+    """Settings of a picture."""
 
     scene: str
     """Path of a scene or the name of a built-in one."""
@@ -94,7 +114,7 @@ class RenderSettings(SceneOptions):
     """Options of the integrator: an instance or a dictionary; None: the defaults."""
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing, by the name of their option."""
+        """Refuse values out of range, by the name of their option."""
         check(self, "render")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", _options(self.integrator, self.options or {}))
