@@ -80,7 +80,7 @@ def _choice(word: str) -> FieldChoice:
 class CompareSettings(Compared):
     """Everything that decides what a comparison computes. ``budget`` is what each field would have in a bake: half of
     it traces the samples, once, and half trains each field. ``preset`` and ``static`` are not asked: every field has a
-    preset of its own, and the light that moves is compared."""
+    preset of its own, and the variable light is compared."""
 
     scene: str
     """Path of a scene or the name of a built-in one."""

@@ -189,7 +189,7 @@ def write_report_and_page(
     Args:
         out: Folder of the bake, which holds ``scene.glb``.
         state: The prepared scene.
-        data: What the report says.
+        data: Content of the report.
         reference: Views and pictures of the page.
         notes: Takes a note where figures or pictures must be left out.
 

@@ -117,7 +117,7 @@ def trace_reference(
 
     Args:
         scene: What is lit.
-        variable: The light that moves; None: none does.
+        variable: Ranges of the light; None: no light varies.
         roles: Which light: 'indirect', 'static' or both.
         units: Radiance unit S of each role, which decides how bright the light is first.
         settings: Views, seed and declarations.
@@ -175,7 +175,7 @@ def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float
 
     Args:
         scene: What is lit.
-        variable: The light that moves; None: none does.
+        variable: Ranges of the light; None: no light varies.
         units: Radiance unit S of each role.
         settings: Views, seed and declarations.
 

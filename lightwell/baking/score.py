@@ -54,20 +54,20 @@ def score(
     facts: dict[str, Any],
     notes: LateNotes,
 ) -> ReportData:
-    """Compare what ships with the reference.
+    """Compare the written graphs with the reference.
 
     Args:
         state: The prepared scene.
-        settings: Of the bake or comparison.
+        settings: Settings of the bake or comparison.
         field: Name of the field.
-        shipped: One field per role; the headline is of the light that moves, or of the only one.
+        shipped: One field per role; the headline is that of the variable light, or of the only one.
         reference: Traced for the same roles.
         seconds: Wall time by stage.
         facts: Further settings for the report; JSON values.
-        notes: What could not be traced; black views are added.
+        notes: One line for each part that could not be traced; black views are added.
 
     Returns:
-        Everything that a report says, but the size of the asset.
+        The content of a report, without the size of the asset.
     """
     scene, stage = state.scene, reference.stage
     # The headline field: that of the variable light, or the only one.

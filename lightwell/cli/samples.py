@@ -12,7 +12,7 @@ from lightwell.cli.arguments import add_json, add_options, add_scene, given_opti
 
 DESCRIPTION = """\
 Path-trace samples of a scene's indirect light into an .npz of plain arrays: surface points with views, the light's
-place, and the radiance that leaves them as two independent means. docs/python.md says what each column is."""
+place, and the radiance that leaves them as two independent means. docs/python.md describes each column."""
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:

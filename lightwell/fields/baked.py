@@ -30,7 +30,7 @@ class Baked:
 
     @property
     def segmented(self) -> bool:
-        """Whether several experts share the surfaces, and the graph says which."""
+        """Whether the graph has several experts and returns their indices."""
         return "segment" in self.graph.outputs
 
     def segments(self, query: Query) -> tuple[np.ndarray, np.ndarray]:

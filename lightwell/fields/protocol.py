@@ -43,7 +43,7 @@ class Job:
     progress: Progress
     shared: bool = False
     """Whether other fields learn from the same samples: none then depend on the fit, half of the budget traces them,
-    and a training that turns out dearer than planned is cut off."""
+    and a training that takes longer than planned is stopped."""
 
 
 @dataclass

@@ -140,7 +140,7 @@ class FittedLightmap:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the report says of the atlas and of what is stored, for all roles so far."""
+        """Facts about the atlas and the stored pictures for the report, of all roles so far."""
         self.state.facts["textures"][self.role] = {name: len(p.data) for name, p in self.map.pictures.items()}
         self.state.facts["atlas"] |= atlas_facts(self.state.atlas) | (texel_facts(self.chart) if self.chart else {})
         return self.state.facts

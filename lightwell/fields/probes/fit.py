@@ -281,7 +281,7 @@ class ProbesFit:
 
     @property
     def baked(self) -> BakedProbes:
-        """What is shipped, by the best weights of the light's network so far."""
+        """The baked probes, with the best weights of the light's network so far."""
         code = None
         if not self._static:
             best, layers = self._trainer.best, self._trainer.network.mlp.layers

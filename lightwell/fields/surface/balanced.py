@@ -199,12 +199,12 @@ class BalancedFit(SegmentedFit):
 
     @property
     def _dealing(self) -> Examples:
-        """Evenly spread samples by which cells are dealt out."""
+        """Evenly spread samples by which cells are assigned."""
         stride = max(len(self.examples) // DEALT, 1)
         return self.examples if stride == 1 else self.examples.take(np.arange(0, len(self.examples), stride))
 
     def _due(self, total: int) -> int:
-        """How often the cells should have been dealt out by now."""
+        """Number of assignments of the cells that are due by now."""
         rounds = min(self.preset.rounds, int(ROUNDS_SHARE * total / FEWEST_STEPS))
         if not rounds:
             return 1

@@ -1,16 +1,17 @@
-"""Ten small experts and a gate that says which one a point asks: the mixtures of the 2013 report.
+"""Ten small experts and a gate that selects one of them for each point: the mixtures of the 2013 report.
 
 Three gates, all of the shape 12-20-20-10:
 
-    autoencoder  argmax of the code of a tied-weight auto-encoder of the inputs; learned first, then frozen, then each
-                 expert learns from the samples that the gate sends it. It sees geometry, not light.
-    joint        softmax; experts and gate minimise Σ_j p_j loss_j together. After a while such a gate hardly moves,
-                 however bad its split.
+    autoencoder  argmax of the code of a tied-weight auto-encoder of the inputs. It is trained first and then constant;
+                 each expert learns from the samples that the gate assigns to it. It depends on geometry, not on light.
+    joint        softmax; experts and gate minimise Σ_j p_j loss_j together. After a while such a gate hardly changes,
+                 even if its split is bad.
     multinomial  one expert is drawn per sample; the gate learns by the score function, whose gradient is noisy.
 
-What the report found is to be seen in ``facts``: entropy of the gate and share of every expert over time, and for
+``facts`` reproduces the findings of the report: entropy of the gate and share of every expert over time, and for
 ``joint`` and ``multinomial`` the variance of the gate's gradient. At run time every gate is an argmax. In the report's
-presets it sees light and eye, so that a region may change hands when they move; ``default`` gates by place alone.
+presets light and view are inputs of the gate, so that a region may change its expert when they move; in ``default`` the
+position alone is.
 
 M experts, N samples.
 """

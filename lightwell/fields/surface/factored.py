@@ -59,7 +59,7 @@ PRESETS: dict[str, FactoredPreset] = {
     "small": FactoredPreset(
         HashGrid(levels=3, base=4, growth=2, entries_log2=8), light_hidden=(32, 12), hidden=(36, 20), storage="int8"
     ),
-    # For rooms full of things, in at most 250 kB: a wider head pays more than a finer grid.
+    # For furnished rooms, in at most 250 kB: a wider head lowers the error more than a finer grid.
     "large": FactoredPreset(
         HashGrid(levels=3, base=8, growth=2, entries_log2=13, channels=8),
         light_hidden=(128, 64),
