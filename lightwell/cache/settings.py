@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from lightwell.core.options import option, options_of
+
 # Squared, in the paper's units: the vendor SDK compares radii with a primary radius of d sqrt(4 pi / cos).
 SDK_FACTOR = (4 * math.pi) ** 2
 SDK_T = "termination_sdk_t"
@@ -35,126 +37,220 @@ CHOICES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class CacheSettings:
-    """Every option of ``lightwell_nrc``; also the names of the plugin's parameters."""
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings:
+    """Shape and meaning of the weights."""
 
-    preset: str = "compact"
-    """'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64."""
-    encoding: str = "hash"
-    """Of the position: 'hash' or 'frequency' (the paper's)."""
-    levels: int = 6
-    """Hash grid: levels of four channels."""
-    base: float = 8.0
-    """Hash grid: cells along each axis of the first level."""
-    growth: float = 1.7
-    """Hash grid: cells of a level relative to the one before."""
-    entries_log2: int = 15
-    """Hash grid: logarithm of the largest number of entries of a level."""
-    hidden: int = 32
-    """Neurons of a hidden layer."""
-    layers: int = 2
-    """Hidden layers."""
-    termination_c: float = 0.01
-    """A path ends in the cache once its footprint exceeds c times that of the primary hit; inf: plain path tracing."""
-    unbiased_fraction: float = 1 / 16
-    """Training paths that end by roulette alone."""
-    lead_in: int = 2
-    """Frames of a cold cache, or after a change, in which every training path ends by roulette: cache values that are
-    still wrong would take as many frames to correct as light has bounces. Four times as many where ``eager`` is 1 or
-    ``budget`` is not 'preset', none where ``unbiased_fraction`` is 0."""
-    eager: int = 8
-    """Gradient steps, and records for them, of the first frames of a cold cache (8, and 4 after a change), in those of
-    a usual frame; 1: no larger."""
-    still_unbiased: float = 1.0
-    """The same while a still trains: its frames are large, so that noise costs less than a bounce per frame."""
-    tail_after: int = 1
-    """Records from the query vertex on before a cache value may end a training path; the paper: 1."""
-    target_cap: float = 30.0
-    """Records brighter than so many times what the cache says there plus the mean are cut to that; 0: never."""
-    train_fraction_max: float = 0.05
-    """Largest share of pixels that train in one frame."""
-    max_vertices: int = 8
-    """Records that one training path can leave."""
-    batch: int = 2048
-    """Records of one gradient step."""
-    steps: int = 8
-    """Gradient steps per frame, at most: fewer where records are short."""
-    bootstrap: str = "raw"
-    """Weights that end training paths: 'raw' or 'ema'."""
-    factorise: bool = True
-    """Learn radiance divided by reflectance."""
-    ema_decay: float = 0.99
-    """Decay of the averaged weights at four steps of 4,096 records a frame; 0 turns averaging off."""
-    early_average: float = 8.0
-    """Before that decay takes hold, the average reaches back over one part in so many of the steps taken; 0: over all
-    of them, as in the paper."""
-    learning_rate: float = 1e-2
-    radiance_scale: float = 0.0
-    """Factor that brings radiance to order one; 0: calibrated automatically."""
-    tail_attenuation: float = 1.0
-    """Factor on cache values that end training paths, <= 1; against BSDFs that make energy."""
-    first_hit: str = "nee"
-    """Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for light of one bounce."""
-    restir_reuse: str = "biased"
-    """How neighbours' reservoirs are merged."""
-    replay: float = 0.125
-    """Share of training paths that start where earlier cameras looked, once the camera has moved: what is off screen is
-    traced anew, not forgotten."""
-    restir_candidates: int = 8
-    """Light samples that a reservoir chooses from afresh (the paper: 32)."""
-    estimator: str = "biased"
-    """'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. 'guided':
-    unbiased, no cache value in the picture; the guide steers whole paths."""
-    guide: str = "auto"
-    """Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). 'auto': a noisy
-    still tries it for some samples, and goes on with what needs less variance times time; true is 'always', false
-    'never'. Always on with the estimator 'guided'."""
-    guide_share: float = 0.5
-    """Probability that a vertex samples the guide and not the BSDF."""
-    residual_probability: float = 0.25
-    """Share of paths that go on behind the query, to measure what the cache gets wrong."""
-    level_samples: int = 4
-    """two-level: cheap samples that read the cache, per path that measures its error."""
-    on_change: str = "detect"
-    """What follows a change of the scene: 'detect' it, obey 'hint-only', or 'off'."""
-    budget: str = "preset"
-    """'low': one step a frame. 'auto': training is held to a quarter of the frame time (not reproducible)."""
-    denoise: bool = False
-    """Open Image Denoise on the result (needs mitsuba-oidn and a box filter)."""
-    max_depth: int = -1
-    """Longest path, -1: unlimited."""
-    rr_depth: int = 5
-    """Depth from which roulette may end a path."""
-    local_level: bool = True
-    """still: correct what the network says, place by place, by what its training paths found."""
-    spike_cap: float = 0.25
-    """still: the light of a caustic is cut, per sample, to so many times the mean radiance times the samples per pixel
-    so far, so that no single one shows; less is cut the more there are. 0: never."""
-    mode: str = "auto"
-    """'frames': train a little at every sample per pixel. 'still': train first, freeze, then render.
-    'auto': 'still' from ``STILL_SPP`` samples per pixel on."""
-    seconds: float = 0.0
-    """Wall time of a still, training included (not reproducible); 0: as long as its samples take."""
-    train_share: float = 0.3
-    """seconds: the part of it that trains."""
-    warmup: int = 0
-    """still: frames of training before the picture; 0: by the number of samples."""
-    sampling: str = "sobol"
-    """'sobol': scrambled (0,2) sequences. 'sensor': the sensor's own sampler, as Mitsuba's ``path`` uses it."""
-    view: str = "image"
-    """'image' or a debug view."""
-    seed: int = 0
-    """Of the initial weights."""
+    encoding: str = option("hash", "Of the position: 'hash' or 'frequency' (the paper's).", choices=CHOICES["encoding"])
+    levels: int = option(6, "Hash grid: levels of four channels.", least=1, most=16)
+    base: float = option(8.0, "Hash grid: cells along each axis of the first level.", least=1, most=4096)
+    growth: float = option(1.7, "Hash grid: cells of a level relative to the one before.", least=1, most=8)
+    entries_log2: int = option(
+        15, "Hash grid: logarithm of the largest number of entries of a level.", least=8, most=22
+    )
+    hidden: int = option(32, "Neurons of a hidden layer.", least=4, most=256)
+    layers: int = option(2, "Hidden layers.", least=1, most=8)
+    factorise: bool = option(True, "Learn radiance divided by reflectance.")
+
+    def network(self) -> dict[str, Any]:
+        """The part that decides the shape and meaning of the weights."""
+        return {name: getattr(self, name) for name in options_of(NetworkSettings)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """Where paths end."""
+
+    termination_c: float = option(
+        0.01,
+        "A path ends in the cache once its footprint exceeds c times that of the primary hit; inf: plain path tracing.",
+        least=0,
+        most=math.inf,
+    )
+    unbiased_fraction: float = option(1 / 16, "Training paths that end by roulette alone.", least=0, most=1)
+    still_unbiased: float = option(
+        1.0,
+        "The same while a still trains: its frames are large, so that noise costs less than a bounce per frame.",
+        least=0,
+        most=1,
+    )
+    tail_after: int = option(
+        1,
+        "Records from the query vertex on before a cache value may end a training path; the paper: 1.",
+        least=1,
+        most=64,
+    )
+    tail_attenuation: float = option(
+        1.0, "Factor on cache values that end training paths, <= 1; against BSDFs that make energy.", least=0, most=1
+    )
+    max_vertices: int = option(8, "Records that one training path can leave.", least=1, most=64)
+    max_depth: int = option(-1, "Longest path, -1: unlimited.")
+    rr_depth: int = option(5, "Depth from which roulette may end a path.", least=1, most=1 << 30)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingSettings:
+    """How the cache learns."""
+
+    lead_in: int = option(
+        2,
+        "Frames of a cold cache, or after a change, in which every training path ends by roulette: cache "
+        "values that are still wrong would take as many frames to correct as light has bounces. Four times as "
+        "many where ``eager`` is 1 or ``budget`` is not 'preset', none where ``unbiased_fraction`` is 0.",
+        least=0,
+        most=1 << 20,
+    )
+    eager: int = option(
+        8,
+        "Gradient steps, and records for them, of the first frames of a cold cache (8, and 4 after a change), "
+        "in those of a usual frame; 1: no larger.",
+        least=1,
+        most=64,
+    )
+    target_cap: float = option(
+        30.0,
+        "Records brighter than so many times what the cache says there plus the mean are cut to that; 0: never.",
+        least=0,
+        most=1e30,
+    )
+    train_fraction_max: float = option(0.05, "Largest share of pixels that train in one frame.", least=1e-6, most=1)
+    batch: int = option(2048, "Records of one gradient step.", least=16, most=1 << 20)
+    steps: int = option(8, "Gradient steps per frame, at most: fewer where records are short.", least=1, most=64)
+    bootstrap: str = option("raw", "Weights that end training paths: 'raw' or 'ema'.", choices=CHOICES["bootstrap"])
+    ema_decay: float = option(
+        0.99,
+        "Decay of the averaged weights at four steps of 4,096 records a frame; 0 turns averaging off.",
+        least=0,
+        most=0.999999,
+    )
+    early_average: float = option(
+        8.0,
+        "Before that decay takes hold, the average reaches back over one part in so many of the steps taken; "
+        "0: over all of them, as in the paper.",
+        least=0,
+        most=1000,
+    )
+    learning_rate: float = option(1e-2, "Step size of the optimiser.", least=1e-7, most=1)
+    radiance_scale: float = option(
+        0.0, "Factor that brings radiance to order one; 0: calibrated automatically.", least=0, most=1e30
+    )
+    replay: float = option(
+        0.125,
+        "Share of training paths that start where earlier cameras looked, once the camera has moved: what is "
+        "off screen is traced anew, not forgotten.",
+        least=0,
+        most=0.5,
+    )
+    on_change: str = option(
+        "detect",
+        "What follows a change of the scene: 'detect' it, obey 'hint-only', or 'off'.",
+        choices=CHOICES["on_change"],
+    )
+    budget: str = option(
+        "preset",
+        "'low': one step a frame. 'auto': training is held to a quarter of the frame time (not reproducible).",
+        choices=CHOICES["budget"],
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorSettings:
+    """What a pixel is made of."""
+
+    first_hit: str = option(
+        "nee",
+        "Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for light of "
+        "one bounce.",
+        choices=CHOICES["first_hit"],
+    )
+    restir_reuse: str = option("biased", "How neighbours' reservoirs are merged.", choices=CHOICES["restir_reuse"])
+    restir_candidates: int = option(
+        8, "Light samples that a reservoir chooses from afresh (the paper: 32).", least=1, most=1024
+    )
+    estimator: str = option(
+        "biased",
+        "'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. "
+        "'guided': unbiased, no cache value in the picture; the guide steers whole paths.",
+        choices=CHOICES["estimator"],
+    )
+    guide: str = option(
+        "auto",
+        "Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). "
+        "'auto': a noisy still tries it for some samples, and goes on with what needs less variance times "
+        "time; true is 'always', false 'never'. Always on with the estimator 'guided'.",
+        choices=CHOICES["guide"],
+    )
+    guide_share: float = option(
+        0.5, "Probability that a vertex samples the guide and not the BSDF.", least=0, most=0.95
+    )
+    residual_probability: float = option(
+        0.25, "Share of paths that go on behind the query, to measure what the cache gets wrong.", least=1e-3, most=1
+    )
+    level_samples: int = option(
+        4, "two-level: cheap samples that read the cache, per path that measures its error.", least=1, most=64
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureSettings:
+    """How pictures are rendered."""
+
+    denoise: bool = option(False, "Open Image Denoise on the result (needs mitsuba-oidn and a box filter).")
+    local_level: bool = option(
+        True, "still: correct what the network says, place by place, by what its training paths found."
+    )
+    spike_cap: float = option(
+        0.25,
+        "still: the light of a caustic is cut, per sample, to so many times the mean radiance times the "
+        "samples per pixel so far, so that no single one shows; less is cut the more there are. 0: never.",
+        least=0,
+        most=math.inf,
+    )
+    mode: str = option(
+        "auto",
+        "'frames': train a little at every sample per pixel. 'still': train first, freeze, then render. "
+        "'auto': 'still' from ``STILL_SPP`` samples per pixel on.",
+        choices=CHOICES["mode"],
+    )
+    seconds: float = option(
+        0.0,
+        "Wall time of a still, training included (not reproducible); 0: as long as its samples take.",
+        least=0,
+        most=1e6,
+    )
+    train_share: float = option(0.3, "seconds: the part of it that trains.", least=0.01, most=0.99)
+    warmup: int = option(
+        0, "still: frames of training before the picture; 0: by the number of samples.", least=0, most=1 << 20
+    )
+    sampling: str = option(
+        "sobol",
+        "'sobol': scrambled (0,2) sequences. 'sensor': the sensor's own sampler, as Mitsuba's ``path`` uses it.",
+        choices=CHOICES["sampling"],
+    )
+    view: str = option("image", "'image' or a debug view.", choices=CHOICES["view"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSettings, NetworkSettings):
+    """Every option of ``lightwell_nrc``, in groups; also the names of the plugin's parameters."""
+
+    preset: str = option(
+        "compact",
+        "'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64.",
+        choices=CHOICES["preset"],
+    )
+    seed: int = option(0, "Of the initial weights.")
 
     def __post_init__(self) -> None:
-        for name, allowed in CHOICES.items():
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"nrc: {name} = '{getattr(self, name)}', expected one of {', '.join(allowed)}")
-        for name, low, high in _RANGES:
+        """Refuse values outside the ranges that the options declare."""
+        for name, (_, known) in options_of(CacheSettings).items():
             value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"nrc: {name} = {value:g}, expected {low:g} ... {high:g}; correct the parameter")
+            if known.choices and value not in known.choices:
+                raise ValueError(f"nrc: {name} = '{value}', expected one of {', '.join(known.choices)}")
+            if known.least is not None and not known.least <= value <= known.most:
+                raise ValueError(
+                    f"nrc: {name} = {value:g}, expected {known.least:g} ... {known.most:g}; correct the parameter"
+                )
         if self.max_depth < -1 or self.max_depth == 0:
             raise ValueError(f"nrc: max_depth = {self.max_depth}, expected -1 (no limit) or a number >= 1")
 
@@ -184,50 +280,10 @@ class CacheSettings:
         """A copy with some values replaced."""
         return replace(self, **values)
 
-    def network(self) -> dict[str, Any]:
-        """The part that decides the shape and meaning of the weights."""
-        names = ("encoding", "levels", "base", "growth", "entries_log2", "hidden", "layers", "factorise")
-        return {name: getattr(self, name) for name in names}
-
     def to_json(self) -> dict[str, Any]:
         """All values; infinity as a string."""
         return {k: str(v) if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(self).items()}
 
-
-_RANGES = (
-    ("levels", 1, 16),
-    ("base", 1, 4096),
-    ("growth", 1, 8),
-    ("entries_log2", 8, 22),
-    ("hidden", 4, 256),
-    ("layers", 1, 8),
-    ("termination_c", 0, math.inf),
-    ("unbiased_fraction", 0, 1),
-    ("still_unbiased", 0, 1),
-    ("spike_cap", 0, math.inf),
-    ("tail_after", 1, 64),
-    ("target_cap", 0, 1e30),
-    ("seconds", 0, 1e6),
-    ("train_share", 0.01, 0.99),
-    ("lead_in", 0, 1 << 20),
-    ("eager", 1, 64),
-    ("train_fraction_max", 1e-6, 1),
-    ("max_vertices", 1, 64),
-    ("batch", 16, 1 << 20),
-    ("steps", 1, 64),
-    ("ema_decay", 0, 0.999999),
-    ("early_average", 0, 1000),
-    ("learning_rate", 1e-7, 1),
-    ("radiance_scale", 0, 1e30),
-    ("tail_attenuation", 0, 1),
-    ("replay", 0, 0.5),
-    ("restir_candidates", 1, 1024),
-    ("residual_probability", 1e-3, 1),
-    ("level_samples", 1, 64),
-    ("guide_share", 0, 0.95),
-    ("rr_depth", 1, 1 << 30),
-    ("warmup", 0, 1 << 20),
-)
 
 # What the preset 'paper' sets otherwise.
 PAPER = {
