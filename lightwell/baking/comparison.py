@@ -37,7 +37,7 @@ class FieldChoice:
 
     @property
     def name(self) -> str:
-        """What it is called: ``mlp`` for the default preset, else ``mlp:report-20``."""
+        """Name in a comparison: ``mlp`` for the default preset, else ``mlp:report-20``."""
         default = next(iter(find_field(self.field).presets))
         return self.field if self.preset == default else f"{self.field}:{self.preset}"
 
@@ -78,9 +78,9 @@ def _choice(word: str) -> FieldChoice:
 
 @dataclass(frozen=True)
 class CompareSettings(Compared):
-    """Everything that decides what a comparison computes. ``budget`` is what each field would have in a bake: half of
-    it traces the samples, once, and half trains each field. ``preset`` and ``static`` are not asked: every field has a
-    preset of its own, and the variable light is compared."""
+    """Settings of a comparison. ``budget`` is that of each field in a bake: half of it traces the samples, once, and
+    half trains each field. ``preset`` and ``static`` are not used: every field has a preset of its own, and only the
+    variable light is compared."""
 
     scene: str
     """Path of a scene or the name of a built-in one."""
@@ -89,7 +89,7 @@ class CompareSettings(Compared):
     fields: tuple[FieldChoice, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what means nothing, by the name of its option."""
+        """Refuse values without meaning, by the name of their option."""
         if self.budget.seconds is None:
             raise ValueError("compare: --budget must be a time such as 60s; an error cannot be the same for all fields")
         if self.truth and self.truth.seconds is None:
@@ -182,7 +182,7 @@ class _Comparison:
         return field.fit(state, ROLE, self._samples[field.shares], folder)
 
     def _traced(self, state: State, fit: Fit) -> Reference:
-        """The reference, traced after the first fit: only then its budget and its unit are known."""
+        """The reference, traced after the first fit, because its budget and unit are known only then."""
         if self.reference is None:
             self._budget = reference_budget(self.settings, fit)
             store = Store(self.work.part("reference"), limit=None)

@@ -82,7 +82,7 @@ class Shown:
     """The light under which a bake is shown first."""
 
     light: np.ndarray
-    """[3] place of the light, metres, or direction to the sun."""
+    """[3] position of the light, metres, or direction towards the sun."""
     intensity: np.ndarray
     """[3] candela or lux, by colour."""
 

@@ -200,7 +200,7 @@ def _resumed(
     folder: Path, integrator: NrcIntegrator, film: Film, step: float, kind: str
 ) -> tuple[int, float | None]:  # fmt: skip
     """Frames that need not be rendered again, and the exposure. Without a sound checkpoint, with all of its pictures,
-    that is none: every frame depends on what the frames before it have learned."""
+    that is none, because every frame depends on the training in the frames before it."""
     path = folder / CACHE_NAME
     if not path.exists():
         return 0, None

@@ -46,7 +46,7 @@ class Shot:
 
     @property
     def good_light(self) -> np.ndarray:
-        """[3] the place that was asked for, or one that lights much of the picture."""
+        """[3] requested position of the light, or one that lights much of the picture."""
         return initial_light(self.scene, self.variable, self.camera) if self.light is None else self.light
 
 

@@ -78,7 +78,7 @@ class NrcOptions:
     force: bool = option(False, "overwrite files in OUT that lightwell did not write")
 
     def __post_init__(self) -> None:
-        """Refuse what only a sequence has where there is none."""
+        """Refuse options of a sequence for a single picture."""
         for name in ("format", "resume", "force"):
             if self.frames is None and getattr(self, name):
                 raise ValueError(f"render: --{name} is for sequences; add --frames N, or leave it out")

@@ -78,7 +78,7 @@ class LightmapState(State):
 
     @property
     def folder(self) -> Path:
-        """Where work is kept."""
+        """Folder of intermediate results."""
         return self.job.work.part("lightmap" if not self.round else f"lightmap/round-{self.round}")
 
     @property
@@ -119,12 +119,12 @@ class FittedLightmap:
 
     @property
     def traced(self) -> Traced:
-        """What the samples cost."""
+        """Cost of the samples."""
         return Traced(self.paths, 0, self.state.eyes, RATE)
 
     @property
     def training(self) -> Training:
-        """How it was trained."""
+        """Summary of the training."""
         return Training(self.seconds, self.map.history[-1][0] if self.map.history else 0)
 
     @property
@@ -420,7 +420,7 @@ class _Validation:
         return _Validation(points, light, 0.5 * (a + b))
 
     def error(self, fit: FittedLightmap) -> float:
-        """Mean |f − y| / (y + 0.01) in unit S of what would ship."""
+        """Mean |f − y| / (y + 0.01) in unit S of the graph that would be written."""
         f = Baked(fit.lower().graph)(fit.query(self.points, self.light)) / fit.unit
         y = np.nan_to_num(self.radiance) / fit.unit
         return float(np.mean(np.abs(f - y) / (y + EPSILON)))

@@ -63,10 +63,10 @@ class LightmapPreset:
     """Inputs of the network other than the features; see ``MapNodes.inputs``."""
     siren: bool = False
     stage: tuple[int, ...] = ()
-    """Sine layers that make the features in training (siren-two-stage)."""
+    """Sine layers that compute the features in training (siren-two-stage)."""
     surface: tuple[int, ...] = ()
-    """Widths of layers that make the features from where a surface lies until they become a texture; empty: every
-    texel is learned by itself."""
+    """Widths of the layers that compute the features from position and normal in training; empty: every texel is a
+    parameter."""
     octaves: int = 4
     """Octaves of the frequency encoding of positions for these layers."""
     demodulated: bool = True
@@ -83,7 +83,7 @@ class LightmapPreset:
 
     @property
     def stores_direction(self) -> bool:
-        """Whether viewers read the directions; features that are made from places have seen them already."""
+        """Whether viewers read the directions; features that sine layers compute depend on them already."""
         return self.direction and (not self.hidden or self.inputs == "reflected")
 
 
@@ -245,7 +245,7 @@ class LightmapFit:
         return range(self.mips + 1 if anything and not self.preset.stage else 1)
 
     def _from_afar(self, level: int) -> LightmapNetwork:
-        """The network as it is where the atlas is read at a level."""
+        """The network for reads of the atlas at a level of its mip chain."""
         texture = self.network.texture
         if texture is None or not level:
             return self.network
@@ -276,7 +276,7 @@ class LightmapFit:
         self.history.append((until, loss))
 
     def _lay_out(self, rows) -> None:
-        """Features that were made from places become a texture: means of the rows [N, …] that lie in each texel."""
+        """Store the features of the sine layers as a texture: means of the rows [N, …] that lie in each texel."""
         if "t0" in self._parameters:
             return
         texture, used = self._make_network("frozen").texture, self.preset.channels

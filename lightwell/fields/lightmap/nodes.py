@@ -83,7 +83,7 @@ class MapNodes:
 
     @property
     def learns_places(self) -> bool:
-        """Whether features are made from what is known of a place while they are learned."""
+        """Whether sine layers compute the features in training."""
         return bool(self.preset.surface and self.preset.channels) and self.setup is not None
 
     # ------------------------------------------------------------------ parts
@@ -360,7 +360,7 @@ class MapNodes:
 
     @staticmethod
     def _over_reflectance(b: Builder, light: str) -> str:
-        """A runtime multiplies by the reflectance."""
+        """Divide by the reflectance, because a runtime multiplies by it."""
         return b.multiply(light, b.reciprocal("reflectance", 1e-9))
 
 

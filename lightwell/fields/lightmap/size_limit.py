@@ -32,7 +32,7 @@ class Trial:
 
     @property
     def label(self) -> str:
-        """What was chosen, in words."""
+        """The variant in words."""
         p = self.preset
         features = f"{p.channels} features at 1/{round(1 / p.share)}" if p.channels else "no features"
         directions = f"directions at 1/{p.direction_reduction}" if p.stores_direction else "no directions"

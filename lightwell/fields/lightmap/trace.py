@@ -521,16 +521,16 @@ class EyeSamples:
 
     @property
     def radiance(self) -> np.ndarray:
-        """[N, 3] both halves."""
+        """[N, 3] mean of both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
     def __getitem__(self, rows: np.ndarray) -> EyeSamples:
-        """Some of them."""
+        """Select rows."""
         query = MappedQuery(**{n: getattr(self.query, n)[rows] for n in MappedQuery.__dataclass_fields__})
         return EyeSamples(query, self.half_a[rows], self.half_b[rows], self.weight[rows])
 
     def __add__(self, other: EyeSamples) -> EyeSamples:
-        """Both, the weights of the second relative to the mean of the first."""
+        """Concatenate; the weights of the second are relative to the mean of the first."""
         names = MappedQuery.__dataclass_fields__
         query = MappedQuery(**{n: np.concatenate([getattr(s.query, n) for s in (self, other)]) for n in names})
         halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))

@@ -72,7 +72,7 @@ class ProbesPreset:
     refine: bool = True
     """Whether the generator's weights are refined, probe by probe."""
     coding: str = "zh3"
-    """Of the light in files: 'l2' or 'zh3'."""
+    """Number format of the light in files: 'l2' or 'zh3'."""
     bricks: float = 1.0
     """Fine probes per live probe of the lattice, at most; 0: no bricks."""
     hidden: tuple[int, ...] = (48, 48)
@@ -155,7 +155,7 @@ class ProbesFit:
     preset: ProbesPreset
     seed: int
     solved: Solved
-    """The light that ``solved`` has found for this set-up, preset and seed."""
+    """Result of ``solved`` for this set-up, preset and seed."""
     facts: dict[str, Any] = field(default_factory=dict)
     name: str = "default"
     """Of the preset."""

@@ -54,6 +54,6 @@ class ProbesOptions:
     )
 
     def __post_init__(self) -> None:
-        """Refuse one half of an incremental bake."""
+        """Refuse ``--rebake`` without ``--box`` and the reverse."""
         if (self.rebake is None) != (self.box is None):
             raise ValueError("bake: --rebake OLD and --box x0,y0,z0,x1,y1,z1 belong together; give both")

@@ -123,7 +123,7 @@ class BalancedFit(SegmentedFit):
 
     @property
     def macs(self) -> int:
-        """Of two experts; the gate has none."""
+        """Multiply-accumulates of two experts; the gate has none."""
         return 2 * self.mlp.macs
 
     @property
@@ -211,7 +211,7 @@ class BalancedFit(SegmentedFit):
         return 1 + min(int(self.state.step * rounds / (ROUNDS_SHARE * total)), rounds)
 
     def _deal(self) -> None:
-        """Give every cell to an expert: at first by looks, later by price."""
+        """Assign every cell to an expert: initially by k-means, later by the measured error per expert."""
         preset, examples = self.preset, self._dealing
         lattice = self._gate.lattice if self._gate else Lattice.around(self.setup, examples.query, preset.cells)
         cells = Cells.of(lattice, examples)
@@ -229,7 +229,7 @@ class BalancedFit(SegmentedFit):
         self._data = self._watched = None
 
     def _within(self, limits: tuple[float, float], lattice: Lattice, cells: Cells, price: np.ndarray) -> Gate:
-        """The gate of least price whose experts keep floor and cap on the training samples.
+        """Find the gate of least cost whose experts keep the limits on the training samples.
 
         Cells keep them at once; the border of the gate runs through cells, so that a correction may be needed.
         """
@@ -248,7 +248,7 @@ class BalancedFit(SegmentedFit):
         return gate
 
     def _prices(self, cells: Cells, examples: Examples) -> np.ndarray:
-        """[K, M] price of each cell at each expert: squared relative error without noise, and neighbours elsewhere."""
+        """[K, M] cost of each cell per expert: noise-corrected squared error, plus neighbours of other experts."""
         rows = cells.pick(PRICED_SAMPLES, self.seed + self._dealt)
         part, weights = examples.take(rows), self._folded()
         of_sample, price = cells.of_sample[rows], np.empty((len(cells), self.preset.experts))
@@ -268,7 +268,7 @@ class BalancedFit(SegmentedFit):
         return gate.scores.reshape(len(gate.lattice), -1)[cells.number].argmax(axis=1)
 
     def _touching(self, cells: Cells) -> sparse.csr_array:
-        """[K, K] mean over the cells that touch a cell; a cell that touches none stands for itself."""
+        """[K, K] mean over the cells that touch a cell; a cell without neighbours is its own mean."""
         pairs = self._gate.lattice.neighbours(cells.number)
         alone = np.setdiff1d(np.arange(len(cells)), pairs[:, 0])
         row, column = np.concatenate([pairs, np.stack([alone, alone], axis=1)]).T
@@ -287,7 +287,7 @@ class BalancedFit(SegmentedFit):
     # ------------------------------------------------------------------ fit
 
     def _arrange(self) -> None:
-        """Send every sample to its expert, and those that two experts share to both."""
+        """Assign every sample to its expert, and samples of two experts to both."""
         examples, experts = self.examples, self.preset.experts
         split = self._gate(examples.query)
         row = np.concatenate([np.arange(len(examples)), split.band])
@@ -304,7 +304,7 @@ class BalancedFit(SegmentedFit):
         self._data = BatchedSet.from_numpy(features, examples.target[row], examples.weight[row], runs)
 
     def _scale(self, features: np.ndarray, runs: Runs) -> None:
-        """Scale the inputs of each expert by its samples of now; what the experts compute stays the same."""
+        """Scale the inputs of each expert by its current samples; the outputs of the experts do not change."""
         folded = self._folded() if self._scaled else None
         most = max(COUNTED // len(runs), 1)
         for e, (first, count) in enumerate(zip(runs.first, runs.count)):

@@ -85,7 +85,7 @@ class Examples:
 
     @property
     def target(self) -> np.ndarray:
-        """[N, 3] what a network's output should be."""
+        """[N, 3] target of a network's output."""
         return self.radiance / self.scale
 
     def relative_error(self, output: np.ndarray) -> np.ndarray:

@@ -118,7 +118,7 @@ class GatedFit(SegmentedFit):
 
     @property
     def macs(self) -> int:
-        """Of one expert and the gate."""
+        """Multiply-accumulates of one expert and the gate."""
         return self.mlp.macs + self.gate.macs
 
     def segment(self, query: Query) -> np.ndarray:
@@ -198,7 +198,7 @@ class CodedFit(GatedFit):
         return margin <= np.quantile(margin, BORDER_SHARE)
 
     def _arrange(self) -> None:
-        """Send every sample to its expert."""
+        """Assign every sample to its expert."""
         examples = self.examples
         rows = self.gate_inputs.rows(examples.query)
         expert = choose(self.gate, self.gate_weights, rows)

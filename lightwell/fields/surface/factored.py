@@ -106,7 +106,7 @@ class FactoredFit:
 
     @property
     def macs(self) -> int:
-        """Multiply-accumulates per pixel; table reads and what runs once per frame are not among them."""
+        """Multiply-accumulates per pixel; without table reads and the part that runs once per frame."""
         head = self.network.head_sizes
         first = (self.network.grid.width + self.network.pixel) * head[0]
         return first + sum(a * b for a, b in pairwise(head))
@@ -224,7 +224,7 @@ class FactoredFit:
         return b.build(radiance=b.scale(x, self.setup.unit))
 
     def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable, steps: np.ndarray) -> str:
-        """W u + b of the layer that the light writes (the same for all without one); u is divided by ``steps`` [U]."""
+        """W u + b of the layer that depends on the light (constant without one); u is divided by ``steps`` [U]."""
         weights, units, width = self._trainer.best, self.network.hidden[0], self.network.grid.width
         # The graph's matrices are [out, in] row by row; training emits [in, out], then the bias.
         rows = np.arange(width * units).reshape(width, units).T.ravel()

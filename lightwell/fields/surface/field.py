@@ -33,7 +33,7 @@ class SurfaceFit:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the learner tells of itself."""
+        """Facts about the learner for the report."""
         return getattr(self.learner, "facts", None) or {}
 
     @property

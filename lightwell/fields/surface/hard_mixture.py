@@ -140,7 +140,7 @@ class HardMixtureFit(GatedFit):
         self._expert_data = BatchedSet.from_numpy(*(column[order] for column in columns), runs)
 
     def _arrange_gate(self) -> None:
-        """What the gate learns from: its inputs, and the loss of every frozen expert on every sample."""
+        """Training data of the gate: its inputs, and the loss of every frozen expert on every sample."""
         examples, count = self.examples, len(self.examples)
         target, loss = tensor(examples.target), LOSSES[self.preset.training.loss]
         frozen = self._experts.parameters
@@ -175,7 +175,7 @@ class HardMixtureFit(GatedFit):
         return False
 
     def _end_round(self) -> None:
-        """Judge the round, reassign the samples by the gate, and begin another one from the weights as they are."""
+        """Measure the error, reassign the samples by the gate, and begin another round from the current weights."""
         error = self._keep()
         self._idle = 0 if error < self._round_error else self._idle + 1
         self._round_error = min(error, self._round_error)
@@ -193,7 +193,7 @@ class HardMixtureFit(GatedFit):
             self.state.best_error, self.state.best_step = error, self.state.step + 1
 
     def _keep(self) -> float:
-        """Validation error of experts and gate as they are now; they are kept when it is the least yet."""
+        """Validation error of the current experts and gate; they are kept when it is the least so far."""
         kept = self._best, self.gate_weights
         self._best = self._experts.parameters
         self.gate_weights = {name: value[0] for name, value in self._gate.parameters.items()}

@@ -138,7 +138,7 @@ class Level:
         return isinstance(self.trainer, LevenbergMarquardt) and bool(self.trainer.done.all())
 
     def forget(self) -> None:
-        """The samples have changed."""
+        """Discard what was computed from the samples; call it after they have changed."""
         self._data = None
 
     # ------------------------------------------------------------------ samples

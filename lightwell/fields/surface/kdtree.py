@@ -146,12 +146,12 @@ class KdFit(SegmentedFit):
 
     @property
     def macs(self) -> int:
-        """Of one network; the walk to the leaf is table reads."""
+        """Multiply-accumulates of one network; the walk to the leaf is table reads."""
         return self.mlp.macs
 
     @property
     def weights(self) -> dict[str, np.ndarray]:
-        """Of the leaves; during the first level, of the network in training."""
+        """Weights of the leaves; during the first level, of the network in training."""
         return self._level.trainer.best if self._levels == 0 and self._level else self._weights
 
     def segment(self, query: Query) -> np.ndarray:
@@ -236,7 +236,7 @@ class KdFit(SegmentedFit):
         return True
 
     def _begin_polish(self) -> bool:
-        """A level that trains all leaves on, because none is to be split."""
+        """Begin a level that continues the training of all leaves, because none is to be split."""
         leaf = np.arange(len(self.partition))
         self._level = Level(leaf, np.full(len(leaf), WHOLE), np.zeros_like(leaf), self._trainer(len(leaf), leaf))
         return True
@@ -269,7 +269,7 @@ class KdFit(SegmentedFit):
         return np.sort(candidates[worst[:room]])
 
     def _end_level(self) -> None:
-        """Carry out the best cut of every parent where it helps, and hand the weights to the leaves."""
+        """Apply the best cut of every parent where it lowers the error, and copy the weights to the leaves."""
         level, self._level = self._level, None
         if (level.axis == WHOLE).all():
             better = np.flatnonzero(level.errors[:, 1] < self._errors[level.parent, 1])
@@ -300,13 +300,13 @@ class KdFit(SegmentedFit):
         return parent[keep], below, above
 
     def _grow(self, parent: np.ndarray) -> None:
-        """Room for the upper halves of split leaves [K]; they start as copies of their parents."""
+        """Append the upper halves of split leaves [K]; they start as copies of their parents."""
         copied = lambda values: np.concatenate([values, values[parent]])  # noqa: E731
         self._weights = {name: copied(value) for name, value in self._weights.items()}
         self._errors, self._status, self._declined = (copied(a) for a in (self._errors, self._status, self._declined))
 
     def _settle(self, leaf: np.ndarray, level: Level, candidate: np.ndarray) -> None:
-        """Give leaves [K] what their candidates [K] learned; a half without samples keeps what its parent knew."""
+        """Copy weights of candidates [K] to leaves [K]; a half without samples keeps those of its parent."""
         errors, least = level.errors[candidate], level.least[candidate]
         known = ~np.isnan(errors).all(axis=1)
         # Where one of the two errors is missing, the other is used in its place.
@@ -321,7 +321,7 @@ class KdFit(SegmentedFit):
     # ------------------------------------------------------------------ facts and checkpoints
 
     def _describe(self) -> None:
-        """What the tree looks like, as JSON values."""
+        """Facts about the tree, as JSON values."""
         leaf = self.segment(self.examples.query)
         count = np.bincount(leaf, minlength=len(self.partition))
         sizes = np.bincount(np.ceil(np.log2(np.maximum(count, 1))).astype(int))

@@ -195,7 +195,7 @@ class Gate:
         return Tabulated(b.build(top=self.node(b)))
 
     def __call__(self, query: Query) -> Split:
-        """Of [N] points."""
+        """Evaluate the gate at N points."""
         top = self._table(query)["top"]
         return Split(top[:, 0].astype(np.int64), top[:, 1].astype(np.int64), top[:, 2])
 
@@ -213,5 +213,5 @@ class Split:
 
     @property
     def band(self) -> np.ndarray:
-        """Rows that two experts share."""
+        """Rows of the points that two experts share."""
         return np.flatnonzero(self.share > 0)

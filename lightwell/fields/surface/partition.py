@@ -91,7 +91,7 @@ class Partition:
 
     @property
     def rows(self) -> np.ndarray:
-        """The nodes as the op ``tree`` wants them: a single leaf is a node with both sides alike."""
+        """The nodes for the op ``tree``: a single leaf is a node with two equal sides."""
         return self.nodes if len(self.nodes) else np.array([[0, 0, -1, -1]], np.float32)
 
     @staticmethod

@@ -43,7 +43,7 @@ class NetworkPreset:
     activation: str = "silu"
     output: str = "exp"
     octaves: FeatureOctaves | None = None
-    """How finely 'encoded' inputs are encoded."""
+    """Octaves of the 'encoded' inputs."""
     storage: str = "float16"
     """Type of the stored weights."""
 
@@ -110,7 +110,7 @@ class SegmentedFit:
         raise NotImplementedError
 
     def _lower_segment(self, b: Builder, x: str) -> str:
-        """Add what finds the segment to a graph; x: the value that holds the networks' inputs."""
+        """Add the nodes that find the segment to a graph; x: name of the node of the networks' inputs."""
         raise NotImplementedError
 
     def _step(self, total: int) -> bool:
@@ -118,18 +118,18 @@ class SegmentedFit:
         raise NotImplementedError
 
     def _look(self) -> tuple[float, float]:
-        """(training loss, validation error); keeps what is best."""
+        """(training loss, validation error); the best weights are kept."""
         raise NotImplementedError
 
     def _arrays(self) -> Arrays:
-        """What a resumed training needs besides state and facts."""
+        """Arrays that a resumed training needs besides state and facts."""
         raise NotImplementedError
 
     # Beginnings of the names of arrays whose shape depends on how far the training was; ``_restore`` checks them.
     varying: tuple[str, ...] = ()
 
     def _restore(self, arrays: Arrays) -> None:
-        """Take up what ``_arrays`` gave; ``ValueError`` or ``KeyError`` where it does not fit together."""
+        """Restore the result of ``_arrays``; ``ValueError`` or ``KeyError`` where it does not fit together."""
         raise NotImplementedError
 
     def _rearrange(self) -> None:

@@ -104,7 +104,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
 
 
 def _maker(state: State, role: Role) -> Callable:
-    """What makes shards: gathered for all lights where one is declared, path-traced for the scene's own emitters."""
+    """Return the function that makes shards: gathered for a declared light, path-traced for the scene's emitters."""
     if role == "static":
         return partial(make_shard, own_light=True)
     shards = _shards(state, role)
@@ -190,7 +190,7 @@ class SurfaceTraining:
 
     @property
     def traced(self) -> Traced:
-        """What all samples cost."""
+        """Cost of all samples."""
         a, b = self.samples.traced, self.adaptive
         return replace(a, paths=a.paths + b.paths, dropped=a.dropped + b.dropped)
 
@@ -219,7 +219,7 @@ class SurfaceTraining:
     # ------------------------------------------------------------------ plan
 
     def _planned(self) -> StepPlan:
-        """What the budget buys, measured once; fixed counts where the settings give them."""
+        """The plan for the budget, measured once; fixed counts where the settings give them."""
         request, path = self.state.job.request, self.folder / "steps.json"
         if not path.exists():
             with self.state.job.work.timed("plan"):
@@ -246,7 +246,7 @@ class SurfaceTraining:
     # ------------------------------------------------------------------ train
 
     def _rounds(self, learner: Learner, checkpoint: Path) -> None:
-        """Train to the adaptive stage and on; with an error budget, round after round until the goal is met."""
+        """Train to the adaptive stage and after it; with an error budget, in rounds until the error is reached."""
         budget = self.state.job.request.budget
         self._train(learner, self._plan.first_steps, checkpoint)
         for _ in range(budget.rounds if budget.error else 1):
@@ -299,7 +299,7 @@ class SurfaceTraining:
                     return
 
     def _watch(self, learner: Learner, checkpoint: Path, stage: Stage) -> tuple[Callable, Callable]:
-        """What a training calls when it looks at the validation samples, and to save itself."""
+        """Return the callbacks of a training for each evaluation and for checkpoints."""
 
         def look(state: TrainingState, _: int) -> None:
             self.clock.mark(state.step)

@@ -39,7 +39,7 @@ class TreePreset:
     inputs: Kind
     demodulated: bool
     logarithmic: bool
-    """Grow on ln(y + ε), so that dark places count; the leaves still hold plain means."""
+    """Grow on ln(y + ε), so that dark regions have weight; the leaves hold plain means."""
     smallest_leaves: tuple[int, ...] = (8, 32, 128, 512)
     """Sizes of the smallest leaf, samples, that are tried; the best on validation stays."""
     depth: int = 24
