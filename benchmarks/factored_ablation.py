@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from rows import Row, publish, without_bar
 
-from lightwell.baking.evaluate import Baked
+from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from lightwell.networks.hashgrid import HashGrid

@@ -10,10 +10,10 @@ import numpy as np
 from lightmap_scenes import HELD_OUT, MIPS, QUICK, Effort
 from rows import Row, at_least, at_most, without_bar
 
-from lightwell.baking.evaluate import Baked
-from lightwell.fields import lightmap
-from lightwell.fields.lightmap.field import fitted, sample_unit
+from lightwell.fields.baked import Baked
+from lightwell.fields.lightmap import fit as lightmap
 from lightwell.fields.lightmap.fit import PRESETS
+from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.nodes import stored
 from lightwell.fields.lightmap.trace import chart, eye_samples, lit_scene, seen_sides
 from lightwell.graph.pictures import decoded, encode, seen_from_afar

@@ -12,12 +12,13 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from lightwell.baking.lightmap_score import compare_camera
 from rows import Row, at_least, at_most, without_bar
 
-from lightwell.baking.evaluate import Baked
-from lightwell.fields.lightmap.field import STARTS, base_picture, fitted, sample_unit
+from lightwell.baking.evaluate import view_name
+from lightwell.baking.reference_budget import EVALUATION_SEED
+from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, sample_unit
 from lightwell.fields.lightmap.seams import SHARE, seam_gap, seam_samples
 from lightwell.fields.lightmap.size_limit import CODECS
 from lightwell.fields.lightmap.square import roomy_atlas
@@ -34,8 +35,13 @@ from lightwell.fields.lightmap.trace import (
 from lightwell.report import metrics
 from lightwell.report.records import ViewComparison
 from lightwell.scenes import load
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.placing import sample_cameras
+from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import declare
+from lightwell.transport.camera import gbuffer
+from lightwell.transport.mapped import mapped_query
+from lightwell.transport.radiance import static
 
 GIVEN = Path(__file__).resolve().parents[2] / "shared" / "scenes"
 SCENES = {
@@ -106,6 +112,26 @@ class Figures:
     seconds: float
     with_glass: float
     """Corrected PSNR of all pixels, those of clear glass as the light map leaves them: black."""
+
+
+def compare_camera(
+    scene: Scene,
+    atlas: Atlas,
+    baked: dict[str, Baked],
+    camera: Camera,
+    size: tuple[int, int],
+    paths: int,
+    number: int = 0,
+) -> ViewComparison:
+    """One held-out picture of the scene's own light, emission left out: what is baked beside the reference."""
+    points, mask, _ = gbuffer(scene, camera, *size)
+    seen = np.flatnonzero(mask)
+    a, b = static(scene, points[seen], paths, EVALUATION_SEED + number)
+    images = np.zeros((3, size[0] * size[1], 3), np.float32)
+    images[0, seen] = sum(field(mapped_query(scene, atlas, points[seen])) for field in baked.values())
+    images[1:, seen] = np.nan_to_num(a), np.nan_to_num(b)
+    prediction, half_a, half_b = images.reshape(3, size[1], size[0], 3)
+    return ViewComparison(view_name(camera, number), prediction, half_a, half_b, caption="the scene's own light")
 
 
 def trace(source, effort: Effort) -> Traced:

@@ -90,7 +90,7 @@ def ours() -> tuple[str, str]:
 
 def _choices(names: tuple[str, ...]) -> list:
     """Those of the named fields that exist."""
-    from lightwell.baking.compare_settings import parse_fields
+    from lightwell.baking.comparison import parse_fields
 
     found = []
     for name in names:
@@ -103,11 +103,9 @@ def _choices(names: tuple[str, ...]) -> list:
 
 def compared(run: Run, name: str, scene: Path | str, fields: list, vary: tuple[str, ...] = ()) -> dict[str, Any]:
     """compare.json of a comparison in OUT/NAME, with ``by_name``: the entries of its fields by name."""
-    from lightwell.baking.compare_fields import compare_fields
-    from lightwell.baking.compare_settings import CompareSettings
-
-    from lightwell.baking.settings import Budget
+    from lightwell.baking.comparison import CompareSettings, compare_fields
     from lightwell.core.progress import Progress
+    from lightwell.fields.budget import Budget
 
     resume = run.resume or name in run.begun
     every = run.begun.setdefault(name, [])
@@ -202,19 +200,18 @@ def cornell(run: Run) -> list[Row]:
 
 
 def _ours():
-    from lightwell.baking.compare_settings import FieldChoice
+    from lightwell.baking.comparison import FieldChoice
 
     return FieldChoice(*ours())
 
 
 def equal_bytes(run: Run) -> list[Row]:
     """How many times lower the error of ours is than that of a baseline with as many bytes."""
-    from lightwell.baking.compare_settings import FieldChoice
-
-    from lightwell.fields import presets
+    from lightwell.baking.comparison import FieldChoice
+    from lightwell.fields.registry import find_field
 
     field, _ = ours()
-    sizes = [FieldChoice(field, preset) for preset in presets(field)]
+    sizes = [FieldChoice(field, preset) for preset in find_field(field).presets]
     baselines = _choices(BASELINES + ALSO)
     scene = CORNELL if CORNELL.exists() else "cornell"
     numbers = compared(run, "cornell", scene, [*sizes, *baselines], ROAMING)
@@ -284,7 +281,7 @@ def _rooms(run: Run, scenes: dict[str, tuple[Path, float, float]]) -> list[Row]:
 
 
 def _room(run: Run, name: str, path: Path, clearance: float, seconds: float) -> list[Row]:
-    from lightwell.baking.compare_settings import FieldChoice
+    from lightwell.baking.comparison import FieldChoice
 
     choice = FieldChoice(ours()[0], ROOM_PRESET)
     longer = replace(run, budget=run.budget if run.quick else seconds, truth=ROOM_TRUTH)

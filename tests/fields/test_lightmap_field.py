@@ -265,7 +265,7 @@ def test_means_are_rounded_at_every_level():
 
 def test_training_at_random_levels_keeps_minified_pictures_right(monkeypatch):
     """Light that repeats every four texels, known through features alone: level 2 shall show its mean."""
-    from lightwell.fields import lightmap
+    from lightwell.fields.lightmap import fit as lightmap
 
     query = queries(1 << 13)
     wave = 0.15 + 0.14 * np.sign(np.sin(2 * np.pi * query.uv1[:, :1] * SIZE / 4))
