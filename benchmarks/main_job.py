@@ -106,6 +106,7 @@ def _drjit_parity() -> float:
 
     from lightwell.backend import mi
     from lightwell.graph import compile, evaluate
+
     sys.path.insert(0, str(ROOT / "tools"))
     from format_vectors import cases
 

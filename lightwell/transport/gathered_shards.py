@@ -31,7 +31,7 @@ FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
 # One run of rows under one light in so many is path-traced.
-TRACED_EVERY = 4
+TRACED_EVERY = 8
 
 
 @dataclass(frozen=True)

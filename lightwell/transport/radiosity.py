@@ -22,7 +22,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
-from lightwell.transport.radiance import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.radiance import LATTICE_STREAM, _coverage, random_streams, stratified
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
 
@@ -246,7 +246,8 @@ def _gather_ray(scene, si, rng, first):
     """Where a ray that leaves ``si`` by its BSDF ends: radiance per irradiance there, place, normal on the side met."""
     ctx = mi.BSDFContext()
     lobe, direction, _ = first
-    sample, β = si.bsdf().sample(ctx, si, lobe, direction)
+    # Lobes come in the order covered, seen through: what is seen through a blended surface is not its light.
+    sample, β = si.bsdf().sample(ctx, si, lobe * _coverage(si, si.bsdf()), direction)
     ray = si.spawn_ray(si.to_world(sample.wo))
     weight, p, n = _end(scene, ray, β, rng)
     return weight, p, n

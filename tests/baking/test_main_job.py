@@ -46,7 +46,7 @@ def test_the_report_has_its_keys(baked):
     assert REPORT_KEYS <= set(report)
     assert {"trace", "train"} <= set(report["seconds"])
     assert all(math.isfinite(report[key]) for key in ("relative_error", "psnr_db", "ssim", "flip"))
-    # The rays that two shards gather from, a quarter of their 32 x 128 samples and an adaptive shard by 8 paths each.
+    # The rays that two shards gather from, a share of their 32 x 128 samples and an adaptive shard by 8 paths each.
     assert report["paths"] == 8192 * RAYS + (2 / TRACED_EVERY + 1) * 32 * 128 * 8
 
 

@@ -50,6 +50,22 @@ def test_the_halves_are_independent_means(gathered):
     assert 0 < np.abs(a - b).mean() < 0.3 * truth.mean()
 
 
+def test_what_is_seen_through_a_blended_surface_is_not_its_light():
+    from lightwell.scenes.variables import PointLight
+
+    pane = {"type": "mask", "opacity": 0.3, "bsdf": rooms.diffuse(rooms.WHITE)}
+    scene = rooms.cornell(short=pane)
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    points = draw_surface(scene, 4096, 1).points
+    radiosity = Radiosity(scene, points, 0, 1024, 128)
+    names = [mesh.name for mesh in scene.meshes]
+    few = points[np.flatnonzero(points.shape == names.index("short"))[:100]]
+    gather = Gather(radiosity, radiosity.rows(few, 256, 2), radiosity.light(light, LIGHTS[:1], 3))
+    found = sum(gather(np.arange(len(few)), np.zeros(len(few), int))) / 2
+    truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
+    assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
+
+
 def wall_and_floor(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Places and upward normals of a floor 4 m x 4 m."""
     place = random.random((20_000, 3)) * (4, 0, 4)

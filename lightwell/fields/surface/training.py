@@ -34,6 +34,8 @@ from lightwell.transport.shards import ShardSettings, make_shard
 
 # Seconds that a shard is expected to take, for the size of what is gathered before the first one.
 SECONDS_PER_SHARD = 3.0
+# Most of what gathered shards cost is traced before the first one: fewer than this are not worth it.
+FEWEST_GATHERED = 12
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 # Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
@@ -82,7 +84,8 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
         The samples.
     """
     request, path = state.job.request, _folder(state, role) / "plan.json"
-    count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or FEWEST_SHARDS
+    fewest = FEWEST_GATHERED if role == "indirect" else FEWEST_SHARDS
+    count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or fewest
     if not path.exists():
         # Without a plan the shards must be timed, so that those of a bake that was killed are of no use.
         shutil.rmtree(path.parent / "uniform", ignore_errors=True)
@@ -92,7 +95,8 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     if not path.exists():
         cost = max(traced.seconds_per_shard, 1e-3)
         seconds = role_seconds(state, role) - getattr(make, "seconds", 0.0)
-        save_plan(path, plan_samples(seconds, cost, request.shards, state.job.shared))
+        plan = plan_samples(seconds, cost, request.shards, state.job.shared)
+        save_plan(path, replace(plan, shards=max(plan.shards, count)))
     plan = load_plan(path, SamplePlan)
     if plan.shards > count:
         traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")

@@ -1,0 +1,111 @@
+"""What each choice of the field is worth: variants at equal steps, scored against one reference; for benchmarks/zoo.py.
+
+Samples are made once for each way of making them; every variant trains for the same number of batches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from rows import Row, without_bar
+from zoo_score import BUDGET, SIZE, VIEWS
+
+from lightwell.baking.evaluate import views_and_lights
+from lightwell.baking.quality import Quality, score_quality, trace_quality
+from lightwell.fields.baked import Baked
+from lightwell.fields.base import FieldSetup, around_samples, radiance_unit
+from lightwell.fields.factored import PRESETS, FactoredFit, FactoredPreset
+from lightwell.networks.hashgrid import HashGrid
+from lightwell.scenes import load
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable, declare
+from lightwell.transport import Samples, draw_surface, make_query
+from lightwell.transport.collect import collect
+from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.samples import Query
+from lightwell.transport.seen import draw_seen
+from lightwell.transport.shards import ShardSettings, default_lights
+
+# Path-traced shards, gathered shards (made in about the same time), steps, and samples kept for early stopping.
+TRACED, GATHERED, STEPS, HELD = 4, 24, 1000, 8192
+SETTINGS = ShardSettings(paths=16)
+THREE_LEVELS = HashGrid(levels=3, base=8, growth=2, entries_log2=13)
+FIGURES = ("psnr_db", "flip", "mottle", "leak", "relative_error")
+
+
+def path_traced(scene: Scene, variable: Variable, seen: bool) -> Samples:
+    """Samples by whole paths, by area or where people look."""
+    count = TRACED * SETTINGS.size
+    draw = draw_seen(scene, variable, count, 1, floor=64) if seen else draw_surface(scene, count, 1, floor=64)
+    lights = default_lights(scene, variable)(TRACED * SETTINGS.lights, 2).repeat(SETTINGS.points_per_light, axis=0)
+    return collect(scene, variable, draw.points, lights, SETTINGS.paths, 3, weight=draw.weight)
+
+
+def gathered(scene: Scene, variable: Variable) -> Samples:
+    """Samples as a bake makes them."""
+    make = GatheredShards(scene, variable, SETTINGS, GatherSize.of(GATHERED, SETTINGS))
+    parts = [make(scene, variable, None, SETTINGS, k)[0] for k in range(GATHERED)]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
+    return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
+
+
+def variants() -> dict[str, tuple[str, FactoredPreset]]:
+    """Name → (kind of samples, preset); each adds one thing to the one before."""
+    plain = replace(PRESETS["default"], grid=THREE_LEVELS, hidden=(24, 14))
+    decayed = replace(plain, grid=replace(THREE_LEVELS, decay=(0.0, 0.1, 1.0)))
+    return {
+        "by area": ("area", plain),
+        "where people look": ("seen", plain),
+        "gathered": ("gathered", plain),
+        "decay": ("gathered", decayed),
+        "four levels (default)": ("gathered", PRESETS["default"]),
+    }
+
+
+def train(scene: Scene, variable: Variable, samples: Samples, preset: FactoredPreset) -> Baked:
+    """A field trained for STEPS batches, as it ships."""
+    training, held = samples[: len(samples) - HELD], samples[len(samples) - HELD :]
+    setup = FieldSetup.of(scene, radiance_unit(training), variable.kind, variable)
+    fit = FactoredFit(around_samples(setup, training), preset, 0)
+    fit.learn_from(training)
+    fit.validate_on(held)
+    fit.train(STEPS, STEPS)
+    return Baked(fit.lower())
+
+
+def of_scene(source: str) -> dict[str, Quality]:
+    """Variant → figures on one scene."""
+    scene = load(source)
+    variable = declare((), scene)
+    truth = trace_quality(scene, variable, views_and_lights(scene, variable, VIEWS, 0), SIZE, BUDGET, 0)
+    make: dict[str, Callable[[], Samples]] = {
+        "area": lambda: path_traced(scene, variable, False),
+        "seen": lambda: path_traced(scene, variable, True),
+        "gathered": lambda: gathered(scene, variable),
+    }
+    made, found = {}, {}
+    for name, (kind, preset) in variants().items():
+        if kind not in made:
+            made = {kind: make[kind]()}
+        baked = train(scene, variable, made[kind], preset)
+        found[name] = score_quality(truth, lambda p, l, b=baked: b(make_query(scene, p, l)))
+        print(f"{scene.name} {name}: {found[name].psnr_db:.2f} dB, mottle {found[name].mottle}", flush=True)
+    return found
+
+
+def ablation(chosen: dict[str, str]) -> list[Row]:
+    """Medians over scenes of every figure of every variant."""
+    scenes = [of_scene(source) for source in chosen.values()]
+    rows = []
+    for name in variants():
+        for figure in FIGURES:
+            values = [getattr(scene[name], figure) for scene in scenes]
+            values = [value for value in values if value is not None]
+            middle = float(np.median(values)) if values else None
+            rows.append(
+                without_bar(f"{name}: median {figure}", middle, "dB" if figure == "psnr_db" else "", ", ".join(chosen))
+            )
+    return rows

@@ -1,0 +1,62 @@
+"""Scores one baked scene for benchmarks/zoo.py: quality.json and quality.jpg beside the asset.
+
+python benchmarks/zoo_score.py SCENE FOLDER
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from lightwell.asset.read import read_fields
+from lightwell.baking.evaluate import views_and_lights
+from lightwell.baking.quality import PictureTruth, Quality, place, score_quality, trace_quality
+from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.core.color import display
+from lightwell.fields.baked import Baked
+from lightwell.report.metrics import exposure_unit
+from lightwell.scenes import load
+from lightwell.scenes.variables import declare
+from lightwell.transport.queries import make_query
+
+VIEWS, SIZE = 4, (160, 100)
+BUDGET = ReferenceBudget(points=4096, point_paths=256, pixel_paths=256)
+# How many times the difference of displayed values is shown, and the pixels that one pixel of it becomes.
+DIFFERENCE, MAGNIFIED = 4, 3
+
+
+def strip(picture: PictureTruth, f: np.ndarray) -> np.ndarray:
+    """[H, 3 W, 3] learned, reference and difference, displayed, of one view."""
+    y = 0.5 * (picture.view.half_a + picture.view.half_b)
+    unit = exposure_unit(y) or 1.0
+    learned, reference = (display(place(picture, x) / unit) for x in (f, y))
+    return np.concatenate([learned, reference, np.clip(DIFFERENCE * np.abs(learned - reference), 0, 1)], axis=1)
+
+
+def score(source: str, folder: Path) -> tuple[Quality, list, list[np.ndarray]]:
+    """The figures of a bake, its graphs, and a strip of each view."""
+    scene = load(source)
+    variable = declare((), scene)
+    entries, _ = read_fields(folder / "scene.glb")
+    baked = next(Baked(entry.graph) for entry in entries if entry.role == "indirect")
+    truth = trace_quality(scene, variable, views_and_lights(scene, variable, VIEWS, 0), SIZE, BUDGET, 0)
+    learned = lambda points, light: baked(make_query(scene, points, light))  # noqa: E731
+    strips = [strip(picture, learned(picture.view.points, picture.view.light)) for picture in truth.pictures]
+    return score_quality(truth, learned), [entry.graph for entry in entries], strips
+
+
+def main() -> None:
+    source, folder = sys.argv[1], Path(sys.argv[2])
+    quality, graphs, strips = score(source, folder)
+    figures = quality.json() | {"bytes": sum(g.nbytes for g in graphs), "macs": sum(g.macs for g in graphs)}
+    image = Image.fromarray((255 * np.concatenate(strips)).astype(np.uint8))
+    image.resize((MAGNIFIED * image.width, MAGNIFIED * image.height), Image.NEAREST).save(folder / "quality.jpg")
+    (folder / "quality.json").write_text(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
