@@ -32,6 +32,8 @@ PROBES, PROBE_POINTS = 16, 1 << 16
 COARSE_RAYS = 512
 # Mirrors, clear glass and cut-outs that a ray passes at most.
 PASSED = 6
+# Most that a coarse bin reflects of the light of its surroundings.
+MOST_REFLECTED = 0.97
 # Lanes of one launch.
 LANES = 1 << 20
 # Lights whose indirect irradiance is solved for at once.
@@ -142,8 +144,10 @@ class Radiosity:
         column, weight = (np.concatenate(x) for x in zip(*parts))
         row = np.repeat(np.arange(bins.coarse_count), COARSE_RAYS)
         shape = (bins.coarse_count, bins.count + 1)
-        # Energy that is reflected for ever has no solution; nothing reflects more than this.
-        weight = np.minimum(weight, 0.95) / COARSE_RAYS
+        weight = weight.reshape(bins.coarse_count, COARSE_RAYS, 3) / COARSE_RAYS
+        # Energy that is reflected for ever has no solution. Single rays may return more: lobes are sampled.
+        weight *= np.minimum(1, MOST_REFLECTED / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
+        weight = weight.reshape(-1, 3)
         return [csr_matrix((weight[:, c], (row, column)), shape=shape, dtype=np.float32) for c in range(3)]
 
     # ------------------------------------------------------------------ light

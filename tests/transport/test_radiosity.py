@@ -125,3 +125,23 @@ def test_a_scene_without_cameras_is_sampled(cornell):
     bare = replace(cornell, cameras=())
     light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
     assert len(draw_seen(bare, light, 1000, 1, floor=1).points) == 1000
+
+
+def test_rough_metal_keeps_its_energy():
+    from lightwell.scenes.variables import PointLight
+
+    metal = {
+        "type": "principled",
+        "metallic": 1.0,
+        "roughness": 1.0,
+        "base_color": {"type": "rgb", "value": [0.95] * 3},
+    }
+    scene = rooms.cornell(floor={"type": "twosided", "bsdf": metal}, tall={"type": "twosided", "bsdf": metal})
+    light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
+    points = draw_surface(scene, 4096, 1).points
+    radiosity = Radiosity(scene, points, 0, 1024, 128)
+    few = points[:200]
+    gather = Gather(radiosity, radiosity.rows(few, 128, 2), radiosity.light(light, LIGHTS[:1], 3))
+    found = sum(gather(np.arange(200), np.zeros(200, int))) / 2
+    truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
+    assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
