@@ -1,6 +1,6 @@
-"""What can be set of the radiance cache: presets, defaults, and the checks of values that a user gives.
+"""Settings of the radiance cache: presets, defaults and range checks.
 
-The numbers come from Müller et al., *Real-time Neural Radiance Caching for Path Tracing* (2021), where
+The default values come from Müller et al., *Real-time Neural Radiance Caching for Path Tracing* (2021), where
 docs/radiance-cache.md does not say otherwise.
 """
 
@@ -39,27 +39,33 @@ CHOICES = {
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings:
-    """Shape and meaning of the weights."""
+    """Shape of the network and meaning of its output."""
 
-    encoding: str = option("hash", "Of the position: 'hash' or 'frequency' (the paper's).", choices=CHOICES["encoding"])
+    encoding: str = option(
+        "hash", "Encoding of the position: 'hash' or 'frequency' (the paper's).", choices=CHOICES["encoding"]
+    )
     levels: int = option(6, "Hash grid: levels of four channels.", least=1, most=16)
     base: float = option(8.0, "Hash grid: cells along each axis of the first level.", least=1, most=4096)
-    growth: float = option(1.7, "Hash grid: cells of a level relative to the one before.", least=1, most=8)
+    growth: float = option(1.7, "Hash grid: ratio of the cells per axis of successive levels.", least=1, most=8)
     entries_log2: int = option(
-        15, "Hash grid: logarithm of the largest number of entries of a level.", least=8, most=22
+        15, "Hash grid: base-2 logarithm of the largest number of entries of a level.", least=8, most=22
     )
     hidden: int = option(32, "Neurons of a hidden layer.", least=4, most=256)
     layers: int = option(2, "Hidden layers.", least=1, most=8)
     factorise: bool = option(True, "Learn radiance divided by reflectance.")
 
     def network(self) -> dict[str, Any]:
-        """The part that decides the shape and meaning of the weights."""
+        """Return the settings that decide shape and meaning of the weights.
+
+        Returns:
+            Keyword arguments of ``model.Model``.
+        """
         return {name: getattr(self, name) for name in options_of(NetworkSettings)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathSettings:
-    """Where paths end."""
+    """Termination of rendering and training paths."""
 
     termination_c: float = option(
         0.01,
@@ -67,66 +73,75 @@ class PathSettings:
         least=0,
         most=math.inf,
     )
-    unbiased_fraction: float = option(1 / 16, "Training paths that end by roulette alone.", least=0, most=1)
+    unbiased_fraction: float = option(
+        1 / 16, "Share of the training paths that only Russian roulette ends.", least=0, most=1
+    )
     still_unbiased: float = option(
         1.0,
-        "The same while a still trains: its frames are large, so that noise costs less than a bounce per frame.",
+        "unbiased_fraction while a still trains; its large frames make noise less costly than one bounce per frame.",
         least=0,
         most=1,
     )
     tail_after: int = option(
         1,
-        "Records from the query vertex on before a cache value may end a training path; the paper: 1.",
+        "Records from the query vertex on before a prediction may end a training path; the paper: 1.",
         least=1,
         most=64,
     )
     tail_attenuation: float = option(
-        1.0, "Factor on cache values that end training paths, <= 1; against BSDFs that make energy.", least=0, most=1
+        1.0,
+        "Factor of predictions that end training paths, <= 1; for BSDFs that do not conserve energy.",
+        least=0,
+        most=1,
     )
-    max_vertices: int = option(8, "Records that one training path can leave.", least=1, most=64)
+    max_vertices: int = option(8, "Largest number of records of a training path.", least=1, most=64)
     max_depth: int = option(-1, "Longest path, -1: unlimited.")
     rr_depth: int = option(5, "Depth from which roulette may end a path.", least=1, most=1 << 30)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingSettings:
-    """How the cache learns."""
+    """Training of the network and of the guide."""
 
     lead_in: int = option(
         2,
-        "Frames of a cold cache, or after a change, in which every training path ends by roulette: cache "
-        "values that are still wrong would take as many frames to correct as light has bounces. Four times as "
-        "many where ``eager`` is 1 or ``budget`` is not 'preset', none where ``unbiased_fraction`` is 0.",
+        "Frames of an untrained cache, or after a change, in which every training path ends by roulette: wrong "
+        "predictions would take as many frames to correct as light has bounces. Four times as many where "
+        "``eager`` is 1 or ``budget`` is not 'preset', none where ``unbiased_fraction`` is 0.",
         least=0,
         most=1 << 20,
     )
     eager: int = option(
         8,
-        "Gradient steps, and records for them, of the first frames of a cold cache (8, and 4 after a change), "
-        "in those of a usual frame; 1: no larger.",
+        "Factor of gradient steps and records in the first frames of an untrained cache (8 frames, and 4 after a "
+        "change); 1: no larger.",
         least=1,
         most=64,
     )
     target_cap: float = option(
         30.0,
-        "Records brighter than so many times what the cache says there plus the mean are cut to that; 0: never.",
+        "Limit of a record, as a multiple of the prediction plus the mean; 0: no limit.",
         least=0,
         most=1e30,
     )
-    train_fraction_max: float = option(0.05, "Largest share of pixels that train in one frame.", least=1e-6, most=1)
+    train_fraction_max: float = option(
+        0.05, "Largest share of pixels with a training path in one frame.", least=1e-6, most=1
+    )
     batch: int = option(2048, "Records of one gradient step.", least=16, most=1 << 20)
-    steps: int = option(8, "Gradient steps per frame, at most: fewer where records are short.", least=1, most=64)
+    steps: int = option(
+        8, "Largest number of gradient steps per frame; fewer when there are few records.", least=1, most=64
+    )
     bootstrap: str = option("raw", "Weights that end training paths: 'raw' or 'ema'.", choices=CHOICES["bootstrap"])
     ema_decay: float = option(
         0.99,
-        "Decay of the averaged weights at four steps of 4,096 records a frame; 0 turns averaging off.",
+        "Decay of the averaged weights at four steps of 4,096 records per frame; 0 disables averaging.",
         least=0,
         most=0.999999,
     )
     early_average: float = option(
         8.0,
-        "Before that decay takes hold, the average reaches back over one part in so many of the steps taken; "
-        "0: over all of them, as in the paper.",
+        "Until ema_decay limits it, the average covers one part in so many of the steps taken; "
+        "0: all of them, as in the paper.",
         least=0,
         most=1000,
     )
@@ -136,55 +151,52 @@ class TrainingSettings:
     )
     replay: float = option(
         0.125,
-        "Share of training paths that start where earlier cameras looked, once the camera has moved: what is "
-        "off screen is traced anew, not forgotten.",
+        "Share of training paths that start with rays of earlier cameras, once the camera has moved, so that "
+        "regions off screen stay trained.",
         least=0,
         most=0.5,
     )
     on_change: str = option(
         "detect",
-        "What follows a change of the scene: 'detect' it, obey 'hint-only', or 'off'.",
+        "Reaction to changes of the scene: 'detect' them, only when announced ('hint-only'), or 'off'.",
         choices=CHOICES["on_change"],
     )
     budget: str = option(
         "preset",
-        "'low': one step a frame. 'auto': training is held to a quarter of the frame time (not reproducible).",
+        "'low': one step per frame. 'auto': training takes at most a quarter of the frame time (not reproducible).",
         choices=CHOICES["budget"],
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorSettings:
-    """What a pixel is made of."""
+    """Estimator of the radiance of a pixel."""
 
     first_hit: str = option(
         "nee",
-        "Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for light of "
-        "one bounce.",
+        "Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for indirect light.",
         choices=CHOICES["first_hit"],
     )
-    restir_reuse: str = option("biased", "How neighbours' reservoirs are merged.", choices=CHOICES["restir_reuse"])
-    restir_candidates: int = option(
-        8, "Light samples that a reservoir chooses from afresh (the paper: 32).", least=1, most=1024
-    )
+    restir_reuse: str = option("biased", "Merging of neighbours' reservoirs.", choices=CHOICES["restir_reuse"])
+    restir_candidates: int = option(8, "Initial light samples of a reservoir (the paper: 32).", least=1, most=1024)
     estimator: str = option(
         "biased",
         "'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. "
-        "'guided': unbiased, no cache value in the picture; the guide steers whole paths.",
+        "'guided': unbiased, no prediction in the image; the guide provides directions of full paths.",
         choices=CHOICES["estimator"],
     )
     guide: str = option(
         "auto",
-        "Training also learns where light comes from, and paths sample it beside the BSDF (path guiding). "
-        "'auto': a noisy still tries it for some samples, and goes on with what needs less variance times "
-        "time; true is 'always', false 'never'. Always on with the estimator 'guided'.",
+        "Path guiding: the distribution of incident light is learned, too, and sampled beside the BSDF. "
+        "'auto': a noisy still tests it for some samples, and continues with the smaller product of variance "
+        "and time; true is 'always', false 'never'. Always on with the estimator 'guided'.",
         choices=CHOICES["guide"],
     )
     guide_share: float = option(
         0.5, "Probability that a vertex samples the guide and not the BSDF.", least=0, most=0.95
     )
     residual_probability: float = option(
-        0.25, "Share of paths that go on behind the query, to measure what the cache gets wrong.", least=1e-3, most=1
+        0.25, "Share of paths that continue after the query, to measure the cache's error.", least=1e-3, most=1
     )
     level_samples: int = option(
         4, "two-level: cheap samples that read the cache, per path that measures its error.", least=1, most=64
@@ -193,16 +205,16 @@ class EstimatorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PictureSettings:
-    """How pictures are rendered."""
+    """Rendering of images from samples."""
 
     denoise: bool = option(False, "Open Image Denoise on the result (needs mitsuba-oidn and a box filter).")
     local_level: bool = option(
-        True, "still: correct what the network says, place by place, by what its training paths found."
+        True, "still: correct the mean of predictions by place, as measured by the training paths."
     )
     spike_cap: float = option(
         0.25,
-        "still: the light of a caustic is cut, per sample, to so many times the mean radiance times the "
-        "samples per pixel so far, so that no single one shows; less is cut the more there are. 0: never.",
+        "still: limit of a caustic in one sample, as a multiple of the mean radiance times the samples per "
+        "pixel so far, so that single ones are not visible. 0: no limit.",
         least=0,
         most=math.inf,
     )
@@ -214,13 +226,13 @@ class PictureSettings:
     )
     seconds: float = option(
         0.0,
-        "Wall time of a still, training included (not reproducible); 0: as long as its samples take.",
+        "Time limit of a still in seconds, training included (not reproducible); 0: none.",
         least=0,
         most=1e6,
     )
-    train_share: float = option(0.3, "seconds: the part of it that trains.", least=0.01, most=0.99)
+    train_share: float = option(0.3, "With a time limit: the part of it for training.", least=0.01, most=0.99)
     warmup: int = option(
-        0, "still: frames of training before the picture; 0: by the number of samples.", least=0, most=1 << 20
+        0, "still: training frames before the image; 0: by the number of samples.", least=0, most=1 << 20
     )
     sampling: str = option(
         "sobol",
@@ -232,14 +244,14 @@ class PictureSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSettings, NetworkSettings):
-    """Every option of ``lightwell_nrc``, in groups; also the names of the plugin's parameters."""
+    """All options of ``lightwell_nrc``, in groups; their names are the plugin's parameters."""
 
     preset: str = option(
         "compact",
         "'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64.",
         choices=CHOICES["preset"],
     )
-    seed: int = option(0, "Of the initial weights.")
+    seed: int = option(0, "Seed of the initial weights.")
 
     def __post_init__(self) -> None:
         """Refuse values outside the ranges that the options declare."""
@@ -256,36 +268,63 @@ class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSe
 
     @property
     def caching(self) -> bool:
-        """Whether any path can end in the cache."""
+        """Whether paths can end in the cache.
+
+        Returns:
+            False with an infinite threshold or the estimator 'guided'.
+        """
         return math.isfinite(self.termination_c) and self.estimator != "guided"
 
     @property
     def guided(self) -> bool:
-        """Whether a guide may be learned."""
+        """Whether a guide may be trained.
+
+        Returns:
+            True with the estimator 'guided', or where ``guide`` allows one beside the cache.
+        """
         if self.guide == "auto" and not (self.estimator == "biased" and self.first_hit != "restir-gi"):
             return self.estimator == "guided"
         return self.estimator == "guided" or (self.guide != "never" and self.caching)
 
     @property
     def learns(self) -> bool:
-        """Whether there is anything to train."""
+        """Whether there is anything to train.
+
+        Returns:
+            True with a cache or a guide.
+        """
         return self.caching or self.guided
 
     @property
     def step_decay(self) -> float:
-        """Decay of the average per step: its time constant in frames does not depend on the number of steps."""
+        """Decay of the averaged weights per step, so that its time constant in frames does not depend on ``steps``.
+
+        Returns:
+            Decay in [0, 1).
+        """
         return self.ema_decay ** (4 / self.steps)
 
     def changed(self, **values: Any) -> CacheSettings:
-        """A copy with some values replaced."""
+        """Copy the settings with some values replaced.
+
+        Args:
+            **values: New values by name.
+
+        Returns:
+            The copy, checked.
+        """
         return replace(self, **values)
 
     def to_json(self) -> dict[str, Any]:
-        """All values; infinity as a string."""
+        """Return all values as JSON types; infinity is a string.
+
+        Returns:
+            Name to value.
+        """
         return {k: str(v) if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(self).items()}
 
 
-# What the preset 'paper' sets otherwise.
+# Values of the preset 'paper' that differ from the defaults.
 PAPER = {
     "encoding": "frequency", "hidden": 64, "layers": 5, "train_fraction_max": 0.03, "batch": 16384, "steps": 4,
     "learning_rate": 5e-3,
@@ -293,7 +332,17 @@ PAPER = {
 
 
 def settings_of(given: dict[str, Any]) -> CacheSettings:
-    """Settings from named values: the preset's first, then the given ones; ``termination_sdk_t`` is converted."""
+    """Make settings from named values; the values of the preset come first.
+
+    Args:
+        given: Name to value; ``termination_sdk_t`` is converted to ``termination_c``.
+
+    Returns:
+        The settings, checked.
+
+    Raises:
+        ValueError: A name is unknown (with the nearest ones), or a value has the wrong type or is out of range.
+    """
     given = dict(given)
     if (t := given.pop(SDK_T, None)) is not None:
         given["termination_c"] = float(t) ** 2 * SDK_FACTOR
@@ -314,7 +363,17 @@ def settings_of(given: dict[str, Any]) -> CacheSettings:
 
 
 def parse_options(texts: Sequence[str]) -> CacheSettings:
-    """Settings from words such as ``preset=paper`` and ``denoise=true``."""
+    """Parse settings from command-line words.
+
+    Args:
+        texts: Words NAME=VALUE such as ``preset=paper`` and ``denoise=true``.
+
+    Returns:
+        The settings, checked.
+
+    Raises:
+        ValueError: A word is not NAME=VALUE, or ``settings_of`` refuses it.
+    """
     given: dict[str, Any] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -325,7 +384,7 @@ def parse_options(texts: Sequence[str]) -> CacheSettings:
 
 
 def _typed(name: str, kind: str, value: Any) -> Any:
-    """A value of the kind of its field; XML knows floats, integers, booleans and strings."""
+    """Convert a value to the type of its field; Mitsuba XML has floats, integers, booleans and strings."""
     if kind == "bool" and not isinstance(value, bool | int):
         raise ValueError(f"nrc: {name} = {value!r}, expected true or false")
     makers = {"int": int, "float": float, "bool": bool, "str": str}
