@@ -17,6 +17,7 @@ from lightwell.asset.container import unpack
 from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli import main
+from lightwell.core.progress import Progress
 from lightwell.fields.budget import Budget
 
 # Few samples: the shards of a test are small.
@@ -224,3 +225,17 @@ def test_a_larger_square_needs_the_paths_for_it(tmp_path, monkeypatch):
         bake(dataclasses.replace(settings, out=out, preset="plain"))
         assert traced[size] == paths
         assert read_fields(out / "scene.glb")[0][0].graph.buffers["e"].shape[:2] == (size, size)
+
+
+def test_an_error_budget_takes_rounds_and_says_what_was_reached(tmp_path):
+    """As for every field: each round has twice the paths, eye samples and steps of the last."""
+    said = []
+
+    class Heard(Progress):
+        def say(self, text):
+            said.append(text)
+
+    settings = BakeSettings("cornell", tmp_path, **SMALL | {"budget": Budget(None, 1e-6, rounds=1), "steps": 10})
+    report = bake(settings, Heard(quiet=True))
+    assert report["settings"]["plans"]["static"]["steps"] == 20
+    assert any("after 2 rounds, asked for" in text for text in said)
