@@ -66,7 +66,7 @@ def compacted(valid: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
 
 
 @functools.lru_cache(maxsize=64)
-def frozen_batches(model: Model, size: int, bits: int) -> Any:
+def frozen_batches(model: Model, size: int, bits: int) -> Recorded:
     """Return ``packed_batches`` for one batch size as a function that is recorded once.
 
     Args:

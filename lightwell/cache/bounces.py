@@ -31,7 +31,8 @@ class Bounce:
 
 
 def bounce_at(
-    scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: Any, active: Any, guide: Any = None, visit: Any = None
+    scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool, active: mi.Bool, guide: Guide | None = None,
+    visit: Visit | None = None,
 ) -> Bounce:  # fmt: skip
     """Sample an emitter and the next direction at a vertex.
 
@@ -56,21 +57,21 @@ def bounce_at(
     active_em &= ds.pdf != 0
     sample1, sample2 = sampler.next_1d(), sampler.next_2d()
     picks = mi.Bool(False)
-    if guide is not None:
+    if guide is not None and visit is not None:
         # The same number chooses between guide and BSDF and then, rescaled, the BSDF's lobe.
         picks = sample1 < visit.share
         sample1 = dr.select(picks, sample1 / visit.share, (sample1 - visit.share) / (1 - visit.share))
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
         mi.BSDFContext(), si, si.to_local(ds.d), sample1, sample2, active
     )  # fmt: skip
-    if guide is not None:
+    if guide is not None and visit is not None:
         pdf = dr.lerp(pdf, guide.pdf(visit.row, ds.d, active_em), visit.share)
     mis = dr.select(ds.delta, 1, dr.detach(power_heuristic(ds.pdf, pdf)))
     light = dr.select(active_em, value * em_weight * mis, 0)
     has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
     delta, null = has(mi.BSDFFlags.Delta), has(mi.BSDFFlags.Null)
     out = Bounce(light, sample.wo, sample.pdf, weight, sample.eta, delta, null)
-    return out if guide is None else _mixed(out, si, bsdf, guide, visit, sample2, picks, active)
+    return out if guide is None or visit is None else _mixed(out, si, bsdf, guide, visit, sample2, picks, active)
 
 
 def _mixed(

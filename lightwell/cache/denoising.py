@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.views import guides
 from lightwell.core.denoise import denoise
 
@@ -24,7 +25,7 @@ def check_film(sensor: Any) -> None:
         raise ValueError("nrc: denoising needs independent pixels; give the film <rfilter type='box'/>")
 
 
-def denoised_image(scene: Any, sensor: Any, cache: Any, image: Any, seed: int) -> Any:
+def denoised_image(scene: Any, sensor: Any, cache: RadianceCache, image: Any, seed: int) -> Any:
     """Denoise the colour channels of an image.
 
     Args:

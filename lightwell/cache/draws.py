@@ -99,7 +99,7 @@ class Draws:
         self.seed = mi.UInt32(0) if seed is None else mi.UInt32(seed)
         self.dimension = mi.UInt32(0)
 
-    def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
+    def next_2d(self, active: mi.Bool | bool = True) -> mi.Point2f:
         """Draw the next two-dimensional point.
 
         Args:
@@ -112,7 +112,7 @@ class Draws:
         x, y = point(self.index, mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN))))
         return mi.Point2f(unit(x), unit(y))
 
-    def next_1d(self, active: mi.Bool = True) -> mi.Float:
+    def next_1d(self, active: mi.Bool | bool = True) -> mi.Float:
         """Draw the next number.
 
         Args:

@@ -74,7 +74,7 @@ class Vertex:
             dr.scatter(table, mi.Vector4f(*numbers[k : k + 4]), row * (WIDTH // 4) + k // 4, active)
 
 
-def stored(table: mi.Float, row: mi.UInt32, active: mi.Bool = True) -> Vertex:
+def stored(table: mi.Float, row: mi.UInt32, active: mi.Bool | bool = True) -> Vertex:
     """Read vertices that ``Vertex.store`` wrote.
 
     Args:

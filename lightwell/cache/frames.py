@@ -12,6 +12,8 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.draws import Draws, draws
+from lightwell.cache.guide import Guide
+from lightwell.cache.model import Model
 from lightwell.cache.paths import render_path
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.recorded import Recorded
@@ -103,7 +105,7 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
 
 def trace_pass(
     scene: Any, cache: RadianceCache, rays: Rays, estimator: str, q: float, first_direct: bool = True,
-    caching: bool = True, guide: Any = None,
+    caching: bool = True, guide: Guide | None = None,
 ) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
     """Trace one path per camera ray; radiance that is not finite becomes 0.
 
@@ -170,7 +172,7 @@ def film_mark(sensor: Any) -> str:
 
 
 @functools.lru_cache(maxsize=64)
-def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
+def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
     """Return a pass over a film as a function that is recorded once; tracing its Python takes longer than a small pass.
 
     Args:
@@ -194,7 +196,7 @@ def frozen_pass(model: Any, shape: PassShape) -> Callable[..., Any]:
 
 def sobol_pass(
     scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool,
-    guide: Any = None,
+    guide: Guide | None = None,
 ) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
     """Trace one pass with the integrator's own random numbers.
 

@@ -263,7 +263,7 @@ def tree_of(p: np.ndarray) -> np.ndarray:
     return tree
 
 
-def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: mi.Float) -> Any:
+def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vector3f, share: mi.Float) -> Guide:
     """Copy a table to the device.
 
     Args:

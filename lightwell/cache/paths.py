@@ -12,6 +12,7 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import Vertex
+from lightwell.cache.guide import Guide, Visit
 from lightwell.cache.materials import lookup
 from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
 
@@ -237,7 +238,7 @@ class Ending:
 @dr.syntax
 def render_path(
     scene: Any, sampler: Any, ray: Any, around: Surroundings, cache: Callable[[Any, Any], Any], q: mi.Float,
-    caching: bool, estimator: str, first_direct: bool, guide: Any = None,
+    caching: bool, estimator: str, first_direct: bool, guide: Guide | None = None,
 ) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float]:  # fmt: skip
     """Estimate the radiance along one camera ray per lane.
 
@@ -313,8 +314,8 @@ def render_path(
 
 
 def guided_visit(
-    walk: Walk, guide: Any, around: Surroundings, sampler: Any, si: Any, bsdf: Any, goes: mi.Bool
-) -> tuple[Any, mi.Bool, mi.Float]:  # fmt: skip
+    walk: Walk, guide: Guide | None, around: Surroundings, sampler: Any, si: Any, bsdf: Any, goes: mi.Bool
+) -> tuple[Visit | None, mi.Bool, mi.Float]:  # fmt: skip
     """Look up the guide at a vertex and play its Russian roulette. Without a guide no random number is drawn.
 
     Args:

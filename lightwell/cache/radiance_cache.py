@@ -7,6 +7,7 @@ import time
 import warnings
 from collections import deque
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -230,7 +231,7 @@ class RadianceCache:
         """Stop training: the weights no longer change."""
         self.frozen = True
 
-    def save(self, path: Any) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the cache to a file, see ``persist.save``.
 
         Args:
@@ -239,7 +240,7 @@ class RadianceCache:
         persist.save(self, path)
 
     @staticmethod
-    def load(path: Any, scene: Any | None = None) -> RadianceCache:
+    def load(path: str | Path, scene: Any | None = None) -> RadianceCache:
         """Read a file that ``save`` wrote, see ``persist.load``.
 
         Args:
@@ -302,7 +303,7 @@ class RadianceCache:
 
     # ------------------------------------------------------------------ queries
 
-    def packed(self, which: str = "ema") -> Any:
+    def packed(self, which: str = "ema") -> tuple[tuple[Any, ...], Gain]:
         """Return the weights in the layout of kernels, with the factor to radiance.
 
         Args:
@@ -324,7 +325,7 @@ class RadianceCache:
         """Discard packed copies after a change of weights or scale."""
         self._packs.clear()
 
-    def radiance(self, packed: Any, v: Vertex) -> mi.Color3f:
+    def radiance(self, packed: tuple[tuple[Any, ...], Gain], v: Vertex) -> mi.Color3f:
         """Predict the scattered radiance towards ``v.w``.
 
         Args:

@@ -141,7 +141,7 @@ def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
 
 
 @functools.lru_cache(maxsize=64)
-def frozen_frame(model: Model, shape: Shape) -> Any:
+def frozen_frame(model: Model, shape: Shape) -> Recorded:
     """Return a training frame as a function that is recorded once.
 
     Args:

@@ -13,7 +13,7 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import WIDTH, Vertex, stored
-from lightwell.cache.guide import bin_of
+from lightwell.cache.guide import Guide, bin_of
 from lightwell.cache.paths import Surroundings, Walk, guided_visit
 
 
@@ -71,7 +71,7 @@ class Suffix:
 @dr.syntax
 def trace_records(
     scene: Any, sampler: Any, ray: Any, around: Surroundings, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
-    guide: Any = None,
+    guide: Guide | None = None,
 ) -> Records:  # fmt: skip
     """Trace P training paths, one per lane, and store their records.
 

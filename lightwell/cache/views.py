@@ -10,6 +10,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
 from lightwell.cache.frames import evaluator, sobol_rays
 from lightwell.cache.paths import Surroundings, render_path
+from lightwell.cache.radiance_cache import RadianceCache
 
 # Largest number of mirrors and panes that a view looks through, and samples per pixel of the denoiser's guide images.
 MIRRORS, GUIDE_SPP = 8, 4
@@ -64,7 +65,7 @@ def _rays(sensor: Any, spp: int, seed: int):
     return sobol_rays(sensor, *numbers, width * height * spp)
 
 
-def guides(scene: Any, sensor: Any, cache: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def guides(scene: Any, sensor: Any, cache: RadianceCache, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Render the guide images of the denoiser at the first surfaces that are not specular.
 
     Args:
@@ -83,7 +84,7 @@ def guides(scene: Any, sensor: Any, cache: Any, seed: int) -> tuple[np.ndarray, 
     return _image(albedo, sensor, GUIDE_SPP), _image(normal, sensor, GUIDE_SPP)
 
 
-def view(scene: Any, sensor: Any, cache: Any, name: str, spp: int, seed: int) -> np.ndarray:
+def view(scene: Any, sensor: Any, cache: RadianceCache, name: str, spp: int, seed: int) -> np.ndarray:
     """Render a debug view; docs/radiance-cache.md describes each.
 
     Args:
