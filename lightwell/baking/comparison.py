@@ -165,7 +165,15 @@ class _Comparison:
         traced = self.work.seconds.get("trace", 0.0)
         seconds = {"trace": traced, "train": fit.training.seconds}
         data = score(
-            state, self.settings, choice.field, [shipped], reference, seconds, self._told(state, fit), self.notes
+            state,
+            self.settings,
+            choice.field,
+            [shipped],
+            reference,
+            seconds,
+            self._told(state, fit),
+            self._budget,
+            self.notes,
         )
         data = replace(data, paths_per_second=fit.traced.paths / max(traced, 1e-9))
         out.mkdir(exist_ok=True)

@@ -122,7 +122,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
             state.scene, state.variable, roles, units, settings, budget, notes, job.progress, stage=stage
         )
         told, seconds = _told(settings, state, shipped), job.work.seconds
-        data = score(state, settings, name, shipped, reference, seconds, told, notes)
+        data = score(state, settings, name, shipped, reference, seconds, told, budget, notes)
         traced = seconds.get("trace", 0.0)
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     with job.work.timed("write"):
@@ -244,7 +244,8 @@ def _verdict(report: Mapping[str, Any], out: Path) -> str:
         figures = f"error {report['relative_error']:.1%} (noise of the reference {report['noise_floor']:.1%})"
     decibels = "" if report["psnr_db"] is None else f", {report['psnr_db']:.1f} dB"
     return (
-        f"[bold]{figures}[/]{decibels}, {report['bytes'] / 1000:.0f} kB of learned light, "
+        f"[bold]{report['verdict'] or 'not judged'}[/]\n"
+        f"{figures}{decibels}, {report['bytes'] / 1000:.0f} kB of learned light, "
         f"{report['macs_per_pixel']:,} MAC per pixel\n"
         f"{out / 'scene.glb'}  {out / 'report.html'}  open with: lightwell view {os.fspath(out)}"
     )

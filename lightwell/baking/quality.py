@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 
-from lightwell.baking.reference import PointReference, ViewReference, trace_points, trace_view
+from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.reference import PointReference, Reference, ViewReference, trace_points, trace_view
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.report import metrics
 from lightwell.report.metrics import Mottle
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import direct, indirect
+from lightwell.transport import direct, indirect, static
 from lightwell.transport.patches import POINTS, draw_patches
 from lightwell.transport.samples import SurfacePoints
 
@@ -27,6 +29,8 @@ Learned = Callable[[SurfacePoints, np.ndarray], np.ndarray]
 
 # Patches that are scored, candidates per patch of the search for lit ones, and the paths of that search.
 PATCHES, PATCH_CANDIDATES, PATCH_PILOT_PATHS = 240, 4, 32
+# Held-out lights that the patches share.
+PATCH_LIGHTS = 32
 # Paths per point of direct light; a light without size needs no more.
 DIRECT_PATHS = 2
 
@@ -142,32 +146,79 @@ def trace_picture(
     return PictureTruth(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
 
 
-def trace_patches(scene: Scene, variable: Variable, count: int, paths: int, seed: int) -> PatchTruth | None:
-    """Trace the reference of flat patches with held-out lights; the best lit ones among random candidates are chosen.
+def quality_of_reference(
+    scene: Scene,
+    variable: Variable | None,
+    reference: Reference,
+    size: tuple[int, int],
+    budget: ReferenceBudget,
+    seed: int,
+    notes: LateNotes,
+) -> QualityTruth | None:
+    """Add what the figures of quality need to a reference: direct light of its views, and smooth patches.
 
     Args:
-        scene: The scene.
-        variable: Ranges of the light.
-        count: Number of patches.
-        paths: Paths per point, even, ≥ 2.
+        scene: What is lit.
+        variable: The light that moves; None: none does.
+        reference: Traced views and points.
+        size: Width and height of the views, pixels.
+        budget: Counts of paths.
+        seed: Seed of the bake.
+        notes: Takes a note where a part fails.
+
+    Returns:
+        The reference of the figures; None where no point was traced.
+    """
+    if not reference.points:
+        return None
+    pictures = []
+    for view in filter(None, reference.views):
+        bare = np.zeros_like(view.half_a)
+        if variable is not None and len(view.points):
+            bare = direct(scene, view.points, view.light, variable, DIRECT_PATHS)
+        pictures.append(PictureTruth(view, bare, size))
+    make = partial(trace_patches, scene, variable, PATCHES, budget.point_paths, seed)
+    patches = notes.attempt("the score of smooth patches", make, None)
+    return QualityTruth(pictures, patches, reference.points.get("indirect") or next(iter(reference.points.values())))
+
+
+def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: int, seed: int) -> PatchTruth | None:
+    """Trace the most lit flat patches among candidates with random held-out lights.
+
+    Args:
+        scene: What is lit.
+        variable: The light that moves; None: the scene's own emitters light the patches.
+        count: Patches.
+        paths: Paths per point.
         seed: Seed of the bake.
 
     Returns:
-        The reference; None for a scene without flat surfaces.
+        The patches; None where the scene has no flat surface.
     """
     candidates = draw_patches(scene, PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
     number = len(candidates) // POINTS
     if not number:
         return None
-    lights = held_out_lights(scene, variable, 32, seed + 4 * EVALUATION_SEED)
-    light = lights[np.arange(number) % len(lights)].repeat(POINTS, axis=0)
+    light = np.zeros((number * POINTS, 3), np.float32)
+    if variable is not None:
+        lights = held_out_lights(scene, variable, PATCH_LIGHTS, seed + 4 * EVALUATION_SEED)
+        light = lights[np.arange(number) % len(lights)].repeat(POINTS, axis=0)
     pilot = _first_of_patches(number)
-    a, b = indirect(scene, candidates[pilot], light[pilot], variable, PATCH_PILOT_PATHS, seed)
+    a, b = _radiance(scene, variable, candidates[pilot], light[pilot], PATCH_PILOT_PATHS, seed)
     chosen = _spread_of_lit((a + b).mean(axis=-1), count)
     rows = (chosen[:, None] * POINTS + np.arange(POINTS)).ravel()
     points: SurfacePoints = candidates[rows]
-    a, b = indirect(scene, points, light[rows], variable, paths, seed + EVALUATION_SEED)
+    a, b = _radiance(scene, variable, points, light[rows], paths, seed + EVALUATION_SEED)
     return PatchTruth(points, light[rows], a, b)
+
+
+def _radiance(
+    scene: Scene, variable: Variable | None, points: SurfacePoints, light: np.ndarray, paths: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two halves of the indirect light of the declared light, or of all light of the scene's own emitters."""
+    if variable is None:
+        return static(scene, points, paths, seed)
+    return indirect(scene, points, light, variable, paths, seed)
 
 
 def _first_of_patches(number: int) -> np.ndarray:
@@ -184,19 +235,23 @@ def _spread_of_lit(value: np.ndarray, count: int) -> np.ndarray:
 # ---------------------------------------------------------------------- scores
 
 
-def score_quality(truth: QualityTruth, learned: Learned) -> Quality:
-    """Compute all figures of a field.
+def score_quality(
+    truth: QualityTruth, learned: Learned, shown: Callable[[ViewReference], np.ndarray] | None = None
+) -> Quality:
+    """Compute every figure of a field.
 
     Args:
-        truth: The reference of the scene.
-        learned: Evaluates the field at surface points under lights.
+        truth: What it is compared with.
+        learned: The field of the points and patches.
+        shown: View to [N, 3] radiance of all learned light at its points; None: ``learned`` alone.
 
     Returns:
         The figures.
     """
+    shown = shown or (lambda view: learned(view.points, view.light))
     per_view, flips, bare = [], [], []
     for picture in truth.pictures:
-        psnr, whole, alone = score_picture(picture, learned(picture.view.points, picture.view.light))
+        psnr, whole, alone = score_picture(picture, shown(picture.view))
         per_view.append(psnr)
         flips.append(whole)
         bare.append(alone)

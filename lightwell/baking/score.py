@@ -14,7 +14,8 @@ from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.reference import Reference
+from lightwell.baking.quality import Quality, quality_of_reference, score_quality
+from lightwell.baking.reference import Reference, ViewReference
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.settings import Reported
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
@@ -23,6 +24,7 @@ from lightwell.doctor import versions
 from lightwell.fields.protocol import Fit, State
 from lightwell.report.records import ReportData
 from lightwell.report.summary import point_scores
+from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
@@ -52,6 +54,7 @@ def score(
     reference: Reference,
     seconds: dict[str, float],
     facts: dict[str, Any],
+    budget: ReferenceBudget,
     notes: LateNotes,
 ) -> ReportData:
     """Compare the written graphs with the reference.
@@ -64,6 +67,7 @@ def score(
         reference: Traced for the same roles.
         seconds: Wall time by stage.
         facts: Further settings for the report; JSON values.
+        budget: What the reference may cost.
         notes: One line for each part that could not be traced; black views are added.
 
     Returns:
@@ -91,6 +95,7 @@ def score(
         if s.role in points:
             scores = point_scores(points[s.role], s.fit.unit)
             facts[f"{s.role}_field"] = {k: scores[k] for k in ("relative_error", "noise_floor", "energy_ratio")}
+    quality, judged = _judge(state, settings, reference, budget, ordered, notes)
     paths = sum(s.fit.traced.paths for s in shipped)
     return ReportData(
         scene=scene.name,
@@ -110,7 +115,34 @@ def score(
         warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered),
         unit=first.fit.unit,
+        quality=quality,
+        verdict=judged,
     )
+
+
+def _judge(
+    state: State,
+    settings: Reported,
+    reference: Reference,
+    budget: ReferenceBudget,
+    ordered: Sequence[Shipped],
+    notes: LateNotes,
+) -> tuple[dict[str, Any] | None, Verdict | None]:
+    """Figures of what the pictures show, and the verdict in words."""
+    size, intensity = settings.view_size, reference.stage.intensity
+
+    def shown(view: ViewReference) -> np.ndarray:
+        return sum(evaluate.role_scale(s.role, intensity) * s.at(view.points, view.light) for s in ordered)
+
+    def make() -> Quality | None:
+        truth = quality_of_reference(state.scene, state.variable, reference, size, budget, settings.seed, notes)
+        return None if truth is None else score_quality(truth, ordered[0].at, shown)
+
+    figures = notes.attempt("the figures of quality", make, None)
+    if figures is None:
+        return None, None
+    names = [evaluate.view_name(c, k) for k, ((c, _), v) in enumerate(zip(reference.stage.views, reference.views)) if v]
+    return figures.json(), verdict(figures.json(), names, figures.per_view, cure="a longer --budget")
 
 
 def facts_of(shipped: Sequence[Shipped]) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lightwell.report.verdict import Verdict
+
 
 @dataclass(frozen=True)
 class PointComparison:
@@ -92,5 +94,9 @@ class ReportData:
     """Number of stored numbers."""
     fetches_per_pixel: int | None = None
     """Table entries that the shading graph reads per pixel."""
+    quality: dict[str, object] | None = None
+    """Figures of what a picture shows: psnr_db, flip, mottle, leak …; None: not measured."""
+    verdict: Verdict | None = None
+    """How good the bake is, in words."""
     unit: float | None = None
     """Radiance of the unit S; None: 4 × the mean radiance of the held-out points."""

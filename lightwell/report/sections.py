@@ -62,10 +62,31 @@ def masthead(data: Mapping[str, Any]) -> str:
     about = f"{escape(data['field'])} · preset {escape(data['preset'])} · seed {data['seed']}"
     return f"""<header><p class="eyebrow">lightwell report</p>
 <h1>{escape(data["scene"])}</h1><p class="soft">{about}</p>
-<div class="hero"><div class="number">{percent(data["relative_error"])}</div>
+{_verdict(data)}<div class="hero"><div class="number">{percent(data["relative_error"])}</div>
 <p>is the mean relative error of the learned indirect light against the path-traced reference, over
 {grouped(data["points"])} held-out surface points. The noise floor of the reference is
 {percent(data["noise_floor"])}.</p></div></header>"""
+
+
+def _quality_cards(quality: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Cards of what the pictures show, the noise of the reference taken off."""
+    cards = (
+        ("psnr_db", "PSNR, noise off", "dB", "Of the displayed indirect light, the noise of the reference taken off."),
+        ("flip", "FLIP, whole picture", "", "Direct light included; 0 is none."),
+        ("mottle", "Mottle", "", "Spread of learned over reference light on smooth lit surfaces: blotches."),
+        ("leak", "Leak", "%", "Wrong light on the darkest quarter of the surface, over the mean of all."),
+    )
+    made = []
+    for key, name, sign, why in cards:
+        if (value := quality.get(key)) is not None:
+            text = percent(value) if sign == "%" else digits(value) + (f"\u202f{sign}" if sign else "")
+            made.append((name, text, why))
+    return made
+
+
+def _verdict(data: Mapping[str, Any]) -> str:
+    """The verdict in words, first of all."""
+    return f'<p class="verdict"><strong>{escape(data["verdict"])}</strong></p>' if data.get("verdict") else ""
 
 
 def headline(data: Mapping[str, Any]) -> str:
@@ -95,6 +116,7 @@ def headline(data: Mapping[str, Any]) -> str:
                 "Difference noticed when alternating between both; 0 is none.",
             ),
         ]
+    cards += _quality_cards(data.get("quality") or {})
     cards += [
         ("Energy ratio", digits(data["energy_ratio"], 4), "Learned over reference light; 1: none is lost or added."),
         ("Size", amount(data["bytes"], "B"), size),

@@ -37,6 +37,8 @@ def summary(data: ReportData) -> dict[str, Any]:
         "unit": scale,
         **(_no_scores() if data.points is None else point_scores(data.points, scale)),
         **{name: _mean(views, name) for name in ("psnr_db", "psnr_ceiling_db", "ssim", "flip")},
+        "quality": data.quality,
+        "verdict": None if data.verdict is None else data.verdict.text,
         "border_ratio": border_ratio(views),
         "tone_mapping": TONE_MAPPING,
         "bytes": data.bytes,

@@ -8,14 +8,14 @@ import pytest
 from made_up import SETUP, make_query, make_samples
 
 from lightwell.fields.surface import gate
-from lightwell.fields.surface.experts import BORDER_SHARE, PRESETS, start
+from lightwell.fields.surface.experts import BORDER_SHARE, FIELD, PRESETS
 from lightwell.fields.surface.hard_mixture import PRESETS as HARD_PRESETS
 from lightwell.fields.surface.hard_mixture import HardMixtureFit
 from lightwell.networks.autoencoder import GateTraining
 
 
 def _fit(preset, steps=40, count=4000, **changes):
-    fit = start(SETUP, preset, 0)
+    fit = FIELD.start(SETUP, preset, 0)
     quick = GateTraining(epochs=2, most_updates=400)
     training = replace(fit.preset.training, evaluate_every=10)
     fit.preset = replace(fit.preset, training=training, gate_training=quick, **changes)
@@ -26,7 +26,7 @@ def _fit(preset, steps=40, count=4000, **changes):
 
 
 def test_published_sizes():
-    fit = start(SETUP, "report", 0)
+    fit = FIELD.start(SETUP, "report", 0)
     assert fit.mlp.macs == 470 and fit.gate.macs == 840 and fit.macs == 1310
     assert sum(v.size for v in fit.weights.values()) == 5030
     assert sum(v.size for v in fit.gate_weights.values()) == 890
