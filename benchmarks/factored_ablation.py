@@ -26,8 +26,8 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from lightwell.networks.hashgrid import HashGrid
-from lightwell.report.charts import Axis
-from lightwell.report.scatter import Point, scatter_chart
+from lightwell.report.charts import ChartAxis
+from lightwell.report.scatter import ScatterPoint, scatter_chart
 from lightwell.scenes import load
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.variables import declare
@@ -110,14 +110,14 @@ def measure(shards: int, steps: int, points: int, paths: int, seed: int = 0) -> 
 def draw(points: list[tuple[str, int, int, float]]) -> str:
     """A page of two charts: error over bytes and over multiply-adds."""
     points = [p for p in points if p[0] not in TRAINING]
-    y = Axis("relative error", lambda v: f"{v:.0%}")
+    y = ChartAxis("relative error", lambda v: f"{v:.0%}")
     charts = []
     for k, label, title in (
         (1, "bytes as stored", "Error over bytes"),
         (2, "multiply-adds per pixel", "Error over work"),
     ):
-        marked = [Point(p[0], p[k], p[3], "tone-0" if p[0] in PRESETS else "tone-1") for p in points]
-        x = Axis(label, lambda v: f"{v / 1e3:g} k" if v >= 1e3 else f"{v:g}", log=True)
+        marked = [ScatterPoint(p[0], p[k], p[3], "tone-0" if p[0] in PRESETS else "tone-1") for p in points]
+        x = ChartAxis(label, lambda v: f"{v / 1e3:g} k" if v >= 1e3 else f"{v:g}", log=True)
         charts.append(scatter_chart(marked, x, y, title))
     return f"<!doctype html><meta charset=utf-8><style>{STYLE}</style><main>{''.join(charts)}</main>"
 

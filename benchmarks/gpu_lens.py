@@ -30,8 +30,8 @@ from gpu_shading import adapter, is_software
 from rows import Row, at_least, at_most, publish, without_bar
 from wgsl import available
 
-from lightwell.lens.camera import Camera
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.camera import LensCamera
+from lightwell.lens.pipeline import Lens, LensSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DISC = ROOT / "lightwell/lens/standard/disc-32.lwsp"
@@ -49,11 +49,11 @@ KINDS = {
 }
 
 
-def frame(size: int) -> tuple[np.ndarray, np.ndarray, Camera]:
+def frame(size: int) -> tuple[np.ndarray, np.ndarray, LensCamera]:
     """rgb [size, size, 3], depth [size, size] and the camera: a checkered ramp behind bars."""
     y, x = np.mgrid[:size, :size]
-    unit = Camera(focus=2.0, fstop=1.0, focal=0.05)
-    camera = Camera(focus=2.0, focal=0.05, fstop=float(unit.strength(size) * (1 / 2.0) / LARGEST))
+    unit = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
+    camera = LensCamera(focus=2.0, focal=0.05, fstop=float(unit.strength(size) * (1 / 2.0) / LARGEST))
     kc = camera.strength(size)
     depth = 1 / np.maximum(0.5 - (x / (size - 1) * LARGEST) / kc, 1e-9)
     rgb = (0.2 + 0.6 * (((x // 16) + (y // 16)) % 2))[..., None] * np.array([1, 0.8, 0.6])
@@ -62,7 +62,7 @@ def frame(size: int) -> tuple[np.ndarray, np.ndarray, Camera]:
     return rgb.astype(np.float32), depth.astype(np.float32), camera
 
 
-def printed(size: int, camera: Camera, software: bool) -> dict:
+def printed(size: int, camera: LensCamera, software: bool) -> dict:
     """The plan, as Node prints it."""
     options = {
         "width": size, "height": size, "layers": 2, "largest": min(LARGEST, size / 2), "longest": 1, "extend": True,
@@ -233,7 +233,7 @@ def rows(quick: bool) -> list[Row]:
     rgb, depth, camera = frame(size)
     program = Program(found, printed(size, camera, software), rgb, depth)
     picture = program.picture()
-    expected, report = Lens(Settings(layers=2)).apply(rgb, depth, None, camera)
+    expected, report = Lens(LensSettings(layers=2)).apply(rgb, depth, None, camera)
     error = np.mean((np.clip(picture[..., :3], 0, 1) - np.clip(expected[..., :3], 0, 1)) ** 2)
     times = [program.seconds() for _ in range(2 if software else 30)]
     ms = 1e3 * median(times[1:] or times)

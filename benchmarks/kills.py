@@ -78,11 +78,11 @@ def render_sequence(out: Path) -> None:
 def bake_library(out: Path) -> None:
     """A library of discs up to eight pixels, three nodes at a time, and its use from the store."""
     os.environ["LIGHTWELL_STORE"] = str(out)
-    from lightwell.lens.cache import Shelf
     from lightwell.lens.families import depth
+    from lightwell.lens.library_cache import LibraryCache
     from lightwell.lens.recipes import Recipe
 
-    family, shelf = depth(8.0, noise=0.004), Shelf()
+    family, shelf = depth(8.0, noise=0.004), LibraryCache()
     library = shelf.library(family, Recipe())
     for first in range(0, family.size, 3):
         shelf.ensure(library, list(range(first, min(first + 3, family.size))))

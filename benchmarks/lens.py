@@ -31,12 +31,12 @@ from rows import Row, at_least, at_most, chosen, publish, without_bar
 from lightwell.lens import families, psf, solve
 from lightwell.lens.aperture import DISC
 from lightwell.lens.bake import bake_node
-from lightwell.lens.cache import STANDARD, Shelf
-from lightwell.lens.camera import Camera
+from lightwell.lens.camera import LensCamera
 from lightwell.lens.engine import Engine
 from lightwell.lens.layers import Layer
 from lightwell.lens.library import load
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.library_cache import STANDARD, LibraryCache
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.recipes import Recipe, primal
 from lightwell.lens.report import Report
 from lightwell.lens.splat import Frame, Points, guard_for, splat
@@ -63,14 +63,14 @@ def psnr(quick: bool) -> list[Row]:
     for name, highlights in (("without highlights", 0.0), ("with 40 highlights of value 40", 40.0)):
         rgba, s = lens_scenes.ramp(128 if quick else 384, 24.0, highlights)
         exact, report = dense(rgba, s), Report()
-        lens = Lens(Settings(edges="dark", layers=1))
+        lens = Lens(LensSettings(edges="dark", layers=1))
         made = lens.blur(Layer(rgba, s, None), report)
         share = 100 * report.points / (np.pi * (np.abs(s) + 0.5) ** 2).mean()
         note = f"{report.points:.0f} points a pixel, {share:.1f} % of dense, {report.fine} pixels lossless"
         rows.append(at_least(f"PSNR against dense, ramp 0-24 px {name}", 50, clipped_psnr(made, exact), "dB", note))
         rows.append(at_most(f"points over dense, ramp 0-24 px {name}", 20, share, "%"))
         for solver in ("7/5", "5/3"):
-            pyramid = Lens(Settings(edges="dark", layers=1, solver=solver)).blur(Layer(rgba, s, None), Report())
+            pyramid = Lens(LensSettings(edges="dark", layers=1, solver=solver)).blur(Layer(rgba, s, None), Report())
             what = f"PSNR against dense, ramp {name}, through the pyramid {solver}"
             rows.append(without_bar(what, clipped_psnr(pyramid, exact), "dB"))
     rows += _moving(quick)
@@ -92,7 +92,7 @@ def _moving(quick: bool) -> list[Row]:
     kernel = psf.shaped(DISC, 8.0, 24.0, angle)
     exact = np.stack([fftconvolve(rgba[..., c].astype(float), kernel, mode="same") for c in range(4)], -1)
     report = Report()
-    made = Lens(Settings(edges="dark", layers=1)).blur(Layer(rgba, s, motion), report)
+    made = Lens(LensSettings(edges="dark", layers=1)).blur(Layer(rgba, s, motion), report)
     share = 100 * report.points / np.count_nonzero(kernel)
     note = f"8 px, motion 24 px at 30°, {share:.0f} % of the points, four writes each"
     return [at_least("PSNR against dense, depth and motion together", 50, clipped_psnr(made, exact), "dB", note)]
@@ -143,14 +143,14 @@ def hd(quick: bool) -> list[Row]:
     height, width = (108, 192) if quick else (1080, 1920)
     y, x = np.mgrid[:height, :width]
     rgb = 0.2 + 0.6 * (((x // 40) + (y // 40)) % 2)[..., None] * np.array([1, 0.8, 0.6])
-    camera = Camera(focus=2.0, fstop=1.0, focal=0.05)
+    camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
     depth = 2.0 + 8.0 * x / width
     depth[(x - width / 2) ** 2 + (y - height / 2) ** 2 < (height / 4) ** 2] = 1.2
     largest = np.abs(camera.confusion(depth, width)).max()
     camera = replace(camera, fstop=float(largest / 32))
     rows = []
     for layers in (1, 2):
-        lens = Lens(Settings(layers=layers))
+        lens = Lens(LensSettings(layers=layers))
         reports = []
 
         def run(lens=lens, reports=reports):
@@ -175,11 +175,11 @@ def energy(quick: bool) -> list[Row]:
     rgba[64:192, 64:192] = rng.random((128, 128, 4))
     s = np.zeros((256, 256), np.float32)
     s[:] = np.linspace(0, 40, 256)[:, None]
-    made = Lens(Settings(edges="dark", layers=1)).blur(Layer(rgba, s, None), Report())
+    made = Lens(LensSettings(edges="dark", layers=1)).blur(Layer(rgba, s, None), Report())
     wrong = float(np.abs(made.sum((0, 1), dtype=np.float64) / rgba.sum((0, 1), dtype=np.float64) - 1).max())
     motion = np.zeros((256, 256, 2), np.float32)
     motion[..., 0], motion[..., 1] = 20, 9
-    options = Settings(edges="dark", layers=1)
+    options = LensSettings(edges="dark", layers=1)
     joint = Lens(options).blur(Layer(rgba, np.full_like(s, 7.0), motion), Report())
     moved = float(np.abs(joint.sum((0, 1), dtype=np.float64) / rgba.sum((0, 1), dtype=np.float64) - 1).max())
     libraries = [load(path, DISC) for path in sorted(STANDARD.glob("*.lwsp"))]
@@ -198,7 +198,7 @@ def energy(quick: bool) -> list[Row]:
 def spill(quick: bool) -> list[Row]:
     """A blurred half-plane before a sharp background, and a sharp disc before a bright blurred one."""
     width, r = 240, 24.0
-    unit = Camera(focus=2.0, fstop=1.0, focal=0.05)
+    unit = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
     camera = replace(unit, fstop=float(unit.confusion(1.0, width) / -r))
     depth = np.where(np.arange(width) < 120, 1.0, 2.0) * np.ones((96, 1))
     rgba = np.zeros((96, width, 4))
@@ -231,7 +231,7 @@ def gpu(quick: bool) -> list[Row]:
     if not ACTIVE.variant.startswith("cuda"):
         return [at_most(what, 5, None, "ms", "no CUDA device here; the paper: 190 ms on a GTX 980 Ti")]
     rgba, s = lens_scenes.ramp(1024, 32.0, 0)
-    engine = Engine(families.depth(64), Recipe(), Shelf())
+    engine = Engine(families.depth(64), Recipe(), LibraryCache())
     plan = engine.plan(Layer(rgba, s, None), Report())
     frame = Frame(1024, 1024, guard_for(plan.points, False))
     seconds = median_seconds(lambda: engine.integrate(frame, splat(frame, plan.points, plan.sources)), 9)

@@ -14,8 +14,8 @@ from lens_measure import median_seconds, save
 from rows import Row, at_least, at_most, without_bar
 
 from lightwell.core.denoise import denoise
-from lightwell.lens.camera import Camera
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.camera import LensCamera
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.samples import reconstruct
 from lightwell.report.metrics import flip, ssim
 
@@ -33,7 +33,7 @@ def physical(quick: bool, pictures: bool = False) -> list[Row]:
         second = lens_scenes.peel(case, 4 if quick else 64)
         best = None
         for layers, behind in ((2, None), (4, None), (2, second), (4, second)):
-            out, report = Lens(Settings(layers=layers)).apply(rgb, depth, motion, case.seen.camera, peel=behind)
+            out, report = Lens(LensSettings(layers=layers)).apply(rgb, depth, motion, case.seen.camera, peel=behind)
             out = out[..., :3]
             known = ", second surfaces given" if behind is not None else ""
             note = f"noise of the reference {noise:.4f}; FLIP {flip(out, truth):.4f}; {report.line()}"
@@ -120,7 +120,7 @@ def blender(quick: bool) -> list[Row]:
         if made is None:
             rows.append(at_least(what, 10, None, "times", "needs LIGHTWELL_BPY"))
             continue
-        camera = Camera(focus=2.0, fstop=1.0, focal=0.05)
+        camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
         camera = replace(camera, fstop=float(camera.confusion(4.0, 512) / r))
         lens, depth = Lens(), np.full((512, 512), 4.0)
         ours = median_seconds(lambda c=camera, d=depth, n=lens: n.apply(rgba, d, None, c), 5)

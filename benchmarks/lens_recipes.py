@@ -9,8 +9,8 @@ from lens_measure import PICTURES, save
 from rows import Row, at_most, without_bar
 
 from lightwell.lens import psf
-from lightwell.lens.camera import Camera
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.camera import LensCamera
+from lightwell.lens.pipeline import Lens, LensSettings
 
 
 def recipes(quick: bool, pictures: bool = False) -> list[Row]:
@@ -90,10 +90,11 @@ def bokeh(quick: bool, pictures: bool = False) -> list[Row]:
     rgba[at[:, 0], at[:, 1], :3] = rng.uniform(40, 400, (len(at), 1)) * (0.4 + 0.6 * rng.random((len(at), 3)))
     depth, motion = np.full((size, size), 6.0), np.zeros((size, size, 2), np.float32)
     motion[:] = 22, -12
-    camera = Camera(focus=2.0, fstop=1.0, focal=0.05, shutter=1.0)
+    camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05, shutter=1.0)
     camera = replace(camera, fstop=float(camera.confusion(6.0, size) / 11))
     views = (
-        Settings(), Settings(aperture=polygon(6, 15)), Settings(aperture=from_picture(heart)), Settings(cats_eye=1.2),
+        LensSettings(), LensSettings(aperture=polygon(6, 15)),
+        LensSettings(aperture=from_picture(heart)), LensSettings(cats_eye=1.2),
     )  # fmt: skip
     made = [Lens(view).apply(rgba, depth, None, camera)[0][..., :3] for view in views]
     made.append(Lens(views[1]).apply(rgba, depth, motion, camera)[0][..., :3])

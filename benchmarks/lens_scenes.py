@@ -11,8 +11,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from lightwell.backend import mi
-from lightwell.lens.camera import Camera
-from lightwell.lens.samples import Samples
+from lightwell.lens.camera import LensCamera
+from lightwell.lens.samples import LensSamples
 from lightwell.lens.thin_lens import View, trace, view
 
 Transform = mi.ScalarTransform4f
@@ -176,7 +176,7 @@ def reference(case: Case, times: int, spp: int, lens: bool = True, moving: bool 
     return mean, noise
 
 
-def samples(case: Case, spp: int, seed: int, moving: bool) -> Samples:
+def samples(case: Case, spp: int, seed: int, moving: bool) -> LensSamples:
     """``spp`` rays a pixel through the lens, one set per stratum of the shutter, with their motion in pixels."""
     if not moving:
         return trace(case.scene, spp, seed=seed)
@@ -200,7 +200,7 @@ def samples(case: Case, spp: int, seed: int, moving: bool) -> Samples:
         rays = replace(rays, motion=motion)
         sets.append([getattr(rays, f.name)[kept] for f in fields(rays)])
     _move(params, rest, case.motions, 0.5)
-    return Samples(*(np.concatenate(parts) for parts in zip(*sets)))
+    return LensSamples(*(np.concatenate(parts) for parts in zip(*sets)))
 
 
 def inputs(case: Case, spp: int = 256):
@@ -220,7 +220,7 @@ def inputs(case: Case, spp: int = 256):
     return rgb, depth, motion
 
 
-def camera_of(case: Case) -> Camera:
+def camera_of(case: Case) -> LensCamera:
     """The camera of the reference; motion is given per open shutter."""
     return case.seen.camera
 

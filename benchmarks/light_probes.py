@@ -28,7 +28,7 @@ from rows import Row, at_least, at_most, chosen, publish, without_bar
 
 from lightwell.probes.leak_scenes import SCENES, LeakScene
 from lightwell.probes.metrics import Scores, score
-from lightwell.probes.samples import Effort
+from lightwell.probes.samples import ProbeSampling
 
 ROOT = Path(__file__).resolve().parents[1]
 GIVEN = ROOT.parent / "shared" / "scenes"
@@ -57,11 +57,11 @@ def _leak_scene(name: str) -> tuple[LeakScene, bool] | None:
         counted = name != base or base == "s6"
         return (replace(made, name=f"{made.name}, lamps counted") if name != base else made), counted
     from lightwell.scenes import load
+    from lightwell.scenes.default_light import under_sky, with_lamp
     from lightwell.scenes.free_air import free_air
     from lightwell.scenes.placing import initial_light
-    from lightwell.scenes.still_light import under_sky, with_lamp
     from lightwell.scenes.variables import declare
-    from lightwell.transport.air import _escape_share
+    from lightwell.transport.point_rejection import _escape_share
 
     source = "two-rooms"
     if name != source:
@@ -94,9 +94,9 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     # The reference is the dearest part: its noise must stay well below what is told apart. Scenes from files are
     # larger: fewer paths and bricks.
     asked = _queries(name, made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct, quick)
-    effort = Effort(32, 256, 2048, direct)
+    effort = ProbeSampling(32, 256, 2048, direct)
     if quick or large:
-        effort = Effort(8, 16, 32, direct, 1) if quick else Effort(24, 64, 512, direct, 8)
+        effort = ProbeSampling(8, 16, 32, direct, 1) if quick else ProbeSampling(24, 64, 512, direct, 8)
     rng, budget = np.random.default_rng(SEED), 2.0 if large else BUDGET
     trials = []
     for k in range(offsets):
@@ -338,7 +338,7 @@ def rebake_time(quick: bool) -> list[Row]:
     from lightwell.probes.light import light_volume, relit
 
     scene, spacing = SCENES["s2"]().scene, 1.0 if quick else 0.2
-    effort = Effort(4, 8, 8) if quick else Effort(16, 64, 128)
+    effort = ProbeSampling(4, 8, 8) if quick else ProbeSampling(16, 64, 128)
     low, high = scene.bounds
     side = 0.01 ** (1 / 3) * (high - low)
     box = np.stack([low + 0.3 * (high - low), low + 0.3 * (high - low) + side])

@@ -132,7 +132,7 @@ def subsurface(quick: bool) -> list[Row]:
     """A ball of wax: the pixels of a held-out view that show it, truth by Mitsuba's volpath."""
     from lightwell.fields.lightmap.media import media_meshes, volumetric
     from lightwell.transport.camera import gbuffer
-    from lightwell.transport.mapped import mapped_query
+    from lightwell.transport.lightmap_query import query_of_lightmap
 
     effort = QUICK if quick else Effort(size=256, paths=64, eyes=100_000, view_paths=2048, view_size=(96, 60))
     scene = load(str(Path(__file__).resolve().parents[1] / "examples" / "subsurface.xml"))
@@ -150,7 +150,7 @@ def subsurface(quick: bool) -> list[Row]:
     ]
     found = {}
     for name, fit in fits.items():
-        shown = metrics.display(Baked(fit.lower())(mapped_query(scene, made.atlas, seen)) / fit.unit)
+        shown = metrics.display(Baked(fit.lower())(query_of_lightmap(scene, made.atlas, seen)) / fit.unit)
         found[name] = decibels(np.mean((shown - halves[0]) * (shown - halves[1])))
     ceiling = decibels(np.mean((halves[0] - halves[1]) ** 2) / 4)
     size = sum(len(picture.data) for picture in fits["ours"].pictures.values())

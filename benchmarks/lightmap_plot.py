@@ -41,12 +41,12 @@ def curve(plot: bool) -> list[Row]:
 
 def drawing(scenes: dict[str, dict[str, dict[str, float]]]) -> str:
     """SVG: for every scene a line through its plain light maps, a square for the directional one, a disc for ours."""
-    from lightwell.report.charts import Scale
+    from lightwell.report.charts import ChartScale
 
     points = [p for labels in scenes.values() for p in labels.values()]
     low, high = (f(p["dB"] for p in points) for f in (min, max))
-    x = Scale(*(f(p["bytes"] for p in points) * k for f, k in ((min, 0.8), (max, 1.2))), LEFT, WIDTH - RIGHT, True)
-    y = Scale(low - 1, max(high, 40) + 1, HEIGHT - BOTTOM, TOP, False)
+    x = ChartScale(*(f(p["bytes"] for p in points) * k for f, k in ((min, 0.8), (max, 1.2))), LEFT, WIDTH - RIGHT, True)
+    y = ChartScale(low - 1, max(high, 40) + 1, HEIGHT - BOTTOM, TOP, False)
     parts = [*_grid(x, y)]
     names = []
     for (name, labels), colour in zip(scenes.items(), COLOURS):

@@ -23,9 +23,9 @@ from lightwell.fields.lightmap.seams import SHARE, seam_gap, seam_samples
 from lightwell.fields.lightmap.size_limit import CODECS
 from lightwell.fields.lightmap.square import roomy_atlas
 from lightwell.fields.lightmap.trace import (
-    Chart,
-    EyeSamples,
-    Sides,
+    AtlasIrradiance,
+    TriangleSides,
+    ViewSamples,
     chart,
     clear_glass,
     eye_samples,
@@ -40,7 +40,7 @@ from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport.camera import gbuffer
-from lightwell.transport.mapped import mapped_query
+from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.radiance import static
 
 GIVEN = Path(__file__).resolve().parents[2] / "shared" / "scenes"
@@ -88,14 +88,14 @@ MIPS = 0
 class Traced:
     """A scene, traced once."""
 
-    made: Chart
-    eyes: EyeSamples
-    without_seams: EyeSamples
+    made: AtlasIrradiance
+    eyes: ViewSamples
+    without_seams: ViewSamples
     truth: list
     scene: object
     effort: Effort
     seconds: float
-    sides: Sides
+    sides: TriangleSides
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def compare_camera(
     seen = np.flatnonzero(mask)
     a, b = static(scene, points[seen], paths, EVALUATION_SEED + number)
     images = np.zeros((3, size[0] * size[1], 3), np.float32)
-    images[0, seen] = sum(field(mapped_query(scene, atlas, points[seen])) for field in baked.values())
+    images[0, seen] = sum(field(query_of_lightmap(scene, atlas, points[seen])) for field in baked.values())
     images[1:, seen] = np.nan_to_num(a), np.nan_to_num(b)
     prediction, half_a, half_b = images.reshape(3, size[1], size[0], 3)
     return ViewComparison(view_name(camera, number), prediction, half_a, half_b, caption="the scene's own light")
@@ -174,7 +174,7 @@ class Views:
 
     def __init__(self, traced: Traced) -> None:
         from lightwell.transport.camera import gbuffer
-        from lightwell.transport.mapped import mapped_query
+        from lightwell.transport.lightmap_query import query_of_lightmap
 
         width, height = traced.effort.view_size
         dark = {"static": Baked(constant_graph())}
@@ -189,7 +189,7 @@ class Views:
             self.views.append(view)
             self.seen.append(seen)
             self.shapes.append(points.shape[seen])
-            self.queries.append(mapped_query(traced.scene, traced.made.atlas, points[seen]))
+            self.queries.append(query_of_lightmap(traced.scene, traced.made.atlas, points[seen]))
 
     @property
     def glass_share(self) -> float:
@@ -271,7 +271,7 @@ def _view_figures(view: ViewComparison, picture: np.ndarray, seen: np.ndarray, u
     )
 
 
-def learned(traced: Traced, preset: LightmapPreset, eyes: EyeSamples | None = None) -> LightmapFit:
+def learned(traced: Traced, preset: LightmapPreset, eyes: ViewSamples | None = None) -> LightmapFit:
     """Trained on the eye samples, those on seams among them unless others are given."""
     steps = traced.effort.steps if preset.hidden else 0
     return fitted(traced.scene, traced.made, traced.eyes if eyes is None else eyes, preset, 0, steps)
@@ -407,7 +407,7 @@ ASIDE, GLOSSY, MOVED_PATHS, MOVED_POINTS = 0.05, 0.35, 512, 3000
 def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> list[Row]:
     """Whether gloss moves as it should when the eye steps aside: points of held-out views stay, their views turn."""
     from lightwell.transport.camera import gbuffer
-    from lightwell.transport.mapped import mapped_query
+    from lightwell.transport.lightmap_query import query_of_lightmap
     from lightwell.transport.queries import frames
     from lightwell.transport.radiance import static
     from lightwell.transport.samples import SurfacePoints
@@ -416,7 +416,7 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
     for k, camera in enumerate(traced.truth):
         points, mask, _ = gbuffer(traced.scene, camera, *effort.view_size)
         points = points[np.flatnonzero(mask)]
-        query = mapped_query(traced.scene, traced.made.atlas, points)
+        query = query_of_lightmap(traced.scene, traced.made.atlas, points)
         shiny = (query.roughness[:, 0] < GLOSSY) & ~clear_glass(traced.scene)[points.shape]
         rows = np.flatnonzero(shiny)
         if not len(rows):
@@ -433,7 +433,7 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
         for at in (points, turned):
             # One seed for both places of the eye: what their noise has in common cancels.
             halves = static(traced.scene, at, MOVED_PATHS if effort is not QUICK else 8, 31 + k)
-            learned_ = baked(mapped_query(traced.scene, traced.made.atlas, at))
+            learned_ = baked(query_of_lightmap(traced.scene, traced.made.atlas, at))
             shown.append([metrics.display(np.nan_to_num(v) / fit.unit) for v in (learned_, *halves)])
         steps.append(np.stack(shown[1]) - np.stack(shown[0]))
     what = f"{name}: specular moves: correlation of image gradients with respect to the camera"

@@ -6,13 +6,15 @@ import numpy as np
 
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
 from lightwell.probes import sh
-from lightwell.probes.light import Lit
+from lightwell.probes.light import SolvedVolume
 
 OCTAVES, LAYERS, NORMALS, MEAN = 6, 3, 16, 0.25
 SETTINGS = TrainingSettings(rate=3e-3, batch=1 << 13, patience=0)
 
 
-def answers(lit: Lit, bytes_: float, place: np.ndarray, normal: np.ndarray, steps: int, seed: int = 0) -> np.ndarray:
+def answers(
+    lit: SolvedVolume, bytes_: float, place: np.ndarray, normal: np.ndarray, steps: int, seed: int = 0
+) -> np.ndarray:
     """[N, 3] irradiance at places for normals, of a network of half floats trained for ``steps``."""
     rng, samples = np.random.default_rng(seed), lit.samples
     rows = np.repeat(np.arange(len(samples.place)), NORMALS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.probes import ddgi, device
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.volume import OPEN, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
@@ -17,7 +17,7 @@ SIDE = 24
 
 def measure(count: int, rounds: int) -> dict[str, float]:
     """Method to median nanoseconds of a query, methods taking turns."""
-    lattice = Lattice(np.zeros(3), 1.0, (SIDE,) * 3)
+    lattice = ProbeLattice(np.zeros(3), 1.0, (SIDE,) * 3)
     rng, nodes = np.random.default_rng(0), SIDE**3
     light = rng.random((nodes, 9, 3)).astype(np.float32)
     place = rng.random((count, 3)) * (SIDE - 1)
@@ -44,7 +44,7 @@ def measure(count: int, rounds: int) -> dict[str, float]:
     return {name: 1e9 * float(np.median(times[1:])) / count for name, times in taken.items()}
 
 
-def _volume(function: str, lattice: Lattice, light: np.ndarray, rng, state: int = WEIGHTED) -> ProbeVolume:
+def _volume(function: str, lattice: ProbeLattice, light: np.ndarray, rng, state: int = WEIGHTED) -> ProbeVolume:
     count, f = len(lattice), FUNCTIONS[function]
     return ProbeVolume(
         lattice,

@@ -13,11 +13,11 @@ import numpy as np
 from lightwell.probes import ddgi, line_of_sight, rays, sh
 from lightwell.probes.assemble import plain
 from lightwell.probes.bake import bake_geometry
-from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.lattice import CORNERS, ProbeLattice
 from lightwell.probes.light import light_volume, refined, traced
 from lightwell.probes.metrics import Scores, score
 from lightwell.probes.pattern import pattern
-from lightwell.probes.samples import Effort
+from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.solve import relative_error
 from lightwell.probes.support import bake_support
 from lightwell.probes.trace import air_light
@@ -118,7 +118,7 @@ def trial(
     spacing: float,
     offset,
     functions,
-    effort: Effort,
+    effort: ProbeSampling,
     seed: int,
     budget=BUDGET,
     net: int = 0,
@@ -126,7 +126,7 @@ def trial(
     """Scores by method, and what it cost; with ``budget`` > 0 the first function also with bricks; with ``net`` steps
     also a network of as many bytes."""
     scene = leak_scene.scene
-    lattice = Lattice.around(scene.bounds, spacing, offset)
+    lattice = ProbeLattice.around(scene.bounds, spacing, offset)
     made = bake_geometry(scene, spacing, functions[0], lattice=lattice)
     support = made.support
     every = traced(scene, made, np.arange(len(lattice)), effort, seed) * support.stands[:, None, None]
@@ -152,7 +152,7 @@ def trial(
     # Denser trilinear lattices of as many bytes (B8).
     finer = spacing * min(1.0, (TRILINEAR_BYTES * support.stands.sum() / bytes_["ours"]) ** (1 / 3))
     for _ in range(3):
-        dense = bake_support(scene, Lattice.around(scene.bounds, finer, offset), pattern(64))
+        dense = bake_support(scene, ProbeLattice.around(scene.bounds, finer, offset), pattern(64))
         missing = bytes_["ours"] / (TRILINEAR_BYTES * dense.stands.sum())
         if missing <= 1:
             break

@@ -275,7 +275,7 @@ def live(name: str, scene: Any, plan: Figures) -> Figures:
 # ------------------------------------------------------------------ rows
 
 
-def told(f: Figures, plan: Figures) -> str:
+def stats(f: Figures, plan: Figures) -> str:
     return (
         f"{f['error']:.3g} in {f['wall']:.2f} s ({f['train']:.2f} s training, {f['samples']:.0f} spp) against "
         f"{f['error_pt']:.3g} in {f['wall_pt']:.2f} s at {plan['size']}^2, {f['repeats']} repeats"
@@ -293,20 +293,20 @@ def equal_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     rows = []
     for name, f in found.items():
         bar = 15 if name == "veach-ajar" else 0.9
-        rows.append(at_least(f"equal time: relMSE of path over ours, {name}", bar, f["gain"], "ratio", told(f, plan)))
+        rows.append(at_least(f"equal time: relMSE of path over ours, {name}", bar, f["gain"], "ratio", stats(f, plan)))
     return [*rows, at_least("equal time: geometric mean of the five scenes", 5, geometric(found), "ratio")]
 
 
 def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "denoised: relMSE of path over ours at equal time, "
-    rows = [without_bar(what + name, f["gain"], "ratio", told(f, plan))
+    rows = [without_bar(what + name, f["gain"], "ratio", stats(f, plan))
             for name, f in found.items()]  # fmt: skip
     return [*rows, at_least("denoised: geometric mean of the five scenes", 2, geometric(found), "ratio")]
 
 
 def parts_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "parts: relMSE of path over ours at equal time, "
-    return [without_bar(f"{what}{change}, {name}", f["gain"], "ratio", told(f, plan))
+    return [without_bar(f"{what}{change}, {name}", f["gain"], "ratio", stats(f, plan))
             for name, changes in found.items() for change, f in changes.items()]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from PIL import Image
 
 from lightwell.asset.read import read_fields
 from lightwell.baking.evaluate import views_and_lights
-from lightwell.baking.quality import PictureTruth, Quality, place, score_quality, trace_quality
+from lightwell.baking.quality import PictureReference, Quality, place, score_quality, trace_quality
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.core.color import display
 from lightwell.fields.baked import Baked
@@ -29,7 +29,7 @@ BUDGET = ReferenceBudget(points=4096, point_paths=256, pixel_paths=256)
 DIFFERENCE, MAGNIFIED = 4, 3
 
 
-def strip(picture: PictureTruth, f: np.ndarray) -> np.ndarray:
+def strip(picture: PictureReference, f: np.ndarray) -> np.ndarray:
     """[H, 3 W, 3] learned, reference and difference, displayed, of one view."""
     y = 0.5 * (picture.view.half_a + picture.view.half_b)
     unit = exposure_unit(y) or 1.0

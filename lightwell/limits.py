@@ -6,7 +6,7 @@
     budget.check("picture_edge", width, "image 2")       # one value alone
 
 A small file can describe a scene that no machine can hold. The readers of every format count what a document requests
-in one ``Budget`` and stop with a one-line error before they allocate; ``--limit NAME=VALUE`` raises a limit for a
+in one ``LoadBudget`` and stop with a one-line error before they allocate; ``--limit NAME=VALUE`` raises a limit for a
 trusted file.
 """
 
@@ -86,7 +86,7 @@ class Limits:
             changed[name] = number if name == "seconds" else int(number)
         return replace(cls(), **changed)
 
-    def budget(self, where: str, error: type[ValueError] = ValueError) -> Budget:
+    def budget(self, where: str, error: type[ValueError] = ValueError) -> LoadBudget:
         """Start counting for one document.
 
         Args:
@@ -96,7 +96,7 @@ class Limits:
         Returns:
             A budget of which nothing is used.
         """
-        return Budget(self, where, error)
+        return LoadBudget(self, where, error)
 
 
 NAMES = tuple(field.name for field in fields(Limits))
@@ -112,7 +112,7 @@ _CALLED = {
 }
 
 
-class Budget:
+class LoadBudget:
     """Counts what one document requests.
 
     An exceeded limit raises a one-line error with the file, the part, the limit and the cure.

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from lightwell.limits import NAMES, Budget, Limits
+from lightwell.limits import NAMES, Limits, LoadBudget
 
 
 def test_parse_changes_what_is_named_and_keeps_the_rest():
@@ -62,7 +62,7 @@ def test_a_breach_raises_what_the_reader_chose():
         pass
 
     with pytest.raises(ReaderError):
-        Budget(Limits(nodes=1), "x", ReaderError).charge("nodes", 2)
+        LoadBudget(Limits(nodes=1), "x", ReaderError).charge("nodes", 2)
 
 
 def test_every_limit_is_documented():

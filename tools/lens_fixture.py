@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from lightwell.lens import fixed
-from lightwell.lens.camera import Camera
+from lightwell.lens.camera import LensCamera
 from lightwell.lens.choose import uniform
 from lightwell.lens.engine import TOLERANCE, Engine
 from lightwell.lens.layers import Layer
 from lightwell.lens.library import Library, load
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.report import Report
 from lightwell.lens.splat import Frame, guard_for
 
@@ -165,10 +165,10 @@ def frame_of_two_layers() -> dict:
     bars = ((x + y // 4) % 24) < 5
     light[bars, :3], depth[bars] = [0.8, 0.2, 0.1], 1.1
     light[40:42, 60:62, :3] = 60
-    camera = Camera(focus=2.0, fstop=1.0, focal=0.05)
-    camera = Camera(focus=2.0, focal=0.05, fstop=float(camera.confusion(1.1, width) / -7))
-    out, _ = WithDisc(Settings(layers=2)).apply(light, depth, None, camera)
-    one, _ = WithDisc(Settings(layers=1, edges="renormalise")).apply(light, depth, None, camera)
+    camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
+    camera = LensCamera(focus=2.0, focal=0.05, fstop=float(camera.confusion(1.1, width) / -7))
+    out, _ = WithDisc(LensSettings(layers=2)).apply(light, depth, None, camera)
+    one, _ = WithDisc(LensSettings(layers=1, edges="renormalise")).apply(light, depth, None, camera)
     return {
         "light": packed(light), "depth": packed(depth), "out": packed(out), "one": packed(one),
         "camera": {"focus": camera.focus, "fstop": camera.fstop, "focal": camera.focal, "sensor": camera.sensor},

@@ -26,7 +26,7 @@ from lightwell.probes.bake import bake_geometry  # noqa: E402
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines, write  # noqa: E402
 from lightwell.probes.leak_scenes import two_rooms  # noqa: E402
 from lightwell.probes.light import light_volume, refined  # noqa: E402
-from lightwell.probes.samples import Effort  # noqa: E402
+from lightwell.probes.samples import ProbeSampling  # noqa: E402
 from lightwell.probes.volume import DROPPED, query  # noqa: E402
 from lightwell.probes.weights import FUNCTIONS  # noqa: E402
 
@@ -81,7 +81,7 @@ def main() -> None:
     text = json.dumps({"functions": functions(), "baselines": baselines()}, separators=(",", ":"))
     (FIXTURES / "probe-functions.json").write_text(text + "\n")
     rooms = two_rooms(0.05, door=True).scene
-    lit = light_volume(rooms, bake_geometry(rooms, 0.75, "relu-field", (0.4, 0.2, 0.6)), Effort(16, 128, 512), 1)
+    lit = light_volume(rooms, bake_geometry(rooms, 0.75, "relu-field", (0.4, 0.2, 0.6)), ProbeSampling(16, 128, 512), 1)
     parts = write(refined(rooms, lit, 1.0).volume, FIXTURES / "probe-rooms.lwp", "zh3")
     print(", ".join(f"{name} {value:.0f} B" for name, value in parts.items()), "per live probe of the rooms")
 

@@ -13,7 +13,7 @@ from lightwell.asset.container import COMPONENT_TYPES, read_file, refusing
 from lightwell.asset.pictures import decoded_texels, image_index
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.asset.schema import validate
-from lightwell.limits import Budget, Limits
+from lightwell.limits import Limits, LoadBudget
 
 if TYPE_CHECKING:
     from lightwell.graph import Graph
@@ -56,7 +56,9 @@ def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[Fi
         raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error
 
 
-def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
+def _fields(
+    document: dict[str, Any], binary: bytes, budget: LoadBudget
+) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
     from lightwell.graph.budget import BUDGET, graph_work
 
     allowed = replace(BUDGET, work=int(budget.limits.work))
@@ -78,7 +80,7 @@ def _fields(document: dict[str, Any], binary: bytes, budget: Budget) -> tuple[li
     return fields, extension["variables"]
 
 
-def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: Budget) -> None:
+def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: LoadBudget) -> None:
     """Charge all buffers by their declared shapes before any is read; a picture is charged once."""
     pictures = set()
     for entry in fields:

@@ -36,7 +36,7 @@ DIRECT_PATHS = 2
 
 
 @dataclass(frozen=True)
-class PatchTruth:
+class PatchReference:
     """Reference on flat patches of ``POINTS`` points each, with one light per patch; ordered by patch."""
 
     points: SurfacePoints
@@ -48,7 +48,7 @@ class PatchTruth:
 
 
 @dataclass(frozen=True)
-class PictureTruth:
+class PictureReference:
     """Reference of a view, with the direct light, which is not learned."""
 
     view: ViewReference
@@ -59,11 +59,11 @@ class PictureTruth:
 
 
 @dataclass(frozen=True)
-class QualityTruth:
+class QualityReference:
     """The complete reference of a scene."""
 
-    pictures: Sequence[PictureTruth]
-    patches: PatchTruth | None
+    pictures: Sequence[PictureReference]
+    patches: PatchReference | None
     points: PointReference
 
 
@@ -107,7 +107,7 @@ def trace_quality(
     size: tuple[int, int],
     budget: ReferenceBudget,
     seed: int,
-) -> QualityTruth:
+) -> QualityReference:
     """Trace the reference of the declared light at views, patches and area-uniform points.
 
     Args:
@@ -123,12 +123,12 @@ def trace_quality(
     """
     pictures = [trace_picture(scene, variable, camera, light, size, budget.pixel_paths) for camera, light in views]
     points = trace_points(scene, variable, "indirect", budget, seed)
-    return QualityTruth(pictures, trace_patches(scene, variable, PATCHES, budget.point_paths, seed), points)
+    return QualityReference(pictures, trace_patches(scene, variable, PATCHES, budget.point_paths, seed), points)
 
 
 def trace_picture(
     scene: Scene, variable: Variable, camera: Camera, light: np.ndarray, size: tuple[int, int], paths: int
-) -> PictureTruth:
+) -> PictureReference:
     """Trace indirect and direct light of one view at its pixel centres.
 
     Args:
@@ -143,7 +143,7 @@ def trace_picture(
         The reference of the view.
     """
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
-    return PictureTruth(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
+    return PictureReference(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
 
 
 def quality_of_reference(
@@ -154,7 +154,7 @@ def quality_of_reference(
     budget: ReferenceBudget,
     seed: int,
     notes: LateNotes,
-) -> QualityTruth | None:
+) -> QualityReference | None:
     """Add what the figures of quality need to a reference: direct light of its views, and smooth patches.
 
     Args:
@@ -176,13 +176,15 @@ def quality_of_reference(
         bare = np.zeros_like(view.half_a)
         if variable is not None and len(view.points):
             bare = direct(scene, view.points, view.light, variable, DIRECT_PATHS)
-        pictures.append(PictureTruth(view, bare, size))
+        pictures.append(PictureReference(view, bare, size))
     make = partial(trace_patches, scene, variable, PATCHES, budget.point_paths, seed)
     patches = notes.attempt("the score of smooth patches", make, None)
-    return QualityTruth(pictures, patches, reference.points.get("indirect") or next(iter(reference.points.values())))
+    return QualityReference(
+        pictures, patches, reference.points.get("indirect") or next(iter(reference.points.values()))
+    )
 
 
-def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: int, seed: int) -> PatchTruth | None:
+def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: int, seed: int) -> PatchReference | None:
     """Trace the most lit flat patches among candidates with random held-out lights.
 
     Args:
@@ -209,7 +211,7 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
     rows = (chosen[:, None] * POINTS + np.arange(POINTS)).ravel()
     points: SurfacePoints = candidates[rows]
     a, b = _radiance(scene, variable, points, light[rows], paths, seed + EVALUATION_SEED)
-    return PatchTruth(points, light[rows], a, b)
+    return PatchReference(points, light[rows], a, b)
 
 
 def _radiance(
@@ -236,7 +238,7 @@ def _spread_of_lit(value: np.ndarray, count: int) -> np.ndarray:
 
 
 def score_quality(
-    truth: QualityTruth, learned: Learned, shown: Callable[[ViewReference], np.ndarray] | None = None
+    truth: QualityReference, learned: Learned, shown: Callable[[ViewReference], np.ndarray] | None = None
 ) -> Quality:
     """Compute every figure of a field.
 
@@ -272,7 +274,7 @@ def score_quality(
     )
 
 
-def score_picture(picture: PictureTruth, f: np.ndarray) -> tuple[float | None, float | None, float | None]:
+def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[float | None, float | None, float | None]:
     """Compute figures of one view, exposed by the reference.
 
     Args:
@@ -297,7 +299,7 @@ def score_picture(picture: PictureTruth, f: np.ndarray) -> tuple[float | None, f
     return psnr, whole, alone
 
 
-def place(picture: PictureTruth, values: np.ndarray) -> np.ndarray:
+def place(picture: PictureReference, values: np.ndarray) -> np.ndarray:
     """Arrange values at the points of a view as a picture.
 
     Args:
@@ -313,7 +315,7 @@ def place(picture: PictureTruth, values: np.ndarray) -> np.ndarray:
     return full.reshape(height, width, 3)
 
 
-def _mottle(patches: PatchTruth | None, learned: Learned) -> Mottle:
+def _mottle(patches: PatchReference | None, learned: Learned) -> Mottle:
     if patches is None:
         return Mottle(None, None, 0)
     f, a, b = (

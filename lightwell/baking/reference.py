@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 
 from lightwell.asset.page import PageView
+from lightwell.baking.display_pictures import reference_picture
 from lightwell.baking.evaluate import lit_views, role_scale, view_name
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
-from lightwell.baking.references import reference_picture
 from lightwell.baking.settings import Reported
 from lightwell.core.formats import RecordFormat
 from lightwell.core.keys import key
@@ -76,7 +76,7 @@ class SweepReference:
 
 
 @dataclass(frozen=True)
-class Stage:
+class ViewSetup:
     """The views of a report and their lights."""
 
     views: list[tuple[Camera, np.ndarray]]
@@ -90,7 +90,7 @@ class Stage:
 class Reference:
     """Everything that fields are scored against and shown beside."""
 
-    stage: Stage
+    stage: ViewSetup
     points: dict[str, PointReference]
     """By role; those that could not be traced are absent."""
     views: list[ViewReference | None]
@@ -111,7 +111,7 @@ def trace_reference(
     notes: LateNotes,
     progress: Progress,
     store: Store | None = None,
-    stage: Stage | None = None,
+    stage: ViewSetup | None = None,
 ) -> Reference:
     """Trace held-out points, views, a sweep of the light, and the page's pictures.
 
@@ -170,7 +170,7 @@ def trace_reference(
     return Reference(stage, points, views, sweep, pictures)
 
 
-def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> Stage:
+def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> ViewSetup:
     """Choose held-out views and lights, and how bright the light is first.
 
     Args:
@@ -185,8 +185,8 @@ def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float
     views = lit_views(scene, variable, settings.views, settings.seed)
     declared, color = first_settings(settings.vary)
     if variable is None or "indirect" not in units:
-        return Stage(views, 1.0, (1.0, 1.0, 1.0))
-    return Stage(views, declared or float(f"{units.get('static', 1.0) / units['indirect']:.3g}"), color)
+        return ViewSetup(views, 1.0, (1.0, 1.0, 1.0))
+    return ViewSetup(views, declared or float(f"{units.get('static', 1.0) / units['indirect']:.3g}"), color)
 
 
 def trace_points(

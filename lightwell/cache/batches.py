@@ -9,10 +9,10 @@ import functools
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.draws import mixed
 from lightwell.cache.features import stored
 from lightwell.cache.model import Model
 from lightwell.cache.recorded import Recorded
+from lightwell.cache.sobol_sampler import mixed
 
 
 @dr.syntax

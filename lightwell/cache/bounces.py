@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.guide import Guide, Visit
+from lightwell.cache.guide import Guide, GuidedVertex
 from lightwell.transport.radiance import power_heuristic
 
 
@@ -32,7 +32,7 @@ class Bounce:
 
 def bounce_at(
     scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool, active: mi.Bool, guide: Guide | None = None,
-    visit: Visit | None = None,
+    visit: GuidedVertex | None = None,
 ) -> Bounce:  # fmt: skip
     """Sample an emitter and the next direction at a vertex.
 
@@ -47,7 +47,7 @@ def bounce_at(
         smooth: Mask of the BSDFs with a component that is not a delta function.
         active: Mask of the active lanes.
         guide: ``Guide``; None: sample the BSDF alone.
-        visit: The guide's ``Visit`` at this vertex; needed with a guide.
+        visit: The guide's ``GuidedVertex`` at this vertex; needed with a guide.
 
     Returns:
         Contribution of light sampling, the next direction, its density and its weight.
@@ -75,7 +75,7 @@ def bounce_at(
 
 
 def _mixed(
-    own: Bounce, si: Any, bsdf: Any, guide: Guide, visit: Visit, u: mi.Point2f, picks: mi.Bool, active: mi.Bool
+    own: Bounce, si: Any, bsdf: Any, guide: Guide, visit: GuidedVertex, u: mi.Point2f, picks: mi.Bool, active: mi.Bool
 ) -> Bounce:  # fmt: skip
     """Replace the BSDF's direction by the guide's where ``picks``, with the density of the mixture.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.graph.ops.hashgrid import PRIMES, Level
+from lightwell.graph.ops.hashgrid import PRIMES, HashGridLevel
 
 OCTAVES = 12
 BLOBS = 4
@@ -89,7 +89,7 @@ def direction_blob(d: mi.Vector3f) -> list[mi.Float]:
     return one_blob(theta) + one_blob(phi, periodic=True)
 
 
-def hash_lookup(layout: list[Level], table: mi.Float, packets: int, at: mi.Point3f) -> list[Any]:
+def hash_lookup(layout: list[HashGridLevel], table: mi.Float, packets: int, at: mi.Point3f) -> list[Any]:
     """Interpolate the features of a hash grid, with the same result as ``networks.hashgrid.HashGrid``.
 
     Args:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.draws import Draws, draws
 from lightwell.cache.guide import Guide
 from lightwell.cache.model import Model
-from lightwell.cache.paths import render_path
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.recorded import Recorded
+from lightwell.cache.render_paths import render_path
+from lightwell.cache.sobol_sampler import SobolSampler, draws
 
 # Lanes of one launch: enough to occupy the device; for an image with a time limit, few enough to meet the limit.
 LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
@@ -247,5 +247,5 @@ def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, waveleng
 
 
 __all__ = [
-    "LAUNCH", "Draws", "evaluator", "sampled_rays", "sobol_pass", "sobol_rays", "splat", "trace_pass",
+    "LAUNCH", "SobolSampler", "evaluator", "sampled_rays", "sobol_pass", "sobol_rays", "splat", "trace_pass",
 ]  # fmt: skip

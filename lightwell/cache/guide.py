@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.draws import mixed
+from lightwell.cache.sobol_sampler import mixed
 
 # Directions: a grid of SIDE x SIDE bins, columns by azimuth, rows by cosine: all of one solid angle.
 LOG2 = 4
@@ -104,14 +104,14 @@ class Guide:
         """
         return dr.gather(mi.Float, self.density, row * BINS + bin_of(d), active)
 
-    def visit(self, around: Any, si: Any, flags: Any, number: mi.Float, active: mi.Bool) -> Visit:
+    def visit(self, around: Any, si: Any, flags: Any, number: mi.Float, active: mi.Bool) -> GuidedVertex:
         """Look up the guide at path vertices.
 
         Args:
             around: ``Surroundings`` of the paths.
             si: Surface interactions.
             flags: Flags of the BSDFs.
-            number: [N] random numbers in [0, 1), for the displacement of the position and for ``Visit.chance``.
+            number: [N] random numbers in [0, 1), for the displacement of the position and for ``GuidedVertex.chance``.
             active: [N] mask of the active lanes.
 
         Returns:
@@ -128,10 +128,10 @@ class Guide:
         # Transmitted light leaves on the other side of the surface, whose directions belong to another cell.
         mixes = active & (row > 0) & ~mi.has_flag(flags, mi.BSDFFlags.Transmission)
         chance = mi.Float(mixed(bits + 0x9E3779B9) >> 8) * 2.0**-24
-        return Visit(row, dr.select(mixes, self.share, 0), level, chance, active & (row > 0))
+        return GuidedVertex(row, dr.select(mixes, self.share, 0), level, chance, active & (row > 0))
 
 
-class Visit:
+class GuidedVertex:
     """The guide at one path vertex. It is not a loop variable."""
 
     def __init__(self, row: mi.UInt32, share: mi.Float, level: mi.Float, chance: mi.Float, known: mi.Bool) -> None:

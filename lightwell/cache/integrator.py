@@ -9,12 +9,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache import frames, pilot, restir, restir_gi, views
+from lightwell.cache import frames, restir, restir_gi, views
+from lightwell.cache import guide_selector as pilot
 from lightwell.cache.checks import check_hits, check_scene, check_sensor, check_variant
 from lightwell.cache.denoising import check_film, denoised_image
 from lightwell.cache.guide_table import CALM
-from lightwell.cache.paths import Walk, render_path
-from lightwell.cache.radiance_cache import RadianceCache, Told
+from lightwell.cache.radiance_cache import RadianceCache, TrainingStats
+from lightwell.cache.render_paths import PathState, render_path
 from lightwell.cache.settings import CacheSettings, settings_of
 
 # Samples per pixel from which 'auto' trains first and then renders with a frozen cache.
@@ -76,7 +77,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.rr_depth = settings.rr_depth
         self.cache: RadianceCache | None = None
         """Made when a scene is first rendered; assign a trained one to start from it."""
-        self.told: list[Told] = []
+        self.stats: list[TrainingStats] = []
         """Training statistics of the last render, one entry per frame."""
         self.seconds: dict[str, float] = {}
         """Wall time of the last render by stage, seconds."""
@@ -170,7 +171,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         self.guiding = self.settings.guided
         cache = self.cache_of(scene)
         self._pose = str(sensor.world_transform())
-        self.told, self.seconds = [], {"train": 0.0, "trace": 0.0}
+        self.stats, self.seconds = [], {"train": 0.0, "trace": 0.0}
         with dr.suspend_grad():
             film = sensor.film()
             film.prepare([])
@@ -245,12 +246,12 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         while done < 1 and not cache.frozen:
             cache.rate_factor = FINAL_RATE**done
             self._train(scene, sensor, cache, seed)
-            if not s.caching and cache.frame == 1 and self.told[-1].noise < CALM:
+            if not s.caching and cache.frame == 1 and self.stats[-1].noise < CALM:
                 self.guiding = False
                 break
             if s.seconds > 0:
                 done = (time.perf_counter() - start) / (share * s.seconds)
-                if s.caching and len(self.told) == 2 and cache.frame == 2 and not self._pays(self.told[1]):
+                if s.caching and len(self.stats) == 2 and cache.frame == 2 and not self._pays(self.stats[1]):
                     self.caching = False
                     break
             else:
@@ -264,18 +265,18 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         dr.sync_thread()
         self.seconds["train"] += time.perf_counter() - start
 
-    def _pays(self, told: Told) -> bool:
+    def _pays(self, stats: TrainingStats) -> bool:
         """Whether a still with a time limit has time for enough steps; less noisy images need a more accurate cache."""
-        steps = told.steps * self.settings.train_share * self.settings.seconds / sum(told.seconds.values())
-        return not steps * told.noise < WORTH * (WORTH_DENOISED if self.settings.denoise else 1)
+        steps = stats.steps * self.settings.train_share * self.settings.seconds / sum(stats.seconds.values())
+        return not steps * stats.noise < WORTH * (WORTH_DENOISED if self.settings.denoise else 1)
 
     def _train(self, scene, sensor, cache: RadianceCache, seed: int) -> None:
-        told = cache.train_frame(scene, sensor, seed)
-        if told.changed:
+        stats = cache.train_frame(scene, sensor, seed)
+        if stats.changed:
             self.reservoirs = None
-        self.told.append(told)
-        if cache.frame == 1 and told.steps == 0 and told.hits >= 0:
-            check_hits(told.hits, sensor)
+        self.stats.append(stats)
+        if cache.frame == 1 and stats.steps == 0 and stats.hits >= 0:
+            check_hits(stats.hits, sensor)
 
     def _passes(self, scene, sensor, cache, seed: int, spp: int, still: bool):
         """Render all samples, in passes of one sample (frames) or of as many as fit (stills)."""
@@ -322,7 +323,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
 
     def _pilot(self, scene, sensor, cache, seed: int, block: int, spp: int) -> int:
         """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""
-        trial, done = pilot.Pilot(), 0
+        trial, done = pilot.GuideSelector(), 0
         if cache.guide is None or (self.settings.seconds <= 0 and spp < pilot.ENOUGH):
             self.guiding = False
             return 0
@@ -433,7 +434,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         shared, self.reservoir_W, self.reservoir_M = restir_gi.shade(
             scene, ray, sampler, held, *sizes, count, unbiased
         )  # fmt: skip
-        walk = Walk(ray)
+        walk = PathState(ray)
         walk.active = ~usable
         plain, valid, *_ = render_path(
             scene, sampler, walk, cache.around, evaluate, mi.Float(1), self.caching, "biased", True

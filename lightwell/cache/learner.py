@@ -171,12 +171,12 @@ class Learner:
         numbers = [dr.opaque(mi.Float, x) for x in (rate * correction, new, old)]
         step = _frozen_step(self.model, self.settings.batch, self.settings.target_cap)
         first = dr.opaque(mi.UInt32, start)
-        self.values, self.average, self.moments, told = step(
+        self.values, self.average, self.moments, stats = step(
             self.values, self.average, self.moments, batch.direct, batch.points, batch.target, batch.weight, first,
             *numbers,
         )  # fmt: skip
-        dr.eval(self.values, self.average, self.moments, told)
-        return told
+        dr.eval(self.values, self.average, self.moments, stats)
+        return stats
 
     def rescale(self, k: float) -> None:
         """Multiply the network's output by a factor, exactly: the last layer is linear. Moments are scaled, too.
@@ -211,8 +211,8 @@ def _frozen_step(model: Model, count: int, cap: float) -> Any:
             gradients = {name: dr.grad(value) for name, value in values.items()}
         values = {name: dr.detach(value) for name, value in values.items()}
         residual = dr.sum(((dr.maximum(dr.detach(output), 0) - y) * w).array) / dr.maximum(dr.sum(w.array), 1)
-        told = mi.Point2f(dr.detach(total), residual)
-        return *_updated(values, average, moments, gradients, rate, new, old), told
+        stats = mi.Point2f(dr.detach(total), residual)
+        return *_updated(values, average, moments, gradients, rate, new, old), stats
 
     return freeze(step)
 

@@ -258,7 +258,7 @@ class LiveSession:
             self._forget_pictures()
         with dr.suspend_grad():
             start = time.perf_counter()
-            told = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
+            stats = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
             self._took("train", start)
             if self.still < MOST_FRAMES:
                 for name, caching in (("cache-image", True), ("path", False)):
@@ -272,8 +272,8 @@ class LiveSession:
                 means["cache"] = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, seed)
                 means["error"] = np.abs(means["cache-image"] - means["path"])
             self._took("views", start)
-        if np.isfinite(told.loss):
-            self.curve.append((self.frames, told.loss))
+        if np.isfinite(stats.loss):
+            self.curve.append((self.frames, stats.loss))
         self._publish(means)
         self.frames += 1
 

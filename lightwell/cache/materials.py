@@ -29,7 +29,7 @@ MOST_BROKEN = 0.01
 
 
 @dataclass(frozen=True)
-class MaterialTable:
+class CacheMaterialTable:
     """Roughness and albedo of the M registered BSDFs; rows of BSDFs that are not in the scene are zero."""
 
     roughness: Any
@@ -78,7 +78,7 @@ def lookup(
     return dr.gather(mi.Float, roughness, row, active), mi.Color3f(mean.x, mean.y, mean.z)
 
 
-def material_table(scene: Any) -> MaterialTable:
+def material_table(scene: Any) -> CacheMaterialTable:
     """Compute the tables of all materials of a scene.
 
     Args:
@@ -104,7 +104,7 @@ def material_table(scene: Any) -> MaterialTable:
         _refuse(bsdfs, numbers, broken)
         albedo[numbers, :, :3] = np.maximum(total - diffuse, 0)
     highest = float((albedo[numbers, :, :3] + diffuse).max()) if len(numbers) else 0.0
-    table = MaterialTable(mi.Float(roughness), mi.Float(albedo.ravel()), highest)
+    table = CacheMaterialTable(mi.Float(roughness), mi.Float(albedo.ravel()), highest)
     dr.eval(table.roughness, table.albedo)
     return table
 

@@ -14,9 +14,9 @@ import drjit.nn as nn
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.brightness_correction import RadianceScaling
 from lightwell.cache.encodings import hash_lookup
 from lightwell.cache.features import DARK, Vertex, paper_inputs, raw_inputs
-from lightwell.cache.level import Gain
 from lightwell.cache.settings import CacheSettings
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.mlp import glorot
@@ -192,7 +192,7 @@ class Model:
             x = nn.matvec(view, x)
         return mi.Color3f(*x)
 
-    def radiance(self, packed: tuple[Any, ...], v: Vertex, gain: Gain) -> mi.Color3f:
+    def radiance(self, packed: tuple[Any, ...], v: Vertex, gain: RadianceScaling) -> mi.Color3f:
         """Predict the scattered radiance towards ``v.w``.
 
         Args:

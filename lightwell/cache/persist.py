@@ -13,10 +13,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.brightness_correction import CELLS, MOST
 from lightwell.cache.guide import BINS
 from lightwell.cache.guide_table import SUMS, GuideTable
 from lightwell.cache.learner import Learner
-from lightwell.cache.level import CELLS, MOST
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings, settings_of
 from lightwell.files import load_arrays, save_arrays

@@ -15,20 +15,27 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache import persist
 from lightwell.cache.batches import frozen_batches
-from lightwell.cache.change import ChangeDetector, GrowthWatch
+from lightwell.cache.brightness_correction import FRAMES, CellSums, CorrectedScaling, RadianceScaling
+from lightwell.cache.change_detection import ChangeDetector, DivergenceMonitor
 from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.guide import Guide
 from lightwell.cache.guide_table import CALM, LESSONS, GuideTable
 from lightwell.cache.learner import Batch, Learner
-from lightwell.cache.level import FRAMES, Gain, LocalGain, Sums
-from lightwell.cache.materials import MaterialTable, material_table
+from lightwell.cache.materials import CacheMaterialTable, material_table
 from lightwell.cache.model import Model
-from lightwell.cache.paths import Surroundings
+from lightwell.cache.render_paths import PathContext
 from lightwell.cache.replay import Replay
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.tiles import FIRST, SLACK, Tiles
-from lightwell.cache.training_frame import Numbers, Shape, Traced, choice_of, frozen_frame, shared_offset
+from lightwell.cache.training_frame import (
+    FrameParameters,
+    FrameShape,
+    TracedRecords,
+    choice_of,
+    frozen_frame,
+    shared_offset,
+)
 
 # Relative margin of the box, so that no surface lies on its boundary.
 INFLATE = 0.01
@@ -46,7 +53,7 @@ STILL_FRACTION, STILL_RECORDS, STILL_SIDE, STILL_SLACK = 1.0, 1 << 17, 2.0, 0.4
 
 
 @dataclass
-class Told:
+class TrainingStats:
     """Statistics of one training frame."""
 
     frame: int = 0
@@ -150,7 +157,7 @@ class RadianceCache:
         """Training data of the guide; made by ``prepare`` where the settings enable a guide."""
         self.may_guide = False
         """guide=auto: whether the still has enough samples to try a guide."""
-        self.growth, self.replay = GrowthWatch(), Replay()
+        self.growth, self.replay = DivergenceMonitor(), Replay()
         """Detector of unbounded growth; pool of rays of earlier cameras."""
         self.most_steps = 0
         """budget=auto: largest number of gradient steps of a frame; 0: that of the settings."""
@@ -166,11 +173,11 @@ class RadianceCache:
         """Whether training has stopped."""
         self.rate_factor = 1.0
         """Factor of the learning rate; decays while a still trains."""
-        self.history: deque[Told] = deque(maxlen=4096)
+        self.history: deque[TrainingStats] = deque(maxlen=4096)
         self.fixed_box = box
         self.box: np.ndarray | None = None if box is None else np.asarray(box, np.float64)
-        self.materials: MaterialTable | None = None
-        self._around: Surroundings | None = None
+        self.materials: CacheMaterialTable | None = None
+        self._around: PathContext | None = None
         self._packs: dict[str, Any] = {}
         self.picture, self.grid = (0, 0), (1, 1)
         """Image size of the last training frame in pixels, and its numbers of tiles."""
@@ -265,7 +272,7 @@ class RadianceCache:
         return float(at.x[0]), float(at.y[0])
 
     @property
-    def around(self) -> Surroundings:
+    def around(self) -> PathContext:
         """Return the parameters of rendering paths.
 
         Returns:
@@ -275,7 +282,7 @@ class RadianceCache:
             self._around = self.surroundings(self.settings.termination_c)
         return self._around
 
-    def surroundings(self, c: float) -> Surroundings:
+    def surroundings(self, c: float) -> PathContext:
         """Make the parameters of paths with a given termination threshold.
 
         Args:
@@ -289,7 +296,7 @@ class RadianceCache:
         """
         if self.box is None or self.materials is None:
             raise RuntimeError("nrc: the cache has no scene yet; call prepare(scene) first")
-        a = Surroundings()
+        a = PathContext()
         low, edge = self.box[0], self.box[1] - self.box[0]
         a.low = mi.Point3f(*[dr.opaque(mi.Float, float(x)) for x in low])
         a.inverse = mi.Vector3f(*[dr.opaque(mi.Float, float(1 / x)) for x in edge])
@@ -303,14 +310,14 @@ class RadianceCache:
 
     # ------------------------------------------------------------------ queries
 
-    def packed(self, which: str = "ema") -> tuple[tuple[Any, ...], Gain]:
+    def packed(self, which: str = "ema") -> tuple[tuple[Any, ...], RadianceScaling]:
         """Return the weights in the layout of kernels, with the factor to radiance.
 
         Args:
             which: 'ema': averaged weights, for pixels; 'raw': the newest ones.
 
         Returns:
-            Packed weights and ``Gain``.
+            Packed weights and ``RadianceScaling``.
         """
         key = "raw" if which == "raw" or self.learner.shown is self.learner.values else "ema"
         if key not in self._packs:
@@ -318,14 +325,17 @@ class RadianceCache:
             views = self.model.packed(values)
             dr.eval(views)
             unscale = dr.opaque(mi.Float, 1 / self.scale.value)
-            self._packs[key] = (views, Gain(unscale) if self.level is None else LocalGain(unscale, self.level))
+            self._packs[key] = (
+                views,
+                RadianceScaling(unscale) if self.level is None else CorrectedScaling(unscale, self.level),
+            )
         return self._packs[key]
 
     def touched(self) -> None:
         """Discard packed copies after a change of weights or scale."""
         self._packs.clear()
 
-    def radiance(self, packed: tuple[tuple[Any, ...], Gain], v: Vertex) -> mi.Color3f:
+    def radiance(self, packed: tuple[tuple[Any, ...], RadianceScaling], v: Vertex) -> mi.Color3f:
         """Predict the scattered radiance towards ``v.w``.
 
         Args:
@@ -414,7 +424,7 @@ class RadianceCache:
         steps = min(self.most_steps or self.settings.steps, self.settings.steps)
         return steps * self.settings.eager if self.eager else steps
 
-    def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> Told:
+    def train_frame(self, scene: Any, sensor: Any, seed: int = 0) -> TrainingStats:
         """Train on one frame: trace training paths, take gradient steps, adapt scale and tiles.
 
         Args:
@@ -425,28 +435,28 @@ class RadianceCache:
         Returns:
             Statistics of the frame.
         """
-        told = Told(frame=self.frame, scale=self.scale.value)
+        stats = TrainingStats(frame=self.frame, scale=self.scale.value)
         if self.frozen or not self.settings.learns:
-            return told
+            return stats
         if self.level is not None:
             self.level = None
             self.touched()
         with dr.suspend_grad():
             start = time.perf_counter()
-            traced = self._trace(scene, sensor, seed, told)
-            told.seconds["trace"] = time.perf_counter() - start
+            traced = self._trace(scene, sensor, seed, stats)
+            stats.seconds["trace"] = time.perf_counter() - start
             start = time.perf_counter()
-            batch, steps = self._records(traced, seed, told)
-            told.seconds["records"] = time.perf_counter() - start
+            batch, steps = self._records(traced, seed, stats)
+            stats.seconds["records"] = time.perf_counter() - start
         start = time.perf_counter()
-        self._learn(batch, steps, told)
-        told.seconds["train"] = time.perf_counter() - start
+        self._learn(batch, steps, stats)
+        stats.seconds["train"] = time.perf_counter() - start
         self.frame += 1
         self.since_change += 1
-        self.history.append(told)
-        return told
+        self.history.append(stats)
+        return stats
 
-    def _trace(self, scene, sensor, seed: int, told: Told) -> Traced:
+    def _trace(self, scene, sensor, seed: int, stats: TrainingStats) -> TracedRecords:
         """Trace training paths and compute their targets and the bias estimate."""
         s = self.settings
         film = sensor.film()
@@ -459,13 +469,13 @@ class RadianceCache:
         place = f"{sensor.class_name()} {film.size()} {film.crop_offset()}"
         # With a cache, the guide is trained with plain paths: guided ones take longer without benefit for the cache.
         table, guide = (self.guide_table if self.teaches else None), (None if s.caching else self.guide)
-        shape = Shape(
+        shape = FrameShape(
             columns * rows, s.max_vertices, (width, height), shutter, choice_of(u), place, table is not None,
             guide is not None,
         )  # fmt: skip
         cells = mi.Vector3f(1) if table is None else table.opaque_cells
         self.replay.look(str(sensor.world_transform().matrix))
-        numbers = Numbers(
+        numbers = FrameParameters(
             seed, self.frame, columns, (tile_w, tile_h), u, s.tail_attenuation, s.tail_after, s.replay, self.replay.held
         )
         tails = self.packed("raw" if s.bootstrap == "raw" else "ema")
@@ -476,12 +486,12 @@ class RadianceCache:
         self._watch_growth(float(traced.level[0]))
         if table is not None:
             table.add(*(np.array(x) for x in (traced.cell, traced.bin, traced.met, traced.reach, traced.whole)))
-        told.paths, told.hits = shape.P, int(traced.hits[0])
+        stats.paths, stats.hits = shape.P, int(traced.hits[0])
         count, total, square = (float(x[0]) for x in traced.meter)
-        told.bias_paths = int(count)
+        stats.bias_paths = int(count)
         if count > 1:
             mean = total / count
-            told.bias = (mean, math.sqrt(max(square / count - mean**2, 0) / (count - 1)))
+            stats.bias = (mean, math.sqrt(max(square / count - mean**2, 0) / (count - 1)))
         return traced
 
     def settle(self) -> None:
@@ -489,7 +499,7 @@ class RadianceCache:
         if not self._recent:
             return
         with dr.suspend_grad():
-            sums, views = Sums(len(self._recent)), self.packed("ema")[0]
+            sums, views = CellSums(len(self._recent)), self.packed("ema")[0]
             scale = dr.opaque(mi.Float, self.scale.value)
             for features, targets in self._recent:
                 row = dr.arange(mi.UInt32, dr.width(targets) // 4)
@@ -526,20 +536,20 @@ class RadianceCache:
         frames = self.settings.lead_in * (1 if self._larger else SMALL_FRAMES)
         return 1.0 if 0 < u and self.since_change - self.begun < frames else u
 
-    def _records(self, traced: Traced, seed: int, told: Told):
+    def _records(self, traced: TracedRecords, seed: int, stats: TrainingStats):
         """Return shuffled batches on the device and the number of steps that they suffice for."""
         s = self.settings
-        told.records, told.dropped = int(traced.count[0]), int(traced.dropped[0])
-        self.size.update(told.records, told.paths, *self.picture)
+        stats.records, stats.dropped = int(traced.count[0]), int(traced.dropped[0])
+        self.size.update(stats.records, stats.paths, *self.picture)
         luminances = np.array(traced.luminance)
         if self.still:
-            told.noise = noise_of(luminances[:: s.max_vertices], *self.grid)
+            stats.noise = noise_of(luminances[:: s.max_vertices], *self.grid)
         if not s.caching:
             return None, 0
-        self._calibrate(luminances, told)
-        steps = min(self.steps, -(-told.records // s.batch))
+        self._calibrate(luminances, stats)
+        steps = min(self.steps, -(-stats.records // s.batch))
         # A step with less than half a batch is omitted unless it is the only one.
-        if steps > 1 and told.records - (steps - 1) * s.batch < s.batch // 2:
+        if steps > 1 and stats.records - (steps - 1) * s.batch < s.batch // 2:
             steps -= 1
         if steps == 0:
             return None, 0
@@ -547,39 +557,39 @@ class RadianceCache:
         order = dr.opaque(mi.UInt32, (seed * 7919 + self.frame) & 0xFFFFFFFF)
         slots = dr.width(traced.rows)
         if self.still and s.local_level:
-            self._recent.append(_compact(traced, told.records))
+            self._recent.append(_compact(traced, stats.records))
         pack = frozen_batches(self.model, steps * s.batch, max(1, (slots - 1).bit_length()))
         batch = Batch(*pack(traced.features, traced.targets, traced.rows, traced.count, order, scale))
         dr.eval(batch.direct, batch.points, batch.target, batch.weight)
         return batch, steps
 
-    def _calibrate(self, luminances: np.ndarray, told: Told) -> None:
+    def _calibrate(self, luminances: np.ndarray, stats: TrainingStats) -> None:
         """Adapt the radiance scale and rescale the weights accordingly."""
         factor = self.scale.update(luminances[luminances >= 0])
         if factor != 1.0:
             self.learner.rescale(factor)
             self.touched()
-        told.scale = self.scale.value
+        stats.scale = self.scale.value
 
-    def _learn(self, batch, steps: int, told: Told) -> None:
+    def _learn(self, batch, steps: int, stats: TrainingStats) -> None:
         boosted = BOOST if self.boost > 0 else 1.0
         self.boost = max(0, self.boost - 1)
         rate = self.settings.learning_rate * self.rate_factor * boosted
         said = [self.learner.train(batch, k * self.settings.batch, rate) for k in range(steps)]
-        told.steps = steps
+        stats.steps = steps
         if steps:
             values = np.array([np.array(t).ravel() for t in said])
             self.touched()
-            told.loss, told.residual = float(values[:, 0].mean()), float(values[:, 1].mean())
-            self._guard(told)
-            if self.settings.on_change == "detect" and self.detector.update(told.loss, told.residual):
-                told.changed = True
+            stats.loss, stats.residual = float(values[:, 0].mean()), float(values[:, 1].mean())
+            self._guard(stats)
+            if self.settings.on_change == "detect" and self.detector.update(stats.loss, stats.residual):
+                stats.changed = True
                 self.scene_changed("light")
 
-    def _guard(self, told: Told) -> None:
+    def _guard(self, stats: TrainingStats) -> None:
         """Keep a copy of finite weights, and restore it when the loss is not finite."""
         learner = self.learner
-        if np.isfinite(told.loss):
+        if np.isfinite(stats.loss):
             if self.frame % SNAPSHOT == SNAPSHOT - 1:
                 self.snapshot = (dict(learner.values), dict(learner.average), tuple(dict(m) for m in learner.moments))
         elif self.snapshot is not None:
@@ -589,7 +599,7 @@ class RadianceCache:
             self.touched()
 
 
-def _compact(traced: Traced, count: int) -> tuple[mi.Float, mi.Float]:
+def _compact(traced: TracedRecords, count: int) -> tuple[mi.Float, mi.Float]:
     """Gather the vertices [M * WIDTH] and targets [M * 4] of the M records of a frame."""
     row = dr.arange(mi.UInt32, count)
     of = dr.gather(mi.UInt32, traced.rows, row)
@@ -600,4 +610,4 @@ def _compact(traced: Traced, count: int) -> tuple[mi.Float, mi.Float]:
     return features, targets
 
 
-__all__ = ["WIDTH", "RadianceCache", "Told", "bounds_of"]
+__all__ = ["WIDTH", "RadianceCache", "TrainingStats", "bounds_of"]

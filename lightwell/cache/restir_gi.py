@@ -14,12 +14,12 @@ from collections.abc import Callable
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.paths import Surroundings, Walk, render_path
+from lightwell.cache.render_paths import PathContext, PathState, render_path
 from lightwell.cache.restir import _alike, _neighbour, first_hit
 from lightwell.transport.radiance import interaction_at, power_heuristic
 
 
-class Bounced:
+class ReservoirSample:
     """One secondary point per lane, and the first hit it was sampled from."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -59,15 +59,15 @@ def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> m
 
 
 def choose(
-    scene: Any, ray: Any, sampler: Any, around: Surroundings, evaluate: Callable[[Any, Any], Any], caching: bool
-) -> tuple[Bounced, mi.Color3f, mi.Bool]:
+    scene: Any, ray: Any, sampler: Any, around: PathContext, evaluate: Callable[[Any, Any], Any], caching: bool
+) -> tuple[ReservoirSample, mi.Color3f, mi.Bool]:
     """Sample one bounce per lane.
 
     Args:
         scene: Mitsuba scene.
         ray: [N] camera rays.
         sampler: Source of random numbers.
-        around: ``Surroundings`` of the paths.
+        around: ``PathContext`` of the paths.
         evaluate: Function of vertices and a mask, with the cache's radiance [N].
         caching: Whether paths may end in the cache.
 
@@ -78,7 +78,7 @@ def choose(
     si, bsdf, usable = first_hit(scene, ray)
     rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
     sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
-    walk = Walk(si.spawn_ray(si.to_world(sample.wo)))
+    walk = PathState(si.spawn_ray(si.to_world(sample.wo)))
     walk.active = usable & (dr.max(weight) > 0)
     walk.depth = mi.UInt32(1)
     walk.prev, walk.prev_pdf = interaction_at(si), mi.Float(sample.pdf)
@@ -95,7 +95,7 @@ def choose(
     shared = active & behind.is_valid() & rough & ~mi.has_flag(flags, mi.BSDFFlags.Delta) & ~delta & (sample.pdf > 0)
     rest += dr.select(active, weight * (emitted + dr.select(shared, 0, L)), 0)
 
-    out = Bounced()
+    out = ReservoirSample()
     out.x, out.L = mi.Point3f(behind.p), mi.Color3f(dr.select(shared, L, 0))
     n = mi.Vector3f(behind.n)
     out.ns = dr.select(dr.dot(n, walk_direction(si, behind)) > 0, -n, n)
@@ -160,7 +160,7 @@ def visible(scene: Any, si: Any, x: mi.Point3f, active: mi.Bool) -> mi.Bool:
 
 @dr.syntax
 def shade(
-    scene: Any, ray: Any, sampler: Any, held: Bounced, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
+    scene: Any, ray: Any, sampler: Any, held: ReservoirSample, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
     count: int, unbiased: bool,
 ) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
     """Compute the shared light at the first hits after spatial reuse of neighbours' reservoirs.
@@ -192,7 +192,7 @@ def shade(
     k = mi.UInt32(0)
     while dr.hint(k < count, label="lightwell nrc bounced neighbours"):
         i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-        other = dr.gather(Bounced, held, i, usable)
+        other = dr.gather(ReservoirSample, held, i, usable)
         alike = usable & _alike(other, si, i != lane)
         value, cosine, distance2 = reached(si, bsdf, other.x, other.ns, other.L, alike & (other.W > 0))
         p = mi.luminance(value)
@@ -212,7 +212,7 @@ def shade(
         k = mi.UInt32(0)
         while dr.hint(k < count, label="lightwell nrc bounced possible"):
             i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-            other = dr.gather(Bounced, held, i, usable)
+            other = dr.gather(ReservoirSample, held, i, usable)
             alike = usable & _alike(other, si, i != lane)
             M += dr.select(_possible(scene, other.o, other.d, x, ns, L, alike), other.M, 0)
             k += 1

@@ -14,11 +14,11 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.batches import compacted, usable
-from lightwell.cache.draws import GOLDEN, draws, mixed
 from lightwell.cache.features import stored
 from lightwell.cache.guide import key_of
 from lightwell.cache.model import Model
 from lightwell.cache.recorded import Recorded
+from lightwell.cache.sobol_sampler import GOLDEN, draws, mixed
 from lightwell.cache.training_paths import query_vertex, resolve, trace_records
 
 # Stream of random numbers that training paths draw from, apart from those of pixels.
@@ -26,7 +26,7 @@ TRAINING_STREAM = 0x5EED
 
 
 @dataclass(frozen=True)
-class Shape:
+class FrameShape:
     """Constants of a recorded training frame."""
 
     P: int
@@ -47,7 +47,7 @@ class Shape:
     """Whether directions are sampled from a guide."""
 
 
-class Numbers:
+class FrameParameters:
     """Scalars of a training frame, opaque so that the recording is reused."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -83,7 +83,7 @@ class Numbers:
         """Share of paths that start with a ray of the pool, and rays in the pool."""
 
 
-class Traced:
+class TracedRecords:
     """Result of a frame of training paths."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -122,7 +122,7 @@ def choice_of(u: float) -> str:
         u: Share of the paths that only Russian roulette ends.
 
     Returns:
-        'all', 'none', 'sixteenth' or 'hashed', see ``Shape.choice``.
+        'all', 'none', 'sixteenth' or 'hashed', see ``FrameShape.choice``.
     """
     return "all" if u >= 1 else "none" if u <= 0 else "sixteenth" if u == 1 / 16 else "hashed"
 
@@ -141,7 +141,7 @@ def shared_offset(frame: mi.UInt32, seed: mi.UInt32) -> mi.Point2f:
 
 
 @functools.lru_cache(maxsize=64)
-def frozen_frame(model: Model, shape: Shape) -> Recorded:
+def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
     """Return a training frame as a function that is recorded once.
 
     Args:
@@ -149,9 +149,9 @@ def frozen_frame(model: Model, shape: Shape) -> Recorded:
         shape: Constants of the recording.
 
     Returns:
-        Function of (scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) with a ``Traced``.
-        Weights come with their ``Gain``; the pool is origins and directions of rays of earlier cameras; cells are those
-        of the guide along the axes.
+        Function of (scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) with a
+        ``TracedRecords``. Weights come with their ``RadianceScaling``; the pool is origins and directions of rays of
+        earlier cameras; cells are those of the guide along the axes.
     """
 
     def run(scene, sensor, around, tails, pixels, numbers, pool, cells, guide):
@@ -164,7 +164,7 @@ def frozen_frame(model: Model, shape: Shape) -> Recorded:
         tail = model.radiance(tails[0], records.tail, tails[1])
         targets, at_query = resolve(records, tail * numbers.attenuation, V, P)
         dr.eval(targets, at_query)
-        out = Traced()
+        out = TracedRecords()
         out.features, out.targets = records.features, targets
         ok, bad = usable(targets)
         out.rows, out.count = compacted(ok)
@@ -183,7 +183,7 @@ def frozen_frame(model: Model, shape: Shape) -> Recorded:
     return Recorded(run)
 
 
-def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
+def _rays(sensor: Any, shape: FrameShape, numbers: FrameParameters, sampler: Any) -> Any:
     """One camera ray per tile, at an offset that all tiles share."""
     tile = dr.arange(mi.UInt32, shape.P)
     at = mi.Point2f(tile % numbers.columns, tile // numbers.columns)
@@ -194,7 +194,7 @@ def _rays(sensor: Any, shape: Shape, numbers: Numbers, sampler: Any) -> Any:
     return sensor.sample_ray_differential(time, 0.0, position, aperture)[0]
 
 
-def _replayed(ray: Any, numbers: Numbers, pool: Any, P: int) -> tuple[Any, mi.Bool]:
+def _replayed(ray: Any, numbers: FrameParameters, pool: Any, P: int) -> tuple[Any, mi.Bool]:
     """Replace some of the rays by ones of the pool; returns the rays and the mask of the replaced ones."""
     lane = mixed(dr.arange(mi.UInt32, P) * mi.UInt32(GOLDEN) ^ mixed(numbers.frame + 77))
     chosen = (mi.Float(lane) * 2.0**-32 < numbers.replay) & (numbers.held > 0)
@@ -205,7 +205,7 @@ def _replayed(ray: Any, numbers: Numbers, pool: Any, P: int) -> tuple[Any, mi.Bo
     return out, chosen
 
 
-def _unbiased(shape: Shape, numbers: Numbers) -> mi.Bool:
+def _unbiased(shape: FrameShape, numbers: FrameParameters) -> mi.Bool:
     """Mask of the paths that only roulette ends: one in 1/u tiles, at an offset that changes with the frame."""
     tile = dr.arange(mi.UInt32, shape.P)
     if shape.choice in ("all", "none"):
@@ -225,7 +225,7 @@ def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool
     return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
 
 
-def _teach(out: Traced, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -> None:
+def _teach(out: TracedRecords, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -> None:
     """Compute the guide's training data: radiance scattered by each vertex, by incident direction."""
     row = dr.arange(mi.UInt32, dr.width(ok))
     v = stored(records.features, row, ok)

@@ -14,10 +14,10 @@ from lightwell.backend import dr, mi
 from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.guide import Guide, bin_of
-from lightwell.cache.paths import Surroundings, Walk, guided_visit
+from lightwell.cache.render_paths import PathContext, PathState, guided_visit
 
 
-class Records:
+class TrainingRecords:
     """Record slots of all training paths."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -43,8 +43,8 @@ class Records:
         """[P] paths that only roulette ends."""
 
 
-class Suffix:
-    """Loop variables of training paths beside ``Walk``."""
+class PathSuffix:
+    """Loop variables of training paths beside ``PathState``."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "C": mi.Color3f, "T": mi.Color3f, "count": mi.UInt32, "query": mi.Int32, "prefix": mi.Color3f, "tail": Vertex,
@@ -59,9 +59,9 @@ class Suffix:
         self.count = mi.UInt32(0)
         """Slots in use."""
         self.query, self.prefix = mi.Int32(-1), mi.Color3f(0)
-        """As in ``Records``."""
+        """As in ``TrainingRecords``."""
         self.tail, self.ended = Vertex(), mi.Bool(False)
-        """As in ``Records``."""
+        """As in ``TrainingRecords``."""
         self.bounces = mi.UInt32(0)
         """Vertices left behind since the camera."""
         self.late = mi.UInt32(0)
@@ -70,9 +70,9 @@ class Suffix:
 
 @dr.syntax
 def trace_records(
-    scene: Any, sampler: Any, ray: Any, around: Surroundings, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
+    scene: Any, sampler: Any, ray: Any, around: PathContext, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
     guide: Guide | None = None,
-) -> Records:  # fmt: skip
+) -> TrainingRecords:  # fmt: skip
     """Trace P training paths, one per lane, and store their records.
 
     Args:
@@ -89,13 +89,13 @@ def trace_records(
     Returns:
         The records.
     """
-    out = Records()
+    out = TrainingRecords()
     out.features = dr.zeros(mi.Float, P * V * WIDTH)
     out.gathered, out.through = dr.zeros(mi.Float, P * V * 4), dr.zeros(mi.Float, P * V * 4)
     features, gathered, through = out.features, out.gathered, out.through
     path = dr.arange(mi.UInt32, P)
-    walk = Walk(ray)
-    kept = Suffix()
+    walk = PathState(ray)
+    kept = PathSuffix()
 
     while dr.hint(walk.active, label="lightwell nrc training"):
         si = scene.ray_intersect(walk.ray, mi.RayFlags.All, walk.depth == 0, walk.active)
@@ -150,7 +150,7 @@ def trace_records(
     return out
 
 
-def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Float:
+def _begin(walk: PathState, kept: PathSuffix, added: mi.Float, begins: mi.Bool) -> mi.Float:
     """Begin the suffix at the query vertex: throughput, depth and spread restart there."""
     kept.query = dr.select(begins, mi.Int32(kept.count), kept.query)
     kept.prefix = dr.select(begins, mi.Color3f(walk.β), kept.prefix)
@@ -162,7 +162,7 @@ def _begin(walk: Walk, kept: Suffix, added: mi.Float, begins: mi.Bool) -> mi.Flo
     return dr.select(begins, 0, added)
 
 
-def _open(kept: Suffix, opens: mi.Bool) -> None:
+def _open(kept: PathSuffix, opens: mi.Bool) -> None:
     """Begin a new segment."""
     kept.C = dr.select(opens, mi.Color3f(0), kept.C)
     kept.T = dr.select(opens, mi.Color3f(1), kept.T)
@@ -171,7 +171,7 @@ def _open(kept: Suffix, opens: mi.Bool) -> None:
 
 
 def _roulette(
-    walk: Walk, kept: Suffix, si: Any, sampler: Any, around: Surroundings, goes: mi.Bool, plain: bool
+    walk: PathState, kept: PathSuffix, si: Any, sampler: Any, around: PathContext, goes: mi.Bool, plain: bool
 ) -> None:
     """Stopping criterion: Russian roulette, compensated in T; paths with a guide use the guide's instead."""
     left = si.is_valid() & walk.active
@@ -198,7 +198,7 @@ def _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes):
     return visit, goes_on
 
 
-def _note(kept: Suffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
+def _note(kept: PathSuffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
     """Store the guide's training data of a vertex."""
     kept.sampled = dr.select(opens, mi.luminance(mi.Color3f(bounce.light)), kept.sampled)
     to = mi.Float(bin_of(si.to_world(bounce.wo)))
@@ -206,7 +206,7 @@ def _note(kept: Suffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
 
 
 @dr.syntax
-def resolve(records: Records, tail_value: Any, V: int, P: int) -> tuple[mi.Float, mi.Color3f]:
+def resolve(records: TrainingRecords, tail_value: Any, V: int, P: int) -> tuple[mi.Float, mi.Color3f]:
     """Compute the targets backwards along each path.
 
     Args:
@@ -237,7 +237,7 @@ def resolve(records: Records, tail_value: Any, V: int, P: int) -> tuple[mi.Float
     return targets, at_query
 
 
-def query_vertex(records: Records, V: int, P: int) -> tuple[Vertex, mi.Bool]:
+def query_vertex(records: TrainingRecords, V: int, P: int) -> tuple[Vertex, mi.Bool]:
     """Gather the vertices at which rendering paths would have ended.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
 from lightwell.cache.frames import evaluator, sobol_rays
-from lightwell.cache.paths import Surroundings, render_path
 from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.render_paths import PathContext, render_path
 
 # Largest number of mirrors and panes that a view looks through, and samples per pixel of the denoiser's guide images.
 MIRRORS, GUIDE_SPP = 8, 4
@@ -19,14 +19,14 @@ BLOCK = 8
 
 
 @dr.syntax
-def first_vertex(scene: Any, sampler: Any, ray: Any, around: Surroundings) -> tuple[Vertex, mi.Bool, Any, Any]:
+def first_vertex(scene: Any, sampler: Any, ray: Any, around: PathContext) -> tuple[Vertex, mi.Bool, Any, Any]:
     """Follow rays through mirrors and clear glass to the first surface that is not specular.
 
     Args:
         scene: Mitsuba scene.
         sampler: Source of random numbers.
         ray: [N] camera rays.
-        around: ``Surroundings`` of the cache.
+        around: ``PathContext`` of the cache.
 
     Returns:
         Vertices, mask of rays with one [N], throughput [N], and emission of the surfaces on the way [N].

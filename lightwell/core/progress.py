@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as RichProgress
 
 
-class Stage:
+class ProgressStage:
     """One progress bar with a note behind it."""
 
     def __init__(self, bars: RichProgress | None, task: int) -> None:
@@ -58,7 +58,7 @@ class Progress:
         self._console = Console(stderr=True)
 
     @contextmanager
-    def stage(self, title: str, total: float, note: str = "") -> Iterator[Stage]:
+    def stage(self, title: str, total: float, note: str = "") -> Iterator[ProgressStage]:
         """Show a bar during a block.
 
         Args:
@@ -70,7 +70,7 @@ class Progress:
             The bar.
         """
         if self.quiet:
-            yield Stage(None, 0)
+            yield ProgressStage(None, 0)
             return
         columns = (
             TextColumn("[bold]{task.description:<22}"),
@@ -82,7 +82,7 @@ class Progress:
             TextColumn("{task.fields[note]}"),
         )
         with RichProgress(*columns, console=self._console) as bars:
-            yield Stage(bars, bars.add_task(title, total=total, note=note))
+            yield ProgressStage(bars, bars.add_task(title, total=total, note=note))
 
     def say(self, text: str) -> None:
         """Print a line.

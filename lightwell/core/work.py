@@ -22,7 +22,7 @@ FOLDER = ".lightwell"
 _FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths")
 
 
-class Settings(Protocol):
+class WorkSettings(Protocol):
     """Settings of a bake or comparison that the work folder needs."""
 
     out: Path
@@ -36,7 +36,7 @@ class Settings(Protocol):
 class Work:
     """Checkpoints, plans, samples and elapsed seconds of one bake or comparison."""
 
-    def __init__(self, settings: Settings, scene_digest: str) -> None:
+    def __init__(self, settings: WorkSettings, scene_digest: str) -> None:
         """Prepare the work folder; nothing is written before the first ``part``: a refused bake leaves no files.
 
         Args:
@@ -125,5 +125,5 @@ def write_json(path: Path, data: object) -> None:
     write_atomically(path, json.dumps(data))
 
 
-def _plain(settings: Settings) -> dict:
+def _plain(settings: WorkSettings) -> dict:
     return json.loads(json.dumps(asdict(settings), default=str))

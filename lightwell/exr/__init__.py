@@ -9,4 +9,4 @@ from lightwell.exr.chunks import read_header as read_header
 from lightwell.exr.decoding import DecodedPart as DecodedPart
 from lightwell.exr.decoding import decode_parts as decode_parts
 from lightwell.exr.header import ExrError as ExrError
-from lightwell.exr.header import Part as Part
+from lightwell.exr.header import ExrPart as ExrPart

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell.exr.header import CHUNK_LINES, MOST_HEADER, PIXEL_BYTES, ExrError, Header, Part, parse_header
-from lightwell.limits import Budget
+from lightwell.exr.header import CHUNK_LINES, MOST_HEADER, PIXEL_BYTES, ExrError, ExrPart, Header, parse_header
+from lightwell.limits import LoadBudget
 
 # Bytes of an entry of the chunk offset table, and of the sizes that follow the coordinates of a flat or deep chunk.
 OFFSET, FLAT_SIZE, DEEP_SIZES = 8, 4, 24
@@ -17,7 +17,7 @@ CODEC_OVERHEAD = 1 << 16
 DEEP_PIXEL = 120
 
 
-def read_header(path: str | Path, budget: Budget) -> tuple[Part, ...]:
+def read_header(path: str | Path, budget: LoadBudget) -> tuple[ExrPart, ...]:
     """Read and check the headers of a file and its chunk offset tables.
 
     A damaged file raises ``ExrError``; an exceeded limit raises the error type of ``budget``.
@@ -39,13 +39,13 @@ def read_header(path: str | Path, budget: Budget) -> tuple[Part, ...]:
     return header.parts
 
 
-def _charge(part: Part, budget: Budget) -> None:
+def _charge(part: ExrPart, budget: LoadBudget) -> None:
     _, _, width, height = part.window
     budget.check_picture(width, height, f"part '{part.name}'" if part.name else "data window")
     budget.charge("decoded_bytes", memory_of(part), "channels")
 
 
-def memory_of(part: Part) -> int:
+def memory_of(part: ExrPart) -> int:
     """Compute the memory of a part's decoded channels, without the samples of deep ones.
 
     Args:
@@ -58,7 +58,7 @@ def memory_of(part: Part) -> int:
     return each * part.window[2] * part.window[3] * len(part.channels)
 
 
-def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None:
+def _check_chunks(path: Path, header: Header, size: int, budget: LoadBudget) -> None:
     """Check the chunk offset tables, which follow the header, of a file of ``size`` bytes."""
     at = header.length
     end = at + OFFSET * sum(part.chunks for part in header.parts)
@@ -80,7 +80,7 @@ def _check_chunks(path: Path, header: Header, size: int, budget: Budget) -> None
         _check_lengths(part, heads, size - offsets.astype(np.int64) - head, budget)
 
 
-def _check_lengths(part: Part, heads: np.ndarray, left: np.ndarray, budget: Budget) -> None:
+def _check_lengths(part: ExrPart, heads: np.ndarray, left: np.ndarray, budget: LoadBudget) -> None:
     """Check the chunks' sizes: ``heads`` [C, n] are their first bytes, ``left`` [C] the bytes after these."""
     if part.deep:
         table, packed, unpacked = heads[:, -DEEP_SIZES:].copy().view("<u8").T
@@ -96,7 +96,7 @@ def _check_lengths(part: Part, heads: np.ndarray, left: np.ndarray, budget: Budg
         raise ExrError("a chunk has an invalid length")
 
 
-def _raw_bytes(part: Part) -> int:
+def _raw_bytes(part: ExrPart) -> int:
     """Bytes of a whole chunk without compression."""
     pixels = part.tiles.width * part.tiles.height if part.tiles else part.window[2] * CHUNK_LINES[part.compression]
     return pixels * sum(PIXEL_BYTES[channel.pixel_type] for channel in part.channels)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lightwell.core.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.exr.chunks import memory_of
-from lightwell.exr.header import ExrError, Part
+from lightwell.exr.header import ExrError, ExrPart
 
 # Most copies of the pixels that decoding holds: OpenEXR's planes, float32 arrays, compression buffers.
 COPIES = 4
@@ -23,14 +23,16 @@ OVERHEAD = 1 << 24
 class DecodedPart:
     """The pixels of one part."""
 
-    header: Part
+    header: ExrPart
     flat: Arrays
     """Channel name to [height, width] float32; channels that are not sampled at every pixel are left out."""
     deep: dict[str, tuple[np.ndarray, np.ndarray]]
     """Channel name to the number of samples of each pixel [height, width] and all samples in their order, float32."""
 
 
-def decode_parts(path: str | Path, parts: Sequence[Part], wanted: Sequence[int], seconds: float) -> list[DecodedPart]:
+def decode_parts(
+    path: str | Path, parts: Sequence[ExrPart], wanted: Sequence[int], seconds: float
+) -> list[DecodedPart]:
     """Decode parts of a file whose header has been checked.
 
     Args:
@@ -61,7 +63,7 @@ def decode_parts(path: str | Path, parts: Sequence[Part], wanted: Sequence[int],
     return [_decoded(index, parts[index], answer) for index in wanted]
 
 
-def _decoded(index: int, part: Part, answer: Arrays) -> DecodedPart:
+def _decoded(index: int, part: ExrPart, answer: Arrays) -> DecodedPart:
     """Return one part of the worker's answer; raise ``ExrError`` where a channel is missing or has another shape."""
     _, _, width, height = part.window
     flat, deep = {}, {}

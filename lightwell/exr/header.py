@@ -46,7 +46,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Tiles:
+class ExrTiles:
     """How a part is cut into tiles."""
 
     width: int
@@ -57,7 +57,7 @@ class Tiles:
 
 
 @dataclass(frozen=True)
-class Part:
+class ExrPart:
     """One part of a file."""
 
     name: str
@@ -70,7 +70,7 @@ class Part:
     display: Window
     """x0, y0, width, height of the picture that is shown."""
     compression: int
-    tiles: Tiles | None
+    tiles: ExrTiles | None
     chunks: int
     """Entries of its chunk offset table."""
 
@@ -84,7 +84,7 @@ class Part:
 class Header:
     """Everything before the chunk offset tables."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ExrPart, ...]
     multipart: bool
     """Whether every chunk begins with the number of its part."""
     length: int
@@ -207,7 +207,7 @@ def _text(attributes: Attributes, name: str) -> str:
 # ---------------------------------------------------------------------- parts
 
 
-def _part(attributes: Attributes, version: int) -> Part:
+def _part(attributes: Attributes, version: int) -> ExrPart:
     kind = _text(attributes, "type")
     if not kind and version & (DEEP | MULTIPART):
         raise ExrError("attribute 'type' is missing")
@@ -228,7 +228,7 @@ def _part(attributes: Attributes, version: int) -> Part:
     count = _chunk_count(window, compression, tiles)
     if "chunkCount" in attributes and kind != KINDS[bool(tiles)]:
         _same_count(attributes, count)
-    return Part(
+    return ExrPart(
         _text(attributes, "name"), _text(attributes, "view"), kind, _channels(attributes), window, display,
         compression, tiles, count,
     )  # fmt: skip
@@ -264,15 +264,15 @@ def _channels(attributes: Attributes) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def _tiles(attributes: Attributes) -> Tiles:
+def _tiles(attributes: Attributes) -> ExrTiles:
     width, height, mode = _value(attributes, "tiles", "tiledesc", "<2IB")
     levels, rounding = mode & 15, mode >> 4
     if not (0 < width < MOST_COORDINATE and 0 < height < MOST_COORDINATE and levels < 3 and rounding < 2):
         raise ExrError(f"tiles of {width}x{height} pixels in mode {mode}")
-    return Tiles(width, height, levels, bool(rounding))
+    return ExrTiles(width, height, levels, bool(rounding))
 
 
-def _chunk_count(window: Window, compression: int, tiles: Tiles | None) -> int:
+def _chunk_count(window: Window, compression: int, tiles: ExrTiles | None) -> int:
     """Entries of the chunk offset table."""
     _, _, width, height = window
     if tiles is None:
@@ -288,7 +288,7 @@ def _chunk_count(window: Window, compression: int, tiles: Tiles | None) -> int:
     return sum(a * b for a, b in zip(across, down))
 
 
-def _level_tiles(extent: int, tile: int, tiles: Tiles) -> list[int]:
+def _level_tiles(extent: int, tile: int, tiles: ExrTiles) -> list[int]:
     """Tiles along one edge at every level until the edge is 1."""
     found = []
     while True:

@@ -13,7 +13,7 @@ from lightwell.lens import aperture, families
 from lightwell.lens.bake import bake_nodes
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import Library, two_arrays
-from lightwell.lens.pipeline import PRESETS, Settings
+from lightwell.lens.pipeline import PRESETS, LensSettings
 from lightwell.lens.progress import bars
 
 # Largest blur radius that is baked by default, pixels.
@@ -71,7 +71,7 @@ def run_bake(arguments: argparse.Namespace) -> int:
         raise LensError(
             f"lens bake: {family.size} nodes are more than {MOST_NODES}; lower --largest or --longest or raise --noise"
         )
-    library = Library(family, Settings(preset=arguments.preset).recipe())
+    library = Library(family, LensSettings(preset=arguments.preset).recipe())
     start = time.perf_counter()
     with bars(arguments.json) as bar:
         advance = bar("bake spreadlets", family.size) if bar else (lambda n: None)

@@ -41,7 +41,7 @@ def distance(text: str | float, what: str = "distance", default_unit: str | None
 
 
 @dataclass(frozen=True)
-class Camera:
+class LensCamera:
     """Thin lens in front of a sensor. Lengths are in metres."""
 
     focus: float = 2.5
@@ -105,7 +105,7 @@ class Camera:
         return self.strength(width) * (1 / focus - 1 / np.asarray(depth, np.float64))
 
 
-def from_thin_lens(width: int, fov_x: float, radius: float, focus: float, shutter: float = 1.0) -> Camera:
+def from_thin_lens(width: int, fov_x: float, radius: float, focus: float, shutter: float = 1.0) -> LensCamera:
     """Make the camera that matches a renderer's thin-lens sensor.
 
     The renderer fixes the image distance v = f z_f/(z_f − f) with width/(2 tan(fov/2)) = v/p. Any f that is small
@@ -123,7 +123,7 @@ def from_thin_lens(width: int, fov_x: float, radius: float, focus: float, shutte
     """
     focal = focus / 100
     image = focal * focus / (focus - focal)
-    return Camera(
+    return LensCamera(
         focus=focus,
         focal=focal,
         fstop=focal / (2 * radius) if radius > 0 else np.inf,

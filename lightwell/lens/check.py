@@ -18,7 +18,7 @@ from lightwell.lens import aperture, pyramid
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import Library, load
 from lightwell.lens.plot import picture
-from lightwell.lens.score import Score, plane_of, score
+from lightwell.lens.score import LibraryScore, plane_of, score
 from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet, response_of
 from lightwell.limits import Limits
 
@@ -39,7 +39,7 @@ class Finding:
     radius: float
     second: float
     points: int
-    score: Score
+    score: LibraryScore
     broken: tuple[str, ...]
     """Names of the limits that are exceeded."""
 
@@ -103,7 +103,7 @@ def check(
     return sorted(found, key=lambda f: (not f.broken, -f.score.error))
 
 
-def with_pyramids(spreadlet: Spreadlet, kernel: np.ndarray) -> dict[str, Score]:
+def with_pyramids(spreadlet: Spreadlet, kernel: np.ndarray) -> dict[str, LibraryScore]:
     """Measure a spreadlet that is solved by each of the convolution pyramids.
 
     Args:
@@ -160,7 +160,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     return BROKEN if broken else 0
 
 
-def _print(library: Library, found: list[Finding], broken: list[Finding], pyramids: dict[str, Score]) -> None:
+def _print(library: Library, found: list[Finding], broken: list[Finding], pyramids: dict[str, LibraryScore]) -> None:
     print("  node tier  radius     2nd recipe    points    error     leak      mass")
     for f in found[:SHOWN]:
         s = f.score

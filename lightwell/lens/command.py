@@ -16,10 +16,10 @@ from lightwell.core.store import user_store
 from lightwell.exr.header import Window
 from lightwell.files import whole_file
 from lightwell.lens import aperture, conventions, exr, frames
-from lightwell.lens.cache import Shelf
-from lightwell.lens.camera import Camera, distance
+from lightwell.lens.camera import LensCamera, distance
 from lightwell.lens.errors import LensError
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.library_cache import LibraryCache
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.progress import bars
 from lightwell.lens.report import Report
 from lightwell.limits import Limits
@@ -59,7 +59,7 @@ def _blur(arguments: argparse.Namespace) -> int:
     jobs = list(_jobs(arguments))
     lines = []
     with bars(arguments.json) as bar:
-        lens = Lens(settings, Shelf(bar, store=user_store(arguments.store)))
+        lens = Lens(settings, LibraryCache(bar, store=user_store(arguments.store)))
         advance = bar("frames", len(jobs)) if bar and len(jobs) > 1 else None
         convention = None
         for number, (source, target, following) in enumerate(jobs):
@@ -74,12 +74,12 @@ def _blur(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _settings(arguments: argparse.Namespace) -> Settings:
+def _settings(arguments: argparse.Namespace) -> LensSettings:
     shape = aperture.parse(arguments.aperture, arguments.blades, arguments.blade_angle)
     extra = {} if arguments.largest is None else {"largest": arguments.largest}
     if arguments.overscan < 0:
         raise LensError(f"lens: overscan {arguments.overscan}; give the width of the band in pixels, 0 or more")
-    return Settings(
+    return LensSettings(
         aperture=shape,
         layers=arguments.layers,
         preset=arguments.preset,
@@ -167,7 +167,7 @@ def _one(
     return _summary(target, camera, frame, report), convention
 
 
-def _summary(target: Path, camera: Camera, frame: frames.FrameFile, report: Report) -> dict[str, Any]:
+def _summary(target: Path, camera: LensCamera, frame: frames.FrameFile, report: Report) -> dict[str, Any]:
     """Return what was done with one frame, for ``--json``."""
     return {
         "out": str(target),
@@ -199,11 +199,11 @@ def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
         raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
     focus = distance(arguments.focus, "--focus", "m") if arguments.focus else None
     if arguments.focus_at is not None:
-        far = Camera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
+        far = LensCamera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
         x, y = _pair(arguments.focus_at, ",", "--focus-at")
         at_x, at_y = x + frame.display[0] - frame.window[0], y + frame.display[1] - frame.window[1]
         focus = frames.focus_at(frame.planar(far, arguments.depth_kind, arguments.near), at_x, at_y) * unit
-    camera = Camera(**lengths, focus=focus)
+    camera = LensCamera(**lengths, focus=focus)
     depth = frame.planar(camera, arguments.depth_kind, arguments.near)
     finite = depth[np.isfinite(depth) & (depth > 0)]
     if finite.size and finite.min() == finite.max() and np.isfinite(depth).all():

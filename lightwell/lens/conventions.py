@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from lightwell.lens.camera import Camera
+from lightwell.lens.camera import LensCamera
 from lightwell.lens.errors import LensError
 
 DEPTHS = ("auto", "planar", "ray", "ray-from-near", "inverse")
@@ -58,7 +58,7 @@ ALL_MOTIONS = tuple(Motion(unit, back, up) for unit in UNITS for back in (False,
 
 
 def planar_depth(
-    values: np.ndarray, kind: str, camera: Camera, full_width: int, centre: tuple[float, float], near: float = 0.01
+    values: np.ndarray, kind: str, camera: LensCamera, full_width: int, centre: tuple[float, float], near: float = 0.01
 ) -> np.ndarray:
     """Convert raw depth values to depth along the camera axis.
 

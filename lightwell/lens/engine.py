@@ -11,12 +11,12 @@ import numpy as np
 
 from lightwell.lens import pyramid, solve
 from lightwell.lens.bake import FINE
-from lightwell.lens.cache import Shelf
 from lightwell.lens.choose import choose
 from lightwell.lens.errors import LensError
 from lightwell.lens.families import Family
 from lightwell.lens.layers import Layer
 from lightwell.lens.library import Library
+from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.recipes import Recipe, primal
 from lightwell.lens.report import Report
 from lightwell.lens.splat import Frame, Planes, Points, Sources, guard_for, splat
@@ -50,7 +50,7 @@ def timed(report: Report, stage: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SolvePlan:
     """What one layer scatters: the points of all records in use, and one source per pixel that has light."""
 
     points: Points
@@ -65,7 +65,7 @@ class Engine:
         self,
         family: Family,
         recipe: Recipe,
-        shelf: Shelf,
+        shelf: LibraryCache,
         solver: str = "dst",
         choice: str = "auto",
         tolerance: float = TOLERANCE,
@@ -95,7 +95,7 @@ class Engine:
         # Dense kernels of nodes that extremely bright pixels used.
         self._dense: dict[int, Spreadlet] = {}
 
-    def plan(self, layer: Layer, report: Report, frame_number: int = 0) -> Plan:
+    def plan(self, layer: Layer, report: Report, frame_number: int = 0) -> SolvePlan:
         """Choose node, tier and rotation of every pixel of a layer that has light or coverage.
 
         Args:
@@ -125,7 +125,7 @@ class Engine:
         shape: tuple[int, int],
         report: Report,
         frame_number: int = 0,
-    ) -> Plan:
+    ) -> SolvePlan:
         """Choose node, tier and rotation of samples.
 
         Args:
@@ -161,7 +161,7 @@ class Engine:
             points = self._pack(keys)
             sources = Sources(x, y, np.ascontiguousarray(rgba, np.float32), record, cosine, sine)
             self._count(report, points, record, node, used)
-        return Plan(points, sources, sine is not None)
+        return SolvePlan(points, sources, sine is not None)
 
     def _turn(self, x, y, s, motion, shape):
         """Return value on the second axis, baked angle, and cosine and sine of the rotation of every pixel."""
@@ -252,7 +252,7 @@ class Engine:
         """
         return self.render(self.plan(layer, report, frame_number), layer.s.shape, report)
 
-    def render(self, plan: Plan, shape: tuple[int, int], report: Report) -> np.ndarray:
+    def render(self, plan: SolvePlan, shape: tuple[int, int], report: Report) -> np.ndarray:
         """Scatter and solve one plan.
 
         Args:

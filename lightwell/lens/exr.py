@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell.exr import DecodedPart, ExrError, Part, decode_parts, read_header
+from lightwell.exr import DecodedPart, ExrError, ExrPart, decode_parts, read_header
 from lightwell.exr.header import Window
 from lightwell.files import whole_file
 from lightwell.lens.errors import LensError
@@ -68,7 +68,7 @@ def read(path: str | Path, view: str | None = None, limits: Limits | None = None
     return found
 
 
-def _chosen(path: Path, headers: Sequence[Part], view: str | None) -> list[int]:
+def _chosen(path: Path, headers: Sequence[ExrPart], view: str | None) -> list[int]:
     """Return the indices of the parts of a view, and of those that belong to no view."""
     known = list(dict.fromkeys(part.view for part in headers if part.view))
     if view is not None and view not in known:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lightwell.core.color import linear
 from lightwell.lens import exr
-from lightwell.lens.camera import Camera
+from lightwell.lens.camera import LensCamera
 from lightwell.lens.conventions import DEPTHS, Motion, planar_depth
 from lightwell.lens.errors import LensError
 from lightwell.limits import Limits
@@ -55,7 +55,7 @@ class FrameFile:
     notes: list[str] = field(default_factory=list)
     """Channels that were used, and pixels without usable values."""
 
-    def planar(self, camera: Camera, kind: str, near: float) -> np.ndarray:
+    def planar(self, camera: LensCamera, kind: str, near: float) -> np.ndarray:
         """Convert the depth to depth along the camera axis.
 
         Args:
@@ -68,7 +68,7 @@ class FrameFile:
         """
         return self._planar(self.depth, camera, kind, near)
 
-    def _planar(self, depth: np.ndarray, camera: Camera, kind: str, near: float) -> np.ndarray:
+    def _planar(self, depth: np.ndarray, camera: LensCamera, kind: str, near: float) -> np.ndarray:
         if kind not in DEPTHS:
             raise LensError(f"lens: depth convention {kind!r}; choose {', '.join(DEPTHS)}")
         kind = self.depth_kind if kind == "auto" else kind
@@ -76,7 +76,7 @@ class FrameFile:
         centre = dx + dw / 2 - self.window[0], dy + dh / 2 - self.window[1]
         return planar_depth(depth, kind, camera, dw, centre, near)
 
-    def planar_behind(self, camera: Camera, kind: str, near: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    def planar_behind(self, camera: LensCamera, kind: str, near: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Convert the depth of the further layers to depth along the camera axis.
 
         Args:

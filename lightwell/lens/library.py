@@ -25,7 +25,7 @@ from lightwell.lens.errors import LensError
 from lightwell.lens.families import NAMES, Family
 from lightwell.lens.grid import Axis
 from lightwell.lens.recipes import Recipe
-from lightwell.lens.score import Score
+from lightwell.lens.score import LibraryScore
 from lightwell.lens.spreadlet import CHARGE, KINDS, Spreadlet
 from lightwell.limits import Limits
 
@@ -273,7 +273,9 @@ def _spreadlets(records: dict[str, Any], points: np.ndarray, family: Family) -> 
             raise LensError(f"has a node {node} whose charges sum to {total_q}, not 0")
         x, y = mine["x"].astype(np.int16), mine["y"].astype(np.int16)
         q = mine["q"].astype(np.int16)
-        made[node, tier] = Spreadlet(KINDS.index(kind), x, y, q, float(scale), str(recipe), Score(*map(float, scores)))
+        made[node, tier] = Spreadlet(
+            KINDS.index(kind), x, y, q, float(scale), str(recipe), LibraryScore(*map(float, scores))
+        )
     return made
 
 

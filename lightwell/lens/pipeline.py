@@ -10,11 +10,11 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.lens import families
 from lightwell.lens.aperture import DISC, Aperture
-from lightwell.lens.cache import Shelf
-from lightwell.lens.camera import Camera
-from lightwell.lens.engine import TOLERANCE, Engine, Plan, timed
+from lightwell.lens.camera import LensCamera
+from lightwell.lens.engine import TOLERANCE, Engine, SolvePlan, timed
 from lightwell.lens.errors import LensError
 from lightwell.lens.layers import Layer, composite, extend, over_coverage, split, tidy
+from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.recipes import Recipe
 from lightwell.lens.report import Report
 from lightwell.lens.splat import Frame, guard_for, splat
@@ -30,7 +30,7 @@ MOST_PIXELS = 1 << 28
 
 
 @dataclass(frozen=True)
-class Settings:
+class LensSettings:
     """Settings of the lens; the defaults are those of the command line."""
 
     aperture: Aperture = DISC
@@ -81,15 +81,15 @@ class Settings:
 class Lens:
     """A lens for one or many frames; keeps libraries open between them."""
 
-    def __init__(self, settings: Settings | None = None, shelf: Shelf | None = None) -> None:
+    def __init__(self, settings: LensSettings | None = None, shelf: LibraryCache | None = None) -> None:
         """Make a lens.
 
         Args:
             settings: Settings; None for the defaults.
             shelf: Libraries; None for those of the user's store.
         """
-        self.settings = settings or Settings()
-        self.shelf = shelf or Shelf()
+        self.settings = settings or LensSettings()
+        self.shelf = shelf or LibraryCache()
         # Engines by family, size of the blur and length of the motion.
         self._engines: dict[tuple[int, int], Engine] = {}
 
@@ -100,7 +100,7 @@ class Lens:
         rgba: np.ndarray,
         depth: np.ndarray,
         motion: np.ndarray | None,
-        camera: Camera,
+        camera: LensCamera,
         frame_number: int = 0,
         behind: Sequence[tuple[np.ndarray, ...]] = (),
         peel: tuple[np.ndarray, ...] | None = None,
@@ -159,7 +159,7 @@ class Lens:
             return np.zeros((*layer.s.shape, 4), np.float32)
         return self._render(engine, plans, layer.s.shape, report)
 
-    def _render(self, engine: Engine, plans: list[Plan], shape: tuple[int, int], report: Report) -> np.ndarray:
+    def _render(self, engine: Engine, plans: list[SolvePlan], shape: tuple[int, int], report: Report) -> np.ndarray:
         """Scatter all plans into one image and solve it once."""
         guard = max(guard_for(plan.points, plan.turned) for plan in plans)
         frame = Frame(*shape, guard)
@@ -256,7 +256,7 @@ class Lens:
 
     # ------------------------------------------------------------------ input
 
-    def _prepare(self, rgba, depth, motion, camera: Camera, report: Report, full_width: int):
+    def _prepare(self, rgba, depth, motion, camera: LensCamera, report: Report, full_width: int):
         """Return checked arrays: light, signed circle of confusion, displacement while the shutter is open."""
         rgba, depth, motion = _checked(rgba, depth, motion)
         height, width = depth.shape
@@ -294,7 +294,9 @@ class Lens:
         report.layers = self.settings.layers
         return rgba, s, motion
 
-    def _layers(self, rgba, s, motion, behind, peel, camera: Camera, report: Report, full_width: int) -> list[Layer]:
+    def _layers(
+        self, rgba, s, motion, behind, peel, camera: LensCamera, report: Report, full_width: int
+    ) -> list[Layer]:
         if len(behind):
             layers = [Layer(rgba, s, motion), *(self._behind(one, camera, s.shape, full_width) for one in behind)]
         else:
@@ -304,7 +306,7 @@ class Lens:
         report.layers = len(layers)
         return layers
 
-    def _behind(self, given, camera: Camera, shape, full_width: int) -> Layer:
+    def _behind(self, given, camera: LensCamera, shape, full_width: int) -> Layer:
         """Prepare a layer behind the nearest surfaces, as rendered: a second depth peel, or deep samples."""
         rgba, depth, motion = (*given, None)[:3]
         if np.shape(depth) != shape:
@@ -372,8 +374,8 @@ def apply(
     rgba: np.ndarray,
     depth: np.ndarray,
     motion: np.ndarray | None = None,
-    camera: Camera | None = None,
-    settings: Settings | None = None,
+    camera: LensCamera | None = None,
+    settings: LensSettings | None = None,
 ) -> np.ndarray:
     """Blur one frame: depth of field and motion blur together.
 
@@ -383,10 +385,10 @@ def apply(
         rgba: Colour [height, width, 3 or 4], linear, premultiplied.
         depth: Depth along the camera axis [height, width], scene units, > 0; infinity is the sky.
         motion: Motion [height, width, 2], pixels per frame, x right, y down, forward in time; None for none.
-        camera: The camera; None for ``Camera()``.
+        camera: The camera; None for ``LensCamera()``.
         settings: Settings; None for the defaults.
 
     Returns:
         Picture [height, width, 4] float32, linear, premultiplied. Arrays that do not match raise ``LensError``.
     """
-    return Lens(settings).apply(rgba, depth, motion, camera or Camera())[0]
+    return Lens(settings).apply(rgba, depth, motion, camera or LensCamera())[0]

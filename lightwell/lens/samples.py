@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lightwell.lens.camera import Camera
+from lightwell.lens.camera import LensCamera
 from lightwell.lens.errors import LensError
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.pyramid import fill
 from lightwell.lens.report import Report
 
@@ -24,7 +24,7 @@ FAINT = 0.02
 
 
 @dataclass(frozen=True)
-class Samples:
+class LensSamples:
     """Rays of one frame, in any order."""
 
     x: np.ndarray
@@ -46,7 +46,7 @@ class Samples:
 
 
 def reconstruct(
-    samples: Samples, height: int, width: int, camera: Camera, settings: Settings | None = None
+    samples: LensSamples, height: int, width: int, camera: LensCamera, settings: LensSettings | None = None
 ) -> tuple[np.ndarray, Report]:
     """Reconstruct a picture with depth of field and motion blur from few samples: scatter, solve, divide by the weight.
 
@@ -63,7 +63,7 @@ def reconstruct(
         Picture [height, width, 4] float32, linear, alpha 1; and a report.
     """
     samples, bad = _checked(samples)
-    settings = replace(settings or Settings(), edges="dark", layers=1)
+    settings = replace(settings or LensSettings(), edges="dark", layers=1)
     lens, report = Lens(settings), Report()
     report.bad = bad
     s = camera.confusion(samples.depth, width).astype(np.float32)
@@ -122,7 +122,7 @@ def _spread(
     return np.concatenate([rgb, np.ones_like(weight)], -1).astype(np.float32)
 
 
-def _checked(samples: Samples) -> tuple[Samples, int]:
+def _checked(samples: LensSamples) -> tuple[LensSamples, int]:
     """Return the samples without those that are not finite, and how many were left out."""
     n = len(samples.x)
     shapes = {"y": (n,), "rgb": (n, 3), "depth": (n,), "lens": (n, 2), "time": (n,), "motion": (n, 2), "shape": (n,)}

@@ -15,7 +15,7 @@ SMALLEST_SIDE = 192
 
 
 @dataclass(frozen=True)
-class Score:
+class LibraryScore:
     """Errors of one kernel, relative to its mass or norm."""
 
     error: float
@@ -58,7 +58,7 @@ def integrate(px: np.ndarray, py: np.ndarray, values: np.ndarray, half: tuple[in
     return plane[np.ix_(rows, columns)]
 
 
-def score(kernel: np.ndarray, response: np.ndarray) -> Score:
+def score(kernel: np.ndarray, response: np.ndarray) -> LibraryScore:
     """Compare a response with a kernel in its middle.
 
     Args:
@@ -76,7 +76,7 @@ def score(kernel: np.ndarray, response: np.ndarray) -> Score:
     outside = k <= 0
     mass = response.sum()
     shift = [float((difference * axis).sum() / total) for axis in (x, y)]
-    return Score(
+    return LibraryScore(
         error=float(np.linalg.norm(difference) / np.linalg.norm(k)),
         leak=float(np.abs(response[outside]).sum() / total),
         mass=float(mass / total - 1),

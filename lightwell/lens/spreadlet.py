@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.lens.score import Score, integrate
+from lightwell.lens.score import LibraryScore, integrate
 
 # Plane to which the points of a spreadlet are added.
 PRIMAL, CHARGE = 0, 1
@@ -29,7 +29,7 @@ class Spreadlet:
     """float32: value = q · scale."""
     recipe: str
     """How it was made: primal, lossless, sparse, voronoi."""
-    score: Score
+    score: LibraryScore
     """Errors after quantisation."""
 
     @property

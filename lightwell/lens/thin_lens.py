@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.lens.camera import Camera, from_thin_lens
+from lightwell.lens.camera import LensCamera, from_thin_lens
 from lightwell.lens.errors import LensError
-from lightwell.lens.samples import Samples
+from lightwell.lens.samples import LensSamples
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class View:
 
     width: int
     height: int
-    camera: Camera
+    camera: LensCamera
     """The same blur as the sensor's aperture and focus."""
 
 
@@ -51,7 +51,9 @@ def view(scene: Any, sensor: int = 0) -> View:
     return View(width, height, from_thin_lens(width, fov, radius, focus))
 
 
-def trace(scene: Any, spp: int, sensor: int = 0, seed: int = 0, integrator: Any = None, time: float = 0.5) -> Samples:
+def trace(
+    scene: Any, spp: int, sensor: int = 0, seed: int = 0, integrator: Any = None, time: float = 0.5
+) -> LensSamples:
     """Trace rays through random points of the lens.
 
     Args:
@@ -91,7 +93,9 @@ def trace(scene: Any, spp: int, sensor: int = 0, seed: int = 0, integrator: Any 
     disc = np.stack([-np.array(on_lens.x), -np.array(on_lens.y)], 1) / max(radius, 1e-30)
     rgb = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
     when = np.full(count, time, np.float32)
-    return Samples(np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc, when, shape=_shape(scene, found))
+    return LensSamples(
+        np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc, when, shape=_shape(scene, found)
+    )
 
 
 def _shape(scene: Any, found: Any) -> np.ndarray:

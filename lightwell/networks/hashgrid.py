@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.graph.ops.hashgrid import PRIMES, Level, levels
+from lightwell.graph.ops.hashgrid import PRIMES, HashGridLevel, levels
 
 # Gradients are summed as integers in units of 1 / FIXED_POINT: sums of integers do not depend on their order, so that
 # the same seed gives the same weights; range (± 2^23) and resolution exceed those of sums of 32-bit floats.
@@ -46,7 +46,7 @@ class HashGrid:
             raise ValueError(f"hash grid: {len(self.decay)} decays for {self.levels} levels; give one for each")
 
     @cached_property
-    def layout(self) -> list[Level]:
+    def layout(self) -> list[HashGridLevel]:
         """Lattices of the levels.
 
         Returns:

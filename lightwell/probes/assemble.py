@@ -27,7 +27,7 @@ BATCH = 1024
 
 
 @dataclass(frozen=True)
-class Level:
+class BrickLevel:
     """Nodes of a lattice with the targets of their trust."""
 
     support: Support
@@ -43,7 +43,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Records:
+class ProbeRecords:
     """Stored data of the weights of a level."""
 
     state: np.ndarray
@@ -54,7 +54,7 @@ class Records:
     """[R] uint64 masks of octants with trust, see ``masks``."""
 
 
-def states(level: Level, rows: np.ndarray) -> np.ndarray:
+def states(level: BrickLevel, rows: np.ndarray) -> np.ndarray:
     """Classify nodes as open (trusted wherever the cube is air), weighted or dropped.
 
     Args:
@@ -76,7 +76,7 @@ def states(level: Level, rows: np.ndarray) -> np.ndarray:
     return out
 
 
-def masks(level: Level, rows: np.ndarray) -> np.ndarray:
+def masks(level: BrickLevel, rows: np.ndarray) -> np.ndarray:
     """Find the octants of each cube that contain, or lie within ``SLIVER`` of, a point with trust above 0.
 
     Args:
@@ -104,7 +104,7 @@ def masks(level: Level, rows: np.ndarray) -> np.ndarray:
     return out
 
 
-def close_points(level: Level, rows: np.ndarray) -> Close:
+def close_points(level: BrickLevel, rows: np.ndarray) -> Close:
     """Collect the places at surfaces in the cubes of some nodes, with targets and weights for a fit.
 
     Args:
@@ -119,7 +119,7 @@ def close_points(level: Level, rows: np.ndarray) -> Close:
     return Close(u, target, point_weight(target, hat(u), target >= 0) * (source >= 0))
 
 
-def fitted(level: Level, rows: np.ndarray, function: str, fit: Fit | None = None) -> np.ndarray:
+def fitted(level: BrickLevel, rows: np.ndarray, function: str, fit: Fit | None = None) -> np.ndarray:
     """Fit the weight function of some nodes to their targets.
 
     Args:
@@ -145,12 +145,12 @@ def fitted(level: Level, rows: np.ndarray, function: str, fit: Fit | None = None
 
 
 def records(
-    level: Level,
+    level: BrickLevel,
     function: str,
     fit: Fit | None = None,
     changed: np.ndarray | None = None,
-    kept: Records | None = None,
-) -> Records:
+    kept: ProbeRecords | None = None,
+) -> ProbeRecords:
     """Compute the stored weights of a level, or only those of the nodes that have changed.
 
     Args:
@@ -168,7 +168,7 @@ def records(
     fresh = rows[found == WEIGHTED]
     params, octant = fitted(level, fresh, function, fit), masks(level, fresh)
     if kept is None:
-        return Records(found, params, octant)
+        return ProbeRecords(found, params, octant)
     state = kept.state.copy()
     state[rows] = found
     weighted = np.flatnonzero(state == WEIGHTED)
@@ -178,15 +178,15 @@ def records(
     new = np.isin(weighted, fresh)
     all_params[new], all_octant[new] = params, octant
     all_params[~new], all_octant[~new] = kept.params[old[weighted[~new]]], kept.octant[old[weighted[~new]]]
-    return Records(state, all_params, all_octant)
+    return ProbeRecords(state, all_params, all_octant)
 
 
 def assemble(
-    coarse: Level,
+    coarse: BrickLevel,
     function: str,
-    found: Records,
+    found: ProbeRecords,
     fallback: np.ndarray,
-    fine: tuple[Records, Bricks] | None = None,
+    fine: tuple[ProbeRecords, Bricks] | None = None,
 ) -> ProbeVolume:
     """Build a volume without light from the records of its nodes.
 

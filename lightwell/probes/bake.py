@@ -9,9 +9,9 @@ from time import perf_counter
 import numpy as np
 
 from lightwell.probes import bricks
-from lightwell.probes.assemble import Level, Records, assemble, records
+from lightwell.probes.assemble import BrickLevel, ProbeRecords, assemble, records
 from lightwell.probes.fallbacks import ROUNDS, around, fallbacks, nearest_probes
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.pattern import pattern
 from lightwell.probes.support import Support, bake_support, touched, trust, update
 from lightwell.probes.volume import Bricks, ProbeVolume
@@ -27,9 +27,9 @@ class Geometry:
     """A volume without light and the data that it was computed from, which incremental bakes need."""
 
     volume: ProbeVolume
-    levels: tuple[Level, ...]
+    levels: tuple[BrickLevel, ...]
     """The lattice; with bricks also their fine lattice."""
-    records: tuple[Records, ...]
+    records: tuple[ProbeRecords, ...]
     """Stored weights of each level."""
     first: np.ndarray
     """[C, 8] int32 fallback probes before octants take those of their neighbours; see ``nearest_probes``."""
@@ -53,7 +53,7 @@ def bake_geometry(
     function: str,
     offset: Sequence[float] = (0.0, 0.0, 0.0),
     fit: Fit | None = None,
-    lattice: Lattice | None = None,
+    lattice: ProbeLattice | None = None,
 ) -> Geometry:
     """Compute rays, trust and weights for a whole scene.
 
@@ -71,7 +71,7 @@ def bake_geometry(
     Raises:
         ValueError: The lattice has more than ``MOST_NODES`` nodes.
     """
-    lattice = lattice or Lattice.around(scene.bounds, spacing, offset)
+    lattice = lattice or ProbeLattice.around(scene.bounds, spacing, offset)
     if len(lattice) > MOST_NODES:
         raise ValueError(
             f"probes: --spacing {spacing:g} needs {len(lattice):,} nodes, more than {MOST_NODES:,}; use a wider one"
@@ -80,7 +80,7 @@ def bake_geometry(
     support = bake_support(scene, lattice)
     clock.append(perf_counter())
     nodes = np.arange(len(lattice))
-    level = Level(support, nodes, trust(scene, support, nodes))
+    level = BrickLevel(support, nodes, trust(scene, support, nodes))
     clock.append(perf_counter())
     found = records(level, function, fit)
     cells = np.arange(lattice.cell_count)
@@ -110,7 +110,7 @@ def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit: Fit |
     cells = bricks.fine_cells(volume.lattice, chosen)
     lattice = bricks.fine_lattice(volume.lattice)
     support = bake_support(scene, lattice, pattern(bricks.FINE_POINTS), cells, nodes)
-    level = Level(support, nodes, trust(scene, support, nodes))
+    level = BrickLevel(support, nodes, trust(scene, support, nodes))
     found = records(level, volume.function, fit)
     made = assemble(coarse, volume.function, geometry.records[0], volume.fallback, (found, table))
     seconds = geometry.seconds | {"bricks": perf_counter() - clock}
@@ -154,7 +154,7 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit: Fit | None = No
     return Geometry(made, tuple(levels), tuple(found), first, {"rebake": perf_counter() - clock}), again
 
 
-def _again(scene: Scene, level: Level, box: np.ndarray) -> tuple[Level, np.ndarray]:
+def _again(scene: Scene, level: BrickLevel, box: np.ndarray) -> tuple[BrickLevel, np.ndarray]:
     """A level after the rays of touched cells and cubes have been cast again, and the rows of the changed nodes."""
     support = level.support.copy()
     cells, near, nodes = touched(support.lattice, box)
@@ -164,10 +164,10 @@ def _again(scene: Scene, level: Level, box: np.ndarray) -> tuple[Level, np.ndarr
     target = level.target.copy()
     if len(rows):
         target[rows] = trust(scene, support, level.nodes[rows])
-    return Level(support, level.nodes, target), rows
+    return BrickLevel(support, level.nodes, target), rows
 
 
-def _cells_of(lattice: Lattice, nodes: np.ndarray) -> np.ndarray:
+def _cells_of(lattice: ProbeLattice, nodes: np.ndarray) -> np.ndarray:
     """Sorted indices of the cells around some nodes."""
     cells = np.unique(lattice.node_cells(nodes))
     return cells[cells >= 0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.probes.lattice import Lattice, _grid
+from lightwell.probes.lattice import ProbeLattice, _grid
 from lightwell.probes.volume import FINE, Bricks
 
 # Support points of a fine cell; smaller cells need fewer points.
@@ -17,7 +17,7 @@ BRIGHTNESS = 0.25
 BUDGET = 1.0
 
 
-def fine_lattice(lattice: Lattice) -> Lattice:
+def fine_lattice(lattice: ProbeLattice) -> ProbeLattice:
     """Return the lattice of all fine nodes; only those of bricks are used.
 
     Args:
@@ -26,10 +26,10 @@ def fine_lattice(lattice: Lattice) -> Lattice:
     Returns:
         Lattice over the same box with ``FINE`` times smaller spacing.
     """
-    return Lattice(lattice.origin, lattice.spacing / FINE, tuple(FINE * (n - 1) + 1 for n in lattice.shape))
+    return ProbeLattice(lattice.origin, lattice.spacing / FINE, tuple(FINE * (n - 1) + 1 for n in lattice.shape))
 
 
-def fine_cells(lattice: Lattice, chosen: np.ndarray) -> np.ndarray:
+def fine_cells(lattice: ProbeLattice, chosen: np.ndarray) -> np.ndarray:
     """Return the fine cells inside some cells.
 
     Args:
@@ -43,7 +43,7 @@ def fine_cells(lattice: Lattice, chosen: np.ndarray) -> np.ndarray:
     return np.sort(fine_lattice(lattice).cell_number(at).ravel())
 
 
-def layout(lattice: Lattice, chosen: np.ndarray) -> tuple[np.ndarray, Bricks]:
+def layout(lattice: ProbeLattice, chosen: np.ndarray) -> tuple[np.ndarray, Bricks]:
     """Number the fine nodes of some bricks.
 
     Args:

@@ -10,7 +10,7 @@ from lightwell.graph import Builder, evaluate
 
 
 @dataclass(frozen=True)
-class Code:
+class WeightCode:
     """Encoding of a light's position, and the layers of the network that follows."""
 
     center: tuple[float, float, float]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.probes import rays, sh
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.support import Support
 from lightwell.scenes.scene import Scene
 
@@ -31,7 +31,7 @@ BYTES = 8 * 8 * 4 + SIDE * SIDE * 4 + 16
 class Moments:
     """The baked baseline."""
 
-    lattice: Lattice
+    lattice: ProbeLattice
     """Lattice of the probes."""
     origin: np.ndarray
     """[P, 3] positions of the probes after relocation, metres."""

@@ -15,9 +15,9 @@ from lightwell.graph.ops.activate import LEAK
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes import ddgi
 from lightwell.probes.file_weights import encode_weights
-from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.lattice import CORNERS, ProbeLattice
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS, Bare, core
+from lightwell.probes.weights import FUNCTIONS, UnweightedTrilinear, core
 from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import HIDDEN, TinyMlp
@@ -69,7 +69,7 @@ class _Cell:
 
     base = 0
 
-    def __init__(self, lattice: Lattice, y) -> None:
+    def __init__(self, lattice: ProbeLattice, y) -> None:
         h, cells = lattice.spacing, lattice.cells
         at = [(c - float(o)) * (1 / h) for c, o in zip(y, lattice.origin)]
         at = [dr.clip(a, 0, size) for a, size in zip(at, cells)]
@@ -177,7 +177,7 @@ def _rho(volume: ProbeVolume) -> Callable:
     """ρ of records [lanes] at probe-local positions, given the hat there."""
     f = FUNCTIONS[volume.function]
     value = _value(core(f), volume)
-    if not isinstance(f, Bare):
+    if not isinstance(f, UnweightedTrilinear):
         return lambda row, u, hat, active: value(row, u, active)
     # The constants hold ρ itself.
     scale = lambda row, hat: dr.select(row < CONSTANTS, 1, dr.rcp(dr.maximum(hat, EDGE)))  # noqa: E731
@@ -185,7 +185,7 @@ def _rho(volume: ProbeVolume) -> Callable:
 
 
 def _value(f, volume: ProbeVolume) -> Callable:
-    """Value of a record, before it is divided by the hat for ``Bare`` functions."""
+    """Value of a record, before it is divided by the hat for ``UnweightedTrilinear`` functions."""
     constants = np.zeros((CONSTANTS, f.parameters), np.float32)
     if isinstance(f, ReluField) and f.side == 4:
         constants[0], constants[1] = LOW, HIGH

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from lightwell.probes.assemble import Level
-from lightwell.probes.lattice import CORNERS, Lattice, hat
+from lightwell.probes.assemble import BrickLevel
+from lightwell.probes.lattice import CORNERS, ProbeLattice, hat
 from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import DROPPED
 
@@ -24,7 +24,7 @@ SHUT_IN = 2
 BATCH = 1024
 
 
-def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def nearest_probes(level: BrickLevel, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Choose a fallback probe for each octant of some cells: the one most trusted where the total trust is low.
 
     Args:
@@ -47,7 +47,7 @@ def nearest_probes(level: Level, state: np.ndarray, cells: np.ndarray) -> np.nda
     return out
 
 
-def _trust_in(level: Level, state: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, ...]:
+def _trust_in(level: BrickLevel, state: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, ...]:
     """For some cells: nodes [B, 8], positions [B, K + X, 3] of points and of places at surfaces, whether they lie in
     air [B, K + X], trust [8, B, K + X] of the nodes there, and its hat-weighted sum [B, K + X]."""
     support, lattice, layout = level.support, level.support.lattice, level.support.pattern
@@ -66,7 +66,7 @@ def _trust_in(level: Level, state: np.ndarray, part: np.ndarray) -> tuple[np.nda
     return node, place, air, trust, z
 
 
-def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def sealed(level: BrickLevel, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Find octants of cells that must not fall back to a probe, because their points without trust are enclosed.
 
     The inside of a wall modelled as two-sided sheets counts as air, and a fallback would light it (veach-ajar, one
@@ -110,7 +110,7 @@ def sealed(level: Level, state: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return out
 
 
-def fallbacks(level: Level, state: np.ndarray, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def fallbacks(level: BrickLevel, state: np.ndarray, first: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Compute the fallback probes of some cells.
 
     Args:
@@ -158,7 +158,7 @@ def spread(support: Support, first: np.ndarray, cells: np.ndarray) -> np.ndarray
     return found.reshape(first.shape)[cells]
 
 
-def around(lattice: Lattice, cells: np.ndarray, rings: int) -> np.ndarray:
+def around(lattice: ProbeLattice, cells: np.ndarray, rings: int) -> np.ndarray:
     """Return the cells within some rings of given cells.
 
     Args:

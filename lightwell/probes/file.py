@@ -30,7 +30,7 @@ from lightwell.probes.file_tables import (
     encode_kinds,
 )
 from lightwell.probes.file_weights import decode_weights, encode_weights, words_of
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.volume import DROPPED, LIGHT_BYTES, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
@@ -269,13 +269,13 @@ def _coding(header: dict, name: str) -> str:
     return str(coding)
 
 
-def _lattice(header: dict, name: str) -> Lattice:
+def _lattice(header: dict, name: str) -> ProbeLattice:
     origin, shape = header.get("origin"), header.get("shape")
     good = isinstance(origin, list) and len(origin) == 3 and all(isinstance(v, (int, float)) for v in origin)
     _check(good and all(abs(v) < 1e9 for v in origin), name, "an origin of three numbers")
     good = isinstance(shape, list) and len(shape) == 3 and all(type(v) is int and 2 <= v <= 1 << 16 for v in shape)
     _check(good, name, "a shape of three numbers, 2 or more each")
-    return Lattice(np.array(origin), _number(header, "spacing", name, 1e-6, 1e6), tuple(shape))
+    return ProbeLattice(np.array(origin), _number(header, "spacing", name, 1e-6, 1e6), tuple(shape))
 
 
 def _section(header: dict, words: np.ndarray, section: str, width: int, name: str, kind: str = "<u4") -> np.ndarray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.probes.ddgi import SIDE, Moments
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 
 # Words of a row: position, whether it is alive, texels.
 MOMENTS = 4 + SIDE * SIDE
@@ -33,7 +33,7 @@ def moment_rows(moments: Moments) -> np.ndarray:
     return rows
 
 
-def read_moments(rows: np.ndarray, light: np.ndarray, lattice: Lattice, bias: float, name: str) -> Moments:
+def read_moments(rows: np.ndarray, light: np.ndarray, lattice: ProbeLattice, bias: float, name: str) -> Moments:
     """Decode the moments of all nodes.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.volume import WEIGHTED, Bricks, ProbeVolume
 
 # Edge in nodes of the block that a byte can address, how many of them lie below the cell's first node, and "none".
@@ -74,7 +74,7 @@ def encode_fallbacks(volume: ProbeVolume) -> tuple[np.ndarray, np.ndarray]:
     return doubt.astype(np.uint8)[:, None], code.astype(np.uint8)
 
 
-def decode_fallbacks(lattice: Lattice, doubt: np.ndarray, code: np.ndarray) -> np.ndarray | None:
+def decode_fallbacks(lattice: ProbeLattice, doubt: np.ndarray, code: np.ndarray) -> np.ndarray | None:
     """Decode the fallback probes.
 
     Args:
@@ -112,7 +112,7 @@ def encode_bricks(volume: ProbeVolume) -> np.ndarray:
     return np.concatenate([cells[:, None], table], axis=1).astype("<u4")
 
 
-def decode_bricks(lattice: Lattice, rows: np.ndarray, inner: np.ndarray) -> Bricks | None:
+def decode_bricks(lattice: ProbeLattice, rows: np.ndarray, inner: np.ndarray) -> Bricks | None:
     """Decode the bricks.
 
     Args:

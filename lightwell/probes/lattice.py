@@ -18,7 +18,7 @@ MAX_NODES = 1 << 22
 
 
 @dataclass(frozen=True)
-class Lattice:
+class ProbeLattice:
     """A regular lattice of probes."""
 
     origin: np.ndarray
@@ -39,7 +39,7 @@ class Lattice:
             )
 
     @staticmethod
-    def around(bounds: np.ndarray, spacing: float, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Lattice:
+    def around(bounds: np.ndarray, spacing: float, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> ProbeLattice:
         """Create a lattice that covers a box and one whole cell more on every side.
 
         Args:
@@ -59,7 +59,7 @@ class Lattice:
         low, high = np.asarray(bounds, np.float64)
         origin = low - spacing * (PADDING + np.asarray(offset, np.float64))
         cells = np.ceil((high - origin) / spacing - 1e-9).astype(np.int64) + PADDING
-        return Lattice(origin, float(spacing), tuple(cells + 1))
+        return ProbeLattice(origin, float(spacing), tuple(cells + 1))
 
     def __len__(self) -> int:
         return int(np.prod(self.shape))

@@ -14,8 +14,8 @@ from lightwell.backend import mi
 from lightwell.scenes.builtin.kit import Kit
 from lightwell.scenes.builtin.masonry import Finish, Masonry
 from lightwell.scenes.builtin.shapes import box
+from lightwell.scenes.default_light import under_sky
 from lightwell.scenes.scene import Camera, Material, Scene
-from lightwell.scenes.still_light import under_sky
 
 # Thickness of outer walls, metres.
 OUTER = 0.1

@@ -11,8 +11,8 @@ import numpy as np
 
 from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
-from lightwell.probes.samples import SAMPLE_STREAM, Effort, joined, rows
-from lightwell.probes.solve import Rows, Solution, solve
+from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
+from lightwell.probes.solve import Solution, SolveRows, solve
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
@@ -25,20 +25,20 @@ FINE_STREAM = 1 << 28
 
 
 @dataclass(frozen=True)
-class Lit:
+class SolvedVolume:
     """A volume with its light and the data of its solve, which incremental bakes need."""
 
     geometry: Geometry
     """Volume without light, and what its weights were computed from."""
     start: np.ndarray
     """[P + F, 9, 3] traced light at the probes; [S, P + F, 9, 3] for S states of a declared light."""
-    samples: Rows
+    samples: SolveRows
     """Radiance samples of the solve."""
     number: np.ndarray
     """[I] random streams of the samples, which encode cell and support point."""
     solution: Solution
     """Result of the solve."""
-    effort: Effort
+    effort: ProbeSampling
     """Numbers of samples and paths."""
     seed: int
     """Seed of the paths."""
@@ -70,7 +70,7 @@ def traced(
     scene: Scene,
     geometry: Geometry,
     probes: np.ndarray,
-    effort: Effort,
+    effort: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     light: np.ndarray | None = None,
@@ -104,12 +104,12 @@ def traced(
 def light_volume(
     scene: Scene,
     geometry: Geometry,
-    effort: Effort,
+    effort: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
-    coarse: Lit | None = None,
-) -> Lit:
+    coarse: SolvedVolume | None = None,
+) -> SolvedVolume:
     """Compute the light of a volume for the scene's own emitters, or for each state of a declared light.
 
     Args:
@@ -133,7 +133,7 @@ def light_volume(
         start[..., : len(geometry.volume.lattice), :, :] = coarse.start
         samples, number = joined(coarse.samples, samples), np.concatenate([coarse.number, number])
     solution = solve(geometry.volume, samples, start)
-    return Lit(geometry, start, samples, number, solution, effort, seed, lights)
+    return SolvedVolume(geometry, start, samples, number, solution, effort, seed, lights)
 
 
 def _traced_states(scene, geometry, probes, effort, seed, variable, lights) -> np.ndarray:
@@ -149,8 +149,8 @@ def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
 
 
 def refined(
-    scene: Scene, lit: Lit, budget: float = BUDGET, fit: Fit | None = None, variable: Variable | None = None
-) -> Lit:
+    scene: Scene, lit: SolvedVolume, budget: float = BUDGET, fit: Fit | None = None, variable: Variable | None = None
+) -> SolvedVolume:
     """Add bricks where the error is highest, and compute the light again.
 
     Args:
@@ -170,7 +170,7 @@ def refined(
     return light_volume(scene, geometry, lit.effort, lit.seed, variable, lit.lights, coarse=lit)
 
 
-def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
+def placed(geometry: Geometry, samples: SolveRows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
     """Choose the cells that get a brick.
 
     Args:
@@ -188,8 +188,8 @@ def placed(geometry: Geometry, samples: Rows, solution: Solution, budget: float 
 
 
 def relit(
-    scene: Scene, before: Lit, box: np.ndarray, fit: Fit | None = None, variable: Variable | None = None
-) -> tuple[Lit, np.ndarray]:
+    scene: Scene, before: SolvedVolume, box: np.ndarray, fit: Fit | None = None, variable: Variable | None = None
+) -> tuple[SolvedVolume, np.ndarray]:
     """Compute the volume again after the scene has changed inside a box.
 
     Light is traced again only in touched cells and at touched probes. Probes for which nothing has changed are held
@@ -225,7 +225,7 @@ def relit(
         residual, orphans = np.zeros(len(samples.place)), np.zeros(len(samples.place), bool)
         residual[part], orphans[part] = found.residual, found.orphans
         solution = Solution(found.light, orphans, found.errors, residual)
-    made = Lit(geometry, start, samples, numbers, solution, before.effort, before.seed, lights)
+    made = SolvedVolume(geometry, start, samples, numbers, solution, before.effort, before.seed, lights)
     return made, np.flatnonzero(free)
 
 
@@ -235,7 +235,9 @@ def _differs(a: np.ndarray, b: np.ndarray, rows_a: np.ndarray, rows_b: np.ndarra
     return other if other.ndim == 1 else other.any(axis=0)
 
 
-def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tuple[Rows, np.ndarray]:
+def _merged(
+    before: SolvedVolume, fresh: SolveRows, number: np.ndarray, box: np.ndarray
+) -> tuple[SolveRows, np.ndarray]:
     """Samples with those of touched cells replaced, in the order of a whole bake (by stream)."""
     inside = np.zeros(len(before.number), bool)
     for k, level in enumerate(before.geometry.levels):
@@ -250,7 +252,7 @@ def _merged(before: Lit, fresh: Rows, number: np.ndarray, box: np.ndarray) -> tu
     return joined(kept, fresh).part(order), numbers[order]
 
 
-def _changed_rows(before: Lit, samples: Rows, numbers: np.ndarray) -> np.ndarray:
+def _changed_rows(before: SolvedVolume, samples: SolveRows, numbers: np.ndarray) -> np.ndarray:
     """Indices of samples that are new or whose light has changed."""
     at = np.minimum(np.searchsorted(before.number, numbers), len(before.number) - 1)
     moved = _differs(before.samples.light, samples.light, at, np.arange(len(numbers)))
@@ -268,7 +270,7 @@ def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.
     return same
 
 
-def _near(volume: ProbeVolume, samples: Rows, free: np.ndarray) -> np.ndarray:
+def _near(volume: ProbeVolume, samples: SolveRows, free: np.ndarray) -> np.ndarray:
     """Indices of samples in cells that use a free probe."""
     lattice, count = volume.lattice, len(volume.lattice)
     nodes = np.flatnonzero(free[:count])

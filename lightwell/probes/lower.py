@@ -14,10 +14,10 @@ import numpy as np
 
 from lightwell.graph import Builder, Graph, pack
 from lightwell.graph.buffers import Buffer
-from lightwell.probes.code import Code
+from lightwell.probes.code import WeightCode
 from lightwell.probes.lattice import CORNERS
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
-from lightwell.probes.weights import FUNCTIONS, Bare, core
+from lightwell.probes.weights import FUNCTIONS, UnweightedTrilinear, core
 from lightwell.probes.weights.bare import EDGE
 from lightwell.probes.weights.common import THRESHOLD
 from lightwell.probes.weights.mlp import TinyMlp
@@ -30,7 +30,9 @@ BRIGHTEST = 1e6
 BELOW = 1e-4
 
 
-def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: Code | None = None) -> Graph:
+def lower(
+    volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: WeightCode | None = None
+) -> Graph:
     """Build the shading graph of a volume.
 
     Args:
@@ -128,7 +130,7 @@ def _rho(b: Builder, volume: ProbeVolume, tables: _Tables, node: str, u: str, ha
             smooth = b.activate(_block(b, tables.smooth, f.smooth, at, u, "smooth"), "sigmoid")
             raw = b.multiply(b.clamp(raw, 0.0, 1.0), b.scale(smooth, 1 / FULL))
     rho = b.clamp(b.affine(raw, [1 / (1 - THRESHOLD)], [-THRESHOLD / (1 - THRESHOLD)]), 0.0, 1.0)
-    if isinstance(FUNCTIONS[volume.function], Bare):
+    if isinstance(FUNCTIONS[volume.function], UnweightedTrilinear):
         # ρ = Φ / hat, except for probes that are trusted in their whole cube: their record, index 1, holds ρ.
         open_ = b.clamp(b.affine(b.slice(node, 4, 1), [-1.0], [2.0]), 0.0, 1.0)
         inverse = b.reciprocal(b.clamp(hat, EDGE, 1.0), 1e-9)

@@ -8,8 +8,8 @@ from lightwell.backend import dr, mi
 from lightwell.probes.sh import directions
 from lightwell.scenes.free_air import free_air
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import room
 from lightwell.transport.interactions import upload
+from lightwell.transport.point_rejection import room
 
 # A point that sees more than this fraction of back faces lies inside geometry (RTXGI's threshold).
 BACK_FACES = 0.25

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.probes.bake import Geometry
-from lightwell.probes.solve import Rows, relative_error
+from lightwell.probes.solve import SolveRows, relative_error
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.scenes.scene import Scene
@@ -32,7 +32,7 @@ SAMPLE_STREAM, MORE_SEED = 1 << 30, 1 << 20
 
 
 @dataclass(frozen=True)
-class Effort:
+class ProbeSampling:
     """Numbers of samples and paths."""
 
     samples: int = SAMPLES
@@ -48,7 +48,7 @@ class Effort:
 
 
 def places(
-    geometry: Geometry, effort: Effort, box: np.ndarray | None = None, first: int = 0
+    geometry: Geometry, effort: ProbeSampling, box: np.ndarray | None = None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Choose the points of the radiance samples: valid support points, at most ``effort.samples`` per cell.
 
@@ -81,13 +81,13 @@ def places(
 def rows(
     scene: Scene,
     geometry: Geometry,
-    effort: Effort,
+    effort: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
     box: np.ndarray | None = None,
     first: int = 0,
-) -> tuple[Rows, np.ndarray]:
+) -> tuple[SolveRows, np.ndarray]:
     """Path trace radiance samples.
 
     Args:
@@ -112,10 +112,10 @@ def rows(
         more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, effort.direct, variable, lights)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
     light = halves.mean(axis=0).astype(np.float32)
-    return Rows(at, np.zeros_like(at), light[0] if variable is None else light, cell, _noise(halves)), number
+    return SolveRows(at, np.zeros_like(at), light[0] if variable is None else light, cell, _noise(halves)), number
 
 
-def joined(a: Rows, b: Rows) -> Rows:
+def joined(a: SolveRows, b: SolveRows) -> SolveRows:
     """Concatenate two sets of samples.
 
     Args:
@@ -127,7 +127,7 @@ def joined(a: Rows, b: Rows) -> Rows:
     """
     join = lambda name: np.concatenate([getattr(a, name), getattr(b, name)])  # noqa: E731
     light = np.concatenate([a.light, b.light], axis=-3)
-    return Rows(join("place"), join("normal"), light, join("cell"), join("noise"))
+    return SolveRows(join("place"), join("normal"), light, join("cell"), join("noise"))
 
 
 def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndarray:

@@ -36,7 +36,7 @@ LEAST_RESIDUAL = 1.0
 
 
 @dataclass(frozen=True)
-class Rows:
+class SolveRows:
     """Radiance samples: the equations of the solve."""
 
     place: np.ndarray
@@ -50,7 +50,7 @@ class Rows:
     noise: np.ndarray | None = None
     """[I] relative error that noise causes: half of the error between the two halves of the paths."""
 
-    def part(self, chosen: np.ndarray) -> Rows:
+    def part(self, chosen: np.ndarray) -> SolveRows:
         """Return some of the rows.
 
         Args:
@@ -60,7 +60,7 @@ class Rows:
             The chosen rows.
         """
         more = [None if v is None else v[chosen] for v in (self.cell, self.noise)]
-        return Rows(self.place[chosen], self.normal[chosen], self.light[..., chosen, :, :], *more)
+        return SolveRows(self.place[chosen], self.normal[chosen], self.light[..., chosen, :, :], *more)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def smape(truth: np.ndarray, found: np.ndarray, epsilon: float) -> np.ndarray:
     return np.abs(truth - found) / (np.abs(truth) + np.abs(found) + epsilon)
 
 
-def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
+def matrix(volume: ProbeVolume, rows: SolveRows) -> tuple[csc_matrix, np.ndarray]:
     """Build the matrix of the interpolation weights.
 
     Args:
@@ -109,7 +109,7 @@ def matrix(volume: ProbeVolume, rows: Rows) -> tuple[csc_matrix, np.ndarray]:
 
 def solve(
     volume: ProbeVolume,
-    rows: Rows,
+    rows: SolveRows,
     traced: np.ndarray,
     passes: int = PASSES,
     free: np.ndarray | None = None,

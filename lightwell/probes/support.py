@@ -14,7 +14,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.probes import rays, sh
 from lightwell.probes.diffusion import REACH, diffuse
-from lightwell.probes.lattice import CORNERS, Lattice, _grid
+from lightwell.probes.lattice import CORNERS, ProbeLattice, _grid
 from lightwell.probes.pattern import Pattern, pattern
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import upload
@@ -36,7 +36,7 @@ CLOSE, OFF, REACHED = 48, 0.004, 0.5
 class Support:
     """Results of the rays; they do not depend on light."""
 
-    lattice: Lattice
+    lattice: ProbeLattice
     pattern: Pattern
     slot: np.ndarray
     """[C] int32 row of a covered cell, -1 for others."""
@@ -88,7 +88,7 @@ class Support:
 
 def bake_support(
     scene: Scene,
-    lattice: Lattice,
+    lattice: ProbeLattice,
     layout: Pattern | None = None,
     cells: np.ndarray | None = None,
     nodes: np.ndarray | None = None,
@@ -316,7 +316,7 @@ def _trust_near(scene: Scene, support: Support, nodes: np.ndarray, rho: np.ndarr
     return out
 
 
-def touched(lattice: Lattice, box: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def touched(lattice: ProbeLattice, box: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the cells and nodes that an edit inside a box can change.
 
     Args:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.probes import sh
-from lightwell.probes.lattice import CORNERS, Lattice
+from lightwell.probes.lattice import CORNERS, ProbeLattice
 from lightwell.probes.lattice import hat as hat_of
 from lightwell.probes.pattern import octants
 from lightwell.probes.weights import FUNCTIONS, ratio, trusted
@@ -60,7 +60,7 @@ class Bricks:
 class ProbeVolume:
     """Weights and light (irradiance harmonics) of a lattice of probes."""
 
-    lattice: Lattice
+    lattice: ProbeLattice
     """Lattice of the P nodes."""
     function: str
     """Name of the weight function, one of ``FUNCTIONS``."""

@@ -23,7 +23,7 @@ MAX_NAME = 22
 
 
 @dataclass(frozen=True)
-class Series:
+class ChartSeries:
     """A line of a chart."""
 
     name: str
@@ -46,7 +46,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Axis:
+class ChartAxis:
     """Label, format and scaling of one axis."""
 
     label: str
@@ -56,7 +56,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Scale:
+class ChartScale:
     """Maps values of an axis to user units of the SVG."""
 
     low: float
@@ -78,7 +78,7 @@ class Scale:
         return self.start + (value - low) / (high - low) * (self.end - self.start)
 
 
-def line_chart(series: Sequence[Series], x: Axis, y: Axis, title: str) -> str:
+def line_chart(series: Sequence[ChartSeries], x: ChartAxis, y: ChartAxis, title: str) -> str:
     """Draw one or more lines over shared axes; values ≤ 0 are omitted on a logarithmic axis.
 
     Args:
@@ -95,8 +95,8 @@ def line_chart(series: Sequence[Series], x: Axis, y: Axis, title: str) -> str:
     ys = [v for s in series for v in s.y]
     if not xs:
         return ""
-    x_scale = Scale(*ends(xs, x.log, tight=True), LEFT, WIDTH - RIGHT, x.log)
-    y_scale = Scale(*ends(ys, y.log), HEIGHT - BOTTOM, TOP, y.log)
+    x_scale = ChartScale(*ends(xs, x.log, tight=True), LEFT, WIDTH - RIGHT, x.log)
+    y_scale = ChartScale(*ends(ys, y.log), HEIGHT - BOTTOM, TOP, y.log)
     parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
     parts += [_line(s, i, x_scale, y_scale) for i, s in enumerate(series)]
     return svg(WIDTH, HEIGHT, title, parts) + _legend(series)
@@ -115,7 +115,7 @@ def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float]
     """
     if not rows:
         return ""
-    scale = Scale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
+    scale = ChartScale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
     parts = []
     for i, (name, value, mark) in enumerate(rows):
         middle = i * ROW + ROW / 2
@@ -131,7 +131,7 @@ def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float]
     return svg(WIDTH, len(rows) * ROW, title, parts)
 
 
-def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
+def _drawable(series: ChartSeries, log_x: bool, log_y: bool) -> ChartSeries:
     pairs = [(x, y) for x, y in zip(series.x, series.y) if (x > 0 or not log_x) and (y > 0 or not log_y)]
     return replace(series, x=[x for x, _ in pairs], y=[y for _, y in pairs])
 
@@ -181,7 +181,7 @@ def _round_step(step: float) -> float:
     return next(m * base for m in (1, 2, 5, 10) if m * base >= step * (1 - 1e-9))
 
 
-def horizontal_axis(axis: Axis, scale: Scale) -> str:
+def horizontal_axis(axis: ChartAxis, scale: ChartScale) -> str:
     """Draw line, ticks and label below a chart.
 
     Args:
@@ -201,7 +201,7 @@ def horizontal_axis(axis: Axis, scale: Scale) -> str:
     return "".join(parts)
 
 
-def vertical_axis(axis: Axis, scale: Scale) -> str:
+def vertical_axis(axis: ChartAxis, scale: ChartScale) -> str:
     """Draw grid lines, ticks and label of the vertical axis.
 
     Args:
@@ -222,14 +222,14 @@ def vertical_axis(axis: Axis, scale: Scale) -> str:
     return "".join(parts)
 
 
-def _line(series: Series, index: int, x: Scale, y: Scale) -> str:
+def _line(series: ChartSeries, index: int, x: ChartScale, y: ChartScale) -> str:
     # A single point is written twice: a line of length zero with round ends is displayed as a dot.
     places = list(zip(series.x, series.y)) * (2 if len(series.x) == 1 else 1)
     points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in places)
     return f'<polyline class="line {series.style(index)}" points="{points}"/>'
 
 
-def _legend(series: Sequence[Series]) -> str:
+def _legend(series: Sequence[ChartSeries]) -> str:
     if len(series) < 2:
         return ""
     keys = "".join(

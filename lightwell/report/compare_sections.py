@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from lightwell.report import charts, sections
-from lightwell.report.charts import Axis, Series
+from lightwell.report.charts import ChartAxis, ChartSeries
 from lightwell.report.facts import TONES, facts_html
 from lightwell.report.numbers import (
     amount,
@@ -20,7 +20,7 @@ from lightwell.report.numbers import (
     grouped,
     percent,
 )
-from lightwell.report.scatter import MARKERS, Point, scatter_chart
+from lightwell.report.scatter import MARKERS, ScatterPoint, scatter_chart
 
 # Highlighted: an object whose error is above this multiple of the field's mean, and a seam above this ratio.
 HIGH_OBJECT, HIGH_BORDER = 3.0, 1.2
@@ -141,12 +141,12 @@ def cost_charts(numbers: Numbers) -> str:
     """
     parts = [
         _scatter(
-            numbers, "bytes", Axis("bytes as stored", lambda v: brief_amount(v, "B"), log=True), "Error over size."
+            numbers, "bytes", ChartAxis("bytes as stored", lambda v: brief_amount(v, "B"), log=True), "Error over size."
         ),
         _scatter(
             numbers,
             "macs_per_pixel",
-            Axis("multiply-adds per pixel", brief_amount, log=True),
+            ChartAxis("multiply-adds per pixel", brief_amount, log=True),
             "Error over multiply-adds. A field without any is not shown; table reads are in the table above.",
         ),
         _training(numbers),
@@ -158,18 +158,20 @@ def cost_charts(numbers: Numbers) -> str:
     return f'{heading}<div class="charts trio">{figures}</div>'
 
 
-def _scatter(numbers: Numbers, key: str, x: Axis, caption: str) -> str:
+def _scatter(numbers: Numbers, key: str, x: ChartAxis, caption: str) -> str:
     points = [
-        Point(field["name"], field[key], field["relative_error"], _tone(k), MARKERS[k % len(MARKERS)])
+        ScatterPoint(field["name"], field[key], field["relative_error"], _tone(k), MARKERS[k % len(MARKERS)])
         for k, field in enumerate(numbers["fields"])
     ]
-    svg = scatter_chart(points, x, Axis("relative error", brief_percent, log=True), caption, numbers["noise_floor"])
+    svg = scatter_chart(
+        points, x, ChartAxis("relative error", brief_percent, log=True), caption, numbers["noise_floor"]
+    )
     return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" if svg else ""
 
 
 def _training(numbers: Numbers) -> str:
     lines = [
-        Series(
+        ChartSeries(
             field["name"],
             [point["seconds"] for point in field["training"]],
             [point["relative_error"] for point in field["training"]],
@@ -181,9 +183,9 @@ def _training(numbers: Numbers) -> str:
     xs = [x for line in lines for x in line.x if x > 0]
     if not xs:
         return ""
-    floor = Series("noise floor", [min(xs), max(xs)], [numbers["noise_floor"]] * 2, dashed=True, tone="floor")
-    x = Axis("training time", brief_duration, log=True)
-    y = Axis("validation error", brief_percent, log=True)
+    floor = ChartSeries("noise floor", [min(xs), max(xs)], [numbers["noise_floor"]] * 2, dashed=True, tone="floor")
+    x = ChartAxis("training time", brief_duration, log=True)
+    y = ChartAxis("validation error", brief_percent, log=True)
     svg = charts.line_chart([*lines, floor], x, y, "Error over training time")
     caption = "Error on validation samples while training; their noise is larger than that of the held-out points."
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
@@ -193,11 +195,11 @@ def _sweep(numbers: Numbers) -> str:
     lines = []
     for k, field in enumerate(numbers["fields"]):
         at, errors = ([point[key] for point in field["sweep"]] for key in ("at", "relative_error"))
-        lines.append(Series(field["name"], at, errors, tone=_tone(k)))
+        lines.append(ChartSeries(field["name"], at, errors, tone=_tone(k)))
     first = numbers["fields"][0]["sweep"]
     at, floors = ([point[key] for point in first] for key in ("at", "noise_floor"))
-    lines.append(Series("noise floor", at, floors, dashed=True, tone="floor"))
-    x, y = Axis("position along the sweep", brief), Axis("relative error", brief_percent, log=True)
+    lines.append(ChartSeries("noise floor", at, floors, dashed=True, tone="floor"))
+    x, y = ChartAxis("position along the sweep", brief), ChartAxis("relative error", brief_percent, log=True)
     svg = charts.line_chart(lines, x, y, "Error along the sweep of the light")
     caption = "Error at held-out positions along the sweep of the light; peaks are positions near a surface."
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"

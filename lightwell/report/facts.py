@@ -87,10 +87,10 @@ def _named_curves(name: str, lists: Mapping[str, Sequence[float]]) -> str:
 
 def _chart(name: str, lines: Mapping[str, Sequence[float]], x: Sequence[float], label: str) -> str:
     series = [
-        charts.Series(_words(key), list(x), list(values), tone=f"tone-{k % TONES}")
+        charts.ChartSeries(_words(key), list(x), list(values), tone=f"tone-{k % TONES}")
         for k, (key, values) in enumerate(lines.items())
     ]
-    svg = charts.line_chart(series, charts.Axis(_words(label), brief), charts.Axis("", brief), name)
+    svg = charts.line_chart(series, charts.ChartAxis(_words(label), brief), charts.ChartAxis("", brief), name)
     return f"<figure>{svg}<figcaption>{escape(name)}</figcaption></figure>"
 
 

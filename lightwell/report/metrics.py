@@ -39,7 +39,7 @@ HIGHLIGHT_PERCENTILE = 99.0
 
 
 @dataclass(frozen=True)
-class Spread:
+class ErrorSpread:
     """Mean, median and 95th percentile of an error over points."""
 
     mean: float
@@ -81,7 +81,7 @@ def relative_errors(f: np.ndarray, y: np.ndarray) -> np.ndarray:
     return (np.abs(f - y) / (y + SHADOW)).mean(axis=-1)
 
 
-def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> Spread:
+def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> ErrorSpread:
     """Compute mean, median and 95th percentile of the relative errors.
 
     Args:
@@ -95,7 +95,7 @@ def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = Non
     return _spread(relative_errors(f, y), weight)
 
 
-def noise_floor(a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> Spread:
+def noise_floor(a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> ErrorSpread:
     """Compute the relative error that remains in the reference itself.
 
     (A − B) / 2 has the same variance as the error of (A + B) / 2, so that a perfect prediction has this error.
@@ -475,8 +475,8 @@ def _mean(values: np.ndarray, weight: np.ndarray | None) -> float:
     return float(np.average(values.reshape(-1), weights=_weights(values, weight)))
 
 
-def _spread(values: np.ndarray, weight: np.ndarray | None) -> Spread:
-    return Spread(_mean(values, weight), _quantile(values, weight, 0.5), _quantile(values, weight, 0.95))
+def _spread(values: np.ndarray, weight: np.ndarray | None) -> ErrorSpread:
+    return ErrorSpread(_mean(values, weight), _quantile(values, weight, 0.5), _quantile(values, weight, 0.95))
 
 
 def _quantile(values: np.ndarray, weight: np.ndarray | None, fraction: float) -> float:

@@ -13,8 +13,8 @@ from lightwell.report.charts import (
     RIGHT,
     TOP,
     WIDTH,
-    Axis,
-    Scale,
+    ChartAxis,
+    ChartScale,
     ends,
     horizontal_axis,
     svg,
@@ -29,7 +29,7 @@ MARKERS = ("circle", "square", "diamond", "triangle")
 
 
 @dataclass(frozen=True)
-class Point:
+class ScatterPoint:
     """One labelled point."""
 
     name: str
@@ -40,7 +40,9 @@ class Point:
     marker: str = "circle"
 
 
-def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: float | None = None) -> str:
+def scatter_chart(
+    points: Sequence[ScatterPoint], x: ChartAxis, y: ChartAxis, title: str, floor: float | None = None
+) -> str:
     """Draw labelled points and their Pareto front (those that no other point undercuts in both directions).
 
     Args:
@@ -60,8 +62,8 @@ def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: 
     if x.log:  # room for labels on both sides
         low, high = low / 1.6, high * 1.9
     heights = [p.y for p in points] + ([floor] if floor else [])
-    x_scale = Scale(low, high, LEFT, WIDTH - RIGHT, x.log)
-    y_scale = Scale(*ends(heights, y.log), HEIGHT - BOTTOM, TOP, y.log)
+    x_scale = ChartScale(low, high, LEFT, WIDTH - RIGHT, x.log)
+    y_scale = ChartScale(*ends(heights, y.log), HEIGHT - BOTTOM, TOP, y.log)
     parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
     if floor:
         at = y_scale(floor)
@@ -74,7 +76,7 @@ def scatter_chart(points: Sequence[Point], x: Axis, y: Axis, title: str, floor: 
     return svg(WIDTH, HEIGHT, title, parts)
 
 
-def _front(points: Sequence[Point], x: Scale, y: Scale) -> str:
+def _front(points: Sequence[ScatterPoint], x: ChartScale, y: ChartScale) -> str:
     """Draw a staircase through the points of the Pareto front."""
     best = float("inf")
     corners: list[tuple[float, float]] = []
@@ -88,7 +90,7 @@ def _front(points: Sequence[Point], x: Scale, y: Scale) -> str:
     return f'<polyline class="front" points="{line}"/>'
 
 
-def _marker(point: Point, x: float, y: float) -> str:
+def _marker(point: ScatterPoint, x: float, y: float) -> str:
     r = RADIUS
     shapes = {
         "circle": f"M{x - r:.1f} {y:.1f}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z",
@@ -99,7 +101,7 @@ def _marker(point: Point, x: float, y: float) -> str:
     return f'<path class="dot {point.tone}" d="{shapes[point.marker]}"><title>{escape(point.name)}</title></path>'
 
 
-def _labels(placed: Sequence[tuple[Point, float, float]]) -> list[str]:
+def _labels(placed: Sequence[tuple[ScatterPoint, float, float]]) -> list[str]:
     """Draw a label beside every point, where it covers neither another point nor an earlier label."""
     taken = [(x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS) for _, x, y in placed]
     texts = []

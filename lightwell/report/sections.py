@@ -274,11 +274,11 @@ def _chart(svg: str, caption: str) -> str:
 
 def _training_chart(data: Mapping[str, Any]) -> str:
     xs, ys = ([point[key] for point in data["training"]] for key in ("seconds", "relative_error"))
-    lines = [charts.Series("validation error", xs, ys)]
-    lines.append(charts.Series("noise floor", [min(xs), max(xs)], [data["noise_floor"]] * 2, dashed=True))
+    lines = [charts.ChartSeries("validation error", xs, ys)]
+    lines.append(charts.ChartSeries("noise floor", [min(xs), max(xs)], [data["noise_floor"]] * 2, dashed=True))
     x, y = (
-        charts.Axis("training time", brief_duration, log=True),
-        charts.Axis("relative error", brief_percent, log=True),
+        charts.ChartAxis("training time", brief_duration, log=True),
+        charts.ChartAxis("relative error", brief_percent, log=True),
     )
     return charts.line_chart(lines, x, y, "Error while training")
 
@@ -286,10 +286,10 @@ def _training_chart(data: Mapping[str, Any]) -> str:
 def _sweep_chart(data: Mapping[str, Any]) -> str:
     columns = {key: [point[key] for point in data["sweep"]] for key in ("at", "relative_error", "noise_floor")}
     lines = [
-        charts.Series("learned", columns["at"], columns["relative_error"]),
-        charts.Series("noise floor", columns["at"], columns["noise_floor"], dashed=True),
+        charts.ChartSeries("learned", columns["at"], columns["relative_error"]),
+        charts.ChartSeries("noise floor", columns["at"], columns["noise_floor"], dashed=True),
     ]
-    x, y = charts.Axis("position along the sweep", brief), charts.Axis("relative error", brief_percent)
+    x, y = charts.ChartAxis("position along the sweep", brief), charts.ChartAxis("relative error", brief_percent)
     return charts.line_chart(lines, x, y, "Error along the sweep of the light")
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell.limits import Budget
+from lightwell.limits import LoadBudget
 from lightwell.scenes.errors import SceneError
 
 # Bytes of a PLY header, and of the parts in which an OBJ file is counted.
@@ -37,7 +37,7 @@ class _Rows:
     lists: list[str] = field(default_factory=list)
 
 
-def check_ply(path: Path, place: str, budget: Budget) -> None:
+def check_ply(path: Path, place: str, budget: LoadBudget) -> None:
     """Check that a PLY file holds what its header says: vertices of finite numbers, and triangles of those vertices.
 
     A defect raises ``SceneError``, one line with the cure.
@@ -169,7 +169,7 @@ def _check_values(tables: dict[str, np.ndarray], count: int, place: str) -> None
             raise SceneError(f"{place}: a face names a vertex that is not among its {count}; {CURE}")
 
 
-def check_obj(path: Path, place: str, budget: Budget) -> None:
+def check_obj(path: Path, place: str, budget: LoadBudget) -> None:
     """Check that an OBJ file is text with vertices and faces, and count them before Mitsuba reads it.
 
     Args:

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from lightwell.limits import Budget
+from lightwell.limits import LoadBudget
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.mitsuba_paths import Folders
 
@@ -83,7 +83,7 @@ class Document:
 Upgrade = Callable[[Element, Version], list[Element]]
 
 
-def read_document(path: Path, folders: Folders, budget: Budget, upgrade: Upgrade) -> Document:
+def read_document(path: Path, folders: Folders, budget: LoadBudget, upgrade: Upgrade) -> Document:
     """Read a file: includes inserted, parameters replaced, upgraded to Mitsuba 3.
 
     Args:
@@ -106,7 +106,7 @@ def read_document(path: Path, folders: Folders, budget: Budget, upgrade: Upgrade
 
 
 class _Reader:
-    def __init__(self, folders: Folders, budget: Budget, upgrade: Upgrade):
+    def __init__(self, folders: Folders, budget: LoadBudget, upgrade: Upgrade):
         self._folders, self._budget, self._upgrade = folders, budget, upgrade
         self.files: list[Path] = []
         self._parameters: dict[str, str] = {}
@@ -184,7 +184,7 @@ class _Reader:
                 )
 
 
-def parse(path: Path, name: str, budget: Budget) -> Element:
+def parse(path: Path, name: str, budget: LoadBudget) -> Element:
     """Read the tree of one XML file without changes.
 
     Args:
@@ -214,7 +214,7 @@ def parse(path: Path, name: str, budget: Budget) -> Element:
     return builder.root
 
 
-def _bytes(path: Path, name: str, budget: Budget) -> bytes:
+def _bytes(path: Path, name: str, budget: LoadBudget) -> bytes:
     try:
         size = path.stat().st_size
         if size > MOST_BYTES:
@@ -228,7 +228,7 @@ def _bytes(path: Path, name: str, budget: Budget) -> bytes:
 class _Builder:
     """Collects the elements that the parser finds."""
 
-    def __init__(self, name: str, budget: Budget):
+    def __init__(self, name: str, budget: LoadBudget):
         self._name, self._budget = name, budget
         self._open: list[Element] = []
         self.root: Element | None = None

@@ -14,7 +14,7 @@ from PIL import Image as PillowImage
 
 from lightwell.core.isolated import Arrays, Worker, WorkerDied, WorkerError
 from lightwell.exr import ExrError, read_header
-from lightwell.limits import Budget
+from lightwell.limits import LoadBudget
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.mesh_files import check_obj, check_ply
 from lightwell.scenes.mitsuba_document import Element
@@ -42,7 +42,7 @@ MOST_SPECTRUM_BYTES = 1 << 20
 class Files:
     """Finds and checks files; each file is checked once for each kind."""
 
-    def __init__(self, folders: Folders, budget: Budget, warn: Callable[[str], None]) -> None:
+    def __init__(self, folders: Folders, budget: LoadBudget, warn: Callable[[str], None]) -> None:
         """Prepare the checks of one scene.
 
         Args:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from lightwell.limits import Budget
+from lightwell.limits import LoadBudget
 from lightwell.scenes.mitsuba_document import MOST_DEPTH, Element, read_document, written
 from lightwell.scenes.mitsuba_files import Files
 from lightwell.scenes.mitsuba_paths import Folders
@@ -47,7 +47,7 @@ class Gated:
     """The XML files."""
 
 
-def gate(path: Path, allowed: Sequence[str | PathLike[str]], budget: Budget, warn: Callable[[str], None]) -> Gated:
+def gate(path: Path, allowed: Sequence[str | PathLike[str]], budget: LoadBudget, warn: Callable[[str], None]) -> Gated:
     """Check a Mitsuba scene before Mitsuba reads any of it; a defect raises ``SceneError`` with file, line and cure.
 
     Args:
@@ -70,7 +70,7 @@ def gate(path: Path, allowed: Sequence[str | PathLike[str]], budget: Budget, war
 
 
 class _Checker:
-    def __init__(self, root: Element, files: Files, budget: Budget, warn: Callable[[str], None]):
+    def __init__(self, root: Element, files: Files, budget: LoadBudget, warn: Callable[[str], None]):
         self._root, self._files, self._budget, self._warn = root, files, budget, warn
         self._named: dict[str, Element] = {}
 

@@ -17,7 +17,7 @@ from lightwell.scenes.mitsuba_gate import Gated
 
 
 @dataclass(frozen=True)
-class Node:
+class MitsubaElement:
     """One element of the file."""
 
     index: int
@@ -42,7 +42,7 @@ class Node:
         return self.props[key] if self.props.has_property(key) else default
 
 
-class Graph:
+class MitsubaDocument:
     """The nodes of a file; files of missing or already decoded images are replaced by pixels."""
 
     def __init__(self, path: Path, gated: Gated) -> None:
@@ -64,7 +64,7 @@ class Graph:
         files = [self._resolve(node) for node in map(self.node, range(len(self._state.nodes)))]
         self.digest = _digest(gated.read, [f for f in files if f])
 
-    def node(self, index: int) -> Node:
+    def node(self, index: int) -> MitsubaElement:
         """Return a node.
 
         Args:
@@ -75,9 +75,9 @@ class Graph:
         """
         raw = self._state.nodes[index]
         plugin = raw.props.plugin_name()
-        return Node(index, raw.type, plugin, raw.props.id() or f"{plugin} {index}", raw.props)
+        return MitsubaElement(index, raw.type, plugin, raw.props.id() or f"{plugin} {index}", raw.props)
 
-    def children(self, node: Node) -> Iterator[tuple[str, Node]]:
+    def children(self, node: MitsubaElement) -> Iterator[tuple[str, MitsubaElement]]:
         """Iterate over the children of a node in the order of the file.
 
         Args:
@@ -90,7 +90,7 @@ class Graph:
             if (child := self.child(node, key)) is not None:
                 yield key, child
 
-    def child(self, node: Node, key: str) -> Node | None:
+    def child(self, node: MitsubaElement, key: str) -> MitsubaElement | None:
         """Return the node that a parameter refers to.
 
         Args:
@@ -103,7 +103,7 @@ class Graph:
         value = node.get(key)
         return self.node(value.index()) if isinstance(value, mi.Properties.ResolvedReference) else None
 
-    def child_of(self, node: Node, kind: Any) -> Node | None:
+    def child_of(self, node: MitsubaElement, kind: Any) -> MitsubaElement | None:
         """Return the first child of a kind.
 
         Args:
@@ -115,7 +115,7 @@ class Graph:
         """
         return next((child for _, child in self.children(node) if child.kind == kind), None)
 
-    def make(self, node: Node) -> Any:
+    def make(self, node: MitsubaElement) -> Any:
         """Make the Mitsuba object of a node; BSDFs and textures are made once and shared.
 
         Args:
@@ -132,7 +132,7 @@ class Graph:
             self._made[node.index] = made
         return made
 
-    def create(self, node: Node, props: Any) -> Any:
+    def create(self, node: MitsubaElement, props: Any) -> Any:
         """Make the Mitsuba object of a node with changed parameters.
 
         Args:
@@ -185,7 +185,7 @@ class Graph:
             ) from error
         return state
 
-    def _resolve(self, node: Node) -> Path | None:
+    def _resolve(self, node: MitsubaElement) -> Path | None:
         """Set a node's pixels where Mitsuba must not open the file; returns the file, if there is one."""
         name, files = node.get("filename"), self._gated.files
         if not isinstance(name, str):

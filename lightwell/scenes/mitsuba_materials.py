@@ -15,8 +15,8 @@ from PIL import Image as PillowImage
 from lightwell.backend import mi
 from lightwell.core.color import srgb_bytes
 from lightwell.scenes.gltf_materials import NEAR_DELTA_ROUGHNESS
-from lightwell.scenes.mitsuba_graph import Graph, Node
-from lightwell.scenes.mitsuba_textures import Pictures, png
+from lightwell.scenes.mitsuba_graph import MitsubaDocument, MitsubaElement
+from lightwell.scenes.mitsuba_textures import BitmapTextures, png
 from lightwell.scenes.scene import Material, Texture
 
 # The thickness of a solid dielectric depends on its mesh; a viewer that refracts needs a number, in metres.
@@ -28,7 +28,7 @@ DIFFUSE_IOR = 1.0
 class Materials:
     """Converts BSDF nodes to records."""
 
-    def __init__(self, graph: Graph, warn: Callable[[str], None]) -> None:
+    def __init__(self, graph: MitsubaDocument, warn: Callable[[str], None]) -> None:
         """Prepare the conversion for one file.
 
         Args:
@@ -36,7 +36,7 @@ class Materials:
             warn: Called with each texture that cannot be converted.
         """
         self._graph = graph
-        self._pictures = Pictures(graph, warn)
+        self._pictures = BitmapTextures(graph, warn)
         # Properties that the current record cannot represent.
         self._lost: list[str] = []
         self.colored: set[int] = set()
@@ -61,7 +61,7 @@ class Materials:
             "null": self._null,
         }
 
-    def read(self, node: Node | None) -> Material:
+    def read(self, node: MitsubaElement | None) -> Material:
         """Convert a BSDF node.
 
         Args:
@@ -77,7 +77,7 @@ class Materials:
         material = self._any(node)
         return replace(material, name=node.name, approximate="; ".join(dict.fromkeys(self._lost)))
 
-    def color(self, node: Node, key: str, default: float) -> tuple[np.ndarray, Texture | None]:
+    def color(self, node: MitsubaElement, key: str, default: float) -> tuple[np.ndarray, Texture | None]:
         """Read a colour parameter.
 
         Args:
@@ -100,7 +100,7 @@ class Materials:
         values = self._values(node)
         return self._as_color(values.get(f"{key}.value"), default), None
 
-    def mean_radiance(self, light: Node) -> tuple[float, float, float]:
+    def mean_radiance(self, light: MitsubaElement) -> tuple[float, float, float]:
         """Compute the mean radiance of an area emitter.
 
         Args:
@@ -111,21 +111,21 @@ class Materials:
         """
         return tuple(self._pictures.mean(light, "radiance").tolist())
 
-    def _attribute(self, node: Node, default: float) -> np.ndarray:
+    def _attribute(self, node: MitsubaElement, default: float) -> np.ndarray:
         if node.get("name") == "vertex_color":
             self.colored.add(self._reading)
             return np.ones(3)
         self._lost.append(f"the mesh attribute '{node.get('name')}' is not shown")
         return np.full(3, default)
 
-    def _any(self, node: Node) -> Material:
+    def _any(self, node: MitsubaElement) -> Material:
         reader = self._readers.get(node.plugin)
         if reader is not None:
             return reader(node)
         self._lost.append(f"'{node.plugin}' is shown as diffuse grey")
         return Material(node.name, base_color=(0.5, 0.5, 0.5, 1.0), metallic=0.0, ior=DIFFUSE_IOR)
 
-    def _values(self, node: Node) -> dict:
+    def _values(self, node: MitsubaElement) -> dict:
         """Read the numbers of the BSDF object, by Mitsuba's parameter names."""
         params = mi.traverse(self._graph.make(node))
         return {key: params[key] for key in params.keys()}
@@ -137,7 +137,7 @@ class Materials:
         values = np.array(value, np.float64).ravel()
         return np.repeat(values, 3) if values.size == 1 else values[:3]
 
-    def _number(self, node: Node, key: str, default: float) -> float:
+    def _number(self, node: MitsubaElement, key: str, default: float) -> float:
         """Read a number; the mean of a textured one."""
         child = self._graph.child(node, key)
         if child is not None:
@@ -147,7 +147,7 @@ class Materials:
         value = values.get(f"{key}.value", values.get(key))
         return default if value is None else float(np.array(value).mean())
 
-    def _alpha(self, node: Node) -> float:
+    def _alpha(self, node: MitsubaElement) -> float:
         """Compute the glTF roughness: the root of the microfacet alpha; 0 for smooth plugins."""
         if not node.plugin.startswith("rough"):
             return 0.0
@@ -158,7 +158,7 @@ class Materials:
             alpha = self._number(node, "alpha", 0.1)
         return float(np.sqrt(np.clip(alpha, 0, 1)))
 
-    def _ior(self, node: Node) -> float:
+    def _ior(self, node: MitsubaElement) -> float:
         values = self._values(node)
         if "eta" in values:
             return _refracting(float(np.array(values["eta"]).mean()))
@@ -167,11 +167,11 @@ class Materials:
             return 1.5
         return _refracting(inside / outside)
 
-    def _diffuse(self, node: Node) -> Material:
+    def _diffuse(self, node: MitsubaElement) -> Material:
         color, texture = self.color(node, "reflectance", 0.5)
         return Material(node.name, base_color=_rgba(color), base_color_texture=texture, metallic=0.0, ior=DIFFUSE_IOR)
 
-    def _plastic(self, node: Node) -> Material:
+    def _plastic(self, node: MitsubaElement) -> Material:
         color, texture = self.color(node, "diffuse_reflectance", 0.5)
         roughness = self._alpha(node)
         return Material(
@@ -184,7 +184,7 @@ class Materials:
             delta=roughness < NEAR_DELTA_ROUGHNESS,
         )
 
-    def _conductor(self, node: Node) -> Material:
+    def _conductor(self, node: MitsubaElement) -> Material:
         values = self._values(node)
         if node.get("material") == "none" or "eta.value" not in values:
             f0 = np.ones(3)
@@ -201,7 +201,7 @@ class Materials:
             delta=roughness < NEAR_DELTA_ROUGHNESS,
         )
 
-    def _dielectric(self, node: Node) -> Material:
+    def _dielectric(self, node: MitsubaElement) -> Material:
         color, _ = self.color(node, "specular_transmittance", 1.0)
         roughness = self._alpha(node)
         return Material(
@@ -216,7 +216,7 @@ class Materials:
             delta=roughness < NEAR_DELTA_ROUGHNESS,
         )
 
-    def _principled(self, node: Node) -> Material:
+    def _principled(self, node: MitsubaElement) -> Material:
         color, texture = self.color(node, "base_color", 0.5)
         roughness, metallic = self._number(node, "roughness", 0.5), self._number(node, "metallic", 0.0)
         transmission = self._number(node, "spec_trans", 0.0)
@@ -239,16 +239,16 @@ class Materials:
             delta=sharp,
         )
 
-    def _nested(self, node: Node) -> list[Node]:
+    def _nested(self, node: MitsubaElement) -> list[MitsubaElement]:
         return [child for _, child in self._graph.children(node) if child.kind == mi.ObjectType.BSDF]
 
-    def _twosided(self, node: Node) -> Material:
+    def _twosided(self, node: MitsubaElement) -> Material:
         nested = self._nested(node)
         if len(nested) > 1:
             self._lost.append("its back is shown like its front")
         return replace(self._any(nested[0]), double_sided=True)
 
-    def _mask(self, node: Node) -> Material:
+    def _mask(self, node: MitsubaElement) -> Material:
         material = self._any(self._nested(node)[0])
         child = self._graph.child(node, "opacity")
         texture = self._pictures.read(child, raw=True) if child is not None else None
@@ -257,17 +257,17 @@ class Materials:
             return replace(material, base_color=(*material.base_color[:3], opacity), alpha_mode="BLEND")
         return replace(material, base_color_texture=_with_alpha(material, texture), alpha_mode="MASK")
 
-    def _normalmap(self, node: Node) -> Material:
+    def _normalmap(self, node: MitsubaElement) -> Material:
         material = self._any(self._nested(node)[0])
         child = self._graph.child(node, "normalmap")
         texture = self._pictures.read(child, raw=True) if child is not None else None
         return replace(material, normal_texture=texture)
 
-    def _bumpmap(self, node: Node) -> Material:
+    def _bumpmap(self, node: MitsubaElement) -> Material:
         self._lost.append("its bump map is not shown")
         return self._any(self._nested(node)[0])
 
-    def _blend(self, node: Node) -> Material:
+    def _blend(self, node: MitsubaElement) -> Material:
         first, second = (self._any(child) for child in self._nested(node)[:2])
         weight = self._number(node, "weight", 0.5)
         self._lost.append("two blended BSDFs are shown as one")
@@ -285,7 +285,7 @@ class Materials:
             delta=first.delta or second.delta,
         )
 
-    def _null(self, node: Node) -> Material:
+    def _null(self, node: MitsubaElement) -> Material:
         return Material(node.name, base_color=(1.0, 1.0, 1.0, 0.0), metallic=0.0, alpha_mode="BLEND")
 
 

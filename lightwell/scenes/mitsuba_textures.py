@@ -12,7 +12,7 @@ from PIL import Image as PillowImage
 from lightwell.backend import mi
 from lightwell.core.color import srgb_bytes
 from lightwell.scenes.gltf_images import encoded_image
-from lightwell.scenes.mitsuba_graph import Graph, Node
+from lightwell.scenes.mitsuba_graph import MitsubaDocument, MitsubaElement
 from lightwell.scenes.scene import Image, Texture
 
 
@@ -31,10 +31,10 @@ def png(name: str, pixels: np.ndarray) -> Image:
     return Image(name, out.getvalue(), "image/png")
 
 
-class Pictures:
+class BitmapTextures:
     """Reads texture nodes, each image once."""
 
-    def __init__(self, graph: Graph, warn: Callable[[str], None]) -> None:
+    def __init__(self, graph: MitsubaDocument, warn: Callable[[str], None]) -> None:
         """Prepare the reading of one file.
 
         Args:
@@ -44,7 +44,7 @@ class Pictures:
         self._graph, self._warn = graph, warn
         self._images: dict[tuple, Image] = {}
 
-    def read(self, node: Node, *, raw: bool = False) -> Texture | None:
+    def read(self, node: MitsubaElement, *, raw: bool = False) -> Texture | None:
         """Convert a texture node.
 
         Args:
@@ -65,7 +65,7 @@ class Pictures:
             return Texture(png(node.name, pixels), nearest=True, transform=self._transform(node))
         return None
 
-    def mean(self, node: Node, key: str | None = None) -> np.ndarray:
+    def mean(self, node: MitsubaElement, key: str | None = None) -> np.ndarray:
         """Compute the mean colour of a texture.
 
         Args:
@@ -89,19 +89,19 @@ class Pictures:
                 return _three(values.reshape(-1, values.shape[-1]).mean(axis=0) if name == "data" else values)
         return _three(np.array(made.mean()))
 
-    def _transform(self, node: Node) -> tuple[tuple[float, ...], ...] | None:
+    def _transform(self, node: MitsubaElement) -> tuple[tuple[float, ...], ...] | None:
         params = mi.traverse(self._graph.make(node))
         matrix = np.array(params["to_uv"].matrix, np.float64).reshape(3, 3)
         return None if np.array_equal(matrix, np.eye(3)) else tuple(tuple(map(float, row)) for row in matrix)
 
-    def _bitmap(self, node: Node, raw: bool) -> Image | None:
+    def _bitmap(self, node: MitsubaElement, raw: bool) -> Image | None:
         name, linear = node.get("filename"), bool(node.get("raw", False))
         key = (name or node.index, linear and not raw)
         if key not in self._images:
             self._images[key] = self._encoded(node, name, linear, raw)
         return self._images[key]
 
-    def _encoded(self, node: Node, name: str | None, linear: bool, raw: bool) -> Image:
+    def _encoded(self, node: MitsubaElement, name: str | None, linear: bool, raw: bool) -> Image:
         """Return the file itself if its colours are sRGB-encoded (or raw values are requested), else an 8-bit copy."""
         if name is not None and linear == raw:
             try:

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import mi
-from lightwell.limits import Budget, Limits
+from lightwell.limits import Limits, LoadBudget
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.mitsuba_gate import gate
-from lightwell.scenes.mitsuba_graph import Graph, Node
+from lightwell.scenes.mitsuba_graph import MitsubaDocument, MitsubaElement
 from lightwell.scenes.mitsuba_materials import Materials
 from lightwell.scenes.mitsuba_shapes import ANALYTIC, Triangles, moved, of_analytic, of_mesh
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
@@ -67,17 +67,17 @@ def load_mitsuba(
 class _Surface:
     """A shape node and its triangles."""
 
-    node: Node
+    node: MitsubaElement
     triangles: Triangles
 
 
 class _Reader:
     """Reads the elements of one file into records."""
 
-    def __init__(self, path: Path, budget: Budget, allow_paths: Sequence[str | PathLike[str]]):
+    def __init__(self, path: Path, budget: LoadBudget, allow_paths: Sequence[str | PathLike[str]]):
         self.warnings: list[str] = []
         self._budget = budget
-        self.graph = Graph(path, gate(path, allow_paths, budget, self.warnings.append))
+        self.graph = MitsubaDocument(path, gate(path, allow_paths, budget, self.warnings.append))
         self.meshes: list[Mesh] = []
         self.materials: list[Material] = []
         self.lights: list[Light] = []
@@ -106,7 +106,7 @@ class _Reader:
                 f"scene '{self.graph.path.name}': has no surfaces; a scene needs at least one <shape>, add one"
             )
 
-    def _surfaces(self, node: Node) -> list[_Surface]:
+    def _surfaces(self, node: MitsubaElement) -> list[_Surface]:
         """Collect the triangles of a shape element: none for a group, those of the group for an instance."""
         if node.index in self.graph.missing or node.plugin == "shapegroup":
             return []
@@ -120,14 +120,14 @@ class _Reader:
         triangles = self._triangles(node)
         return [_Surface(node, triangles)] if triangles is not None else []
 
-    def _instance(self, node: Node, groups: list[Node]) -> list[_Surface]:
+    def _instance(self, node: MitsubaElement, groups: list[MitsubaElement]) -> list[_Surface]:
         place = node.get("to_world")
         matrix = np.eye(4) if place is None else np.array(place.matrix, np.float64).reshape(4, 4)
         members = [c for g in groups for _, c in self.graph.children(g) if c.kind == mi.ObjectType.Shape]
         inner = [surface for child in members for surface in self._surfaces(child)]
         return [_Surface(s.node, moved(s.triangles, matrix)) for s in inner]
 
-    def _triangles(self, node: Node) -> Triangles | None:
+    def _triangles(self, node: MitsubaElement) -> Triangles | None:
         """Make the triangles of a single shape, without its BSDF and emitter, which are made separately."""
         props = mi.Properties(node.props)
         for key, _ in self.graph.children(node):
@@ -164,7 +164,7 @@ class _Reader:
         self._names[name] = self._names.get(name, 0) + 1
         return name if self._names[name] == 1 else f"{name}.{self._names[name] - 1}"
 
-    def _material(self, bsdf: Node | None, light: Node | None) -> int:
+    def _material(self, bsdf: MitsubaElement | None, light: MitsubaElement | None) -> int:
         emissive, texture = (0.0, 0.0, 0.0), None
         if light is not None:
             color, texture = self._records.color(light, "radiance", 1.0)
@@ -181,7 +181,7 @@ class _Reader:
             self.materials.append(material)
         return self._material_of[key]
 
-    def _add_emitter(self, node: Node) -> None:
+    def _add_emitter(self, node: MitsubaElement) -> None:
         made = self.graph.make(node)
         if node.plugin in ("point", "spot", "directional") and (light := _punctual(node, made)) is not None:
             if not np.isfinite([*light.position, *light.direction, *light.color, light.intensity]).all():
@@ -195,7 +195,7 @@ class _Reader:
         else:
             self.emitters.append(made)
 
-    def _add_camera(self, node: Node) -> None:
+    def _add_camera(self, node: MitsubaElement) -> None:
         if node.plugin not in ("perspective", "thinlens"):
             self.warnings.append(f"sensor '{node.name}': a {node.plugin} is not loaded, only perspective cameras are")
             return
@@ -224,7 +224,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / max(float(np.linalg.norm(vector)), 1e-30)
 
 
-def _punctual(node: Node, made) -> Light | None:
+def _punctual(node: MitsubaElement, made) -> Light | None:
     """Make the record of a punctual emitter; None when a record cannot represent it (a textured spot, a spectrum)."""
     params = mi.traverse(made)
     key = "irradiance.value" if node.plugin == "directional" else "intensity.value"

@@ -1,15 +1,15 @@
 """Light transport: surface points, path-traced reference radiance, G-buffers and training samples."""
 
 from lightwell.transport.adaptive import refine as refine
-from lightwell.transport.air import Rejection as Rejection
-from lightwell.transport.air import reject as reject
 from lightwell.transport.camera import gbuffer as gbuffer
+from lightwell.transport.camera import reference_image as reference_image
 from lightwell.transport.camera import static_image as static_image
 from lightwell.transport.camera import total_image as total_image
-from lightwell.transport.camera import truth_image as truth_image
 from lightwell.transport.collect import collect as collect
 from lightwell.transport.collect import join as join
 from lightwell.transport.interactions import interaction as interaction
+from lightwell.transport.point_rejection import Rejection as Rejection
+from lightwell.transport.point_rejection import reject as reject
 from lightwell.transport.queries import make_query as make_query
 from lightwell.transport.radiance import PathReport as PathReport
 from lightwell.transport.radiance import direct as direct

@@ -9,7 +9,7 @@ import numpy as np
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.adaptive import Predict, ResidualDensity, mixture, residual_density
-from lightwell.transport.air import Rejection
+from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.samples import Samples
 from lightwell.transport.shards import (
     POOL_SHARDS,

@@ -38,7 +38,7 @@ CUTOUTS = 16
 GUIDE_SAMPLES = 4
 
 
-class Truth(TypedDict):
+class ReferenceImages(TypedDict):
     """The reference of one view under a white unit light; [H, W, 3] float32 unless said otherwise."""
 
     points: SurfacePoints
@@ -88,7 +88,7 @@ def gbuffer(
     return points, np.array(hit, bool), _rows(emission)
 
 
-def truth_image(
+def reference_image(
     scene: Scene,
     camera: Camera,
     light: np.ndarray,
@@ -100,7 +100,7 @@ def truth_image(
     *,
     max_depth: int = MAX_DEPTH,
     report: PathReport | None = None,
-) -> Truth:
+) -> ReferenceImages:
     """Render the reference: direct and indirect radiance at the surface points of the pixel centres.
 
     The declared light is white, 1 cd (a sun: 1 lx). Nothing is filtered, so that a field evaluated at the same points
@@ -131,7 +131,7 @@ def truth_image(
         full[seen] = values
         return full.reshape(height, width, 3)
 
-    return Truth(
+    return ReferenceImages(
         points=points,
         mask=mask.reshape(height, width),
         indirect_a=image(a),

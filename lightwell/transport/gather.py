@@ -52,7 +52,7 @@ def settled(material: Material, matte: bool) -> bool:
 
 
 @dataclass
-class KnownLight:
+class KnownIrradiance:
     """A light map of E' = irradiance / π on an atlas, on the device."""
 
     size: mi.UInt32
@@ -73,7 +73,7 @@ class KnownLight:
     """See ``shape_lookup``."""
 
     @staticmethod
-    def of(scene: Scene, atlas: Atlas, image: np.ndarray, matte: np.ndarray) -> KnownLight:
+    def of(scene: Scene, atlas: Atlas, image: np.ndarray, matte: np.ndarray) -> KnownIrradiance:
         """Upload a light map.
 
         Args:
@@ -89,7 +89,7 @@ class KnownLight:
         known = np.array([settled(scene.materials[m.material], bool(b)) for m, b in zip(scene.meshes, matte)], bool)
         stored = (atlas.chart >= 0) & known[t.mesh_of]
         padded = np.concatenate([image, np.zeros((*image.shape[:2], 1))], axis=2).astype(np.float32)
-        return KnownLight(
+        return KnownIrradiance(
             dr.opaque(mi.UInt32, atlas.size),
             mi.Float(padded.ravel()),
             mi.Float(atlas.uv.astype(np.float32).ravel()),
@@ -140,7 +140,7 @@ class KnownLight:
 
 
 def gathered(
-    scene: Scene, points: SurfacePoints, light: KnownLight, paths: int, seed: int, max_depth: int = MAX_DEPTH
+    scene: Scene, points: SurfacePoints, light: KnownIrradiance, paths: int, seed: int, max_depth: int = MAX_DEPTH
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gather radiance leaving points towards their views, as ``static`` does, ending paths at known light.
 
@@ -175,7 +175,7 @@ def gathered(
     return rows[..., :3].swapaxes(0, 1), rows[..., 3:].swapaxes(0, 1)
 
 
-def _launch(scene: Scene, device, light: KnownLight, settings, start: int, count: int, half: int) -> np.ndarray:
+def _launch(scene: Scene, device, light: KnownIrradiance, settings, start: int, count: int, half: int) -> np.ndarray:
     """Trace one launch; returns means of both halves [count, 2, 6]: radiance and E'."""
     seed, max_depth, rr_depth, size = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)

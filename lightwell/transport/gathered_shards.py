@@ -14,8 +14,8 @@ import numpy as np
 
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.air import Rejection
 from lightwell.transport.collect import collect
+from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import Gather, Radiosity

@@ -12,8 +12,8 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import WRONG_SHARE, air_sides, right_side
 from lightwell.transport.interactions import DevicePoints, gather_interaction
+from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
 from lightwell.transport.radiance import (
     LATTICE_STREAM,
     LAUNCH,

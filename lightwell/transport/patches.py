@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import reject
+from lightwell.transport.point_rejection import reject
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import draw_surface

@@ -22,8 +22,8 @@ from lightwell.files import write_atomically
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
-from lightwell.transport.air import Rejection
 from lightwell.transport.collect import collect
+from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport
 from lightwell.transport.samples import Query, Samples, SurfacePoints

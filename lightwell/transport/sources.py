@@ -26,7 +26,7 @@ LightSample: TypeAlias = tuple[Any, Any, Any, Any, Any]
 
 
 @dataclass
-class Point:
+class PointEmitter:
     """A point light of 1 cd."""
 
     position: mi.Point3f
@@ -63,7 +63,7 @@ class Point:
 
 
 @dataclass
-class Sun:
+class SunEmitter:
     """A distant light of 1 lx at normal incidence; ``direction`` points to it."""
 
     direction: mi.Vector3f
@@ -214,11 +214,11 @@ class Emitters:
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
 
 
-Source: TypeAlias = Point | Sun | Sphere | Emitters
+Source: TypeAlias = PointEmitter | SunEmitter | Sphere | Emitters
 """Anything that the path tracer can sample."""
 
 
-def declared(variable: Variable, light: mi.Vector3f) -> Point | Sphere | Sun:
+def declared(variable: Variable, light: mi.Vector3f) -> PointEmitter | Sphere | SunEmitter:
     """Make the source that a variable declares.
 
     Args:
@@ -229,7 +229,7 @@ def declared(variable: Variable, light: mi.Vector3f) -> Point | Sphere | Sun:
         A sun, a sphere for a radius above 0, else a point.
     """
     if variable.kind == "sun":
-        return Sun(dr.normalize(light))
+        return SunEmitter(dr.normalize(light))
     if isinstance(variable, PointLight) and variable.radius > 0:
         return Sphere(mi.Point3f(light), dr.opaque(mi.Float, variable.radius))
-    return Point(mi.Point3f(light))
+    return PointEmitter(mi.Point3f(light))

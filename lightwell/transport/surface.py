@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import Rejection as Rejection
-from lightwell.transport.air import reject as reject
 from lightwell.transport.interactions import interaction as interaction
+from lightwell.transport.point_rejection import Rejection as Rejection
+from lightwell.transport.point_rejection import reject as reject
 from lightwell.transport.queries import dot, frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
@@ -86,7 +86,7 @@ def draw_surface(
         count: Number of points, ≥ 1.
         seed: Seed of the points.
         floor: Points per visible object at least (as far as they fit in a quarter of the count); weights compensate.
-        is_open: Outdoor scene; None: measured (``lightwell.transport.air.room``).
+        is_open: Outdoor scene; None: measured (``lightwell.transport.point_rejection.room``).
         report: Receives the counts of dropped candidates, by reason.
         only: [M] bool: meshes to draw from; None: all.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.scenes.scene import Scene
-from lightwell.transport.air import Rejection, reject
+from lightwell.transport.point_rejection import Rejection, reject
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import candidates
@@ -21,7 +21,7 @@ PLACES = ((1 / 3, 1 / 3),)
 
 
 def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) -> np.ndarray:
-    """Find the sides of triangles on which some point borders on air (``lightwell.transport.air``).
+    """Find the sides of triangles on which some point borders on air (``lightwell.transport.point_rejection``).
 
     Args:
         scene: Scene with T triangles.

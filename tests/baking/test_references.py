@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from lightwell.baking.display_pictures import reference_picture
 from lightwell.baking.reference_budget import PICTURE_SCALE
-from lightwell.baking.references import reference_picture
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light
 from lightwell.scenes.variables import declare

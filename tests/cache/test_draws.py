@@ -3,7 +3,7 @@
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache.draws import draws
+from lightwell.cache.sobol_sampler import draws
 
 
 def _points(pairs, count=256, pixel=5, seed=9):

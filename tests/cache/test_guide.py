@@ -174,7 +174,7 @@ def test_a_calm_still_is_path_traced_and_a_cache_can_have_a_guide_too():
     scene = furnace()
     nrc = integrator(mode="still", warmup=4)
     mi.render(scene, integrator=nrc, spp=8)
-    assert not nrc.guiding and len(nrc.told) == 1
+    assert not nrc.guiding and len(nrc.stats) == 1
     nrc = NrcIntegrator(settings=settings_of({**SMALL, "guide": True, "mode": "still", "warmup": 20}))
     image = np.array(mi.render(scene, integrator=nrc, spp=16))
     assert nrc.cache.guide is not None and np.allclose(image.mean(axis=(0, 1)), 2, rtol=0.03)

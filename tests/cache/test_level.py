@@ -5,8 +5,19 @@ import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
+from lightwell.cache.brightness_correction import (
+    BITS,
+    CAP,
+    CELLS,
+    CLEAR,
+    MOST,
+    PRIOR,
+    SIDES,
+    CellSums,
+    CorrectedScaling,
+    N,
+)
 from lightwell.cache.features import Vertex
-from lightwell.cache.level import BITS, CAP, CELLS, CLEAR, MOST, PRIOR, SIDES, LocalGain, N, Sums
 
 from .scenes import room
 
@@ -18,7 +29,7 @@ def vertices(p, n):
 
 
 def levels_of(p, n, traced, said):
-    sums = Sums()
+    sums = CellSums()
     sums.add(vertices(p, n), mi.Float(np.asarray(traced, np.float32)), mi.Float(np.asarray(said, np.float32)))
     return np.array(sums.levels()).reshape(SIDES, N, N, N)  # side, z, y, x
 
@@ -90,7 +101,7 @@ def test_the_gain_is_interpolated_between_the_centres_of_cells():
     ramp = (cell % N + 10 * (cell // N % N) + 100 * (cell // N**2 % N) + 1000 * (cell // N**3)).astype(np.float32)
     p = np.array([[0.3, 0.6, 0.9], [0.5 / N] * 3, [0, 0, 0], [1, 1, 1], [1 - 0.5 / N, 0.5, 0.5]])
     n = np.array([[0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 0.9, 0.1], [0, -1, 0]])
-    out = np.array(LocalGain(mi.Float(0.5), mi.Float(ramp)).at(vertices(p, n)))
+    out = np.array(CorrectedScaling(mi.Float(0.5), mi.Float(ramp)).at(vertices(p, n)))
     inside = np.clip(p * N - 0.5, 0, N - 1)
     assert np.allclose(out, 0.5 * (inside @ [1, 10, 100] + 1000 * np.array([5, 0, 1, 2, 3])), rtol=1e-5)
 
@@ -152,7 +163,7 @@ def test_a_still_too_short_for_two_frames_of_training_is_path_traced():
     scene = room(24)
     nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "still", "seconds": 1e-3}))
     picture = np.array(mi.render(scene, integrator=nrc, spp=1, seed=1))
-    assert len(nrc.told) == 1 and not nrc.caching and nrc.cache.level is None and np.isfinite(picture).all()
+    assert len(nrc.stats) == 1 and not nrc.caching and nrc.cache.level is None and np.isfinite(picture).all()
     plain = NrcIntegrator(settings=settings_of({"termination_c": "inf", "mode": "frames"}))
     assert np.allclose(picture, np.array(mi.render(scene, integrator=plain, spp=nrc.samples, seed=1)), atol=1e-5)
 

@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
-from lightwell.cache.change import ChangeDetector
+from lightwell.cache.change_detection import ChangeDetector
 from lightwell.cache.settings import CHOICES
 
 from .scenes import room, sensor
@@ -159,7 +159,7 @@ def test_a_cold_cache_learns_from_larger_frames_at_first():
     mi.render(scene, integrator=plain, spp=2)
     low = NrcIntegrator(settings=settings_of({**small, "budget": "low", "steps": 1}))
     mi.render(scene, integrator=low, spp=2)
-    assert max(t.steps for t in plain.told) <= 2 and max(t.steps for t in low.told) == 1
+    assert max(t.steps for t in plain.stats) <= 2 and max(t.steps for t in low.stats) == 1
     assert low.cache.unbiased_share == 1  # small frames: full paths for longer
 
 

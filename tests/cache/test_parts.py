@@ -8,9 +8,9 @@ import pytest
 from lightwell.backend import dr, mi
 from lightwell.cache import encodings
 from lightwell.cache.batches import compacted, permuted
+from lightwell.cache.brightness_correction import RadianceScaling
 from lightwell.cache.features import Vertex, paper_inputs, raw_inputs
 from lightwell.cache.learner import Learner, averaging, believed, loss
-from lightwell.cache.level import Gain
 from lightwell.cache.model import Model
 from lightwell.cache.scale import RadianceScale
 from lightwell.cache.settings import CacheSettings, settings_of
@@ -101,9 +101,9 @@ def test_a_change_of_scale_changes_no_radiance():
     settings = CacheSettings(entries_log2=8, levels=2)
     learner = Learner(Model.of(settings), settings)
     v = Vertex(mi.Point3f([0.2, 0.4], [0.1, 0.9], [0.5, 0.5]), a=mi.Color3f(0.5))
-    before = np.array(learner.model.radiance(learner.model.packed(learner.values), v, Gain(mi.Float(1))))
+    before = np.array(learner.model.radiance(learner.model.packed(learner.values), v, RadianceScaling(mi.Float(1))))
     learner.rescale(8.0)
-    after = np.array(learner.model.radiance(learner.model.packed(learner.values), v, Gain(mi.Float(1 / 8))))
+    after = np.array(learner.model.radiance(learner.model.packed(learner.values), v, RadianceScaling(mi.Float(1 / 8))))
     assert np.allclose(before, after, rtol=1e-5)
 
 
@@ -129,9 +129,9 @@ def test_the_tiles_reach_their_target(size):
 def test_settings_say_what_is_wrong():
     with pytest.raises(ValueError, match="there is no parameter 'foo'"):
         settings_of({"foo": 1})
-    with pytest.raises(ValueError, match=r"'terminaton_c'; did you mean .*termination_c") as told:
+    with pytest.raises(ValueError, match=r"'terminaton_c'; did you mean .*termination_c") as stats:
         settings_of({"terminaton_c": 1})
-    assert len(str(told.value)) < 160 and "docs/radiance-cache.md lists them" in str(told.value)
+    assert len(str(stats.value)) < 160 and "docs/radiance-cache.md lists them" in str(stats.value)
     with pytest.raises(ValueError, match="expected one of compact, paper"):
         settings_of({"preset": "big"})
     with pytest.raises(ValueError, match="max_depth = 0"):

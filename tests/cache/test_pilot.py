@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, settings_of
-from lightwell.cache.pilot import COST, PASSES, Pilot, efforts, radiance_of
+from lightwell.cache.guide_selector import COST, PASSES, GuideSelector, efforts, radiance_of
 
 from .scenes import room
 
@@ -33,8 +33,8 @@ def test_single_bright_paths_do_not_decide():
     assert efforts(plain, guided)[1] < 0.15
 
 
-def trial(plain: float, guided: float, seconds: tuple[float, float], count: int = PASSES) -> Pilot:
-    made = Pilot()
+def trial(plain: float, guided: float, seconds: tuple[float, float], count: int = PASSES) -> GuideSelector:
+    made = GuideSelector()
     for kind, variance in ((False, plain), (True, guided)):
         made.pictures[kind] = list(passes(variance, 3 + kind, count=count))
         made.seconds[kind] = [9.0, seconds[kind], 2 * seconds[kind]][:count]
@@ -62,7 +62,7 @@ def integrator(**options) -> NrcIntegrator:
 def test_a_noisy_still_has_a_pilot_whose_samples_stay_in_the_picture(monkeypatch):
     monkeypatch.setattr("lightwell.cache.radiance_cache.CALM", 0.0)
     scene, asked = room(24), []
-    monkeypatch.setattr(Pilot, "guide_pays", lambda self, timed: asked.append(self) or True)
+    monkeypatch.setattr(GuideSelector, "guide_pays", lambda self, timed: asked.append(self) or True)
     nrc = integrator(warmup=8)
     picture = np.array(mi.render(scene, integrator=nrc, spp=64))
     assert len(asked) == 1 and nrc.guiding and nrc.samples == 64 and nrc.cache.guide_table.frames == 7

@@ -7,7 +7,7 @@ import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
-from lightwell.cache.change import SPAN, GrowthWatch
+from lightwell.cache.change_detection import SPAN, DivergenceMonitor
 from lightwell.cache.checks import check_sensor, check_variant
 from lightwell.cache.radiance_cache import YOUNG
 from lightwell.cache.replay import CAPACITY, PER_CAMERA, Replay
@@ -76,7 +76,7 @@ def test_records_that_are_no_numbers_are_dropped_and_counted():
     parameters.update()
     before = {k: np.array(v) for k, v in nrc.cache.learner.values.items()}
     mi.render(scene, integrator=nrc, spp=2)
-    assert nrc.told[-1].dropped > 0
+    assert nrc.stats[-1].dropped > 0
     assert all(np.isfinite(np.array(v)).all() for v in nrc.cache.learner.values.values()) and before
     parameters["lamp.emitter.radiance.value"] = mi.Color3f(8.0)
     parameters.update()
@@ -85,7 +85,7 @@ def test_records_that_are_no_numbers_are_dropped_and_counted():
 
 
 def test_growth_without_cause_is_noticed_and_noise_is_not():
-    watch, rng = GrowthWatch(), np.random.default_rng(0)
+    watch, rng = DivergenceMonitor(), np.random.default_rng(0)
     assert not any(watch.update(float(1 + 0.2 * rng.normal())) for _ in range(500))
     assert any(watch.update(1.02**k) > 1.5 for k in range(2 * SPAN))
 

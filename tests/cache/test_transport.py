@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
-from lightwell.cache.training_paths import Records, resolve
+from lightwell.cache.training_paths import TrainingRecords, resolve
 
 from .scenes import furnace, room
 
@@ -26,7 +26,7 @@ def test_without_a_cache_it_is_mitsuba_s_path_tracer():
 
 
 def test_hand_made_segments_resolve_backwards():
-    records = Records()
+    records = TrainingRecords()
     records.gathered = mi.Float([1, 0, 2, 0, 0.5, 1, 0, 0, 9, 9, 9, 9, 3, 3, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0])
     records.through = mi.Float([0.5, 0, 1, 0, 2, 0.25, 0, 0, 9, 9, 9, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
     records.count, records.query = mi.UInt32(2, 1), mi.Int32(1, -1)
@@ -47,7 +47,7 @@ def test_furnace(albedo):
     expected = 1 / (1 - np.array(albedo))
     assert np.allclose(image.mean(axis=(0, 1)), expected, rtol=0.02)
     assert np.all(image[..., 2] == 1)
-    assert all(t.dropped == 0 for t in nrc.told)
+    assert all(t.dropped == 0 for t in nrc.stats)
 
 
 def test_training_without_a_cache_tail_meets_the_path_traced_mean_and_learns_the_room():
@@ -58,7 +58,7 @@ def test_training_without_a_cache_tail_meets_the_path_traced_mean_and_learns_the
         nrc = integrator(mode="still", warmup=300, unbiased_fraction=u, batch=2048)
         image = np.array(mi.render(scene, integrator=nrc, spp=32))
         assert abs(image.mean() / reference.mean() - 1) < 0.03
-        bias = np.mean([t.bias[0] for t in nrc.told[-100:]])
+        bias = np.mean([t.bias[0] for t in nrc.stats[-100:]])
         assert abs(bias) < 0.05 * reference.mean()
 
 

@@ -13,7 +13,7 @@ from lightwell.fields.surface import balanced
 from lightwell.fields.surface.cells import Cells, light_bins, signature
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.inputs import Inputs
-from lightwell.fields.surface.lattice import Gate, Lattice
+from lightwell.fields.surface.lattice import Gate, VertexLattice
 from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.transport.samples import Query, Samples
 
@@ -154,7 +154,7 @@ def test_the_gate_sees_what_the_light_does():
     height = np.random.default_rng(0).uniform(-1, 1, 20_000)
     data.query.position[:, 1] = height
     examples = Examples.of(data, SETUP, Inputs(SETUP, "lean"), True)
-    lattice = Lattice.around(SETUP, data.query, 8)
+    lattice = VertexLattice.around(SETUP, data.query, 8)
     cells = Cells.of(lattice, examples)
     found, x = signature(cells, examples), cells.mean(data.query.position)[:, 0]
     left, right = found[x < -0.05, 0], found[x > 0.05, 0]
@@ -175,7 +175,7 @@ def test_two_sides_of_a_thin_wall_have_different_experts():
     query = room(8000, 0)
     query.position[:, 2] = np.where(np.arange(8000) % 2, 0.005, -0.005)
     query.normal[:] = np.sign(query.position[:, 2:3]) * [0, 0, 1]
-    lattice = Lattice.around(SETUP, query, 8)
+    lattice = VertexLattice.around(SETUP, query, 8)
     number, cell = np.unique(lattice.cell(query), return_inverse=True)
     front = np.zeros(len(number), np.int64)
     front[cell[query.position[:, 2] > 0]] = 1
@@ -185,7 +185,7 @@ def test_two_sides_of_a_thin_wall_have_different_experts():
 
 
 def test_neighbours_are_those_that_touch():
-    lattice = Lattice(np.zeros(3), 1.0, (3, 4, 5))
+    lattice = VertexLattice(np.zeros(3), 1.0, (3, 4, 5))
     cells = np.random.default_rng(0).permutation(60)[:25]
     place = np.stack(np.unravel_index(cells, lattice.shape), axis=1)
     near = np.abs(place[:, None] - place).max(axis=2) == 1

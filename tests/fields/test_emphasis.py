@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightwell.fields.surface.emphasis import by_object
+from lightwell.fields.surface.sample_weights import by_object
 
 
 def test_every_object_counts_as_often_as_it_was_sampled():

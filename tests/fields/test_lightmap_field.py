@@ -11,7 +11,7 @@ from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.pictures import BYTE, decoded, encode, minified, seen_from_afar
-from lightwell.transport.mapped import MappedQuery
+from lightwell.transport.lightmap_query import LightmapQuery
 
 SIZE = 32
 RNG = np.random.default_rng(5)
@@ -23,11 +23,11 @@ def unit_rows(count: int, up: bool = False) -> np.ndarray:
     return (v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
 
 
-def queries(count: int, metallic: float = 0.0, roughness: float = 0.3) -> MappedQuery:
+def queries(count: int, metallic: float = 0.0, roughness: float = 0.3) -> LightmapQuery:
     """Places all over a floor of albedo 0.46, seen from above."""
     place = RNG.random((count, 2)).astype(np.float32)
     normal = np.tile(np.float32([0, 1, 0]), (count, 1))
-    return MappedQuery(
+    return LightmapQuery(
         position=np.stack([place[:, 0], np.zeros(count, np.float32), place[:, 1]], axis=1),
         normal=normal,
         view=unit_rows(count, up=True),
@@ -46,7 +46,7 @@ def ramp() -> np.ndarray:
     return np.repeat(np.repeat((0.1 + 0.4 * u)[None, :, None], SIZE, axis=0), 3, axis=2)
 
 
-def radiance(fit: LightmapFit, query: MappedQuery) -> np.ndarray:
+def radiance(fit: LightmapFit, query: LightmapQuery) -> np.ndarray:
     """What the shipped graph shows."""
     graph = fit.lower()
     inputs = {name: value for name, value in query_inputs(query).items() if name in graph.inputs}
@@ -180,7 +180,7 @@ def glossy():
     towards = np.float32([0.3, 0.8, 0.52])
     towards /= np.linalg.norm(towards)
 
-    def truth(query: MappedQuery) -> np.ndarray:
+    def truth(query: LightmapQuery) -> np.ndarray:
         mirrored = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
         lobe = np.exp(12 * ((mirrored * towards).sum(axis=1, keepdims=True) - 1))
         diffuse = 0.46 * np.interp(query.uv1[:, :1] * SIZE, np.arange(SIZE) + 0.5, ramp()[0, :, 0])
@@ -317,7 +317,7 @@ def test_a_broken_target_is_left_out():
 # ---------------------------------------------------------------------- features made from places
 
 
-def lobes(query: MappedQuery) -> np.ndarray:
+def lobes(query: LightmapQuery) -> np.ndarray:
     """Diffuse light, and a lobe that grows to the right."""
     mirrored = 2 * (query.normal * query.view).sum(axis=1, keepdims=True) * query.normal - query.view
     lobe = query.uv1[:, :1] * np.exp(6 * (mirrored[:, 1:2] - 1))
@@ -325,7 +325,7 @@ def lobes(query: MappedQuery) -> np.ndarray:
     return 2.0 * (diffuse + 0.5 * lobe).repeat(3, axis=1)
 
 
-def of_places(surface: tuple[int, ...], query: MappedQuery, target: np.ndarray, steps: int) -> LightmapFit:
+def of_places(surface: tuple[int, ...], query: LightmapQuery, target: np.ndarray, steps: int) -> LightmapFit:
     preset = LightmapPreset("png", channels=6, share=0.5, hidden=(16, 16), inputs="mirror", surface=surface)
     setup = FieldSetup((0.5, 0.5, 0.5), 0.5, 2.0, "static", (1.0, 1.0, 1.0))
     fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=1 << 10, setup=setup)

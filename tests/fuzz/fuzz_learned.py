@@ -114,10 +114,10 @@ def _lightmap() -> Case:
 def probes() -> list[Case]:
     """Probe volumes in both codings, with bricks, and with distance moments."""
     from lightwell.probes.file import encode_volume
-    from lightwell.probes.lattice import Lattice
+    from lightwell.probes.lattice import ProbeLattice
 
     made = _import("probes", "test_lattice_and_query")
-    small = made.made_up(lattice=Lattice(np.array([-1.0, 0.3, 2.0]), 0.7, (2, 2, 3)))
+    small = made.made_up(lattice=ProbeLattice(np.array([-1.0, 0.3, 2.0]), 0.7, (2, 2, 3)))
     volumes = [(small, "l2", None), (made.bricked(), "zh3", None), (small, "zh3", _moments(small))]
     return [single("room.lwp", encode_volume(volume, coding, 1.0, moments)[0]) for volume, coding, moments in volumes]
 

@@ -9,10 +9,10 @@ from lightwell.cli import main
 from lightwell.core.store import Store, default_folder
 from lightwell.lens import families
 from lightwell.lens.bake import bake_nodes
-from lightwell.lens.cache import Shelf
 from lightwell.lens.check import check
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import MAGIC, Library, load, loads, two_arrays
+from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.recipes import Recipe, lossless
 from lightwell.lens.spreadlet import CHARGE, Spreadlet
 from lightwell.limits import Limits
@@ -167,20 +167,20 @@ def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
 
 def test_the_shelf_keeps_what_it_baked():
     family = families.depth(7.0, noise=0.2)
-    shelf = Shelf()
+    shelf = LibraryCache()
     made = shelf.library(family, Recipe())
     assert shelf.ensure(made, np.arange(family.size)) == family.size and shelf.ensure(made, np.arange(3)) == 0
     (path,) = [entry.path for entry in Store(default_folder()).entries() if entry.path.read_bytes() == made.tobytes()]
-    assert Shelf().library(family, Recipe()).tobytes() == made.tobytes()
+    assert LibraryCache().library(family, Recipe()).tobytes() == made.tobytes()
     path.write_bytes(b"LWSPgarbage")
-    assert not Shelf().library(family, Recipe()).nodes, "a broken cache file is baked again"
+    assert not LibraryCache().library(family, Recipe()).nodes, "a broken cache file is baked again"
 
 
 def test_what_two_processes_bake_is_kept_together(tmp_path):
     """The second to write has not seen what the first wrote; a library that loses nodes is baked for ever."""
     family, store = families.depth(7.0, noise=0.2), Store(tmp_path)
-    shelves = [Shelf(store=store), Shelf(store=store)]
+    shelves = [LibraryCache(store=store), LibraryCache(store=store)]
     made = [shelf.library(family, Recipe()) for shelf in shelves]
     for shelf, library, node in zip(shelves, made, (0, 1)):
         shelf.ensure(library, np.array([node]))
-    assert {0, 1} <= {node for node, _ in Shelf(store=store).library(family, Recipe()).nodes}
+    assert {0, 1} <= {node for node, _ in LibraryCache(store=store).library(family, Recipe()).nodes}

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from lightwell import lens
-from lightwell.lens import families, psf, twin
+from lightwell.lens import families, psf
+from lightwell.lens import reference as twin
 from lightwell.lens.aperture import from_picture, polygon
-from lightwell.lens.cache import STANDARD, Shelf
 from lightwell.lens.camera import distance, from_thin_lens
 from lightwell.lens.engine import Engine
 from lightwell.lens.layers import Layer, composite, split, thresholds
 from lightwell.lens.library import Library, load
-from lightwell.lens.pipeline import Lens, Settings
+from lightwell.lens.library_cache import STANDARD, LibraryCache
+from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.recipes import Recipe
 from lightwell.lens.report import Report
 
@@ -24,7 +25,7 @@ def camera_for(s_at: dict[float, float], width: int) -> lens.Camera:
 
 
 def run(rgba, depth, camera, motion=None, **settings):
-    return Lens(Settings(**settings)).apply(np.asarray(rgba, np.float32), np.asarray(depth), motion, camera)
+    return Lens(LensSettings(**settings)).apply(np.asarray(rgba, np.float32), np.asarray(depth), motion, camera)
 
 
 def test_confusion_is_that_of_a_thin_lens():
@@ -45,7 +46,7 @@ def test_a_point_becomes_its_kernel_and_keeps_its_energy():
     rgba = np.zeros((size, size, 4), np.float32)
     rgba[50, 50] = [3, 2, 1, 1]
     layer = Layer(rgba, np.full((size, size), 12.0, np.float32), None)
-    out = Lens(Settings(edges="dark", layers=1)).blur(layer, Report())
+    out = Lens(LensSettings(edges="dark", layers=1)).blur(layer, Report())
     assert out.sum((0, 1)) == pytest.approx([3, 2, 1, 1], rel=1e-3)
     kernel = psf.capsule(12.0)
     h = kernel.shape[0] // 2
@@ -66,7 +67,7 @@ def test_linear_and_shift_invariant():
     a, b = rng.random((2, 64, 64, 4)).astype(np.float32)
     depth = np.full((64, 64), 5.0)
     options = {"edges": "dark", "layers": 1, "tolerance": np.inf}
-    engine = Lens(Settings(**options))
+    engine = Lens(LensSettings(**options))
     s = np.full((64, 64), 6.0, np.float32)
 
     def blur(image, s=s):
@@ -91,7 +92,7 @@ def test_sparse_against_dense_on_a_ramp_reaches_50_db_with_few_points():
     node = np.abs(radii[None] - (x[0] / size * 16)[:, None]).argmin(1)
     s = np.broadcast_to(radii[node].astype(np.float32), (size, size))
     report = Report()
-    made = Lens(Settings(edges="dark", layers=1)).blur(Layer(rgba, s, None), report)
+    made = Lens(LensSettings(edges="dark", layers=1)).blur(Layer(rgba, s, None), report)
     which = np.broadcast_to(node, (size, size))
     kernels = {int(n): family.kernel(int(n)) for n in np.unique(node)}
     exact = twin.dense(rgba.astype(float), [kernels.get(i, np.ones((1, 1))) for i in range(node.max() + 1)], which)
@@ -145,8 +146,8 @@ def test_zero_motion_is_depth_only():
     rng = np.random.default_rng(1)
     rgba = rng.random((50, 60, 4)).astype(np.float32)
     s = np.full((50, 60), 8.0, np.float32)
-    flat = Engine(families.depth(8.0), Recipe(), Shelf(keep=False), tolerance=0)
-    joint = Engine(families.depth_speed(8.0, 4.0), Recipe(), Shelf(keep=False), tolerance=0)
+    flat = Engine(families.depth(8.0), Recipe(), LibraryCache(keep=False), tolerance=0)
+    joint = Engine(families.depth_speed(8.0, 4.0), Recipe(), LibraryCache(keep=False), tolerance=0)
     a = flat.blur(Layer(rgba, s, None), Report())
     b = joint.blur(Layer(rgba, s, np.zeros((50, 60, 2), np.float32)), Report())
     assert np.abs(a - b).max() < 2e-4
@@ -240,7 +241,7 @@ def test_a_given_layer_behind_is_seen_around_the_front():
     behind[:] = [0, 0, 1, 1]
     camera = camera_for({1.0: -10.0}, 100)
     depth = np.where(front[..., 3] > 0, depth, np.inf)
-    out, report = Lens(Settings()).apply(front, depth, None, camera, behind=[(behind, np.full((40, 100), 2.0))])
+    out, report = Lens(LensSettings()).apply(front, depth, None, camera, behind=[(behind, np.full((40, 100), 2.0))])
     assert report.layers == 2 and out[20, 50, 2] == pytest.approx(0.5, abs=0.06) and out[20, 95, 2] > 0.99
 
 
@@ -297,7 +298,7 @@ def test_polygon_with_motion_uses_the_baked_angle():
 
 def test_the_standard_libraries_are_what_the_code_asks_for():
     for family in (families.depth(64),):
-        key = Library(family, Settings().recipe()).key()
+        key = Library(family, LensSettings().recipe()).key()
         found = load(STANDARD / f"{key}.lwsp")
         assert found.key() == key and len({k[0] for k in found.nodes}) == family.size
     page = load(STANDARD / "disc-32.lwsp")

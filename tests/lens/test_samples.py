@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.lens import Camera, LensError
-from lightwell.lens.samples import Samples, reconstruct
+from lightwell.lens.samples import LensSamples, reconstruct
 from lightwell.lens.thin_lens import trace, view
 
 T = mi.ScalarTransform4f
@@ -43,7 +43,7 @@ def test_few_samples_come_near_many(scene):
     inner = (slice(6, -6), slice(6, -6))
     errors = [np.sqrt(np.mean((p[inner] - many[inner]) ** 2)) for p in (made[..., :3], plain.reshape(64, 96, 3))]
     assert errors[0] < 0.5 * errors[1] and report.bad == 0
-    wrong = Samples(samples.x, samples.y, samples.rgb, samples.depth, -samples.lens)
+    wrong = LensSamples(samples.x, samples.y, samples.rgb, samples.depth, -samples.lens)
     flipped, _ = reconstruct(wrong, seen.height, seen.width, seen.camera)
     assert np.sqrt(np.mean((flipped[..., :3][inner] - many[inner]) ** 2)) > 1.3 * errors[0], "the lens' sign matters"
 
@@ -54,13 +54,13 @@ def test_bad_samples_are_left_out_and_shapes_checked():
     x, y = rng.random((2, n)) * 20
     rgb = np.full((n, 3), 0.5)
     rgb[0] = np.nan
-    samples = Samples(x, y, rgb, np.full(n, 3.0), np.zeros((n, 2)), rng.random(n), np.zeros((n, 2)))
+    samples = LensSamples(x, y, rgb, np.full(n, 3.0), np.zeros((n, 2)), rng.random(n), np.zeros((n, 2)))
     made, report = reconstruct(samples, 20, 20, Camera(focus=3.0))
     assert report.bad == 1 and np.abs(made[5:15, 5:15, :3] - 0.5).max() < 1e-3
     with pytest.raises(LensError, match="lens has shape"):
-        reconstruct(Samples(x, y, rgb, np.full(n, 3.0), np.zeros((n, 3))), 20, 20, Camera(focus=3.0))
+        reconstruct(LensSamples(x, y, rgb, np.full(n, 3.0), np.zeros((n, 3))), 20, 20, Camera(focus=3.0))
     with pytest.raises(LensError, match="no sample"):
-        reconstruct(Samples(x, y, rgb, np.full(n, -3.0), np.zeros((n, 2))), 20, 20, Camera(focus=3.0))
+        reconstruct(LensSamples(x, y, rgb, np.full(n, -3.0), np.zeros((n, 2))), 20, 20, Camera(focus=3.0))
 
 
 def test_a_sensor_without_a_lens_is_refused():

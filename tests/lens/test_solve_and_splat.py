@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from lightwell.lens import families, fixed, pyramid, solve, twin
+from lightwell.lens import families, fixed, pyramid, solve
+from lightwell.lens import reference as twin
 from lightwell.lens.bake import bake_node
 from lightwell.lens.choose import choose, uniform
 from lightwell.lens.psf import capsule

@@ -12,8 +12,8 @@ from lightwell.probes.fallbacks import fallbacks, sealed, spread
 from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
-from lightwell.probes.samples import Effort, _times, rows
-from lightwell.probes.solve import Rows, smape, solve
+from lightwell.probes.samples import ProbeSampling, _times, rows
+from lightwell.probes.solve import SolveRows, smape, solve
 from lightwell.probes.support import cube_edges, cube_valid, sees
 from lightwell.probes.volume import OPEN, WEIGHTED, coefficients, query, trust_at
 from lightwell.probes.weights import FUNCTIONS, error, point_weight, refine, trusted
@@ -120,9 +120,11 @@ def test_the_solve_recovers_light_that_the_probes_can_show(baked):
     node, share, _ = coefficients(volume, x, np.zeros_like(x))
     light = np.einsum("nk,nkbc->nbc", share, truth[node])
     start = truth + rng.normal(0, 0.3, truth.shape).astype(np.float32) * volume.alive[:, None, None]
-    found = solve(volume, Rows(x, np.zeros_like(x), light), start)
+    found = solve(volume, SolveRows(x, np.zeros_like(x), light), start)
     assert found.errors[-1] < 0.3 * found.errors[0] and np.isfinite(found.light).all()
-    states = solve(volume, Rows(x, np.zeros_like(x), np.stack([light, 2 * light])), np.stack([start, 2 * start])).light
+    states = solve(
+        volume, SolveRows(x, np.zeros_like(x), np.stack([light, 2 * light])), np.stack([start, 2 * start])
+    ).light
     assert np.allclose(states[1], 2 * states[0], rtol=1e-3, atol=1e-3)
 
 
@@ -164,7 +166,7 @@ def test_bricks_are_baked_again_where_a_box_touches_them(rooms, baked):
 
 
 def test_an_incremental_bake_of_the_light_keeps_what_it_does_not_touch(rooms, baked):
-    lit = light_volume(rooms.scene, baked, Effort(4, 8, 8), 3)
+    lit = light_volume(rooms.scene, baked, ProbeSampling(4, 8, 8), 3)
     box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
     same, solved = relit(rooms.scene, lit, box)
     assert len(solved) == 0 and np.array_equal(same.volume.light, lit.volume.light)
@@ -176,7 +178,7 @@ def test_an_incremental_bake_of_the_light_keeps_what_it_does_not_touch(rooms, ba
 
 
 def test_bricks_stand_where_the_error_is(rooms, baked):
-    lit = light_volume(rooms.scene, baked, Effort(8, 32, 64), 3)
+    lit = light_volume(rooms.scene, baked, ProbeSampling(8, 32, 64), 3)
     fine = refined(rooms.scene, lit, 2.0)
     assert fine.volume.bricks is not None
     added = len(fine.volume.state) - len(fine.volume.lattice)
@@ -235,7 +237,7 @@ def test_noisy_light_is_not_taken_for_dark_light(baked):
     light[:, 0] = rng.gamma(3, 1 / 3, (len(x), 1))
     start = np.zeros(baked.volume.light.shape, np.float32)
     start[baked.volume.alive, 0] = 1
-    found = solve(baked.volume, Rows(x, np.zeros_like(x), light), start)
+    found = solve(baked.volume, SolveRows(x, np.zeros_like(x), light), start)
     node, share, _ = coefficients(baked.volume, x, np.zeros_like(x))
     assert (share * found.light[node, 0, 0]).sum(axis=1).mean() == pytest.approx(light[:, 0].mean(), rel=0.01)
 
@@ -243,12 +245,12 @@ def test_noisy_light_is_not_taken_for_dark_light(baked):
 def test_noisy_cells_get_more_paths(rooms, baked):
     noise, cell = np.array([0.01, 0.05, 0.3, 0.3, 0.09, 0.09]), np.array([5, 5, 2, 2, 9, 9])
     assert _times(noise, cell, 16).tolist() == [1, 1, 16, 16, 8, 8] and _times(noise, cell, 1).max() == 1
-    few, many = (rows(rooms.scene, baked, Effort(4, 16, 16, most=most), 3)[0] for most in (1, 16))
+    few, many = (rows(rooms.scene, baked, ProbeSampling(4, 16, 16, most=most), 3)[0] for most in (1, 16))
     assert np.array_equal(few.place, many.place) and many.noise.mean() < 0.5 * few.noise.mean()
 
 
 def test_what_has_been_traced_without_bricks_is_not_traced_again(rooms, baked):
-    lit = light_volume(rooms.scene, baked, Effort(8, 16, 16, most=4), 3)
+    lit = light_volume(rooms.scene, baked, ProbeSampling(8, 16, 16, most=4), 3)
     fine = refined(rooms.scene, lit, 2.0)
     whole = light_volume(rooms.scene, fine.geometry, lit.effort, lit.seed)
     assert len(fine.volume.state) > len(baked.volume.state)

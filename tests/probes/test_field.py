@@ -16,7 +16,7 @@ from lightwell.probes import generator
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines
 from lightwell.probes.leak_scenes import two_rooms
-from lightwell.probes.samples import Effort
+from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.volume import query
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
@@ -25,8 +25,8 @@ TINY = replace(
     PRESETS["draft"],
     states=6,
     rank=3,
-    effort=Effort(4, 16, 16),
-    static_effort=Effort(4, 16, 16),
+    effort=ProbeSampling(4, 16, 16),
+    static_effort=ProbeSampling(4, 16, 16),
     bricks=0.5,
     hidden=(8,),
 )

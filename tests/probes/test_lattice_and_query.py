@@ -7,20 +7,20 @@ import pytest
 
 from lightwell.graph import compile, evaluate
 from lightwell.probes import bricks, sh
-from lightwell.probes.lattice import Lattice
+from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.lower import lower
 from lightwell.probes.pattern import octants, pattern
 from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, ProbeVolume, coefficients, explain, query
 from lightwell.probes.weights import FUNCTIONS
 
-LATTICE = Lattice(np.array([-1.0, 0.3, 2.0]), 0.7, (5, 4, 6))
+LATTICE = ProbeLattice(np.array([-1.0, 0.3, 2.0]), 0.7, (5, 4, 6))
 
 
 def unit(v):
     return (v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
 
 
-def made_up(function: str = "relu-field", lattice: Lattice = LATTICE, seed: int = 0) -> ProbeVolume:
+def made_up(function: str = "relu-field", lattice: ProbeLattice = LATTICE, seed: int = 0) -> ProbeVolume:
     """A volume of random weights and light: a definition is tested on nonsense, too."""
     rng = np.random.default_rng(seed)
     f, count = FUNCTIONS[function], len(lattice)
@@ -99,7 +99,7 @@ def opened(volume: ProbeVolume) -> ProbeVolume:
 
 def test_a_lattice_reaches_a_whole_cell_beyond_the_surfaces():
     for offset in ((0, 0, 0), (0.99, 0.5, 0.01)):
-        lattice = Lattice.around(np.array([[0, 0, 0], [3, 2, 1.5]]), 0.5, offset)
+        lattice = ProbeLattice.around(np.array([[0, 0, 0], [3, 2, 1.5]]), 0.5, offset)
         nodes = lattice.nodes()
         assert (nodes.min(axis=0) <= -0.5 + 1e-9).all() and (
             nodes.max(axis=0) >= np.array([3.5, 2.5, 2.0]) - 1e-9
@@ -198,7 +198,7 @@ def test_the_pattern_is_the_same_in_every_cell():
 @pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
 def test_a_spacing_that_is_no_length_is_refused(spacing):
     with pytest.raises(ValueError, match="give metres, such as 1m"):
-        Lattice.around(np.array([[0, 0, 0], [1, 1, 1]]), spacing)
+        ProbeLattice.around(np.array([[0, 0, 0], [1, 1, 1]]), spacing)
 
 
 @pytest.mark.parametrize("function", list(FUNCTIONS))

@@ -2,13 +2,13 @@
 
 import re
 
-from lightwell.report.charts import Axis, Series, line_chart
+from lightwell.report.charts import ChartAxis, ChartSeries, line_chart
 from lightwell.report.facts import facts_html
 from lightwell.report.numbers import brief_amount
-from lightwell.report.scatter import Point, scatter_chart
+from lightwell.report.scatter import ScatterPoint, scatter_chart
 
-PLAIN = Axis("x", str)
-LOG = Axis("x", brief_amount, log=True)
+PLAIN = ChartAxis("x", str)
+LOG = ChartAxis("x", brief_amount, log=True)
 
 
 def test_every_form_of_a_fact():
@@ -33,24 +33,28 @@ def test_every_form_of_a_fact():
 
 
 def test_a_lone_point_is_a_dot():
-    svg = line_chart([Series("a", [1], [1], tone="tone-3")], PLAIN, PLAIN, "one")
+    svg = line_chart([ChartSeries("a", [1], [1], tone="tone-3")], PLAIN, PLAIN, "one")
     (points,) = re.findall(r'points="([^"]+)"', svg)
     first, second = points.split()
     assert first == second and "tone-3" in svg
 
 
 def test_scatter_front_floor_and_labels():
-    points = [Point("a", 10, 0.5, "tone-0"), Point("b", 100, 0.1, "tone-1"), Point("c <", 1000, 0.2, "tone-2")]
+    points = [
+        ScatterPoint("a", 10, 0.5, "tone-0"),
+        ScatterPoint("b", 100, 0.1, "tone-1"),
+        ScatterPoint("c <", 1000, 0.2, "tone-2"),
+    ]
     svg = scatter_chart(points, LOG, LOG, "title", floor=0.05)
     assert "noise floor" in svg and "c &lt;" in svg and svg.count('class="dot') == 3
     (front,) = re.findall(r'class="front" points="([^"]+)"', svg)
     # a, the corner under it, b; c is beaten by b.
     assert len(front.split()) == 3
-    assert scatter_chart([Point("free", 0, 0.1, "tone-0")], LOG, LOG, "title") == ""
+    assert scatter_chart([ScatterPoint("free", 0, 0.1, "tone-0")], LOG, LOG, "title") == ""
 
 
 def test_labels_do_not_cover_each_other():
-    points = [Point(f"field {k}", 10 + k, 0.5, f"tone-{k}") for k in range(3)]
+    points = [ScatterPoint(f"field {k}", 10 + k, 0.5, f"tone-{k}") for k in range(3)]
     svg = scatter_chart(points, LOG, LOG, "title")
     places = re.findall(r'class="label small" x="([\d.]+)" y="([\d.]+)" text-anchor="(\w+)"', svg)
     assert len(set(places)) == 3

@@ -77,19 +77,19 @@ def test_ticks(low, high, log, expected):
 
 
 def test_line_chart_places_points():
-    x, y = charts.Axis("x", numbers.brief), charts.Axis("y", numbers.brief_percent, log=True)
-    svg = charts.line_chart([charts.Series("<a>", [0, 1], [0.1, 0.2])], x, y, "a & b")
+    x, y = charts.ChartAxis("x", numbers.brief), charts.ChartAxis("y", numbers.brief_percent, log=True)
+    svg = charts.line_chart([charts.ChartSeries("<a>", [0, 1], [0.1, 0.2])], x, y, "a & b")
     right = charts.WIDTH - charts.RIGHT
     assert f'points="{charts.LEFT}.0,' in svg and f" {right}.0," in svg and "a &amp; b" in svg
 
 
 def test_charts_of_odd_data():
-    x, y = charts.Axis("x", numbers.brief, log=True), charts.Axis("y", numbers.brief, log=True)
-    assert charts.line_chart([charts.Series("a", [], [])], x, y, "") == ""
-    assert charts.line_chart([charts.Series("a", [0, -1], [0, 1])], x, y, "") == ""
-    assert "polyline" in charts.line_chart([charts.Series("a", [2], [3])], x, y, "")
-    linear = charts.Axis("x", numbers.brief)
-    assert "polyline" in charts.line_chart([charts.Series("a", [0, 0], [0, 0])], linear, linear, "")
+    x, y = charts.ChartAxis("x", numbers.brief, log=True), charts.ChartAxis("y", numbers.brief, log=True)
+    assert charts.line_chart([charts.ChartSeries("a", [], [])], x, y, "") == ""
+    assert charts.line_chart([charts.ChartSeries("a", [0, -1], [0, 1])], x, y, "") == ""
+    assert "polyline" in charts.line_chart([charts.ChartSeries("a", [2], [3])], x, y, "")
+    linear = charts.ChartAxis("x", numbers.brief)
+    assert "polyline" in charts.line_chart([charts.ChartSeries("a", [0, 0], [0, 0])], linear, linear, "")
     assert charts.bar_chart([], numbers.percent, "") == ""
     assert "n…" in charts.bar_chart([("n" * 99, 0.0, 0.0)], numbers.percent, "")
 

@@ -12,8 +12,8 @@ from lightwell.scenes.variables import PointLight, Sun
 from lightwell.transport import radiance
 from lightwell.transport.interactions import interaction
 from lightwell.transport.radiance import direct, indirect, static
+from lightwell.transport.reference import indirect_reference
 from lightwell.transport.surface import sample_surface
-from lightwell.transport.twin import indirect_twin
 
 from . import rooms
 from .zscores import Estimate, mitsubas, of_groups, ours, with_view, z_test
@@ -144,7 +144,7 @@ def test_twin(name, request, roaming):
     points = sample_surface(scene, POINTS, 16, floor=4)
     rng = np.random.default_rng(2)
     light = rng.uniform(roaming.low, roaming.high, (POINTS, 3)).astype(np.float32)
-    mean, error = indirect_twin(scene, points, light, 1 << 13, 3, max_depth=6)
+    mean, error = indirect_reference(scene, points, light, 1 << 13, 3, max_depth=6)
     found = ours(scene, points, light, roaming, 1 << 14, 4, max_depth=6)
     passed, text = z_test(found - Estimate(mean, error**2))
     assert passed, text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightwell.transport.camera import gbuffer, total_image, truth_image
+from lightwell.transport.camera import gbuffer, reference_image, total_image
 from lightwell.transport.queries import frames
 
 from . import rooms
@@ -46,7 +46,7 @@ def test_cut_away_surfaces_are_looked_through():
 def test_pictures_agree(cornell, roaming):
     # Pixel centres with 2 x 64 paths against an antialiased picture: means within 2 % (noise 0.5 %, edges 1 %).
     camera = cornell.cameras[0]
-    truth = truth_image(cornell, camera, LIGHT, roaming, 48, 48, 128)
+    truth = reference_image(cornell, camera, LIGHT, roaming, 48, 48, 128)
     total = total_image(cornell, camera, LIGHT, roaming, 48, 48, 128, intensity=2.0, color=(1.0, 0.5, 0.25))
     indirect = 0.5 * (truth["indirect_a"] + truth["indirect_b"])
     expected = (truth["direct"] + indirect) * np.float32([2.0, 1.0, 0.5]) + truth["emission"]

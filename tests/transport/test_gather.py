@@ -5,8 +5,8 @@ import pytest
 
 from lightwell.fields.lightmap.trace import chart, corrected, matte
 from lightwell.scenes import load
-from lightwell.scenes.still_light import under_sky
-from lightwell.transport.gather import KnownLight, gathered, settled
+from lightwell.scenes.default_light import under_sky
+from lightwell.transport.gather import KnownIrradiance, gathered, settled
 from lightwell.transport.radiance import static
 from lightwell.transport.surface import draw_surface
 
@@ -25,14 +25,14 @@ def mean_light(pair) -> float:
 
 def test_the_mean_is_that_of_full_paths(court):
     scene, made, points, truth = court
-    known = KnownLight.of(scene, made.atlas, made.image, matte(scene))
+    known = KnownIrradiance.of(scene, made.atlas, made.image, matte(scene))
     light, _ = gathered(scene, points, known, 32, 2)
     assert mean_light(light) == pytest.approx(mean_light(truth), rel=0.02)
 
 
 def test_the_control_variate_takes_noise_away_and_no_light(court):
     scene, made, points, truth = court
-    known = KnownLight.of(scene, made.atlas, made.image, matte(scene))
+    known = KnownIrradiance.of(scene, made.atlas, made.image, matte(scene))
     raw, _ = gathered(scene, points, known, 16, 2)
     calm = corrected(scene, made.atlas, points, made.image, 16, 2)
     noise = lambda pair: float(np.abs(pair[0] - pair[1]).mean())  # noqa: E731
@@ -42,14 +42,14 @@ def test_the_control_variate_takes_noise_away_and_no_light(court):
 
 def test_a_light_map_that_is_too_bright_is_seen(court):
     scene, made, points, truth = court
-    known = KnownLight.of(scene, made.atlas, 2 * made.image, matte(scene))
+    known = KnownIrradiance.of(scene, made.atlas, 2 * made.image, matte(scene))
     light, _ = gathered(scene, points, known, 16, 2)
     assert mean_light(light) > 1.05 * mean_light(truth)
 
 
 def test_odd_paths_are_refused(court):
     scene, made, points, _ = court
-    known = KnownLight.of(scene, made.atlas, made.image, matte(scene))
+    known = KnownIrradiance.of(scene, made.atlas, made.image, matte(scene))
     with pytest.raises(ValueError, match="expected an even number"):
         gathered(scene, points, known, 3, 0)
 

@@ -5,10 +5,10 @@ import pytest
 
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.atlas import build
+from lightwell.scenes.default_light import under_sky, with_lamp
 from lightwell.scenes.scene import Material, Mesh
-from lightwell.scenes.still_light import under_sky, with_lamp
 from lightwell.transport.irradiance import irradiance
-from lightwell.transport.mapped import mapped_query
+from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.texels import texels
 
@@ -47,7 +47,7 @@ def test_a_lamp_gives_the_inverse_square_law():
     scene = with_lamp(scene_of(square()), (0.3, 2.0, 0.1))
     atlas, covered = charted(scene)
     found = irradiance(scene, covered.points, 2, 1)
-    at = mapped_query(scene, atlas, covered.points).position
+    at = query_of_lightmap(scene, atlas, covered.points).position
     offset = np.array([0.3, 2.0, 0.1]) - at
     distance = np.linalg.norm(offset, axis=1)
     expected = 10.0 / np.pi * offset[:, 1] / distance**3
@@ -80,7 +80,7 @@ def test_each_side_of_a_sheet_has_its_own_light(side):
 def test_a_texel_is_the_point_that_reads_it():
     scene = scene_of(square())
     atlas, covered = charted(scene)
-    uv = mapped_query(scene, atlas, covered.points).uv1 * atlas.size
+    uv = query_of_lightmap(scene, atlas, covered.points).uv1 * atlas.size
     centre = np.stack([covered.index % atlas.size, covered.index // atlas.size], axis=1) + 0.5
     assert np.abs(uv - centre).max() <= 0.5
     assert np.median(np.abs(uv - centre)) < 0.02

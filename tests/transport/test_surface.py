@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lightwell.transport.air import Rejection, reject, room
 from lightwell.transport.interactions import interaction
+from lightwell.transport.point_rejection import Rejection, reject, room
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.surface import candidates, draw_surface, sample_surface
 

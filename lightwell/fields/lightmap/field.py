@@ -22,9 +22,9 @@ from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.size_limit import choose
 from lightwell.fields.lightmap.square import roomy_atlas
 from lightwell.fields.lightmap.trace import (
-    Chart,
-    EyeSamples,
-    Sides,
+    AtlasIrradiance,
+    TriangleSides,
+    ViewSamples,
     chart,
     eye_samples,
     lit_scene,
@@ -39,7 +39,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, indirect, static
 from lightwell.transport.irradiance import irradiance
-from lightwell.transport.mapped import MappedQuery, mapped_query
+from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.samples import SurfacePoints
 
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
@@ -96,8 +96,8 @@ class LightmapState(State):
 class StillSamples:
     """Samples of the light of the scene's own emitters: irradiance at texels and radiance towards views."""
 
-    chart: Chart
-    eyes: EyeSamples
+    chart: AtlasIrradiance
+    eyes: ViewSamples
 
 
 @dataclass
@@ -109,7 +109,7 @@ class FittedLightmap:
     map: LightmapFit
     paths: int
     seconds: float
-    chart: Chart | None = None
+    chart: AtlasIrradiance | None = None
     note: str = ""
 
     @property
@@ -145,7 +145,7 @@ class FittedLightmap:
         self.state.facts["atlas"] |= atlas_facts(self.state.atlas) | (texel_facts(self.chart) if self.chart else {})
         return self.state.facts
 
-    def query(self, points: SurfacePoints, light: np.ndarray) -> MappedQuery:
+    def query(self, points: SurfacePoints, light: np.ndarray) -> LightmapQuery:
         """Return the inputs of the graph at surface points.
 
         Args:
@@ -155,7 +155,7 @@ class FittedLightmap:
         Returns:
             N queries.
         """
-        return mapped_query(self.state.scene, self.state.atlas, points, light)
+        return query_of_lightmap(self.state.scene, self.state.atlas, points, light)
 
     def lower(self) -> Lowered:
         """Return the shading graph that is written, with its pictures and an ordinary light map for other viewers.
@@ -221,7 +221,7 @@ class LightmapField:
 
     # ------------------------------------------------------------------ sample
 
-    def sample(self, state: LightmapState, role: Role) -> StillSamples | EyeSamples:
+    def sample(self, state: LightmapState, role: Role) -> StillSamples | ViewSamples:
         """Trace irradiance at texels and radiance towards views; for a variable light, only the latter.
 
         Args:
@@ -249,7 +249,7 @@ class LightmapField:
     # ------------------------------------------------------------------ fit
 
     def fit(
-        self, state: LightmapState, role: Role, samples: StillSamples | EyeSamples, folder: Path | None = None
+        self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples, folder: Path | None = None
     ) -> FittedLightmap:
         """Fit the light map; with a target error, again with twice the samples until the error is reached.
 
@@ -280,7 +280,7 @@ class LightmapField:
             )
         return fit
 
-    def _fit_once(self, state: LightmapState, role: Role, samples: StillSamples | EyeSamples) -> FittedLightmap:
+    def _fit_once(self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples) -> FittedLightmap:
         seed, start = state.job.request.seed, perf_counter()
         with state.job.work.timed("train"), state.job.progress.stage(f"train {role}", 1, "") as stage:
             if role == "indirect":
@@ -336,7 +336,7 @@ def _lay_out(state: LightmapState) -> None:
     state.atlas = atlas
 
 
-def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: Sides) -> Atlas:
+def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides) -> Atlas:
     """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
     size = options.size or preset.size
     if preset.base and not options.size:
@@ -345,7 +345,7 @@ def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides
     return atlas if preset.base else replace(atlas, size=min(size, COARSE))
 
 
-def _counts(first: Chart | None, state: LightmapState) -> tuple[int, int]:
+def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, int]:
     """Paths per texel and number of radiance samples; fixed where ``--shards`` is given."""
     request, preset = state.job.request, state.preset
     if first is None:
@@ -361,7 +361,7 @@ def _counts(first: Chart | None, state: LightmapState) -> tuple[int, int]:
     return paths, int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
 
 
-def _still_samples(state: LightmapState, made: Chart) -> EyeSamples:
+def _still_samples(state: LightmapState, made: AtlasIrradiance) -> ViewSamples:
     """Sample radiance towards views, a tenth of it on seams."""
     scene, preset, seed = state.scene, state.preset, state.job.request.seed
     samples = eye_samples(scene, made, state.eyes, EYE_PATHS, seed + 5, made.image if preset.base else None)

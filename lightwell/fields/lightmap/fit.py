@@ -26,7 +26,7 @@ from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.hashgrid import PACKET
 from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
-from lightwell.transport.mapped import MappedQuery
+from lightwell.transport.lightmap_query import LightmapQuery
 
 # Shares of the steps after which quantisation noise becomes rounding, and textures become those of the file.
 ROUND_FROM, FREEZE_FROM = 0.5, 0.85
@@ -168,7 +168,7 @@ class LightmapFit:
 
     # ------------------------------------------------------------------ fit
 
-    def rows(self, query: MappedQuery, far: int = 0) -> np.ndarray:
+    def rows(self, query: LightmapQuery, far: int = 0) -> np.ndarray:
         """Compute the inputs of the network.
 
         Args:
@@ -184,7 +184,7 @@ class LightmapFit:
 
     def train(
         self,
-        query: MappedQuery,
+        query: LightmapQuery,
         radiance: np.ndarray,
         weight: np.ndarray,
         steps: int,
@@ -337,7 +337,7 @@ class LightmapFit:
 
     # ------------------------------------------------------------------ result
 
-    def predict(self, query: MappedQuery) -> np.ndarray:
+    def predict(self, query: LightmapQuery) -> np.ndarray:
         """Predict radiance, before rounding to the stored types.
 
         Args:

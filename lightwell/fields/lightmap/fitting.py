@@ -14,7 +14,7 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import stored
-from lightwell.fields.lightmap.trace import Chart, EyeSamples, direction_image, mask_image, reduced
+from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples, direction_image, mask_image, reduced
 from lightwell.graph.pictures import Fallback, Picture, encode
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.normal_maps import relief
@@ -36,8 +36,8 @@ FALLBACK_QUANTILE = 0.999
 
 def fitted(
     scene: Scene,
-    made: Chart,
-    samples: EyeSamples,
+    made: AtlasIrradiance,
+    samples: ViewSamples,
     preset: LightmapPreset,
     seed: int,
     steps: int,
@@ -96,7 +96,7 @@ def fitted(
     return min([*fits, plain], key=lambda fit: shown_error(fit, judged))
 
 
-def shown_error(fit: LightmapFit, samples: EyeSamples) -> float:
+def shown_error(fit: LightmapFit, samples: ViewSamples) -> float:
     """Compute the mean squared error after the transfer function of a display, without the noise of the samples.
 
     Args:
@@ -110,7 +110,7 @@ def shown_error(fit: LightmapFit, samples: EyeSamples) -> float:
     return float(np.average(((f - a) * (f - b)).mean(axis=1), weights=samples.weight))
 
 
-def base_picture(made: Chart, unit: float, preset: LightmapPreset) -> Picture:
+def base_picture(made: AtlasIrradiance, unit: float, preset: LightmapPreset) -> Picture:
     """Encode irradiance / π with an sRGB-like transfer function.
 
     Args:
@@ -126,7 +126,7 @@ def base_picture(made: Chart, unit: float, preset: LightmapPreset) -> Picture:
     return encode(stored(image / unit), preset.base, mips)
 
 
-def sample_unit(samples: EyeSamples) -> float:
+def sample_unit(samples: ViewSamples) -> float:
     """Compute the radiance unit S, 4 × the mean radiance.
 
     Args:
@@ -139,7 +139,7 @@ def sample_unit(samples: EyeSamples) -> float:
     return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
 
 
-def direction_picture(made: Chart, reduction: int) -> Picture:
+def direction_picture(made: AtlasIrradiance, reduction: int) -> Picture:
     """Encode the dominant direction of the light as bytes, at a lower resolution.
 
     Args:
@@ -154,7 +154,7 @@ def direction_picture(made: Chart, reduction: int) -> Picture:
     return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp", mips)
 
 
-def fallback(made: Chart) -> Fallback:
+def fallback(made: AtlasIrradiance) -> Fallback:
     """Encode linear irradiance for viewers that only support MOZ_lightmap.
 
     Args:
@@ -189,7 +189,7 @@ def atlas_facts(atlas: Atlas) -> dict[str, Any]:
     }
 
 
-def texel_facts(made: Chart) -> dict[str, Any]:
+def texel_facts(made: AtlasIrradiance) -> dict[str, Any]:
     """Summarise the irradiance at the texels for the report.
 
     Args:

@@ -6,12 +6,12 @@ import numpy as np
 
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import MOVING, LightmapFit
-from lightwell.fields.lightmap.trace import EyeSamples, _towards_eyes
+from lightwell.fields.lightmap.trace import ViewSamples, _towards_eyes
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.mapped import mapped_query
+from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.radiance import indirect
 from lightwell.transport.surface import draw_surface
 
@@ -19,7 +19,7 @@ from lightwell.transport.surface import draw_surface
 POINTS_PER_LIGHT = 32
 
 
-def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, paths: int, seed: int) -> EyeSamples:
+def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, paths: int, seed: int) -> ViewSamples:
     """Sample surface points, each with a view and a light, and trace the indirect radiance that leaves them.
 
     Args:
@@ -40,11 +40,11 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
     a, b = indirect(scene, points, light, variable, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     weight = np.where(good, draw.weight, 0).astype(np.float32)
-    return EyeSamples(mapped_query(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
+    return ViewSamples(query_of_lightmap(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
 def moving_fit(
-    scene: Scene, atlas: Atlas, variable: Variable, samples: EyeSamples, unit: float, seed: int, steps: int
+    scene: Scene, atlas: Atlas, variable: Variable, samples: ViewSamples, unit: float, seed: int, steps: int
 ) -> LightmapFit:
     """Train the light map of a variable light.
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lightwell.fields.lightmap.trace import EyeSamples, Sides
+from lightwell.fields.lightmap.trace import TriangleSides, ViewSamples
 from lightwell.files import load_arrays, save_arrays
 from lightwell.transport.irradiance import Irradiance
-from lightwell.transport.mapped import MappedQuery
+from lightwell.transport.lightmap_query import LightmapQuery
 
 LOG = logging.getLogger("lightwell.bake")
-QUERY = tuple(MappedQuery.__dataclass_fields__)
+QUERY = tuple(LightmapQuery.__dataclass_fields__)
 EYES = ("half_a", "half_b", "weight")
 LIGHT = ("half_a", "half_b", "direction", "wrong")
 
@@ -41,7 +41,7 @@ def kept(path: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.
     return made
 
 
-def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
+def kept_sides(path: Path, make: Callable[[], TriangleSides]) -> TriangleSides:
     """Read or make the sides that a light map stores; see ``kept``.
 
     Args:
@@ -57,7 +57,7 @@ def kept_sides(path: Path, make: Callable[[], Sides]) -> Sides:
         faint = np.zeros_like(made.lit) if made.faint is None else made.faint
         return {"lit": made.lit, "dark": made.dark, "faint": faint}
 
-    return Sides(**kept(path, arrays))
+    return TriangleSides(**kept(path, arrays))
 
 
 def kept_light(path: Path, make: Callable[[], Irradiance]) -> Irradiance:
@@ -78,7 +78,7 @@ def kept_light(path: Path, make: Callable[[], Irradiance]) -> Irradiance:
     return Irradiance(**kept(path, arrays))
 
 
-def kept_eyes(path: Path, make: Callable[[], EyeSamples]) -> EyeSamples:
+def kept_eyes(path: Path, make: Callable[[], ViewSamples]) -> ViewSamples:
     """Read or make samples of radiance towards views; see ``kept``.
 
     Args:
@@ -95,8 +95,8 @@ def kept_eyes(path: Path, make: Callable[[], EyeSamples]) -> EyeSamples:
         return found | {name: getattr(made, name) for name in EYES}
 
     found = kept(path, arrays)
-    query = MappedQuery(**{name: found[f"query.{name}"] for name in QUERY})
-    return EyeSamples(query, *(found[name] for name in EYES))
+    query = LightmapQuery(**{name: found[f"query.{name}"] for name in QUERY})
+    return ViewSamples(query, *(found[name] for name in EYES))
 
 
 def kept_counts(path: Path, make: Callable[[], tuple[int, int]]) -> tuple[int, int]:

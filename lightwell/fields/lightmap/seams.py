@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.fields.lightmap.trace import Chart, EyeSamples, corrected, matte
+from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples, corrected, matte
 from lightwell.scenes.atlas_seams import Seams, seams
 from lightwell.scenes.scene import Scene
-from lightwell.transport.mapped import MappedQuery, mapped_query
+from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
@@ -29,7 +29,7 @@ class SeamPairs:
     two: SurfacePoints
 
 
-def seam_pairs(scene: Scene, made: Chart, count: int, seed: int) -> SeamPairs | None:
+def seam_pairs(scene: Scene, made: AtlasIrradiance, count: int, seed: int) -> SeamPairs | None:
     """Sample points on seams of glossy surfaces, uniformly along their length.
 
     Args:
@@ -72,7 +72,9 @@ def _views(scene: Scene, points: SurfacePoints, side: np.ndarray, rng: np.random
     return (view / np.linalg.norm(view, axis=1, keepdims=True)).astype(np.float32)
 
 
-def seam_samples(scene: Scene, made: Chart, known: np.ndarray, count: int, paths: int, seed: int) -> EyeSamples | None:
+def seam_samples(
+    scene: Scene, made: AtlasIrradiance, known: np.ndarray, count: int, paths: int, seed: int
+) -> ViewSamples | None:
     """Sample points on seams with one target for both charts: |f₁ − y|² + |f₂ − y|² bounds |f₁ − f₂|² / 2.
 
     Args:
@@ -91,16 +93,21 @@ def seam_samples(scene: Scene, made: Chart, known: np.ndarray, count: int, paths
         return None
     a, b = corrected(scene, made.atlas, pairs.one, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    queries = [mapped_query(scene, made.atlas, points) for points in (pairs.one, pairs.two)]
-    query = MappedQuery(
-        **{n: np.concatenate([getattr(q, n) for q in queries]) for n in MappedQuery.__dataclass_fields__}
+    queries = [query_of_lightmap(scene, made.atlas, points) for points in (pairs.one, pairs.two)]
+    query = LightmapQuery(
+        **{n: np.concatenate([getattr(q, n) for q in queries]) for n in LightmapQuery.__dataclass_fields__}
     )
     twice = lambda v: np.concatenate([v, v])  # noqa: E731
-    return EyeSamples(query, *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
+    return ViewSamples(query, *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
 
 
 def seam_gap(
-    scene: Scene, made: Chart, field: Callable[[MappedQuery], np.ndarray], unit: float, seed: int, count: int = 1 << 13
+    scene: Scene,
+    made: AtlasIrradiance,
+    field: Callable[[LightmapQuery], np.ndarray],
+    unit: float,
+    seed: int,
+    count: int = 1 << 13,
 ) -> float:
     """Measure the mean difference |L₁ − L₂| across seams, relative to the mean of both, where light is continuous.
 
@@ -118,5 +125,5 @@ def seam_gap(
     pairs = seam_pairs(scene, made, count, seed)
     if pairs is None:
         return 0.0
-    one, two = (field(mapped_query(scene, made.atlas, points)) / unit for points in (pairs.one, pairs.two))
+    one, two = (field(query_of_lightmap(scene, made.atlas, points)) / unit for points in (pairs.one, pairs.two))
     return float(np.abs(one - two).mean() / max(0.5 * (one + two).mean(), 1e-9))

@@ -11,18 +11,18 @@ from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import restored
-from lightwell.fields.lightmap.trace import Chart, EyeSamples
+from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples
 
 # Steps of a trial, its training samples and its held-out samples.
 TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 300, 1 << 17, 1 << 14
 # Codecs of the ordinary light map, from large to small; the first is lossless.
 CODECS = ("webp", "webp98", "webp95", "webp90", "webp75")
 
-Fitter = Callable[[LightmapPreset, EyeSamples, int], LightmapFit]
+Fitter = Callable[[LightmapPreset, ViewSamples, int], LightmapFit]
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialFit:
     """A variant of the preset, its size and its error."""
 
     preset: LightmapPreset
@@ -66,7 +66,12 @@ def candidates(preset: LightmapPreset, mips: int) -> list[LightmapPreset]:
 
 
 def choose(
-    limit: int, preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter, say: Callable[[str], None]
+    limit: int,
+    preset: LightmapPreset,
+    made: AtlasIrradiance,
+    samples: ViewSamples,
+    fit: Fitter,
+    say: Callable[[str], None],
 ) -> LightmapPreset:
     """Choose the best variant that fits into a number of bytes; each trial is printed.
 
@@ -101,7 +106,7 @@ def choose(
     return best.preset
 
 
-def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter) -> Trial:
+def trial(preset: LightmapPreset, made: AtlasIrradiance, samples: ViewSamples, fit: Fitter) -> TrialFit:
     """Fit a variant with few steps; some samples are held out to measure the error.
 
     Args:
@@ -126,10 +131,10 @@ def trial(preset: LightmapPreset, made: Chart, samples: EyeSamples, fit: Fitter)
         kept = samples[held]
         f, a, b = (display(v / found.unit) for v in (Baked(graph)(kept.query), kept.half_a, kept.half_b))
         error += float(np.average(((f - a) * (f - b)).mean(axis=1), weights=kept.weight + 1e-12))
-    return Trial(preset, bytes_, error)
+    return TrialFit(preset, bytes_, error)
 
 
-def _stored_error(fit: LightmapFit, made: Chart) -> float:
+def _stored_error(fit: LightmapFit, made: AtlasIrradiance) -> float:
     """Mean squared error of the stored irradiance in display values."""
     if fit.base is None:
         return 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lightwell.fields.lightmap.trace import Sides
+from lightwell.fields.lightmap.trace import TriangleSides
 from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.scene import Scene
 
@@ -10,7 +10,7 @@ from lightwell.scenes.scene import Scene
 ROOMY, MOST_ROOMY = 0.65, 2048
 
 
-def roomy_atlas(scene: Scene, size: int, mips: int, sides: Sides) -> Atlas:
+def roomy_atlas(scene: Scene, size: int, mips: int, sides: TriangleSides) -> Atlas:
     """Make an atlas, twice as large where the charts are so small that padding would take much of it.
 
     Args:

@@ -18,16 +18,16 @@ from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.scenes.atlas import NOWHERE, Atlas, build, padding
+from lightwell.scenes.default_light import under_sky, with_lamp
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.still_light import under_sky, with_lamp
 from lightwell.scenes.variables import declare
-from lightwell.transport.air import _escape_share, reject
-from lightwell.transport.gather import KnownLight, gathered
+from lightwell.transport.gather import KnownIrradiance, gathered
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import Irradiance, irradiance
-from lightwell.transport.mapped import MappedQuery, mapped_query
+from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
+from lightwell.transport.point_rejection import _escape_share, reject
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints
@@ -43,11 +43,11 @@ DARK, DARK_PATHS = 1e-4, (8, 64, 512)
 # Points of this search over the whole scene; each side gets two at least.
 LOOKS = 1 << 16
 # The same for sides that were not visible so far.
-PEEPS = 1 << 16
+VISIBILITY_RAYS = 1 << 16
 # Rays from free air that search for sides: in all directions, and towards each side that was not found yet.
-GLANCES, AIMED = 1 << 20, 16
+VIEW_RAYS, AIMED = 1 << 20, 16
 # Sides of more than this share of all area are faint if less than this share of so many points on them is visible.
-LARGE, LITTLE, GLIMPSES = 1e-3, 0.1, 64
+LARGE, LITTLE, RAYS_PER_SIDE = 1e-3, 0.1, 64
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # Texels darker than this share of the mean are stored only if they are visible.
@@ -63,7 +63,7 @@ TOWARDS_EYES = 0.5
 
 
 @dataclass(frozen=True)
-class Chart:
+class AtlasIrradiance:
     """An atlas and the irradiance at its texels."""
 
     atlas: Atlas
@@ -104,7 +104,7 @@ def lit_scene(scene: Scene) -> tuple[Scene, str]:
 
 
 @dataclass(frozen=True)
-class Sides:
+class TriangleSides:
     """[2, T] bool each: the sides of triangles that a light map stores."""
 
     lit: np.ndarray
@@ -115,7 +115,7 @@ class Sides:
     """Stored, but large and mostly hidden behind other geometry."""
 
 
-def lit_sides(scene: Scene, seed: int) -> Sides:
+def lit_sides(scene: Scene, seed: int) -> TriangleSides:
     """Find the sides of triangles that can be seen and receive light, and those that can be seen and are dark.
 
     Args:
@@ -142,7 +142,7 @@ def lit_sides(scene: Scene, seed: int) -> Sides:
     bright = brightest > least
     lit = np.zeros_like(seen)
     lit[side[bright], triangle[bright]] = True
-    return Sides(lit, seen & ~lit, faint_sides(scene, lit, seed))
+    return TriangleSides(lit, seen & ~lit, faint_sides(scene, lit, seed))
 
 
 def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
@@ -160,11 +160,11 @@ def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
     side, triangle = np.nonzero(lit & (area > LARGE * (lit * area).sum()))
     faint = np.zeros_like(lit)
     if len(side):
-        row = np.repeat(np.arange(len(side)), GLIMPSES)
+        row = np.repeat(np.arange(len(side)), RAYS_PER_SIDE)
         u, v = np.random.default_rng([seed, 0xFA17]).random((2, len(row)))
         place = np.stack([np.sqrt(u) * (1 - v), np.sqrt(u) * v], axis=1).astype(np.float32)
         seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed)
-        few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * GLIMPSES
+        few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * RAYS_PER_SIDE
         faint[side[few], triangle[few]] = True
     return faint
 
@@ -185,7 +185,7 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
         seen |= met_sides(scene, seed + 1, side, triangle)
         side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
     if len(side):
-        points, row = spread(scene, side, triangle, PEEPS, seed)
+        points, row = spread(scene, side, triangle, VISIBILITY_RAYS, seed)
         found = row[reject(scene, points, seed=seed)]
         seen[side[found], triangle[found]] = True
     return seen
@@ -212,9 +212,9 @@ def met_sides(
     if len(scene.cameras):
         places = np.concatenate([places, np.float32([c.position for c in scene.cameras])])
     if side is None:
-        origin, d = places[rng.integers(len(places), size=GLANCES)], rng.normal(size=(GLANCES, 3))
+        origin, d = places[rng.integers(len(places), size=VIEW_RAYS)], rng.normal(size=(VIEW_RAYS, 3))
     else:
-        rows = rng.permutation(np.repeat(np.arange(len(side)), AIMED))[:GLANCES]
+        rows = rng.permutation(np.repeat(np.arange(len(side)), AIMED))[:VIEW_RAYS]
         root, v = np.sqrt(rng.random(len(rows))), rng.random(len(rows))
         place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
         position, _, flat = frames(scene, points := side_points(scene, triangle[rows], side[rows], place))
@@ -283,7 +283,7 @@ def spread(
     return side_points(scene, triangle[row], side[row], place), row
 
 
-def seen_sides(scene: Scene, seed: int) -> Sides:
+def seen_sides(scene: Scene, seed: int) -> TriangleSides:
     """Find all sides that can be seen; those of clear glass are not stored.
 
     Args:
@@ -295,7 +295,7 @@ def seen_sides(scene: Scene, seed: int) -> Sides:
     """
     seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
-    return Sides(seen & ~glass, seen & glass)
+    return TriangleSides(seen & ~glass, seen & glass)
 
 
 def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:
@@ -382,10 +382,10 @@ def chart(
     paths: int,
     seed: int,
     own: bool = True,
-    sides: Sides | None = None,
+    sides: TriangleSides | None = None,
     keep: Callable[[Callable[[], Irradiance]], Irradiance] | None = None,
     atlas: Atlas | None = None,
-) -> Chart:
+) -> AtlasIrradiance:
     """Make an atlas and trace the irradiance at its texels.
 
     Args:
@@ -408,7 +408,7 @@ def chart(
     covered = texels(scene, atlas)
     light = (keep or (lambda make: make()))(lambda: _everywhere(scene, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
-    return Chart(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
+    return AtlasIrradiance(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
 
 def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
@@ -434,7 +434,7 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     return stored
 
 
-def light_image(made: Chart, clean: bool = True) -> np.ndarray:
+def light_image(made: AtlasIrradiance, clean: bool = True) -> np.ndarray:
     """Make the image of irradiance / π: denoised, continued across chart borders and smooth between charts.
 
     Args:
@@ -459,7 +459,7 @@ def light_image(made: Chart, clean: bool = True) -> np.ndarray:
     return image
 
 
-def mask_image(made: Chart) -> np.ndarray:
+def mask_image(made: AtlasIrradiance) -> np.ndarray:
     """Make the mask of a light map: red where the surface is glossy, green where a texel is covered.
 
     Args:
@@ -478,7 +478,7 @@ def mask_image(made: Chart) -> np.ndarray:
     return np.where(near[..., None], dilated(image.reshape(n, n, 3), covered, reach), 0).astype(np.uint8)
 
 
-def direction_image(made: Chart) -> np.ndarray:
+def direction_image(made: AtlasIrradiance) -> np.ndarray:
     """Make the image of the mean direction of the light; its length is the degree to which the light is directed.
 
     Args:
@@ -511,10 +511,10 @@ def reduced(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class EyeSamples:
+class ViewSamples:
     """N surface points with views, and the radiance that leaves them."""
 
-    query: MappedQuery
+    query: LightmapQuery
     half_a: np.ndarray
     half_b: np.ndarray
     weight: np.ndarray
@@ -524,20 +524,22 @@ class EyeSamples:
         """[N, 3] mean of both halves."""
         return 0.5 * (self.half_a + self.half_b)
 
-    def __getitem__(self, rows: np.ndarray) -> EyeSamples:
+    def __getitem__(self, rows: np.ndarray) -> ViewSamples:
         """Select rows."""
-        query = MappedQuery(**{n: getattr(self.query, n)[rows] for n in MappedQuery.__dataclass_fields__})
-        return EyeSamples(query, self.half_a[rows], self.half_b[rows], self.weight[rows])
+        query = LightmapQuery(**{n: getattr(self.query, n)[rows] for n in LightmapQuery.__dataclass_fields__})
+        return ViewSamples(query, self.half_a[rows], self.half_b[rows], self.weight[rows])
 
-    def __add__(self, other: EyeSamples) -> EyeSamples:
+    def __add__(self, other: ViewSamples) -> ViewSamples:
         """Concatenate; the weights of the second are relative to the mean of the first."""
-        names = MappedQuery.__dataclass_fields__
-        query = MappedQuery(**{n: np.concatenate([getattr(s.query, n) for s in (self, other)]) for n in names})
+        names = LightmapQuery.__dataclass_fields__
+        query = LightmapQuery(**{n: np.concatenate([getattr(s.query, n) for s in (self, other)]) for n in names})
         halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
-        return EyeSamples(query, *halves, np.concatenate([self.weight, other.weight * self.weight.mean()]))
+        return ViewSamples(query, *halves, np.concatenate([self.weight, other.weight * self.weight.mean()]))
 
 
-def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, known: np.ndarray | None) -> EyeSamples:
+def eye_samples(
+    scene: Scene, made: AtlasIrradiance, count: int, paths: int, seed: int, known: np.ndarray | None
+) -> ViewSamples:
     """Sample points on glossy surfaces, half of them visible from likely camera positions, and trace their radiance.
 
     A Lambertian surface needs none, because its radiance follows from the irradiance. Where all surfaces are
@@ -564,10 +566,10 @@ def eye_samples(scene: Scene, made: Chart, count: int, paths: int, seed: int, kn
     else:
         a, b = corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    query = mapped_query(scene, made.atlas, points)
+    query = query_of_lightmap(scene, made.atlas, points)
     good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
     weight = np.where(good, draw.weight, 0).astype(np.float32)
-    return EyeSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+    return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
 def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
@@ -596,8 +598,8 @@ def corrected(
     Returns:
         [2, N, 3] radiance, two independent half means.
     """
-    light, seen = gathered(scene, points, KnownLight.of(scene, atlas, known, matte(scene)), paths, seed)
-    query = mapped_query(scene, atlas, points)
+    light, seen = gathered(scene, points, KnownIrradiance.of(scene, atlas, known, matte(scene)), paths, seed)
+    query = query_of_lightmap(scene, atlas, points)
     color = _albedo(query)
     # E' is that of normals without relief, and directions below a bent horizon are never drawn.
     stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True) & ~relief(scene)[points.shape, None]

@@ -17,10 +17,11 @@ from lightwell.fields.protocol import ExtraFile, Shown
 from lightwell.files import write_atomically
 from lightwell.graph import Graph, evaluate
 from lightwell.graph.builder import Builder
-from lightwell.probes import ddgi, keep
-from lightwell.probes.code import Code
+from lightwell.probes import checkpoint as keep
+from lightwell.probes import ddgi
+from lightwell.probes.code import WeightCode
 from lightwell.probes.file import encode_volume
-from lightwell.probes.light import Lit, relit
+from lightwell.probes.light import SolvedVolume, relit
 from lightwell.probes.lower import lower
 from lightwell.probes.page import write_page
 from lightwell.probes.volume import ProbeVolume
@@ -35,10 +36,10 @@ MOST_COMPARED = 4096
 class BakedProbes:
     """Baked probes; see the module."""
 
-    lit: Lit
+    lit: SolvedVolume
     mix: np.ndarray
     """[S, K] float64: basis k is the sum of the states times column k; [1, 1] for the scene's own light."""
-    code: Code | None
+    code: WeightCode | None
     """Network from the light's position to K factors; None: the scene's own light."""
     unit: float
     """Radiance unit S of the shading graph."""
@@ -164,7 +165,7 @@ class BakedProbes:
             good = mix.ndim == 2 and len(mix) == states and 0 < mix.shape[1] <= 64 and bool(np.isfinite(mix).all())
             if lit.lights is not None:
                 layers = [(more[f"w{k}"], more[f"b{k}"]) for k in range(int(facts["layers"]))]
-                code = Code(tuple(float(c) for c in facts["center"]), float(facts["half"]), layers)
+                code = WeightCode(tuple(float(c) for c in facts["center"]), float(facts["half"]), layers)
                 good &= _fits(code, mix.shape[1])
             shown = Shown(*(np.asarray(more[name], np.float64).reshape(3) for name in ("light", "intensity")))
             made = BakedProbes(lit, mix, code, float(facts["unit"]), str(facts["preset"]), str(facts["coding"]))
@@ -232,7 +233,7 @@ def singular_mix(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
     return u[:, :k] * share * float(np.median(size)) / np.sqrt(len(states))
 
 
-def _fits(code: Code, rank: int) -> bool:
+def _fits(code: WeightCode, rank: int) -> bool:
     """Whether each layer takes what the one before gives, in finite numbers."""
     width = code.width
     for w, b in code.layers:

@@ -28,10 +28,10 @@ from lightwell.networks.training import TrainingState
 from lightwell.probes import ddgi, sh
 from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
-from lightwell.probes.code import Code
+from lightwell.probes.code import WeightCode
 from lightwell.probes.generator import fit_with
-from lightwell.probes.light import Lit, light_volume, refined
-from lightwell.probes.samples import Effort
+from lightwell.probes.light import SolvedVolume, light_volume, refined
+from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene_cache import Derived
@@ -44,14 +44,14 @@ MOST_SAMPLES = 1 << 18
 # Rows whose harmonics are evaluated together.
 CHUNK = 1 << 14
 # Tracing settings for each light state, and for a fixed light; training settings of the light's network.
-MOVING, STILL = Effort(24, 64, 256, most=4), Effort(32, 256, 1024, most=8)
+MOVING, STILL = ProbeSampling(24, 64, 256, most=4), ProbeSampling(32, 256, 1024, most=8)
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
 # The seed of the light states is this far from that of the samples.
 STATE_SEED = 7919
 
 
 GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
-Solved = tuple[Lit, np.ndarray, dict]
+Solved = tuple[SolvedVolume, np.ndarray, dict]
 LIGHT = Derived[Solved]("probes.light", most=4)
 
 
@@ -61,8 +61,8 @@ class ProbesPreset:
 
     function: str = "relu-field"
     """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
-    effort: Effort = MOVING
-    static_effort: Effort = STILL
+    effort: ProbeSampling = MOVING
+    static_effort: ProbeSampling = STILL
     states: int = 48
     """Number of light states that are solved (S)."""
     rank: int = 8
@@ -80,7 +80,9 @@ class ProbesPreset:
     training: TrainingSettings = TRAINING
 
 
-DRAFT = ProbesPreset(effort=Effort(8, 16, 64, most=1), static_effort=Effort(8, 64, 128, most=1), states=12, rank=4)
+DRAFT = ProbesPreset(
+    effort=ProbeSampling(8, 16, 64, most=1), static_effort=ProbeSampling(8, 64, 128, most=1), states=12, rank=4
+)
 # The weights hat × ratio: default (a ReLU field of 4³ bytes) and others by name; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
     "default": ProbesPreset(),
@@ -161,7 +163,7 @@ class ProbesFit:
     """Of the preset."""
 
     def __post_init__(self) -> None:
-        self._code = Code(tuple(self.setup.center), float(self.setup.half_extent), [])
+        self._code = WeightCode(tuple(self.setup.center), float(self.setup.half_extent), [])
         self._static = self.setup.light == "static"
         self._lit, self._mix, baselines = self.solved
         self._basis = mixed(self._lit.solution.light, self._mix)
@@ -286,7 +288,7 @@ class ProbesFit:
         if not self._static:
             best, layers = self._trainer.best, self._trainer.network.mlp.layers
             weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
-            code = Code(self._code.center, self._code.half, weights)
+            code = WeightCode(self._code.center, self._code.half, weights)
         return BakedProbes(self._lit, self._mix, code, self.setup.unit, self.name, self.preset.coding)
 
     def lower(self) -> Graph:

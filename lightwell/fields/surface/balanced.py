@@ -36,7 +36,7 @@ from lightwell.fields.surface.cells import Cells, balanced_means, describe
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.gate import append, share_facts, shares
-from lightwell.fields.surface.lattice import Gate, Lattice, Split
+from lightwell.fields.surface.lattice import Gate, Split, VertexLattice
 from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit, as_radiance
 from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.networks import TrainingSettings
@@ -213,7 +213,7 @@ class BalancedFit(SegmentedFit):
     def _deal(self) -> None:
         """Assign every cell to an expert: initially by k-means, later by the measured error per expert."""
         preset, examples = self.preset, self._dealing
-        lattice = self._gate.lattice if self._gate else Lattice.around(self.setup, examples.query, preset.cells)
+        lattice = self._gate.lattice if self._gate else VertexLattice.around(self.setup, examples.query, preset.cells)
         cells = Cells.of(lattice, examples)
         limits = preset.floor / preset.experts, preset.cap / preset.experts
         if self._gate is None:
@@ -228,7 +228,7 @@ class BalancedFit(SegmentedFit):
         self._dealt += 1
         self._data = self._watched = None
 
-    def _within(self, limits: tuple[float, float], lattice: Lattice, cells: Cells, price: np.ndarray) -> Gate:
+    def _within(self, limits: tuple[float, float], lattice: VertexLattice, cells: Cells, price: np.ndarray) -> Gate:
         """Find the gate of least cost whose experts keep the limits on the training samples.
 
         Cells keep them at once; the border of the gate runs through cells, so that a correction may be needed.

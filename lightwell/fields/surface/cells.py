@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.fields.surface.examples import Examples
-from lightwell.fields.surface.lattice import Lattice
+from lightwell.fields.surface.lattice import VertexLattice
 from lightwell.networks.assignment import assign_cells
 
 # The light's range is cut in two this many times: 64 bins.
@@ -37,7 +37,7 @@ class Cells:
     """[K] float64 share of the samples; the sum is 1."""
 
     @staticmethod
-    def of(lattice: Lattice, examples: Examples) -> Cells:
+    def of(lattice: VertexLattice, examples: Examples) -> Cells:
         """Find the cells that samples lie in.
 
         Args:

@@ -16,8 +16,8 @@ import numpy as np
 
 from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
-from lightwell.fields.surface.emphasis import by_object
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack
 from lightwell.networks import Trainer, TrainingSettings

@@ -100,7 +100,7 @@ def thinned(row: np.ndarray, candidate: np.ndarray, candidates: int) -> np.ndarr
     return np.flatnonzero(chance < share[candidate])
 
 
-class Level:
+class KdLevel:
     """Candidates of a level, their trainer, and their errors so far."""
 
     def __init__(
@@ -238,7 +238,7 @@ class Level:
         return own | {"errors": self.errors, "least": self.least} | prefixed("trainer", self.trainer.arrays())
 
     @staticmethod
-    def of_arrays(arrays: Arrays, trainer: Callable[[int], BatchedTrainer | LevenbergMarquardt]) -> Level:
+    def of_arrays(arrays: Arrays, trainer: Callable[[int], BatchedTrainer | LevenbergMarquardt]) -> KdLevel:
         """Restore a level.
 
         Args:
@@ -262,7 +262,7 @@ class Level:
         check_rows(arrays, kinds, len(parent))
         if not ((parent >= 0).all() and np.isin(axis, (WHOLE, 0, 1, 2)).all() and np.isin(side, (0, 1)).all()):
             raise ValueError("'parent', 'axis' or 'side' is not one of a cut")
-        level = Level(parent, axis, side, trainer(len(parent)))
+        level = KdLevel(parent, axis, side, trainer(len(parent)))
         level.steps = int(arrays["steps"])
         level.errors, level.least = arrays["errors"].copy(), arrays["least"].copy()
         level.trainer.restore(under("trainer", arrays))

@@ -21,7 +21,7 @@ import numpy as np
 
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.surface.field import SurfaceField
-from lightwell.fields.surface.kd_level import HELD_OUT, WHOLE, Level, Rule, is_trained
+from lightwell.fields.surface.kd_level import HELD_OUT, WHOLE, KdLevel, Rule, is_trained
 from lightwell.fields.surface.partition import Partition
 from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
 from lightwell.graph import Builder
@@ -131,7 +131,7 @@ class KdFit(SegmentedFit):
         # Steps per level, fixed when training starts; levels done; the one in training.
         self._level_steps = 0
         self._levels = 0
-        self._level: Level | None = None
+        self._level: KdLevel | None = None
         # Levels when the facts were last written.
         self._described = -1
 
@@ -186,7 +186,7 @@ class KdFit(SegmentedFit):
         halvings = int(np.ceil(np.log2(max(ratio, 1))))
         return min(halvings + SPARE_LEVELS, self.preset.depth + 1)
 
-    def _steps_of(self, level: Level) -> int:
+    def _steps_of(self, level: KdLevel) -> int:
         """Steps of a level: levels take about the same time, whatever their number of networks."""
         if self.preset.optimiser == "lm":
             return self._level_steps
@@ -232,13 +232,13 @@ class KdFit(SegmentedFit):
             cycled = self.partition.depth[parent] % 3
             axis = np.tile(np.repeat(np.arange(3), 2), len(splitting)) if cuts == 3 else cycled
             side = np.tile([0, 1], cuts * len(splitting))
-        self._level = Level(parent, axis, side, self._trainer(len(parent), parent))
+        self._level = KdLevel(parent, axis, side, self._trainer(len(parent), parent))
         return True
 
     def _begin_polish(self) -> bool:
         """Begin a level that continues the training of all leaves, because none is to be split."""
         leaf = np.arange(len(self.partition))
-        self._level = Level(leaf, np.full(len(leaf), WHOLE), np.zeros_like(leaf), self._trainer(len(leaf), leaf))
+        self._level = KdLevel(leaf, np.full(len(leaf), WHOLE), np.zeros_like(leaf), self._trainer(len(leaf), leaf))
         return True
 
     def _trainer(self, count: int, parent: np.ndarray | None = None) -> BatchedTrainer | LevenbergMarquardt:
@@ -282,7 +282,7 @@ class KdFit(SegmentedFit):
         self._levels += 1
         self._splitting()
 
-    def _best_cuts(self, level: Level) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _best_cuts(self, level: KdLevel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """[K] leaves to split and the candidates that are their halves: the cut with the least held-out error."""
         cuts = 3 if self.preset.axes == "try" else 1
         pairs = np.arange(len(level)).reshape(-1, cuts, 2)  # (below, above) of each cut of each parent
@@ -305,7 +305,7 @@ class KdFit(SegmentedFit):
         self._weights = {name: copied(value) for name, value in self._weights.items()}
         self._errors, self._status, self._declined = (copied(a) for a in (self._errors, self._status, self._declined))
 
-    def _settle(self, leaf: np.ndarray, level: Level, candidate: np.ndarray) -> None:
+    def _settle(self, leaf: np.ndarray, level: KdLevel, candidate: np.ndarray) -> None:
         """Copy weights of candidates [K] to leaves [K]; a half without samples keeps those of its parent."""
         errors, least = level.errors[candidate], level.least[candidate]
         known = ~np.isnan(errors).all(axis=1)
@@ -360,7 +360,7 @@ class KdFit(SegmentedFit):
         if ((self._status < 0) | (self._status >= len(STATUS))).any():
             raise ValueError("'status' holds a state that leaves do not have")
         level = under("level", arrays)
-        self._level = Level.of_arrays(level, self._trainer) if level else None
+        self._level = KdLevel.of_arrays(level, self._trainer) if level else None
         if self._level is not None and not (self._level.parent < len(partition)).all():
             raise ValueError("'level.parent' names a leaf that does not exist")
 

@@ -30,7 +30,7 @@ OFFSET = 0.5
 
 
 @dataclass(frozen=True)
-class Lattice:
+class VertexLattice:
     """Vertices around the surfaces of a scene; a cell is the cube of points nearest to its vertex."""
 
     corner: np.ndarray
@@ -41,7 +41,7 @@ class Lattice:
     """(D, H, W): vertices along z, y and x."""
 
     @staticmethod
-    def around(setup: FieldSetup, query: Query, cells: int) -> Lattice:
+    def around(setup: FieldSetup, query: Query, cells: int) -> VertexLattice:
         """Make the smallest lattice around surface points.
 
         Args:
@@ -58,7 +58,7 @@ class Lattice:
         at = np.floor((_off(query, step) - low) / step)
         first, last = at.min(axis=0), at.max(axis=0)
         width, height, depth = (int(n) for n in last - first + 1)
-        return Lattice(low + first * step, step, (depth, height, width))
+        return VertexLattice(low + first * step, step, (depth, height, width))
 
     def __len__(self) -> int:
         return int(np.prod(self.shape))
@@ -144,7 +144,7 @@ def _off(query: Query, step: float) -> np.ndarray:
 class Gate:
     """The two experts of each point and the share of the second one, computed by the nodes that are stored."""
 
-    lattice: Lattice
+    lattice: VertexLattice
     scores: np.ndarray
     """[D, H, W, M] uint8."""
 
@@ -187,7 +187,7 @@ class Gate:
             raise ValueError("'scores' is not a lattice of bytes with a corner")
         if not float(arrays["step"]) > 0:
             raise ValueError("'step' is no length")
-        return Gate(Lattice(arrays["corner"], float(arrays["step"]), scores.shape[:3]), scores)
+        return Gate(VertexLattice(arrays["corner"], float(arrays["step"]), scores.shape[:3]), scores)
 
     @cached_property
     def _table(self) -> Tabulated:

@@ -102,7 +102,7 @@ def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> St
     return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
 
 
-Plan = TypeVar("Plan", SamplePlan, StepPlan)
+TrainingPlan = TypeVar("Plan", SamplePlan, StepPlan)
 
 
 def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
@@ -115,7 +115,7 @@ def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
     write_atomically(path, json.dumps(asdict(plan)))
 
 
-def load_plan(path: Path, kind: type[Plan]) -> Plan:
+def load_plan(path: Path, kind: type[TrainingPlan]) -> TrainingPlan:
     """Read a plan that ``save_plan`` wrote.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from lightwell.core.progress import Stage
+from lightwell.core.progress import ProgressStage
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
@@ -43,7 +43,7 @@ def trace_shards(
     folder: Path,
     count: int,
     make: Callable | None,
-    stage: Stage,
+    stage: ProgressStage,
 ) -> TracedShards:
     """Write the shards that a folder lacks, and read all of them.
 

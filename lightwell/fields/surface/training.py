@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from lightwell.core.progress import Stage
+from lightwell.core.progress import ProgressStage
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
 from lightwell.fields.protocol import Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
@@ -302,7 +302,7 @@ class SurfaceTraining:
                 if stopped or learner.state.step == before:
                     return
 
-    def _watch(self, learner: Learner, checkpoint: Path, stage: Stage) -> tuple[Callable, Callable]:
+    def _watch(self, learner: Learner, checkpoint: Path, stage: ProgressStage) -> tuple[Callable, Callable]:
         """Return the callbacks of a training for each evaluation and for checkpoints."""
 
         def look(state: TrainingState, _: int) -> None:

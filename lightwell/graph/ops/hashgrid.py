@@ -19,7 +19,7 @@ MAX_CELLS = 1 << 16
 
 
 @dataclass(frozen=True)
-class Level:
+class HashGridLevel:
     """One lattice of a hash grid."""
 
     cells: int
@@ -32,7 +32,7 @@ class Level:
     """Whether every vertex has an entry of its own."""
 
 
-def levels(count: int, base: float, growth: float, entries_log2: int) -> list[Level]:
+def levels(count: int, base: float, growth: float, entries_log2: int) -> list[HashGridLevel]:
     """Lay out the levels of a hash grid (Müller et al. 2022).
 
     Args:
@@ -50,12 +50,12 @@ def levels(count: int, base: float, growth: float, entries_log2: int) -> list[Le
         cells = math.floor(min(size, float(MAX_CELLS)) + 1e-6)
         dense = (cells + 1) ** 3 <= 1 << entries_log2
         entries = (cells + 1) ** 3 if dense else 1 << entries_log2
-        out.append(Level(cells, offset, entries, dense))
+        out.append(HashGridLevel(cells, offset, entries, dense))
         offset, size = offset + entries, size * float(growth)
     return out
 
 
-def _levels(use: Use) -> list[Level]:
+def _levels(use: Use) -> list[HashGridLevel]:
     return levels(use["levels"], use["base"], use["growth"], use["entries_log2"])
 
 
@@ -88,7 +88,7 @@ def _numpy_hashgrid(use: Use, p: np.ndarray) -> np.ndarray:
     return np.concatenate(out, axis=1)
 
 
-def _entry(level: Level, vertex: np.ndarray) -> np.ndarray:
+def _entry(level: HashGridLevel, vertex: np.ndarray) -> np.ndarray:
     """Entry of a vertex within its level: [N, 3] uint32 -> [N] uint32."""
     x, y, z = vertex.T
     if level.dense:

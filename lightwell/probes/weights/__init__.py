@@ -1,6 +1,6 @@
 """Weight functions: the trust ρ(u) of a probe in its cube, stored in about a hundred bytes."""
 
-from lightwell.probes.weights.bare import Bare as Bare
+from lightwell.probes.weights.bare import UnweightedTrilinear as UnweightedTrilinear
 from lightwell.probes.weights.bare import core as core
 from lightwell.probes.weights.bare import ratio as ratio
 from lightwell.probes.weights.common import Close as Close
@@ -24,5 +24,5 @@ _OURS: dict[str, WeightFunction] = {
     "mlp": TinyMlp(),
 }
 # and the published form of three of them, which learn the whole weight.
-_BARE = {f"bare-{name}": Bare(_OURS[name]) for name in ("relu-field-5", "product-field", "mlp")}
+_BARE = {f"bare-{name}": UnweightedTrilinear(_OURS[name]) for name in ("relu-field-5", "product-field", "mlp")}
 FUNCTIONS: dict[str, WeightFunction] = _OURS | _BARE

@@ -19,7 +19,7 @@ EDGE = 1e-3
 
 
 @dataclass(frozen=True)
-class Bare:
+class UnweightedTrilinear:
     """``inner`` fitted to Φ; every attribute that is not defined here is that of the inner function."""
 
     inner: WeightFunction
@@ -77,9 +77,9 @@ def ratio(function: WeightFunction, rho: np.ndarray, hat: np.ndarray) -> np.ndar
         hat: [...] trilinear weights.
 
     Returns:
-        [...] ρ; ``rho`` itself unless the function is a ``Bare`` one.
+        [...] ρ; ``rho`` itself unless the function is a ``UnweightedTrilinear`` one.
     """
-    return rho / np.maximum(hat, EDGE) if isinstance(function, Bare) else rho
+    return rho / np.maximum(hat, EDGE) if isinstance(function, UnweightedTrilinear) else rho
 
 
 def core(function: WeightFunction) -> WeightFunction:
@@ -89,6 +89,6 @@ def core(function: WeightFunction) -> WeightFunction:
         function: The weight function.
 
     Returns:
-        The inner function of a ``Bare`` one, else the function itself.
+        The inner function of a ``UnweightedTrilinear`` one, else the function itself.
     """
-    return function.inner if isinstance(function, Bare) else function
+    return function.inner if isinstance(function, UnweightedTrilinear) else function

@@ -7,7 +7,7 @@ import numpy as np
 from ..scene import Camera, Material, Scene
 from .kit import Kit
 from .masonry import Finish, Masonry
-from .shapes import Part, box, move, prism
+from .shapes import MeshPart, box, move, prism
 
 VERSION = 1
 
@@ -62,7 +62,7 @@ def _turned(x: float, z: float) -> tuple[float, float]:
     return WIDTH / 2 - x * SCALE, DEPTH / 2 - z * SCALE
 
 
-def _block(corners: list[tuple[float, float]], height: float) -> Part:
+def _block(corners: list[tuple[float, float]], height: float) -> MeshPart:
     ring = np.array([_turned(x, z) for x, z in corners])
     x, z = ring.T
     # Counter-clockwise seen from above, where z points down the page.
@@ -71,7 +71,7 @@ def _block(corners: list[tuple[float, float]], height: float) -> Part:
     return prism(ring, height * SCALE)
 
 
-def _lamp_patch() -> Part:
+def _lamp_patch() -> MeshPart:
     """Make a plate 1 cm thick under the ceiling."""
     (x0, x1), (z0, z1) = LAMP
     (right, front), (left, back) = _turned(x0, z0), _turned(x1, z1)

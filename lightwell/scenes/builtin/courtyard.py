@@ -20,7 +20,7 @@ from ..scene import Camera, Scene
 from . import courtyard_finishes, furniture
 from .kit import Kit
 from .masonry import Finish, Masonry
-from .shapes import Part, board, box, cylinder, move, rotate
+from .shapes import MeshPart, board, box, cylinder, move, rotate
 
 VERSION = 1
 
@@ -199,7 +199,7 @@ def _upstairs(kit: Kit) -> None:
     _hang(kit, "library_picture", "painting_arches", (0.75, 1.0), (0.0, UPPER + 1.55, 6.6), 180.0)
 
 
-def _mattress() -> Part:
+def _mattress() -> MeshPart:
     return box((-0.9, 0, -0.85), (0.9, 0.2, 0.85), ("-y",))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shapes import Part, board, box, cylinder, lathe, leaf, merge, move, quad, rod, rotate, tube
+from .shapes import MeshPart, board, box, cylinder, lathe, leaf, merge, move, quad, rod, rotate, tube
 
 # Oak boards and tops are this thick, metres.
 BOARD = 0.045
@@ -12,7 +12,7 @@ BOARD = 0.045
 GOLDEN_ANGLE = 137.507764
 
 
-def table(length: float, width: float, height: float) -> Part:
+def table(length: float, width: float, height: float) -> MeshPart:
     """Make a table on two trestles, along x.
 
     Args:
@@ -37,7 +37,7 @@ def table(length: float, width: float, height: float) -> Part:
     return merge(parts)
 
 
-def bench(length: float, depth: float = 0.38, height: float = 0.44) -> Part:
+def bench(length: float, depth: float = 0.38, height: float = 0.44) -> MeshPart:
     """Make a plank bench along x: a thick seat on two slab legs.
 
     Args:
@@ -56,7 +56,7 @@ def bench(length: float, depth: float = 0.38, height: float = 0.44) -> Part:
     return merge([seat, *legs])
 
 
-def throw(width: float, depth: float, height: float, drop: float) -> Part:
+def throw(width: float, depth: float, height: float, drop: float) -> MeshPart:
     """Make a cloth laid over a bench: a slab on the seat that hangs down in front and behind.
 
     Args:
@@ -76,7 +76,7 @@ def throw(width: float, depth: float, height: float, drop: float) -> Part:
     return merge(parts)
 
 
-def stool(radius: float, height: float) -> Part:
+def stool(radius: float, height: float) -> MeshPart:
     """Make a round stool: a disc on three splayed legs.
 
     Args:
@@ -94,7 +94,7 @@ def stool(radius: float, height: float) -> Part:
     return merge([seat, *legs])
 
 
-def bowl(radius: float) -> Part:
+def bowl(radius: float) -> MeshPart:
     """Make a thin bowl.
 
     Args:
@@ -108,7 +108,7 @@ def bowl(radius: float) -> Part:
     return lathe([(radius * r, radius * y) for r, y in outer + inner], 40)
 
 
-def vase(height: float) -> Part:
+def vase(height: float) -> MeshPart:
     """Make a bottle-shaped vase, open at the top.
 
     Args:
@@ -124,7 +124,7 @@ def vase(height: float) -> Part:
     return lathe(outer + inner, 32)
 
 
-def pot(radius: float, height: float) -> Part:
+def pot(radius: float, height: float) -> MeshPart:
     """Make a tapered planter with a rim, open down to 6 cm below it, where ``soil`` lies.
 
     Args:
@@ -148,7 +148,7 @@ def pot(radius: float, height: float) -> Part:
     )
 
 
-def soil(radius: float, height: float) -> Part:
+def soil(radius: float, height: float) -> MeshPart:
     """Make the soil in a ``pot``.
 
     Args:
@@ -161,7 +161,7 @@ def soil(radius: float, height: float) -> Part:
     return lathe([(0.96 * radius - 0.035, height - 0.06), (0.0, height - 0.045)], 40)
 
 
-def plant(height: float, stems: int, seed: int) -> tuple[Part, Part]:
+def plant(height: float, stems: int, seed: int) -> tuple[MeshPart, MeshPart]:
     """Make a broad-leaved plant rooted at the origin; leaves are single sheets.
 
     Args:
@@ -191,7 +191,7 @@ def plant(height: float, stems: int, seed: int) -> tuple[Part, Part]:
     return merge(stalks), merge(blades)
 
 
-def picture(width: float, height: float) -> tuple[Part, Part]:
+def picture(width: float, height: float) -> tuple[MeshPart, MeshPart]:
     """Make a picture on a wall behind it: centre at the origin, facing +z, 3 cm deep.
 
     Args:
@@ -214,7 +214,7 @@ def picture(width: float, height: float) -> tuple[Part, Part]:
     return frame, canvas
 
 
-def railing(length: float, height: float = 1.0, spacing: float = 0.115) -> tuple[Part, Part]:
+def railing(length: float, height: float = 1.0, spacing: float = 0.115) -> tuple[MeshPart, MeshPart]:
     """Make a straight railing along x from the origin.
 
     Args:
@@ -234,7 +234,7 @@ def railing(length: float, height: float = 1.0, spacing: float = 0.115) -> tuple
     return merge([*bars, rail]), grip
 
 
-def flight(treads: int, rise: float, run: float, width: float, thickness: float = 0.07) -> Part:
+def flight(treads: int, rise: float, run: float, width: float, thickness: float = 0.07) -> MeshPart:
     """Make cantilevered treads that climb towards -z; x from 0 to ``width``.
 
     Args:
@@ -260,7 +260,7 @@ def flight(treads: int, rise: float, run: float, width: float, thickness: float 
     )
 
 
-def shelf(width: float, height: float, depth: float, boards: int) -> Part:
+def shelf(width: float, height: float, depth: float, boards: int) -> MeshPart:
     """Make an open shelf against a wall behind it (-z), its boards between two sides.
 
     Args:
@@ -279,7 +279,7 @@ def shelf(width: float, height: float, depth: float, boards: int) -> Part:
     return merge(parts)
 
 
-def books(width: float, seed: int) -> list[Part]:
+def books(width: float, seed: int) -> list[MeshPart]:
     """Make three groups of books on a board at y = 0, for three colours.
 
     Args:
@@ -290,7 +290,7 @@ def books(width: float, seed: int) -> list[Part]:
         Triangles of each group that has a book.
     """
     random = np.random.default_rng(seed)
-    groups: list[list[Part]] = [[], [], []]
+    groups: list[list[MeshPart]] = [[], [], []]
     x = 0.0
     while x < width - 0.05:
         thick, tall, deep = random.uniform(0.018, 0.045), random.uniform(0.19, 0.28), random.uniform(0.15, 0.2)

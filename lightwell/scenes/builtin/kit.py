@@ -9,7 +9,7 @@ import numpy as np
 
 from ..assemble import assemble
 from ..scene import Camera, Material, Mesh, Scene
-from .shapes import Part, merge
+from .shapes import MeshPart, merge
 
 
 class Kit:
@@ -28,7 +28,7 @@ class Kit:
         self.name = name
         self.version = version
         self._materials: dict[str, tuple[Material, float]] = {}
-        self._parts: dict[tuple[str, str], list[Part]] = {}
+        self._parts: dict[tuple[str, str], list[MeshPart]] = {}
 
     def material(self, material: Material, tile: float = 1.0) -> str:
         """Register a material.
@@ -43,7 +43,7 @@ class Kit:
         self._materials[material.name] = (material, tile)
         return material.name
 
-    def add(self, object_name: str, material: str, *parts: Part) -> None:
+    def add(self, object_name: str, material: str, *parts: MeshPart) -> None:
         """Add parts to a mesh.
 
         Args:

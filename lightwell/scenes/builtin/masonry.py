@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .shapes import FACES, Part
+from .shapes import FACES, MeshPart
 
 Corner = Sequence[float]
 
@@ -76,7 +76,7 @@ class Masonry:
         """
         self._paint.append((np.array([low, high], dtype=np.float64), material, tuple(facing)))
 
-    def build(self) -> dict[str, Part]:
+    def build(self) -> dict[str, MeshPart]:
         """Make the faces of all walls.
 
         Returns:
@@ -145,9 +145,9 @@ def _quads(low: np.ndarray, high: np.ndarray, direction: str) -> tuple[np.ndarra
     return positions, np.broadcast_to(outward, positions.shape), uv
 
 
-def _join(quads: list[tuple[np.ndarray, ...]]) -> Part:
+def _join(quads: list[tuple[np.ndarray, ...]]) -> MeshPart:
     """Join all rectangles to one part."""
     positions, normals, uv = (np.concatenate([q[k] for q in quads]) for k in range(3))
     first = 4 * np.arange(len(positions))[:, None]
     indices = np.concatenate([first + np.array(corners) for corners in ([0, 1, 2], [0, 2, 3])])
-    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uv.reshape(-1, 2), indices)
+    return MeshPart(positions.reshape(-1, 3), normals.reshape(-1, 3), uv.reshape(-1, 2), indices)

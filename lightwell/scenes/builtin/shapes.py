@@ -29,7 +29,7 @@ FACES: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {
 
 
 @dataclass(frozen=True)
-class Part:
+class MeshPart:
     """Triangles without a material."""
 
     positions: np.ndarray
@@ -42,7 +42,7 @@ class Part:
     """[T, 3] int64."""
 
 
-def merge(parts: Iterable[Part]) -> Part:
+def merge(parts: Iterable[MeshPart]) -> MeshPart:
     """Join parts, in order.
 
     Args:
@@ -53,7 +53,7 @@ def merge(parts: Iterable[Part]) -> Part:
     """
     parts = list(parts)
     starts = np.cumsum([0] + [len(p.positions) for p in parts[:-1]])
-    return Part(
+    return MeshPart(
         np.concatenate([p.positions for p in parts]),
         np.concatenate([p.normals for p in parts]),
         np.concatenate([p.uv for p in parts]),
@@ -61,7 +61,7 @@ def merge(parts: Iterable[Part]) -> Part:
     )
 
 
-def move(part: Part, offset: Sequence[float]) -> Part:
+def move(part: MeshPart, offset: Sequence[float]) -> MeshPart:
     """Translate a part.
 
     Args:
@@ -71,10 +71,10 @@ def move(part: Part, offset: Sequence[float]) -> Part:
     Returns:
         The moved part.
     """
-    return Part(part.positions + np.asarray(offset), part.normals, part.uv, part.indices)
+    return MeshPart(part.positions + np.asarray(offset), part.normals, part.uv, part.indices)
 
 
-def rotate(part: Part, degrees: float, axis: str = "y") -> Part:
+def rotate(part: MeshPart, degrees: float, axis: str = "y") -> MeshPart:
     """Rotate a part counter-clockwise about a coordinate axis through the origin.
 
     Args:
@@ -92,7 +92,7 @@ def rotate(part: Part, degrees: float, axis: str = "y") -> Part:
         "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
     }[axis]
     turn = np.array(matrix).T
-    return Part(part.positions @ turn, part.normals @ turn, part.uv, part.indices)
+    return MeshPart(part.positions @ turn, part.normals @ turn, part.uv, part.indices)
 
 
 def _without_slivers(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
@@ -101,7 +101,7 @@ def _without_slivers(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
     return indices[0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) > SMALLEST_AREA]
 
 
-def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: bool = False) -> Part:
+def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: bool = False) -> MeshPart:
     """Make the parallelogram corner, corner+u, corner+u+v, corner+v; it faces along u x v.
 
     Args:
@@ -121,10 +121,10 @@ def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: b
     uv = np.stack([positions @ along, -(positions @ up)], axis=1)
     if fit:
         uv = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
-    return Part(positions, np.tile(normal, (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]]))
+    return MeshPart(positions, np.tile(normal, (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), grain: bool = False) -> Part:
+def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), grain: bool = False) -> MeshPart:
     """Make an axis-aligned box.
 
     Args:
@@ -146,12 +146,12 @@ def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), g
         corner = np.where(pick > 0, high, low)
         face = quad(corner, u * (high - low), v * (high - low))
         if grain and abs(u @ (high - low)) < abs(v @ (high - low)):
-            face = Part(face.positions, face.normals, face.uv[:, ::-1], face.indices)
+            face = MeshPart(face.positions, face.normals, face.uv[:, ::-1], face.indices)
         parts.append(face)
     return merge(parts)
 
 
-def board(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = ()) -> Part:
+def board(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = ()) -> MeshPart:
     """Make a wooden box: the grain runs along it.
 
     Args:
@@ -165,7 +165,7 @@ def board(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = ())
     return box(low, high, skip, grain=True)
 
 
-def prism(base: np.ndarray, height: float, bottom: bool = False) -> Part:
+def prism(base: np.ndarray, height: float, bottom: bool = False) -> MeshPart:
     """Extrude a convex polygon upwards.
 
     Args:
@@ -181,12 +181,12 @@ def prism(base: np.ndarray, height: float, bottom: bool = False) -> Part:
     fan = np.array([[0, k, k + 1] for k in range(1, len(ring) - 1)])
     flat = np.stack([ring[:, 0], ring[:, 2]], axis=1)
     up = np.array([0.0, 1, 0])
-    top = Part(ring + height * up, np.tile(up, (len(ring), 1)), flat, fan)
-    under = Part(ring, np.tile(-up, (len(ring), 1)), flat, fan[:, ::-1])
+    top = MeshPart(ring + height * up, np.tile(up, (len(ring), 1)), flat, fan)
+    under = MeshPart(ring, np.tile(-up, (len(ring), 1)), flat, fan[:, ::-1])
     return merge([*sides, top, *([under] if bottom else [])])
 
 
-def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bool = False) -> Part:
+def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bool = False) -> MeshPart:
     """Rotate a profile about the Y axis.
 
     Args:
@@ -210,7 +210,7 @@ def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bo
     return merge(bands)
 
 
-def _band(ends: np.ndarray, slopes: np.ndarray, arc: np.ndarray, segments: int) -> Part:
+def _band(ends: np.ndarray, slopes: np.ndarray, arc: np.ndarray, segments: int) -> MeshPart:
     """Rotate one profile segment: ``ends`` [2, 2] (radius, y), ``slopes`` [2, 2] its normals, ``arc`` [2] lengths."""
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     around = np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=1)
@@ -224,10 +224,10 @@ def _band(ends: np.ndarray, slopes: np.ndarray, arc: np.ndarray, segments: int) 
     uv = np.concatenate([np.stack([width, np.full_like(angle, -a)], axis=1) for a in arc])
     k, n = np.arange(segments), segments + 1
     indices = np.concatenate([np.stack([k, k + 1, k + 1 + n], 1), np.stack([k, k + 1 + n, k + n], 1)])
-    return Part(positions, normals, uv, _without_slivers(positions, indices))
+    return MeshPart(positions, normals, uv, _without_slivers(positions, indices))
 
 
-def cylinder(radius: float, height: float, segments: int = 32, bottom: bool = True) -> Part:
+def cylinder(radius: float, height: float, segments: int = 32, bottom: bool = True) -> MeshPart:
     """Make an upright cylinder on the origin, closed at the top.
 
     Args:
@@ -243,7 +243,7 @@ def cylinder(radius: float, height: float, segments: int = 32, bottom: bool = Tr
     return lathe([*start, (radius, 0.0), (radius, height), (0.0, height)], segments)
 
 
-def sphere(radius: float, rings: int = 12, segments: int = 24) -> Part:
+def sphere(radius: float, rings: int = 12, segments: int = 24) -> MeshPart:
     """Make a sphere about the origin.
 
     Args:
@@ -269,7 +269,7 @@ def _parallel_frames(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return side, np.cross(tangent, side)
 
 
-def tube(path: np.ndarray, radii: np.ndarray, segments: int = 8) -> Part:
+def tube(path: np.ndarray, radii: np.ndarray, segments: int = 8) -> MeshPart:
     """Make a round tube along a path, its ends closed by flat discs.
 
     Args:
@@ -293,12 +293,12 @@ def tube(path: np.ndarray, radii: np.ndarray, segments: int = 8) -> Part:
     a = (k * (segments + 1) + n).ravel()
     b = a + segments + 1
     indices = np.concatenate([np.stack([a, a + 1, b + 1], 1), np.stack([a, b + 1, b], 1)])
-    wall = Part(positions, normals, uv, indices)
+    wall = MeshPart(positions, normals, uv, indices)
     caps = [_cap(path[i], ring[:-1, i] * radii[i], flip) for i, flip in ((0, True), (-1, False))]
     return merge([wall, *caps])
 
 
-def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> Part:
+def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> MeshPart:
     """Make a disc over ``ring`` [K, 3] (offsets from the centre), facing along the ring's rotation or against it."""
     k = np.arange(len(ring))
     indices = np.stack([np.full_like(k, len(ring)), k, (k + 1) % len(ring)], axis=1)
@@ -308,10 +308,10 @@ def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> Part:
     uv = np.stack([positions @ ring[0], positions @ ring[len(ring) // 4]], axis=1) / np.linalg.norm(ring[0])
     if flip:
         indices, normal = indices[:, ::-1], -normal
-    return Part(positions, np.tile(normal, (len(positions), 1)), uv, indices)
+    return MeshPart(positions, np.tile(normal, (len(positions), 1)), uv, indices)
 
 
-def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 8) -> Part:
+def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 8) -> MeshPart:
     """Make a straight round rod.
 
     Args:
@@ -326,7 +326,7 @@ def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: i
     return tube(np.array([start, end], dtype=np.float64), np.array([radius, radius]), segments)
 
 
-def leaf(length: float, width: float, droop: float, steps: int = 8) -> Part:
+def leaf(length: float, width: float, droop: float, steps: int = 8) -> MeshPart:
     """Make a single-sheet leaf from the origin along +x, folded along its rib.
 
     Args:
@@ -350,7 +350,7 @@ def leaf(length: float, width: float, droop: float, steps: int = 8) -> Part:
     indices = np.concatenate([np.stack([a, a + 3, a + 4], 1), np.stack([a, a + 4, a + 1], 1)])
     positions = rows.reshape(-1, 3)
     uv = np.stack(np.broadcast_arrays(t[:, None] * length, np.array([-0.5, 0, 0.5]) * width), -1).reshape(-1, 2)
-    return Part(positions, _vertex_normals(positions, indices), uv, indices)
+    return MeshPart(positions, _vertex_normals(positions, indices), uv, indices)
 
 
 def _vertex_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:

@@ -59,7 +59,7 @@ class LibraryFormat:
         return loads(path.read_bytes(), str(path), self._aperture)
 
 
-class Shelf:
+class LibraryCache:
     """Libraries by configuration: looked up in the package, then in the store; missing nodes are baked on demand."""
 
     def __init__(

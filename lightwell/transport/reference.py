@@ -18,7 +18,7 @@ from lightwell.transport.interactions import interaction
 from lightwell.transport.samples import SurfacePoints
 
 
-def indirect_twin(
+def indirect_reference(
     scene: Scene, points: SurfacePoints, light: np.ndarray, paths: int, seed: int, max_depth: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the indirect radiance from point lights of 1 cd by plain path tracing.

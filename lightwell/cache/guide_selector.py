@@ -1,4 +1,4 @@
-"""Pilot of a still: alternate passes with and without the guide, to decide which kind reduces the error faster.
+"""Guide selection of a still: alternate passes with and without the guide, to decide which reduces the error faster.
 
 Of two unbiased kinds of passes, the one with the smaller product of variance and time is continued. The passes of the
 pilot are part of the image.
@@ -23,7 +23,7 @@ COST = 1.2
 DARK = 0.1
 
 
-class Pilot:
+class GuideSelector:
     """Passes of both kinds; the key of the dictionaries is whether the guide was used."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from lightwell.transport.visible import seen_side
 
 
 @dataclass(frozen=True)
-class MappedQuery(Query):
+class LightmapQuery(Query):
     """A query with the second texture coordinates of an atlas."""
 
     uv1: np.ndarray
@@ -24,7 +24,9 @@ class MappedQuery(Query):
     """[N, 3] unit shading normal with the normal maps of the materials."""
 
 
-def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.ndarray | None = None) -> MappedQuery:
+def query_of_lightmap(
+    scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.ndarray | None = None
+) -> LightmapQuery:
     """Make the named inputs of a light map's graph.
 
     Args:
@@ -40,4 +42,4 @@ def mapped_query(scene: Scene, atlas: Atlas, points: SurfacePoints, light: np.nd
     uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
     columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
     bent = shading_normals(scene, points.shape, points.triangle, points.barycentric, query.normal)
-    return MappedQuery(**columns, uv1=uv.astype(np.float32), shading_normal=bent)
+    return LightmapQuery(**columns, uv1=uv.astype(np.float32), shading_normal=bent)

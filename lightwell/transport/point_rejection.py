@@ -15,7 +15,7 @@ from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import random_streams
-from lightwell.transport.reach import reached, witnesses
+from lightwell.transport.reachability import reached, witnesses
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
@@ -54,7 +54,7 @@ class Rejection:
     outside: int = 0
     """The point is on the outside of a room."""
     unreachable: int = 0
-    """No random walk from the point finds a camera, a lamp or the sky (``lightwell.transport.reach``)."""
+    """No random walk from the point finds a camera, a lamp or the sky (``lightwell.transport.reachability``)."""
 
     @property
     def dropped(self) -> int:

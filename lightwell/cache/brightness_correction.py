@@ -30,7 +30,7 @@ PRIOR = 8.0
 CLEAR = 2.0
 
 
-class Gain:
+class RadianceScaling:
     """Factor from network output to radiance: one over the radiance scale."""
 
     DRJIT_STRUCT = {"unscale": mi.Float}  # noqa: RUF012
@@ -55,7 +55,7 @@ class Gain:
         return self.unscale
 
 
-class LocalGain(Gain):
+class CorrectedScaling(RadianceScaling):
     """Factor from network output to radiance that depends on position and orientation."""
 
     DRJIT_STRUCT = {"unscale": mi.Float, "level": mi.Float}  # noqa: RUF012
@@ -121,7 +121,7 @@ def _morton(x: mi.UInt32, y: mi.UInt32, z: mi.UInt32, of: mi.UInt32) -> mi.UInt3
     return of << (3 * BITS) | _spread(x) | _spread(y) << 1 | _spread(z) << 2
 
 
-class Sums:
+class CellSums:
     """Sums by cell in Morton order: records, traced luminance, predicted luminance, and squared difference."""
 
     def __init__(self, frames: int = 1) -> None:

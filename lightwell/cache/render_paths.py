@@ -12,7 +12,7 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.features import Vertex
-from lightwell.cache.guide import Guide, Visit
+from lightwell.cache.guide import Guide, GuidedVertex
 from lightwell.cache.materials import lookup
 from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
 
@@ -20,7 +20,7 @@ from lightwell.transport.radiance import RR_MAX, interaction_at, power_heuristic
 MAX_REFLECTANCE = 1.0
 
 
-class Surroundings:
+class PathContext:
     """Parameters of paths beside the scene: box, materials and limits. Opaque numbers, so that kernels are reused."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -102,7 +102,7 @@ def spread(t: mi.Float, pdf: mi.Float, cosine: mi.Float) -> mi.Float:
     return dr.select(density > 0, t * dr.rsqrt(density), dr.inf)
 
 
-class Spread:
+class PathSpread:
     """Footprint of a path since the primary hit (Bekaert et al. 2003; Müller et al. 2021)."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
@@ -157,12 +157,12 @@ class Spread:
         return dr.square(self.s) / self.a0
 
 
-class Walk:
+class PathState:
     """Loop variables that rendering and training paths share."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "ray": mi.Ray3f, "β": mi.Spectrum, "η": mi.Float, "depth": mi.UInt32, "prev": mi.Interaction3f,
-        "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": Spread, "first": mi.Float, "active": mi.Bool,
+        "prev_pdf": mi.Float, "prev_delta": mi.Bool, "foot": PathSpread, "first": mi.Float, "active": mi.Bool,
     }  # fmt: skip
 
     def __init__(self, ray: Any = None) -> None:
@@ -180,9 +180,9 @@ class Walk:
         """Vertex that the ray comes from."""
         self.prev_pdf, self.prev_delta = mi.Float(1), mi.Bool(True)
         """Density of the ray's direction there, and whether it was sampled from a delta component."""
-        self.foot = Spread()
+        self.foot = PathSpread()
         self.first = mi.Float(0)
-        """Contribution expected at the first vertex where the guide had data, see ``Visit.survival``."""
+        """Contribution expected at the first vertex where the guide had data, see ``GuidedVertex.survival``."""
         self.active = mi.Bool(True)
         """Whether the path continues."""
 
@@ -223,7 +223,7 @@ class Walk:
         return dr.minimum(dr.max(self.β) * dr.square(self.η), RR_MAX)
 
 
-class Ending:
+class CacheQuery:
     """State of the query of the cache in a rendering path."""
 
     DRJIT_STRUCT = {"vertex": Vertex, "β": mi.Spectrum, "differs": mi.Bool}  # noqa: RUF012
@@ -237,7 +237,7 @@ class Ending:
 
 @dr.syntax
 def render_path(
-    scene: Any, sampler: Any, ray: Any, around: Surroundings, cache: Callable[[Any, Any], Any], q: mi.Float,
+    scene: Any, sampler: Any, ray: Any, around: PathContext, cache: Callable[[Any, Any], Any], q: mi.Float,
     caching: bool, estimator: str, first_direct: bool, guide: Guide | None = None,
 ) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float]:  # fmt: skip
     """Estimate the radiance along one camera ray per lane.
@@ -245,7 +245,7 @@ def render_path(
     Args:
         scene: Mitsuba scene.
         sampler: Source of random numbers.
-        ray: Camera rays, or a ``Walk`` in progress.
+        ray: Camera rays, or a ``PathState`` in progress.
         around: Parameters of the paths.
         cache: Function of vertices and a mask, with radiance [N]; called at query vertices.
         q: Probability that a path continues behind a query, for the estimators with a control variate.
@@ -261,8 +261,8 @@ def render_path(
 
     Papers: Müller et al. 2021 (termination, query), Bekaert et al. 2003 (footprints).
     """
-    walk = ray if isinstance(ray, Walk) else Walk(ray)
-    end = Ending()
+    walk = ray if isinstance(ray, PathState) else PathState(ray)
+    end = CacheQuery()
     L = mi.Spectrum(0)  # Radiance gathered
     valid = mi.Bool(False)  # A surface was hit
     supplied = mi.Bool(False)  # The ray left a primary hit whose direct light comes from elsewhere
@@ -314,8 +314,8 @@ def render_path(
 
 
 def guided_visit(
-    walk: Walk, guide: Guide | None, around: Surroundings, sampler: Any, si: Any, bsdf: Any, goes: mi.Bool
-) -> tuple[Visit | None, mi.Bool, mi.Float]:  # fmt: skip
+    walk: PathState, guide: Guide | None, around: PathContext, sampler: Any, si: Any, bsdf: Any, goes: mi.Bool
+) -> tuple[GuidedVertex | None, mi.Bool, mi.Float]:  # fmt: skip
     """Look up the guide at a vertex and play its Russian roulette. Without a guide no random number is drawn.
 
     Args:
@@ -366,7 +366,7 @@ def _query(walk, end, sampler, around, cache, si, bsdf, smooth, added, L, goes, 
     return _residual(walk, end, sampler, L, value, goes, ends, q, estimator)
 
 
-def _uncut(walk: Walk, around: Surroundings, met: mi.Spectrum) -> mi.Float:
+def _uncut(walk: PathState, around: PathContext, met: mi.Spectrum) -> mi.Float:
     """Factor that limits caustics: emission reached from a scattering surface through mirrors or glass.
 
     Light sampling cannot find these paths, and one such sample would outweigh all others of its pixel. A path has a

@@ -16,13 +16,13 @@ import numpy as np
 
 from lightwell.files import load_arrays, save_arrays
 from lightwell.probes import bricks
-from lightwell.probes.assemble import Level, Records, assemble
+from lightwell.probes.assemble import BrickLevel, ProbeRecords, assemble
 from lightwell.probes.bake import Geometry
-from lightwell.probes.lattice import Lattice
-from lightwell.probes.light import Lit
+from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.light import SolvedVolume
 from lightwell.probes.pattern import POINTS, pattern
-from lightwell.probes.samples import Effort
-from lightwell.probes.solve import Rows, Solution
+from lightwell.probes.samples import ProbeSampling
+from lightwell.probes.solve import Solution, SolveRows
 from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
@@ -34,7 +34,7 @@ _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive":
 _ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
 
 
-def save(path: Path, lit: Lit, facts: dict[str, Any], more: dict[str, np.ndarray]) -> None:
+def save(path: Path, lit: SolvedVolume, facts: dict[str, Any], more: dict[str, np.ndarray]) -> None:
     """Write the state of a bake.
 
     Args:
@@ -74,7 +74,7 @@ def save(path: Path, lit: Lit, facts: dict[str, Any], more: dict[str, np.ndarray
     save_arrays(path, arrays, compressed=True)
 
 
-def load(path: Path) -> tuple[Lit, dict[str, Any], dict[str, np.ndarray]]:
+def load(path: Path) -> tuple[SolvedVolume, dict[str, Any], dict[str, np.ndarray]]:
     """Read the state of a bake.
 
     Args:
@@ -100,13 +100,13 @@ def load(path: Path) -> tuple[Lit, dict[str, Any], dict[str, np.ndarray]]:
         raise ValueError(named) from error
 
 
-def _read(head: dict, arrays: dict[str, np.ndarray]) -> Lit:
+def _read(head: dict, arrays: dict[str, np.ndarray]) -> SolvedVolume:
     _check(head["version"] == VERSION and head["function"] in FUNCTIONS, "version or weights")
     shape = tuple(int(n) for n in head["shape"])
     _check(len(shape) == 3 and min(shape) >= 2 and max(shape) <= 1 << 12, "shape")
     spacing, origin = float(head["spacing"]), np.array(head["origin"], np.float64)
     _check(0 < spacing < 1e6 and origin.shape == (3,) and bool(np.isfinite(origin).all()), "lattice")
-    lattice = Lattice(origin, spacing, shape)
+    lattice = ProbeLattice(origin, spacing, shape)
     kept = _bricks(arrays, lattice)
     levels, found = [], []
     parts = [(lattice, pattern(POINTS)), (bricks.fine_lattice(lattice), pattern(bricks.FINE_POINTS))]
@@ -124,7 +124,7 @@ def _read(head: dict, arrays: dict[str, np.ndarray]) -> Lit:
     return _lit(head, arrays, geometry, count)
 
 
-def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> Lit:
+def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> SolvedVolume:
     lights = _array(arrays, "lights", "f4", (None, 3)) if "lights" in arrays else None
     states = () if lights is None else (len(lights),)
     total = len(arrays["number"])
@@ -139,13 +139,13 @@ def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> Lit:
     residual = np.asarray(arrays["residual"], np.float64)
     solution = Solution(light, _array(arrays, "orphans", "?", (total,)), tuple(map(float, head["errors"])), residual)
     _check(residual.shape == (total,), "residual")
-    wanted = {name: type(value) for name, value in asdict(Effort()).items()}
-    effort = Effort(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
+    wanted = {name: type(value) for name, value in asdict(ProbeSampling()).items()}
+    effort = ProbeSampling(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
     _check(2 <= effort.paths <= 1 << 20 and 2 <= effort.probe_paths <= 1 << 20 and 1 <= effort.most <= 64, "effort")
-    return Lit(geometry, start, Rows(**values), number, solution, effort, int(head["seed"]), lights)
+    return SolvedVolume(geometry, start, SolveRows(**values), number, solution, effort, int(head["seed"]), lights)
 
 
-def _level(arrays: dict, lattice: Lattice, layout) -> Level:
+def _level(arrays: dict, lattice: ProbeLattice, layout) -> BrickLevel:
     slot = _array(arrays, "slot", "i4", (lattice.cell_count,))
     rows = int((slot >= 0).sum())
     _check(np.array_equal(slot[slot >= 0], np.arange(rows)), "cells")
@@ -158,18 +158,18 @@ def _level(arrays: dict, lattice: Lattice, layout) -> Level:
     support = Support(lattice, layout, slot, valid, free, **parts)
     chosen = _array(arrays, "nodes", "i8", (None,))
     _check(len(chosen) > 0 and chosen.min() >= 0 and chosen.max() < nodes, "nodes")
-    return Level(support, chosen, _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE)))
+    return BrickLevel(support, chosen, _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE)))
 
 
-def _records(arrays: dict, nodes: int, parameters: int) -> Records:
+def _records(arrays: dict, nodes: int, parameters: int) -> ProbeRecords:
     state = _array(arrays, "state", "u1", (nodes,))
     count = int((state == WEIGHTED).sum())
     _check(state.max(initial=0) <= WEIGHTED, "states")
     params = _array(arrays, "params", "f4", (count, parameters))
-    return Records(state, params, _array(arrays, "octant", "u8", (count,)))
+    return ProbeRecords(state, params, _array(arrays, "octant", "u8", (count,)))
 
 
-def _bricks(arrays: dict, lattice: Lattice) -> Bricks | None:
+def _bricks(arrays: dict, lattice: ProbeLattice) -> Bricks | None:
     if "bricks.cell" not in arrays:
         return None
     cell = _array(arrays, "bricks.cell", "i4", (lattice.cell_count,))

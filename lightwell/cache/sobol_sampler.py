@@ -83,7 +83,7 @@ def point(index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
     return x, y
 
 
-class Draws:
+class SobolSampler:
     """Random numbers of one sample of one pixel, with the methods of a Mitsuba sampler that paths call."""
 
     DRJIT_STRUCT = {"index": mi.UInt32, "seed": mi.UInt32, "dimension": mi.UInt32}  # noqa: RUF012
@@ -127,7 +127,7 @@ class Draws:
         return unit(dr.brev(owen(index, mixed(seed + mi.UInt32(GOLDEN)))))
 
 
-def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> Draws:
+def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> SobolSampler:
     """Make the random numbers of samples of pixels.
 
     Args:
@@ -138,4 +138,4 @@ def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> Draws:
     Returns:
         Random numbers, one sequence per lane.
     """
-    return Draws(index, mixed(mixed(pixel + mi.UInt32(GOLDEN)) ^ seed))
+    return SobolSampler(index, mixed(mixed(pixel + mi.UInt32(GOLDEN)) ^ seed))

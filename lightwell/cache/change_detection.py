@@ -102,7 +102,7 @@ class ChangeDetector:
 SPAN, FEW, TOO_MUCH = 64, 8, 1.5
 
 
-class GrowthWatch:
+class DivergenceMonitor:
     """Detects a cache whose own predictions, used as targets, make it brighter and brighter in an unchanged scene."""
 
     def __init__(self) -> None:
