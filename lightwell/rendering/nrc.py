@@ -109,14 +109,14 @@ def _still(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]:
     picture = film.render(integrator, settings.seed)
     seconds = time.perf_counter() - start
     write_picture(Path(settings.out), picture, film.exposure)
-    told = [t for t in integrator.told if t.steps]
+    stats = [t for t in integrator.stats if t.steps]
     width, height = settings.size
     return {
         "scene": film.live.name, "width": width, "height": height, "spp": settings.spp, "integrator": "lightwell_nrc",
         "seconds": seconds, "training_seconds": integrator.seconds["train"],
-        "training_steps": sum(t.steps for t in told), "records_dropped": sum(t.dropped for t in integrator.told),
+        "training_steps": sum(t.steps for t in stats), "records_dropped": sum(t.dropped for t in integrator.stats),
         "termination_c": cache.termination_c, "termination_sdk_t": math.sqrt(cache.termination_c) / (4 * math.pi),
-        "loss": told[-1].loss if told else None, "bias": list(told[-1].bias) if told else None,
+        "loss": stats[-1].loss if stats else None, "bias": list(stats[-1].bias) if stats else None,
         "mean_radiance": float(picture.mean()),
     }  # fmt: skip
 
