@@ -35,7 +35,7 @@ from lightwell.transport.shards import ShardSettings, make_shard
 # Seconds that a shard is expected to take, for the size of what is gathered before the first one.
 SECONDS_PER_SHARD = 3.0
 # Most of what gathered shards cost is traced before the first one: fewer than this are not worth it.
-FEWEST_GATHERED = 12
+FEWEST_GATHERED = 24
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 # Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
