@@ -216,7 +216,7 @@ def _member(rng: random.Random, content: bytes) -> bytes:
         text = mutate_json(rng, body)
         header = re.sub(rb"\([^)]*\)", f"({len(text)},)".encode(), content[10 : 10 + length]).rstrip()
         header += b" " * (-(11 + len(header)) % 64) + b"\n"
-        return head[:8] + struct.pack("<H", len(header)) + header + text
+        return head[:8] + struct.pack("<H", len(header) % 65536) + header + text
     return mutate_array(rng, content)
 
 

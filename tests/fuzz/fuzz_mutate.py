@@ -213,7 +213,11 @@ def dump(document: Any) -> str:
 
 def mutate_json(rng: random.Random, text: str | bytes) -> bytes:
     """One to four changes of the values of a JSON document, or of its text."""
-    document = json.loads(text)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        # It may have been damaged before.
+        return mutate_bytes(rng, text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text)
     for _ in range(rng.choice((1, 1, 2, 4))):
         _json_step(rng, document)
     out = dump(document)[: 1 << 22].encode("utf-8", "surrogatepass")
