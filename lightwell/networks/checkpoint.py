@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -143,4 +144,6 @@ def counters(arrays: Mapping[str, np.ndarray]) -> tuple[int, int, int, float, li
     if not best >= 0:
         raise ValueError(f"'best_error' is {best}")
     step, seen, best_step = (int(v) for v in steps)
+    if best_step and not math.isfinite(best):
+        raise ValueError(f"'best_error' is {best} though step {best_step} was the best")
     return step, seen, best_step, best, [(int(s), float(a), float(b)) for s, a, b in history]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks.checkpoint import counters
 
 ROWS, WIDTH = 4096, 6
 
@@ -126,3 +127,13 @@ def test_a_set_that_grows_is_used_whole(data):
     # One epoch of 8 batches over 4,096 rows, a quarter of which weighs nothing: at least 5 batches have a loss.
     assert sum(loss > 0 for loss in losses) >= 5
     assert (trainer.parameters["w0"] != before).any()
+
+
+@pytest.mark.parametrize(
+    ("steps", "best"), [([4, 100, 2], np.inf), ([4, 100, 2], np.nan), ([4, 100], 0.5), ([-1, 0, 0], 0.5)]
+)
+def test_progress_that_cannot_be_is_refused(steps, best):
+    arrays = {"step": np.array(steps), "history": np.zeros((0, 3)), "best_error": np.array(best)}
+    with pytest.raises(ValueError, match="step'|best_error"):
+        counters(arrays)
+    assert counters({**arrays, "step": np.array([4, 100, 0]), "best_error": np.array(np.inf)})[:4] == (4, 100, 0, np.inf)
