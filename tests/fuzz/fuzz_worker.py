@@ -149,7 +149,7 @@ def keep_processes(memory: int) -> None:
     known: dict[str, Kept] = {}
 
     def kept(function: str, **_: float) -> Kept:
-        return known.setdefault(function, Kept(function, seconds=10.0, memory=memory))
+        return known.setdefault(function, Kept(function, seconds=55.0, memory=memory))
 
     decoding.Worker = mitsuba_files.Worker = kept
 
