@@ -194,7 +194,7 @@ def test_the_guide_is_saved_and_hostile_ones_are_refused(tmp_path):
     for held in (cache, again):
         nrc = integrator(mode="frames")
         nrc.cache, nrc._scene = held, scene
-        held.guide_table._guide = None
+        held.guide_table.made = None
         pictures.append(np.array(mi.render(scene, integrator=nrc, spp=4)))
     assert np.allclose(*pictures, rtol=1e-2, atol=1e-3)
     with np.load(path) as held:
