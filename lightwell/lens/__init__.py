@@ -13,16 +13,16 @@ Names are loaded at first use, so that the command line can build its parser wit
 from importlib import import_module
 from typing import Any
 
-# Public name → module.
+# Public name → module, and the name there where it is longer.
 _PUBLIC = {
-    "Aperture": "aperture",
-    "Camera": "camera",
-    "from_thin_lens": "camera",
-    "Lens": "pipeline",
-    "LensError": "errors",
-    "Settings": "pipeline",
-    "apply": "pipeline",
-    "reconstruct": "samples",
+    "Aperture": ("aperture", "Aperture"),
+    "Camera": ("camera", "LensCamera"),
+    "from_thin_lens": ("camera", "from_thin_lens"),
+    "Lens": ("pipeline", "Lens"),
+    "LensError": ("errors", "LensError"),
+    "Settings": ("pipeline", "LensSettings"),
+    "apply": ("pipeline", "apply"),
+    "reconstruct": ("samples", "reconstruct"),
 }
 
 __all__ = sorted(_PUBLIC)
@@ -31,4 +31,5 @@ __all__ = sorted(_PUBLIC)
 def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'lightwell.lens' has no attribute {name!r}")
-    return getattr(import_module(f"lightwell.lens.{_PUBLIC[name]}"), name)
+    module, there = _PUBLIC[name]
+    return getattr(import_module(f"lightwell.lens.{module}"), there)

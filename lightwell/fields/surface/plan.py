@@ -102,7 +102,7 @@ def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> St
     return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
 
 
-TrainingPlan = TypeVar("Plan", SamplePlan, StepPlan)
+TrainingPlan = TypeVar("TrainingPlan", SamplePlan, StepPlan)
 
 
 def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
