@@ -7,10 +7,13 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from lightwell.limits import Limits
 
 # What readers import when they are called.
 MODULES = {
@@ -27,6 +30,11 @@ MODULES = {
 Reader = Callable[[Path], Any]
 
 
+# What is a tenth of its default, so that a small file is enough to ask for too much.
+SCALED = ("file_bytes", "decoded_bytes", "texels", "picture_texels", "vertices", "indices", "nodes", "depth", "lights")
+LIMITS = replace(Limits(), **{name: getattr(Limits(), name) // 10 for name in (*SCALED, "instances")})
+
+
 def prepare(reader: str) -> None:
     """Import what a reader needs, so that its first file is not charged for it."""
     for name in MODULES.get(reader, ()):
@@ -37,7 +45,7 @@ def scene(path: Path) -> Any:
     """A scene: its records, without the objects of Mitsuba."""
     from lightwell.scenes import load
 
-    found = load(path)
+    found = load(path, limits=LIMITS)
     return {
         "warnings": found.warnings,
         "meshes": found.meshes,
@@ -59,7 +67,7 @@ def asset(path: Path) -> Any:
     from lightwell.graph import evaluate
 
     facts = info(path)
-    fields, variables = read_fields(path)
+    fields, variables = read_fields(path, LIMITS)
     for field in fields:
         graph = field.graph
         inputs = {name: np.full((2, width), 0.25, np.float32) for name, width in graph.inputs.items()}
@@ -80,7 +88,7 @@ def probes(path: Path) -> Any:
     from lightwell.probes.file import read, read_baselines
     from lightwell.probes.volume import query
 
-    volume, baselines = read(path), read_baselines(path)
+    volume, baselines = read(path, LIMITS), read_baselines(path)
     place = np.tile(volume.lattice.origin + 0.5 * volume.lattice.spacing, (3, 1))
     answer = query(volume, place, np.float32([[0, 0, 1]] * 3))
     return [volume, baselines, answer]
@@ -90,7 +98,7 @@ def library(path: Path) -> Any:
     """A library of spreadlets."""
     from lightwell.lens.library import load
 
-    found = load(path)
+    found = load(path, limits=LIMITS)
     found.key()
     return [found.recipe, list(found.nodes.values())]
 

@@ -120,7 +120,7 @@ it("reads what a bake writes, and refuses what is damaged", () => {
     try {
       readProbes(broken.buffer);
     } catch (error) {
-      expect(String(error)).toMatch(/^Error: probes: damaged/);
+      expect(String(error)).toMatch(/^FormatError: probes: damaged/);
       refused++;
     }
   }
