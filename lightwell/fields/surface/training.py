@@ -29,7 +29,7 @@ from lightwell.networks.training import TrainingState
 from lightwell.transport import Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import TRACED_EVERY, GatheredShards, GatherSize
 from lightwell.transport.shards import ShardSettings, make_shard
 
 # Seconds that a shard is expected to take, for the size of what is gathered before the first one.
@@ -102,7 +102,9 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
         traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
         unit = radiance_unit(traced.samples)
     validation = validation_samples(state.scene, state.variable, request.seed, own_light=role == "static")
-    rate = _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
+    # Of gathered samples only one in so many is path-traced, as the reference is.
+    share = 1 / TRACED_EVERY if role == "indirect" else 1.0
+    rate = share * _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
     cost = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
     return SurfaceSamples(traced.samples, validation, unit, plan, cost)
 
