@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -73,8 +74,16 @@ class Bins:
         )
         return table, places, normals, *sites, mi.UInt32(self.owner.astype(np.uint32).ravel())
 
-    def lookup(self, p, n) -> mi.UInt32:
-        """Bins of places and normals on the device; F where there is none."""
+    def lookup(self, p: Any, n: Any) -> mi.UInt32:
+        """Find the bins of places on the device.
+
+        Args:
+            p: [N] places, metres.
+            n: [N] unit normals.
+
+        Returns:
+            Number of the bin of each place; F where there is none.
+        """
         table, _, _, sites, site_normals, owner = self._device
         cells = [
             mi.UInt32(dr.clip((x - float(low)) / self.edge, 0, size - 1))
@@ -100,14 +109,30 @@ class Bins:
         valid &= depth < DEEPEST * self.edge
         return dr.select(valid, dr.gather(mi.UInt32, owner, nearest, valid), self.count)
 
-    def random_place(self, index: mi.UInt32, rng) -> tuple[mi.Vector3f, mi.Vector3f]:
-        """A random place of each bin and the normal there."""
+    def random_place(self, index: mi.UInt32, rng: Any) -> tuple[mi.Vector3f, mi.Vector3f]:
+        """Choose a random place of each bin.
+
+        Args:
+            index: [N] bins.
+            rng: Random streams of the lanes.
+
+        Returns:
+            Places and unit normals.
+        """
         places, normals = self._device[1:3]
         at = index * PLACES + dr.minimum(mi.UInt32(rng.next_float32() * PLACES), PLACES - 1)
         return dr.gather(mi.Vector3f, places, at), dr.gather(mi.Vector3f, normals, at)
 
     def places_of_coarse(self, count: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """[C * count, 3] random places of the coarse bins, bin by bin, and their normals."""
+        """Choose random places of the coarse bins.
+
+        Args:
+            count: Places per coarse bin.
+            random: Source of random numbers.
+
+        Returns:
+            [C * count, 3] places, bin by bin, and their normals.
+        """
         order = np.argsort(self.coarse, kind="stable")
         first = np.searchsorted(self.coarse[order], np.arange(self.coarse_count + 1))
         size = np.diff(first)
@@ -117,7 +142,18 @@ class Bins:
 
 
 def find_bins(position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, random: np.random.Generator) -> Bins:
-    """About ``fine`` bins, and ``coarse`` coarse ones, of the surfaces at places [H, 3] with normals [H, 3]."""
+    """Group places on surfaces into bins: cells of a lattice, by the axis that the surface faces.
+
+    Args:
+        position: [H, 3] places, metres.
+        normal: [H, 3] unit normals.
+        fine: Bins to aim at.
+        coarse: Coarse bins to aim at.
+        random: Source of random numbers.
+
+    Returns:
+        The bins.
+    """
     low, high = np.quantile(position, [TAIL, 1 - TAIL], axis=0)
     margin = MARGIN * float((high - low).max()) + 1e-6
     low, high = low - margin, high + margin
@@ -143,9 +179,14 @@ Sight = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def parted(bins: Bins, sight: Sight) -> Bins:
-    """The bins, cut in two where a wall stands between their places; coarse bins are cut likewise, in up to four.
+    """Cut bins in two where a wall stands between their places, so that light of one side does not leak to the other.
 
-    Light of the one side does not then leak to the other.
+    Args:
+        bins: The bins; coarse ones are cut in up to four.
+        sight: Tests whether places see each other.
+
+    Returns:
+        The new bins.
     """
     lifted = bins.place + LIFT * bins.edge * bins.normal
     first = np.repeat(lifted[:, :1], PLACES, axis=1)

@@ -45,7 +45,15 @@ class GatherSize:
 
     @staticmethod
     def of(shards: int, settings: ShardSettings) -> GatherSize:
-        """What suits about so many shards."""
+        """Choose sizes that suit a number of shards.
+
+        Args:
+            shards: Expected shards.
+            settings: Sizes of a shard.
+
+        Returns:
+            The sizes.
+        """
         rows = shards * min(settings.size, POINTS_PER_SHARD)
         points = int(np.clip(1 << max(rows - 1, 1).bit_length(), FEWEST_POINTS, MOST_POINTS))
         share = points / MOST_POINTS
@@ -62,6 +70,14 @@ class GatheredShards:
     """Makes shards of a declared light; what all of them share is traced when the first one is made."""
 
     def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
+        """Prepare to make shards; nothing is traced yet.
+
+        Args:
+            scene: The scene.
+            variable: The declared light.
+            settings: Sizes and seed.
+            size: How much is traced before the first shard.
+        """
         self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
         self.seconds = 0.0
         """What tracing before the first shard took."""
@@ -72,13 +88,21 @@ class GatheredShards:
 
     @cached_property
     def points(self) -> SurfacePoints:
-        """Where the samples are."""
+        """Draw the points that all shards share.
+
+        Returns:
+            The points.
+        """
         floor = max(self._size.points * self._settings.floor // self._settings.size, 1)
         return draw_seen(self._scene, self._variable, self._size.points, int(self._seeds[0]), floor=floor).points
 
     @cached_property
     def lights(self) -> np.ndarray:
-        """[K, 3] lights under which the bins are lit."""
+        """Draw the lights under which the bins are lit.
+
+        Returns:
+            [K, 3] positions (directions of a sun).
+        """
         return default_lights(self._scene, self._variable)(self._size.lights, int(self._seeds[1]))
 
     @cached_property

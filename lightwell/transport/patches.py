@@ -25,15 +25,30 @@ CANDIDATES, TRIES = 6, 24
 
 
 def patch_radius(scene: Scene) -> float:
-    """Radius of the patches of a scene, metres."""
+    """Compute the radius of the patches of a scene.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        Metres.
+    """
     low, high = scene.bounds
     return min(RADIUS_SHARE * float(np.linalg.norm(high - low)), MOST_RADIUS)
 
 
 def draw_patches(scene: Scene, count: int, seed: int) -> SurfacePoints:
-    """Up to ``count`` patches, area-uniform, each on one triangle, all of its points seeing air; [P * POINTS] points.
+    """Draw flat patches, area-uniform, each on one triangle; all of their points see air.
 
-    The points of a patch look at one eye, a scene-sized distance away from their middle.
+    The points of a patch are viewed from one place, the scene's size away from their middle.
+
+    Args:
+        scene: The scene.
+        count: Most patches.
+        seed: Seed of the points.
+
+    Returns:
+        P * ``POINTS`` points, patch by patch.
     """
     centres = draw_surface(scene, CANDIDATES * count, seed, floor=0).points
     wide = _triangle_area(scene, centres) > patch_radius(scene) ** 2

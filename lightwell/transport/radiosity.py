@@ -66,6 +66,15 @@ class Radiosity:
     """The bins of a scene and how they light each other; built from points that see the scene."""
 
     def __init__(self, scene: Scene, points: SurfacePoints, seed: int, fine: int, coarse: int) -> None:
+        """Find the bins of a scene and how they light each other.
+
+        Args:
+            scene: The scene.
+            points: Points that see the scene.
+            seed: Seed of the rays.
+            fine: Bins to aim at.
+            coarse: Coarse bins to aim at.
+        """
         self.scene, self.seed = scene, seed
         tables(scene)
         probes = points[: min(len(points), PROBE_POINTS)]
@@ -110,7 +119,16 @@ class Radiosity:
         return _gather_ray(self.scene.mi, gather_interaction(self.scene, device, row), rng, first)
 
     def rows(self, points: SurfacePoints, rays: int, seed: int) -> Rows:
-        """What points see, by ``rays`` rays each, an even number: the two halves are independent."""
+        """Trace what points see of the bins.
+
+        Args:
+            points: N surface points.
+            rays: Rays per point, even; the two halves are independent.
+            seed: Seed of the rays.
+
+        Returns:
+            Bins and weights, ray by ray.
+        """
         device, batch = DevicePoints(points), max(1, LANES // rays)
         bins = np.empty((len(points), rays), np.uint16 if self.bins.count < 1 << 16 else np.uint32)
         weight = np.empty((len(points), rays, 3), np.float16)
@@ -153,7 +171,16 @@ class Radiosity:
     # ------------------------------------------------------------------ light
 
     def light(self, variable: Variable, lights: np.ndarray, seed: int) -> BinLight:
-        """Irradiance of the bins under lights [K, 3] (directions of a sun)."""
+        """Compute the irradiance of the bins: direct light by a shadow ray, indirect light by a linear system.
+
+        Args:
+            variable: What the light is.
+            lights: [K, 3] positions, metres (directions of a sun).
+            seed: Seed of the places in the bins.
+
+        Returns:
+            Irradiance of the bins under each light of 1 cd (1 lx).
+        """
         direct = np.zeros((len(lights), self.bins.count + 1), np.float32)
         batch = max(1, LANES // self.bins.count)
         for start in range(0, len(lights), batch):
@@ -204,6 +231,13 @@ class Gather:
     """Rows and bin light on the device: halves of samples for pairs of point and light."""
 
     def __init__(self, radiosity: Radiosity, rows: Rows, light: BinLight) -> None:
+        """Upload what points see and the light of the bins.
+
+        Args:
+            radiosity: The bins.
+            rows: What N points see.
+            light: Irradiance of the bins under K lights.
+        """
         self._bin = mi.UInt32(rows.bin.astype(np.uint32).ravel())
         self._weight = mi.Float16(rows.weight.ravel())
         self._rays = rows.bin.shape[1]

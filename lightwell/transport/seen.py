@@ -35,11 +35,17 @@ SPARE, ROUNDS = 1.25, 6
 
 
 def draw_seen(scene: Scene, variable: Variable, count: int, seed: int, *, floor: int) -> SurfaceDraw:
-    """``count`` points in random order; the same seed gives the same points. Weights are 1: where people look counts.
+    """Draw surface points, mostly where cameras and rays from the air meet surfaces. Their weights are 1.
 
-    floor   Points per visible object at least, among the area-uniform ones.
+    Args:
+        scene: The scene.
+        variable: The light, near whose positions cameras stand.
+        count: Points.
+        seed: The same seed gives the same points.
+        floor: Points per visible object at least, among the area-uniform ones.
 
-    Where nothing can be looked at, all points are area-uniform.
+    Returns:
+        The points in random order; all area-uniform where no camera can stand.
     """
     random = np.random.default_rng([seed, 11])
     parts = [
@@ -111,7 +117,16 @@ def _met(scene: Scene, count: int, random: np.random.Generator, rays) -> Surface
 
 
 def trace_rays(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> SurfacePoints:
-    """The first surfaces that K rays [K, 3] meet, cut-outs passed, viewed from where the rays come from."""
+    """Find the first surfaces that rays meet; cut-outs are passed.
+
+    Args:
+        scene: The scene.
+        origin: [K, 3] origins, metres.
+        direction: [K, 3] unit directions.
+
+    Returns:
+        The points that were met, viewed from the origins.
+    """
     columns = lambda a: np.ascontiguousarray(np.asarray(a, np.float32).T)  # noqa: E731
     ray = mi.Ray3f(mi.Point3f(columns(origin)), mi.Vector3f(columns(direction)))
     pi, ray = first_surface(scene.mi, ray)
