@@ -47,7 +47,7 @@ CRITERIA = (
     Criterion("leak", 0.01, 0.02, False, "dark places glow"),
     Criterion("mottle", 0.05, 0.08, False, "smooth surfaces show blotches"),
     Criterion("psnr_db", 34.0, 31.0, True, "the learned light differs visibly from the reference"),
-    Criterion("flip", 0.08, 0.12, False, "the pictures differ visibly from the reference"),
+    Criterion("flip", 0.08, 0.12, False, "the learned light differs visibly from the reference"),
 )
 
 
@@ -81,7 +81,7 @@ def verdict(
     if not graded:
         return Verdict("poor", "not judged: no view shows indirect light")
     level = max((found for _, found in graded), key=LEVELS.index)
-    wrong = [c.seen for c, found in graded if found == level and level != "good"]
+    wrong = list(dict.fromkeys(c.seen for c, found in graded if found == level and level != "good"))
     parts = [f"{level}: {' and '.join(wrong[:2])}" if wrong else level]
     if worst := _worst_view(views, view_psnr_db):
         parts.append(worst)
