@@ -1,4 +1,4 @@
-/** Modules of the package import one way, types included. */
+/** Modules of the package and of the page import one way, types included. */
 
 import { readdirSync, readFileSync } from "node:fs";
 import { dirname, join, normalize, relative } from "node:path";
@@ -6,6 +6,7 @@ import { fileURLToPath } from "node:url";
 import { describe, expect, it } from "vitest";
 
 const SOURCE = fileURLToPath(new URL("../runtime/src/", import.meta.url));
+const PAGE = fileURLToPath(new URL("../viewer/src/", import.meta.url));
 const IMPORT = /^(?:import|export)\s[^;]*?from\s+"(\.[^"]+)"|^import\s+"(\.[^"]+)"/gms;
 
 /** Every module of a folder with the modules that it names, imports of types alone included. */
@@ -53,5 +54,6 @@ describe("imports", () => {
     expect(imports.size).toBeGreaterThan(50);
     expect(imports.get(relative(SOURCE, join(SOURCE, "graph/graph.ts")))).toContain(normalize("graph/op.ts"));
     expect(circle(imports)).toEqual([]);
+    expect(circle(importsOf(PAGE))).toEqual([]);
   });
 });

@@ -39,7 +39,7 @@ describe("Arc", () => {
 describe("a mesh without positions", () => {
   it("is said on the console", async () => {
     const warn = vi.spyOn(console, "warn").mockImplementation(() => {});
-    const file = writeGlb(plainRoom({ tamper: (json) => delete json.meshes[0].primitives[0].attributes.POSITION }));
+    const file = writeGlb(plainRoom({ tamper: (json) => delete (json as Record<string, any>).meshes[0].primitives[0].attributes.POSITION }));
     await parseLearned(new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)), file.slice().buffer);
     expect(warn).toHaveBeenCalledWith(expect.stringMatching(/expected positions, found none/));
     warn.mockRestore();

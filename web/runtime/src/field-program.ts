@@ -26,6 +26,7 @@ import {
   type StoredBuffer,
   type TexelTexture,
 } from "./graph/index.ts";
+import type { Demand } from "./material-budget.ts";
 import { MAX_LAMPS } from "./variables.ts";
 
 /** Where a field's weights live in the shader. */
@@ -115,16 +116,14 @@ export class FieldProgram {
     return `uniform vec3 ${this.name}_light${size};\nuniform vec3 ${this.name}_gain${size};\n${this.program.code}`;
   }
 
-  /** Textures that the program reads. */
-  get samplers(): number {
+  /** What the program asks of a shader. */
+  get demand(): Demand {
     const { textures, pictures, frame } = this.program;
-    return textures.length + pictures.size + (frame?.kind === "texture" ? 1 : 0);
-  }
-
-  /** Uniform vectors of the program. */
-  get uniformVectors(): number {
-    const { frame } = this.program;
-    return 2 * this.lamps + (frame?.kind === "array" ? frame.blocks * this.lamps : 0);
+    return {
+      text: this.code.length,
+      textures: textures.length + pictures.size + (frame?.kind === "texture" ? 1 : 0),
+      uniforms: 2 * this.lamps + (frame?.kind === "array" ? frame.blocks * this.lamps : 0),
+    };
   }
 
   /** Type of the GLSL value that `call` yields. */

@@ -131,7 +131,7 @@ export class LearnedScene {
     this.segments = segmented ? print(segmented, "lightwellSegment", SEGMENT_OUTPUTS) : null;
     this.materials = this.createMaterials(`${scenes++}`);
     this.followLamps();
-    checkMaterials(this.root, this.fields, this.lamps.length, options.renderer?.capabilities);
+    this.checkBudget(options.renderer);
     this.attach();
   }
 
@@ -277,7 +277,7 @@ export class LearnedScene {
     };
     const wanted = this.look;
     const compilation = ++this.compilations;
-    checkMaterials(this.root, this.fields, this.lamps.length, renderer.capabilities);
+    this.checkBudget(renderer);
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
     if (renderer.extensions.has("KHR_parallel_shader_compile")) {
       // The compilation of all that is worn starts at once; only the waiting is asynchronous.
@@ -354,6 +354,12 @@ export class LearnedScene {
       ...(segments ? { segments: segmentFinish(`segments${id}`, segments, uniforms) } : {}),
     };
     return new SurfaceMaterials(finishes, this.lightmaps);
+  }
+
+  /** Throws a `FormatError` when the materials ask for more than there is. */
+  private checkBudget(renderer: WebGLRenderer | undefined): void {
+    const demands = this.fields.map((field) => field.demand);
+    checkMaterials(this.root, demands, this.lamps.length, renderer?.capabilities);
   }
 
   private setLamps(lamps: readonly Lamp[]): void {

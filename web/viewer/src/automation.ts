@@ -1,8 +1,7 @@
 /** `window.lightwell`: drives the page from tests, scripts and screenshots. */
 
 import { Color, Vector3 } from "three";
-import type { Mode } from "./modes.ts";
-import type { Against } from "./presenter.ts";
+import type { Against, Mode } from "./modes.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** What `stats()` returns. */

@@ -37,3 +37,8 @@ export function whyNot(mode: Mode): string {
   if (mode === "lightmap") return "This file carries no ordinary light map.";
   return "This file carries no path-traced pictures to compare with.";
 }
+
+/** What the learned picture is held against in split mode. */
+export const AGAINST = ["direct", "reference", "lightmap"] as const;
+
+export type Against = (typeof AGAINST)[number];

@@ -1,8 +1,7 @@
 /** Options of the page's address, for tests, screenshots and links. */
 
 import { readLights, type LightOption } from "./light-options.ts";
-import { MODES, type Mode } from "./modes.ts";
-import { AGAINST, type Against } from "./presenter.ts";
+import { AGAINST, type Against, MODES, type Mode } from "./modes.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** What `?size=640x360&mode=learned&view=0&ui=0&tonemap=agx…` may say; absent means the page's default. */

@@ -3,7 +3,7 @@
 import type { WebGLRenderer } from "three";
 import type { CameraRig } from "./camera-rig.ts";
 import { FrameTimer } from "./frame-timer.ts";
-import type { Mode } from "./modes.ts";
+import type { Against, Mode } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { SHOW } from "./output-shader.ts";
 import type { ViewData } from "./page-data.ts";
@@ -30,11 +30,6 @@ export interface Shown {
   /** Whether the picture goes through the lens before it is shown. */
   readonly developed?: boolean;
 }
-
-/** What the learned picture is held against in split mode. */
-export const AGAINST = ["direct", "reference", "lightmap"] as const;
-
-export type Against = (typeof AGAINST)[number];
 
 /** Whether a frame needs the path-traced picture of a saved view. */
 export function needsReference({ mode, against }: Pick<Shown, "mode" | "against">): boolean {

@@ -7,6 +7,7 @@ import type { FieldRecord } from "../extension.ts";
 import { asPicture } from "../field-program.ts";
 import { evaluateFrame, frameLayout, type Graph, only, printGlsl, printWgsl } from "../graph/index.ts";
 import type { Lamp } from "../lamp.ts";
+import type { Demand } from "../material-budget.ts";
 
 /** A node as three.js types it: its class has one type parameter too many to be worth spelling out. */
 export type AnyNode = any;
@@ -96,6 +97,12 @@ export class FieldNodes {
     if (program.frame) keep(program.frame.name, () => this.frame!);
     for (const [picture, buffer] of program.pictures) keep(picture, () => asPicture(buffer));
     return { body: program.body, parameters: namesOf(program), slot: program.frame?.slot ?? null, textures: used };
+  }
+
+  /** What the text for a language asks of a shader. */
+  demand(wgsl: boolean): Demand {
+    const { body, textures } = this.print(wgsl);
+    return { text: body.length, textures: textures.size, uniforms: 2 * this.gains.length };
   }
 
   dispose(): void {

@@ -4,5 +4,6 @@
  */
 
 export { LightwellLoaderPlugin, learnedLight } from "../loader.ts";
+export type { DeviceOwner } from "./device.ts";
 export { FieldNodes } from "./field-nodes.ts";
 export { LearnedNodeScene, type LearnedNodeSceneOptions } from "./learned-node-scene.ts";

@@ -20,9 +20,11 @@ import { MeshPhysicalNodeMaterial } from "three/webgpu";
 import type { WeightPlacement } from "../field-program.ts";
 import { createLamp, type Lamp, ShadowKeeper } from "../lamp.ts";
 import { learnedLight } from "../loader.ts";
+import { checkMaterials } from "../material-budget.ts";
 import { OwnLights } from "../own-lights.ts";
 import { boundsOf, Placement } from "../placement.ts";
 import type { Variable } from "../variables.ts";
+import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes, type SurfaceNodes } from "./field-nodes.ts";
 
 /** Up to this many multiply-adds a pixel, weights become literals of the shader. */
@@ -37,6 +39,8 @@ const OWNERS = new WeakMap<object, LearnedNodeScene>();
 export interface LearnedNodeSceneOptions {
   /** Where weights live; by default small fields are literals and large ones textures. */
   readonly weights?: WeightPlacement;
+  /** What will draw the scene: its device says how many textures a material may have. Without it, what every device offers. */
+  readonly renderer?: DeviceOwner;
 }
 
 /**
@@ -70,6 +74,8 @@ export class LearnedNodeScene {
       const followed = this.lamps.filter((lamp) => lamp.variable === variables[record.variable]);
       return new FieldNodes(record, `lightwellField${i}`, followed, placement);
     });
+    const demands = this.fields.map((field) => field.demand(takesWgsl(options.renderer)));
+    checkMaterials(this.root, demands, this.lamps.length, capabilitiesOf(options.renderer));
     this.attach();
   }
 
