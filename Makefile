@@ -6,7 +6,7 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
 PYTEST_MARKS ?= not slow
 
-.PHONY: setup demo test test-all test-python test-web viewer lint benchmarks clean
+.PHONY: setup demo test test-all test-python test-web viewer docs lint benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -48,6 +48,14 @@ web/node_modules/.installed: web/package-lock.json
 viewer: web/node_modules/.installed
 	cd web && npm run build
 
+$(VENV)/.installed-docs: $(VENV)/.installed
+	@$(PIP) install --no-compile -e ".[docs]"
+	@touch $@
+
+# The site, in docs/_build/html. Warnings are errors: a link that leads nowhere fails the build.
+docs: $(VENV)/.installed-docs
+	$(VENV)/bin/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build/html
+
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
@@ -56,4 +64,4 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/main_job.py
 
 clean:
-	rm -rf $(VENV) web/node_modules out demo
+	rm -rf $(VENV) web/node_modules docs/_build out demo

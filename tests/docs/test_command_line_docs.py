@@ -1,0 +1,28 @@
+"""The page of each verb in docs/how-to names all of its options, and each verb is in the reference."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from lightwell.cli.main import VERBS, verb_parser
+
+DOCS = Path(__file__).parents[2] / "docs"
+REFERENCE = (DOCS / "reference/command-line.md").read_text()
+# Options that many verbs have: the reference explains them once.
+SHARED = {"--help", "--out"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_options_are_documented(verb):
+    assert f"```{{verb-help}} {verb}\n" in REFERENCE and f"(../how-to/{verb}.md)" in REFERENCE
+    page = (DOCS / f"how-to/{verb}.md").read_text()
+    # A demo is a bake, and says so.
+    text = REFERENCE + page + ((DOCS / "how-to/bake.md").read_text() if verb == "demo" else "")
+    options = {o for a in verb_parser(verb)._actions for o in a.option_strings if o.startswith("--")} - SHARED
+    missing = sorted(o for o in options if not re.search(rf"(?<![\w-]){o}(?![\w-])", text))
+    assert not missing
+
+
+def test_every_page_belongs_to_a_verb():
+    assert {page.stem for page in (DOCS / "how-to").glob("*.md")} == set(VERBS)

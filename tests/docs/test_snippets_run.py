@@ -1,0 +1,112 @@
+"""Every shell command and Python snippet of README and docs runs, in the order of its page, with a small budget."""
+
+import os
+import runpy
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lightwell.cli import main
+
+from .found_files import provide
+from .snippets import PAGES, ROOT, commands, lowered, small_python, snippets
+
+LIGHTWELL = [sys.executable, "-m", "lightwell"]
+SERVERS = ("view", "live")
+# Their exit code is 1 where they find something: a small library of spreadlets breaks its limits.
+FINDERS = ("doctor", "lens")
+# Commands that set up a machine, or are run by tests of their own (tests of the web package, of the wheel, of make).
+LEFT_OUT = (
+    "make",
+    "npm",
+    "npx",
+    "node",
+    "pip",
+    "docker",
+    "curl",
+    "git",
+    "cd",
+    "sudo",
+    "apt",
+    "brew",
+    "eval",
+    "export",
+    "man",
+)
+RUN = [page for page in PAGES if any(s.language in ("sh", "python") for s in snippets(page))]
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    out = tmp_path_factory.mktemp("docs") / "out"
+    assert main(lowered(["lightwell", "bake", "cornell", "-o", str(out)])[1:]) == 0
+    return out
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_snippets_run(page, baked, tmp_path, monkeypatch, capfd):
+    """As a reader would paste them: one after the other, in one folder, in a Python session that goes on."""
+    provide(tmp_path, baked)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LIGHTWELL_STORE", str(tmp_path.parent / "store"))
+    session = ""
+    for snippet in snippets(page):
+        if snippet.language == "sh":
+            for words in commands(snippet):
+                _command(snippet.where, words, tmp_path, capfd)
+        elif snippet.language == "python":
+            session += f"\n# {snippet.where}\n{small_python(snippet.text)}\n"
+    if session:
+        (tmp_path / "session.py").write_text(session)
+        runpy.run_path(str(tmp_path / "session.py"), run_name="__main__")
+
+
+def _command(where: str, words: list[str], folder: Path, capfd) -> None:
+    program = words[0]
+    if program in LEFT_OUT or (program == "python" and words[1].startswith(("benchmarks/", "tools/", "-m"))):
+        return
+    if program == "python":
+        _run([sys.executable, str(ROOT / words[1]), *words[2:]], folder)
+    elif words[1] in SERVERS:
+        _serve([*LIGHTWELL, *words[1:], "--no-open", "--port", "0"], folder)
+    else:
+        allowed = (0, 1) if words[1] in FINDERS else (0,)
+        code = _exit_code(lowered(words)[1:])
+        assert code in allowed, f"{where}: {' '.join(words)}: exit code {code}\n{capfd.readouterr().err[-1500:]}"
+
+
+def _exit_code(argv: list[str]) -> int:
+    try:
+        return main(argv)
+    except SystemExit as ended:
+        return int(ended.code or 0)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    paths = os.pathsep.join([str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return os.environ | {"PYTHONPATH": paths, "LIGHTWELL_STORE": str(folder.parent / "store")}
+
+
+def _run(argv: list[str], folder: Path, allowed: tuple[int, ...] = (0,)) -> subprocess.CompletedProcess:
+    done = subprocess.run(argv, cwd=folder, env=_environment(folder), capture_output=True, text=True, timeout=900)
+    assert done.returncode in allowed, f"{' '.join(argv[1:])}\n{done.stderr[-1500:]}"
+    return done
+
+
+def _serve(argv: list[str], folder: Path) -> None:
+    """Start a server, wait for the line that names its address, and end it by Ctrl-C."""
+    with subprocess.Popen(
+        argv, cwd=folder, env=_environment(folder), stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
+    ) as server:
+        lines = []
+        for line in server.stdout:
+            lines.append(line)
+            if "http://127.0.0.1" in line:
+                break
+        server.send_signal(signal.SIGINT)
+        assert server.wait(120) == 130, "".join(lines)
