@@ -10,14 +10,14 @@ Names are imported when they are first used, so that ``import lightwell`` takes 
 the module of depth of field and motion blur.
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+# Nothing is imported here, not even typing: until ``lightwell.__main__`` runs, Ctrl-C prints a traceback.
+TYPE_CHECKING = False
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from lightwell import lens as lens
     from lightwell.api import Asset as Asset
     from lightwell.api import Comparison as Comparison
@@ -60,7 +60,9 @@ _HOMES: dict[str, str | None] = {
 __all__ = sorted([*_HOMES, "__version__"])
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
+    from importlib import import_module
+
     if name not in _HOMES:
         raise AttributeError(f"module 'lightwell' has no attribute '{name}'; it has {', '.join(__all__)}")
     home = _HOMES[name]

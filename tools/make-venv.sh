@@ -21,4 +21,5 @@ if ! "$found" -c 'import ensurepip' 2>/dev/null; then
     exit 2
   fi
 fi
-"$found" -m venv "$venv"
+# The newest pip: the commands that older ones write import re first, during which Ctrl-C prints a traceback.
+"$found" -m venv --upgrade-deps "$venv"

@@ -8,11 +8,10 @@ import sys
 from collections.abc import Sequence
 
 from lightwell.cli.arguments import add_options, add_scene, given_options
+from lightwell.cli.interrupts import INTERRUPTED
 from lightwell.core.scene_options import SceneOptions
 from lightwell.rendering.settings import NrcOptions
 
-# Exit code after Ctrl-C, as shells expect.
-INTERRUPTED = 130
 SMALLEST, LARGEST = 16, 2048
 
 

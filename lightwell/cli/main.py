@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from importlib import import_module
 
 import lightwell
-from lightwell.cli.interrupts import Interrupts
+from lightwell.cli.interrupts import INTERRUPTED, Interrupts
 
-# Exit codes: 2 for a mistake of the user (described in one line), 130 for an interrupt, as shells expect.
-USAGE_ERROR, INTERRUPTED = 2, 130
+# Exit code of a mistake of the user, which is described in one line.
+USAGE_ERROR = 2
 
 # Verb → what it does. Each is a module of this package of the same name with ``add(parser, argv)`` and
 # ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, is part of its help.
@@ -78,24 +78,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     verb = words[0] if words and words[0] in VERBS else ""
     arguments = argparse.Namespace(verb=verb)
-    with Interrupts() as interrupts:
-        try:
+    interrupts = Interrupts()
+    try:
+        with interrupts:
             if not verb:
                 return _without_verb(words)
             module = import_module(f"lightwell.cli.{verb}")
             verb_parser(verb, words[1:]).parse_args(words[1:], arguments)
             return module.run(arguments)
-        except KeyboardInterrupt:
+    except KeyboardInterrupt:
+        return _interrupted(arguments)
+    except BrokenPipeError:
+        return 0
+    except Exception as error:
+        if interrupts.received:
             return _interrupted(arguments)
-        except BrokenPipeError:
-            return 0
-        except Exception as error:
-            if interrupts.received:
-                return _interrupted(arguments)
-            if not isinstance(error, (ValueError, OSError, RuntimeError, MemoryError)):
-                raise
-            print(f"lightwell: {_one_line(error)}", file=sys.stderr)
-            return USAGE_ERROR
+        if not isinstance(error, (ValueError, OSError, RuntimeError, MemoryError)):
+            raise
+        print(f"lightwell: {_one_line(error)}", file=sys.stderr)
+        return USAGE_ERROR
 
 
 def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
