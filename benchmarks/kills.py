@@ -66,7 +66,7 @@ def bake_probes(out: Path) -> None:
 def render_sequence(out: Path) -> None:
     """Twelve frames of 24 x 16 pixels with a radiance cache of two levels."""
     from lightwell.cache.settings import parse_options
-    from lightwell.rendering.nrc import render_sequence
+    from lightwell.rendering.sequence import render_sequence
     from lightwell.rendering.settings import RenderSettings
 
     options = ["levels=2", "entries_log2=8", "batch=512", "steps=1", "train_fraction_max=1", "max_vertices=4"]

@@ -63,7 +63,6 @@ def cold(options: Figures, scene: Any) -> NrcIntegrator:
 def frozen(options: Figures, scene: Any, sensor: Any, frames: int) -> NrcIntegrator:
     """An integrator with a cache that has learned for so many large frames and learns no more."""
     nrc = cold({**options, "mode": "still", "warmup": frames}, scene)
-    nrc.seconds = {"train": 0.0, "trace": 0.0}
     nrc.warm_up(scene, sensor, 1, 1)
     nrc.cache.freeze()
     nrc.settings = nrc.settings.changed(mode="frames")
@@ -107,7 +106,9 @@ def race(scene: Any, sensor: Any, options: Figures, plan: Figures, truth: Truth,
             start = time.perf_counter()
             theirs = after(nrc, theirs, seed)
             wall_pt += time.perf_counter() - start
-        rows.append([truth.error(picture), wall, nrc.seconds["train"], nrc.samples, truth.error(theirs), wall_pt])
+        rows.append(
+            [truth.error(picture), wall, nrc.last.seconds["train"], nrc.last.samples, truth.error(theirs), wall_pt]
+        )
     error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
     return {"error": error, "wall": wall, "train": train, "samples": samples, "error_pt": error_pt, "wall_pt": wall_pt,
             "gain": error_pt * wall_pt / (max(error, 1e-9) * wall), "repeats": len(rows)}  # fmt: skip
@@ -158,7 +159,7 @@ def frame(name: str, scene: Any, plan: Figures) -> Figures:
     for seed in range(3 if plan["quick"] else 40):
         _, wall = timed(lambda seed=seed: mi.render(scene, integrator=nrc, spp=1, seed=seed))
         _, wall_pt = timed(lambda seed=seed: mi.render(scene, integrator=path_tracer(), spp=1, seed=seed))
-        times.append([1e3 * wall, 1e3 * wall_pt, 1e3 * nrc.seconds["train"]])
+        times.append([1e3 * wall, 1e3 * wall_pt, 1e3 * nrc.last.seconds["train"]])
     wall, wall_pt, train = (float(x) for x in np.median(times[len(times) // 2 :], axis=0))
     triangles = sum(int(shape.primitive_count()) for shape in scene.shapes())
     return {"wall": wall, "wall_pt": wall_pt, "train": train, "triangles": triangles}
@@ -184,7 +185,7 @@ def unbiased(name: str, scene: Any, plan: Figures) -> Figures:
         if seed >= 0:
             sides[0].append(a)
             sides[1].append(b)
-            rows.append([wall, wall_pt, nrc.seconds["train"], nrc.samples, nrc.guiding])
+            rows.append([wall, wall_pt, nrc.last.seconds["train"], nrc.last.samples, nrc.last.guiding])
     a, b = np.array(sides[0]), np.array(sides[1])
     means = a.mean(axis=(1, 2, 3)), b.mean(axis=(1, 2, 3))
     z = (means[0].mean() - means[1].mean()) / np.sqrt(sum(m.var(ddof=1) for m in means) / repeats)

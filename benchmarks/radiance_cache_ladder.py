@@ -30,7 +30,7 @@ from radiance_cache_truth import ROOT, SCENES, path_tracer, scene_of, truth_of
 from rows import RESULTS, chosen, publish, without_bar
 
 from lightwell.backend import mi
-from lightwell.cache import integrator as rules
+from lightwell.cache import NrcIntegrator
 
 NAMES = ("veach-ajar", "staircase2", "cornell-box")
 FULL: dict[str, Any] = {"size": 128, "seconds": 2.0, "repeats": 3, "reference": 1024, "quick": 0}
@@ -79,7 +79,6 @@ def measure(name: str, plan: Figures, resume: bool) -> Figures:
     scene = scene_of(name, plan["size"])
     sensor = scene.sensors()[0]
     truth = truth_of(name, scene, sensor, plan["size"], plan["reference"])
-    rules.WORTH = 0.0
     for rung in QUICK_RUNGS if plan["quick"] else RUNGS:
         if rung in found:
             continue
@@ -95,7 +94,12 @@ def measure(name: str, plan: Figures, resume: bool) -> Figures:
 
 def against_path(scene: Any, sensor: Any, options: Figures, plan: Figures, truth: Any, spp: int) -> Figures:
     """Medians of one rung and of ``path``, in turns."""
-    ours = lambda: cold({"mode": "still", **options, "seconds": plan["seconds"]}, scene)  # noqa: E731
+
+    def ours() -> NrcIntegrator:
+        nrc = cold({"mode": "still", **options, "seconds": plan["seconds"]}, scene)
+        nrc.worth = 0.0
+        return nrc
+
     nrc = ours()
     mi.render(scene, sensor=sensor, integrator=nrc, spp=1, seed=1)
     rows = []
@@ -109,7 +113,9 @@ def against_path(scene: Any, sensor: Any, options: Figures, plan: Figures, truth
         picture, wall = timed(
             lambda seed=seed, nrc=nrc: mi.render(scene, sensor=sensor, integrator=nrc, spp=1, seed=100 + seed)
         )
-        rows.append([truth.error(picture), wall, nrc.seconds["train"], nrc.samples, truth.error(theirs), wall_pt])
+        rows.append(
+            [truth.error(picture), wall, nrc.last.seconds["train"], nrc.last.samples, truth.error(theirs), wall_pt]
+        )
     error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
     return {"error": error, "seconds": wall, "train": train, "samples": samples, "error_pt": error_pt,
             "gain": error_pt * wall_pt / (max(error, 1e-9) * wall)}  # fmt: skip

@@ -186,7 +186,7 @@ def render(scene: PathLike, out: PathLike, *, progress: bool = False, **options:
         >>> lightwell.render("cornell", "out/box.png", size=(64, 40), spp=4)["width"]
         64
     """
-    from lightwell.rendering.path import render as run
+    from lightwell.rendering.integrators import render as run
     from lightwell.rendering.settings import RenderSettings
 
     settings = RenderSettings(**_settings(RenderSettings, scene, out, options, verb="render", own="options"))

@@ -11,10 +11,14 @@ Morton order (the eight children of a cell are neighbours in memory) and read in
 
 from __future__ import annotations
 
-from typing import Any
+from collections import deque
+from typing import TYPE_CHECKING, Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.features import Vertex
+from lightwell.cache.features import WIDTH, Vertex, stored
+
+if TYPE_CHECKING:
+    from lightwell.cache.model import Model
 
 BITS = 5
 N, SIDES = 1 << BITS, 6
@@ -178,6 +182,57 @@ class CellSums:
         out = dr.gather(mi.Float, factor, at)
         dr.make_opaque(out)
         return out
+
+
+class RecentRecords:
+    """Records of the last training frames of a still, from which the local gain is computed."""
+
+    def __init__(self) -> None:
+        """Start without records."""
+        self._frames: deque[tuple[mi.Float, mi.Float]] = deque(maxlen=FRAMES)
+
+    def add(self, features: mi.Float, targets: mi.Float, rows: mi.UInt32, count: int) -> None:
+        """Copy the records of a frame; only those of the last ``FRAMES`` frames are kept.
+
+        Args:
+            features: [R * ``WIDTH``] vertices.
+            targets: [R * 4] radiance.
+            rows: [R] indices of the records.
+            count: Number of records M.
+        """
+        row = dr.arange(mi.UInt32, count)
+        of = dr.gather(mi.UInt32, rows, row)
+        vertices, radiance = dr.empty(mi.Float, count * WIDTH), dr.empty(mi.Float, count * 4)
+        stored(features, of).store(vertices, row, mi.Bool(True))
+        dr.scatter(radiance, dr.gather(mi.Vector4f, targets, of), row)
+        dr.eval(vertices, radiance)
+        self._frames.append((vertices, radiance))
+
+    def clear(self) -> None:
+        """Discard all records."""
+        self._frames.clear()
+
+    def levels(self, model: Model, weights: tuple[Any, ...], scale: float) -> mi.Float | None:
+        """Compare the records with predictions.
+
+        Args:
+            model: Network.
+            weights: Packed weights, see ``Model.packed``.
+            scale: Radiance scale.
+
+        Returns:
+            [``CELLS``] factors, see ``CellSums.levels``; None without records.
+        """
+        if not self._frames:
+            return None
+        sums, unit = CellSums(len(self._frames)), dr.opaque(mi.Float, scale)
+        for features, targets in self._frames:
+            row = dr.arange(mi.UInt32, dr.width(targets) // 4)
+            v, t = stored(features, row), dr.gather(mi.Vector4f, targets, row)
+            traced, learned = model.target(dr.maximum(mi.Color3f(t.x, t.y, t.z), 0), v, unit)
+            predicted = dr.select(learned > 0, dr.maximum(model.evaluate(weights, v), 0), 0)
+            sums.add(v, mi.luminance(traced), mi.luminance(predicted))
+        return sums.levels()
 
 
 def corrected(traced: mi.Float, said: mi.Float, noise: mi.Float) -> mi.Float:

@@ -18,7 +18,6 @@ from lightwell.backend import mi
 from lightwell.cache import persist, restir
 from lightwell.cache.guide import Guide
 from lightwell.cache.radiance_cache import RadianceCache
-from lightwell.cache.tiles import Tiles
 from lightwell.core.formats import Arrays
 from lightwell.files import load_arrays
 from lightwell.networks.checkpoint import prefixed, under
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from lightwell.cache.integrator import NrcIntegrator
 
 VERSION = 1
-# Attributes of ``RadianceCache`` that change from frame to frame and that ``persist`` does not store.
-COUNTERS = ("boost", "changes", "begun", "rate_factor", "most_steps", "rollbacks")
 GUIDE = ("rows", "tree", "density", "level")
 PARTS = ("values", "average", "first", "second")
 
@@ -58,28 +55,28 @@ def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
     cache = integrator.cache
     if cache is None:
         raise RuntimeError("nrc: a checkpoint needs a cache; render a frame first")
-    more = prefixed("replay", cache.replay.state()[1])
-    if cache.snapshot is not None:
-        values, average, (first, second) = cache.snapshot
+    trainer, learner, table = cache.trainer, cache.predictor.learner, cache.guiding.table
+    more = prefixed("replay", trainer.replay.state()[1])
+    if learner.copy is not None:
+        values, average, (first, second) = learner.copy
         for part, held in zip(PARTS, (values, average, first, second)):
             more |= prefixed(f"snapshot.{part}", {name: np.array(value) for name, value in held.items()})
-    table = cache.guide_table
     if table is not None:
         more["guide.bins"] = table.bins
         if table.made is not None:
             more |= {f"guide.{name}": np.array(getattr(table.made, name)) for name in GUIDE}
-    if integrator.reservoirs is not None:
-        more |= prefixed("reservoirs", _reservoir_arrays(integrator.reservoirs))
+    if integrator.reservoirs.held is not None:
+        more |= prefixed("reservoirs", _reservoir_arrays(integrator.reservoirs.held))
     about = {
         "version": VERSION,
         "progress": asdict(progress),
-        "counters": {name: getattr(cache, name) for name in COUNTERS},
-        "tiles": [[list(key), asdict(tiles)] for key, tiles in cache.tiles.items()],
-        "detector": cache.detector.state(),
-        "growth": cache.growth.state(),
-        "scale": cache.scale.state(),
-        "replay": cache.replay.state()[0],
+        "detector": trainer.detector.state(),
+        "growth": trainer.growth.state(),
+        "scale": cache.predictor.scale.state(),
+        "replay": trainer.replay.state()[0],
     }
+    about |= cache.schedule.state()
+    about["counters"] |= {"changes": cache.changes, "rollbacks": learner.rollbacks}
     more["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
     persist.save(cache, path, prefixed("sequence", more))
 
@@ -111,22 +108,21 @@ def load(path: Path, integrator: NrcIntegrator, scene: Any) -> Progress:
             raise ValueError("no finished frame")
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise ValueError(f"{path}: holds no state of a sequence ({' '.join(str(error).split())[:100]})") from error
-    integrator.cache, integrator.reservoirs = cache, reservoirs
+    integrator.cache, integrator.reservoirs.held = cache, reservoirs
     return progress
 
 
 def _restore(cache: RadianceCache, about: dict[str, Any], more: Arrays) -> None:
-    for name in COUNTERS:
-        setattr(cache, name, type(getattr(cache, name))(about["counters"][name]))
-    cache.tiles = {tuple(key): Tiles(**fields) for key, fields in about["tiles"]}
-    cache.detector.restore(about["detector"])
-    cache.growth.restore(about["growth"])
-    cache.scale.restore(about["scale"])
-    cache.replay.restore(about["replay"], under("replay", more))
+    trainer, learner, table = cache.trainer, cache.predictor.learner, cache.guiding.table
+    cache.schedule.restore(about)
+    cache.changes, learner.rollbacks = (int(about["counters"][name]) for name in ("changes", "rollbacks"))
+    trainer.detector.restore(about["detector"])
+    trainer.growth.restore(about["growth"])
+    cache.predictor.scale.restore(about["scale"])
+    trainer.replay.restore(about["replay"], under("replay", more))
     parts = [tensors(under(f"snapshot.{part}", more)) for part in PARTS]
-    cache.snapshot = (parts[0], parts[1], (parts[2], parts[3])) if parts[0] else None
-    if cache.guide_table is not None:
-        table = cache.guide_table
+    learner.copy = (parts[0], parts[1], (parts[2], parts[3])) if parts[0] else None
+    if table is not None:
         table.restore(table.keys, more["guide.bins"], table.sums, table.frames)
         if "guide.rows" in more:
             table.made = Guide()

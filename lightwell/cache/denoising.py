@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.image_state import ImageState
 from lightwell.cache.views import guides
 from lightwell.core.denoise import denoise
 
@@ -25,22 +25,19 @@ def check_film(sensor: Any) -> None:
         raise ValueError("nrc: denoising needs independent pixels; give the film <rfilter type='box'/>")
 
 
-def denoised_image(scene: Any, sensor: Any, cache: RadianceCache, image: Any, seed: int) -> Any:
+def denoised_image(image: ImageState, picture: Any) -> Any:
     """Denoise the colour channels of an image.
 
     Args:
-        scene: Mitsuba scene.
-        sensor: Mitsuba sensor of the image, with a box filter.
-        cache: ``RadianceCache`` of the scene, for the material tables.
-        image: [H, W, C] tensor, C ≥ 3, linear RGB first.
-        seed: Seed of the guide images.
+        image: The image, whose film has a box filter.
+        picture: [H, W, C] tensor, C ≥ 3, linear RGB first.
 
     Returns:
         [H, W, C] tensor.
     """
-    check_film(sensor)
-    albedo, normal = guides(scene, sensor, cache, seed)
-    numbers = np.array(image)
+    check_film(image.sensor)
+    albedo, normal = guides(image.scene, image.sensor, image.cache, image.seed)
+    numbers = np.array(picture)
     numbers[..., :3] = denoise(numbers[..., :3], albedo, normal)
     out = mi.TensorXf(numbers)
     dr.eval(out)

@@ -16,7 +16,7 @@ from lightwell.cache.model import Model
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.recorded import Recorded
 from lightwell.cache.render_paths import render_path
-from lightwell.cache.sobol_sampler import SobolSampler, draws
+from lightwell.cache.sobol_sampler import draws
 
 # Lanes of one launch: enough to occupy the device; for an image with a time limit, few enough to meet the limit.
 LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
@@ -50,11 +50,7 @@ def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, c
     at = mi.Point2f(pixel - y * width, y)
     offset = mi.Vector2f(film.crop_offset())
     place = at + sampler.next_2d()
-    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
-    time = mi.Float(sensor.shutter_open())
-    if sensor.shutter_open_time() > 0:
-        time += sampler.next_1d() * sensor.shutter_open_time()
-    ray, weight = sensor.sample_ray_differential(time, 0.0, place / mi.Vector2f(size), aperture)
+    ray, weight = _sensor_rays(sensor, sampler, place / mi.Vector2f(size))
     box = film.rfilter().is_box_filter()
     return ray, weight, (at if box else place) + offset, sampler
 
@@ -80,12 +76,17 @@ def sampled_rays(sensor: Any, sampler: Any, spp: int) -> Rays:
     place = at + sampler.next_2d()
     scale = dr.rcp(mi.ScalarVector2f(size))
     adjusted = dr.fma(place, scale, -mi.ScalarVector2f(film.crop_offset()) * scale)
+    ray, weight = _sensor_rays(sensor, sampler, adjusted)
+    return ray, weight, at if film.rfilter().is_box_filter() else place, sampler
+
+
+def _sensor_rays(sensor: Any, sampler: Any, position: mi.Point2f) -> tuple[Any, Any]:
+    """Sample aperture and time, and return rays through positions [N] in [0, 1)^2 on the film, with their weights."""
     aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     time = mi.Float(sensor.shutter_open())
     if sensor.shutter_open_time() > 0:
         time += sampler.next_1d() * sensor.shutter_open_time()
-    ray, weight = sensor.sample_ray_differential(time, 0.0, adjusted, aperture)
-    return ray, weight, at if film.rfilter().is_box_filter() else place, sampler
+    return sensor.sample_ray_differential(time, 0.0, position, aperture)
 
 
 def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
@@ -99,8 +100,8 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
     """
     if not cache.settings.caching:
         return lambda v, active: mi.Color3f(0)
-    packed = cache.packed("ema")
-    return lambda v, active: cache.radiance(packed, v)
+    packed = cache.predictor.packed("ema")
+    return lambda v, active: cache.predictor.radiance(packed, v)
 
 
 def trace_pass(
@@ -123,9 +124,8 @@ def trace_pass(
         Radiance [N], mask of rays that hit a surface [N], path length in vertices [N], footprint over that of the
         primary hit [N], and positions on the film in pixels [N].
     """
-    return _traced(
-        scene, rays, cache.around, evaluator(cache), dr.opaque(mi.Float, q), caching, estimator, first_direct, guide
-    )  # fmt: skip
+    context, evaluate = cache.region.context, evaluator(cache)
+    return _traced(scene, rays, context, evaluate, dr.opaque(mi.Float, q), caching, estimator, first_direct, guide)
 
 
 def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct, guide):
@@ -215,11 +215,13 @@ def sobol_pass(
         Result of ``trace_pass``.
     """
     shape = PassShape(N, caching, estimator, True, film_mark(sensor), guide is not None)
-    around, weights = cache.around, cache.packed("ema")
-    return frozen_pass(cache.model, shape)(scene, sensor, around, weights, guide, dr.opaque(mi.Float, q), *numbers)
+    around, weights = cache.region.context, cache.predictor.packed("ema")
+    return frozen_pass(cache.predictor.model, shape)(
+        scene, sensor, around, weights, guide, dr.opaque(mi.Float, q), *numbers
+    )
 
 
-def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, wavelengths: Any, coalesce: bool) -> Any:
+def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, coalesce: bool) -> Any:
     """Accumulate samples in a new image block.
 
     Args:
@@ -227,7 +229,6 @@ def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, waveleng
         L: [N] radiance.
         valid: [N] mask of samples with alpha 1.
         place: [N] positions on the film in pixels.
-        wavelengths: Ignored; RGB variants have none.
         coalesce: Whether neighbouring lanes fall into the same pixel and may be merged.
 
     Returns:
@@ -244,8 +245,3 @@ def splat(film: Any, L: mi.Spectrum, valid: mi.Bool, place: mi.Point2f, waveleng
     values = [L.x, L.y, L.z, alpha, mi.Float(1)] if block.channel_count() == 5 else [L.x, L.y, L.z, mi.Float(1)]
     block.put(place, values)
     return block
-
-
-__all__ = [
-    "LAUNCH", "SobolSampler", "evaluator", "sampled_rays", "sobol_pass", "sobol_rays", "splat", "trace_pass",
-]  # fmt: skip

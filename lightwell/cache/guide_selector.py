@@ -6,8 +6,6 @@ pilot are part of the image.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 # Passes of each kind; without a time limit, a pass has one part in PARTS of the image's samples.
@@ -31,15 +29,15 @@ class GuideSelector:
         self.pictures: dict[bool, list[np.ndarray]] = {False: [], True: []}
         self.seconds: dict[bool, list[float]] = {False: [], True: []}
 
-    def add(self, guided: bool, block: Any, seconds: float) -> None:
+    def add(self, guided: bool, channels: np.ndarray, seconds: float) -> None:
         """Add one pass.
 
         Args:
             guided: Whether the guide was used.
-            block: Image block of the pass.
+            channels: [H, W, 4 or 5] image block of the pass, see ``radiance_of``.
             seconds: Wall time; the smallest one of a kind counts, because the first pass compiles kernels.
         """
-        self.pictures[guided].append(radiance_of(np.array(block.tensor())))
+        self.pictures[guided].append(radiance_of(channels))
         self.seconds[guided].append(seconds)
 
     def guide_pays(self, timed: bool) -> bool:

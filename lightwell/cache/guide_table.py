@@ -22,11 +22,6 @@ CAP, FLOOR = 50.0, 0.02
 KEPT, KEPT_AFTER_CHANGE = 0.97, 0.05
 # Columns of the sums.
 SUMS = 5
-# Frames of a still with a cache whose records are added to the guide: more would take time from the cache.
-LESSONS = 8
-# Images whose paths have less relative variance than this gain nothing from a guide (measured: Cornell box 0.9,
-# veach-ajar 6).
-CALM = 3.0
 # Frames between two builds of the table, in addition to those whose number is a power of two.
 EVERY = 8
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from lightwell.backend import dr, freeze, mi
 from lightwell.cache.model import Model, Tensors
-from lightwell.cache.settings import CacheSettings
+from lightwell.cache.settings import TrainingSettings
 from lightwell.networks.device import tensors
 
 # Relative loss: the term that keeps the division finite, and the weights of luminance (Müller et al. 2021).
@@ -115,29 +115,38 @@ def loss(output: Any, target: Any, weight: Any) -> Any:
     return dr.sum((dr.square(output - target) * scale).array) / count
 
 
+WeightCopy = tuple[Tensors, Tensors, tuple[Tensors, ...]]
+"""Weights, their average, and both moments."""
+
+
 class Learner:
     """Weights, their average, Adam's moments, and the step counters of both."""
 
-    def __init__(self, model: Model, settings: CacheSettings) -> None:
+    def __init__(self, model: Model, settings: TrainingSettings, seed: int) -> None:
         """Initialise the weights.
 
         Args:
             model: Network.
-            settings: Settings of the cache: seed and optimiser.
+            settings: Settings of the optimiser.
+            seed: Seed of the weights.
         """
         self.model, self.settings = model, settings
-        initial = model.initial(settings.seed)
+        initial = model.initial(seed)
         self.values: Tensors = tensors(initial)
         """Raw weights."""
         self.average: Tensors = tensors({k: np.zeros_like(v) for k, v in initial.items()})
         """Averaged weights; equal to the raw ones before the first step."""
-        self.moments: tuple[Tensors, Tensors] = tuple(
+        self.moments: tuple[Tensors, ...] = tuple(
             tensors({k: np.zeros_like(v) for k, v in initial.items()}) for _ in range(2)
         )
         self.step = 0
         """Gradient steps taken, t of Adam's bias correction."""
         self.averaged = 0
         """Gradient steps in the average; reset by ``forget``."""
+        self.copy: WeightCopy | None = None
+        """Last copy of finite weights, see ``keep``."""
+        self.rollbacks = 0
+        """Number of times that the copy was restored."""
 
     @property
     def shown(self) -> Tensors:
@@ -147,6 +156,23 @@ class Learner:
             Averaged weights; the raw ones before the first step or without averaging.
         """
         return self.average if self.averaged and self.settings.ema_decay else self.values
+
+    def keep(self) -> None:
+        """Copy the weights, so that ``restore`` can return to them."""
+        self.copy = (dict(self.values), dict(self.average), tuple(dict(m) for m in self.moments))
+
+    def restore(self) -> bool:
+        """Return to the last copy of the weights.
+
+        Returns:
+            False when there is no copy.
+        """
+        if self.copy is None:
+            return False
+        values, average, moments = self.copy
+        self.values, self.average, self.moments = dict(values), dict(average), tuple(dict(m) for m in moments)
+        self.rollbacks += 1
+        return True
 
     def forget(self) -> None:
         """Restart the average from the raw weights, after a change of the scene."""

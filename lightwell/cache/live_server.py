@@ -59,8 +59,7 @@ def page_of(session: LiveSession) -> Application:
 
 
 def _frame(session: LiveSession) -> Answer:
-    with session.lock:
-        pictures = {name: base64.b64encode(data).decode() for name, data in session.pictures.items()}
+    pictures = {name: base64.b64encode(data).decode() for name, data in session.panels.jpegs().items()}
     body = json.dumps(session.state() | {"pictures": pictures}, allow_nan=False).encode()
     return Answer.of(200, body, "application/json")
 

@@ -17,7 +17,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache.brightness_correction import RadianceScaling
 from lightwell.cache.encodings import hash_lookup
 from lightwell.cache.features import DARK, Vertex, paper_inputs, raw_inputs
-from lightwell.cache.settings import CacheSettings
+from lightwell.cache.settings import NetworkSettings
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.mlp import glorot
 
@@ -28,34 +28,8 @@ Tensors = dict[str, Any]
 class Model:
     """Shape of the cache's network; hashable, without weights."""
 
-    encoding: str
-    """Of the position: 'hash' or 'frequency'."""
-    levels: int
-    """Hash grid: number of levels."""
-    base: float
-    """Hash grid: cells per axis of the first level."""
-    growth: float
-    """Hash grid: ratio of the cells per axis of successive levels."""
-    entries_log2: int
-    """Hash grid: base-2 logarithm of the largest number of entries of a level."""
-    hidden: int
-    """Neurons per hidden layer."""
-    layers: int
-    """Hidden layers."""
-    factorise: bool
-    """Whether the network learns radiance divided by reflectance."""
-
-    @staticmethod
-    def of(settings: CacheSettings) -> Model:
-        """Return the model that settings describe.
-
-        Args:
-            settings: Settings of the cache.
-
-        Returns:
-            The model.
-        """
-        return Model(**settings.network())
+    shape: NetworkSettings
+    """Encoding of the position, size of the layers, and meaning of the output."""
 
     @cached_property
     def grid(self) -> HashGrid | None:
@@ -64,9 +38,8 @@ class Model:
         Returns:
             The grid; None with the frequency encoding.
         """
-        if self.encoding != "hash":
-            return None
-        return HashGrid(self.levels, self.base, self.growth, self.entries_log2, 4)
+        s = self.shape
+        return HashGrid(s.levels, s.base, s.growth, s.entries_log2, 4) if s.encoding == "hash" else None
 
     @property
     def direct_inputs(self) -> int:
@@ -84,7 +57,7 @@ class Model:
         Returns:
             Inputs, hidden layers, outputs.
         """
-        return (self.direct_inputs + (self.grid.width if self.grid else 0), *[self.hidden] * self.layers, 3)
+        return (self.direct_inputs + (self.grid.width if self.grid else 0), *[self.shape.hidden] * self.shape.layers, 3)
 
     @property
     def last(self) -> str:
@@ -93,7 +66,7 @@ class Model:
         Returns:
             Name.
         """
-        return f"w{self.layers}"
+        return f"w{self.shape.layers}"
 
     @property
     def parameters(self) -> int:
@@ -150,7 +123,7 @@ class Model:
             x = dr.matmul(self.grid(values["table"], points), values["w0"]) + dr.matmul(direct, values["wd"])
         else:
             x = dr.matmul(direct, values["w0"])
-        for k in range(1, self.layers + 1):
+        for k in range(1, self.shape.layers + 1):
             x = dr.matmul(dr.maximum(x, 0), values[f"w{k}"])
         return x
 
@@ -168,7 +141,7 @@ class Model:
         first = values["w0"]
         if self.grid:
             first = dr.concat([values["w0"], values["wd"]], axis=0)
-        matrices = [first, *[values[f"w{k}"] for k in range(1, self.layers + 1)]]
+        matrices = [first, *[values[f"w{k}"] for k in range(1, self.shape.layers + 1)]]
         views = nn.pack(*[mi.TensorXf(_transposed(m)) for m in matrices], layout="inference")
         table = values["table"].array if self.grid else mi.Float(0)
         return (*views, table)
@@ -217,7 +190,7 @@ class Model:
             [N] radiance, ≥ 0.
         """
         value = dr.maximum(output, 0) * unscale
-        if self.factorise:
+        if self.shape.factorise:
             ρ = v.reflectance()
             value = dr.select(ρ > DARK, value * ρ, 0)
         return dr.select(dr.isfinite(value), value, 0)
@@ -234,7 +207,7 @@ class Model:
             Targets [N], and per channel 1 where it is learned, else 0 [N].
         """
         y = radiance * scale
-        if not self.factorise:
+        if not self.shape.factorise:
             return y, mi.Color3f(1)
         ρ = v.reflectance()
         learned = ρ > DARK

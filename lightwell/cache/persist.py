@@ -6,9 +6,9 @@ It holds weights, averages, moments, step counters, box, settings and versions.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,12 +16,14 @@ from lightwell.backend import dr, mi
 from lightwell.cache.brightness_correction import CELLS, MOST
 from lightwell.cache.guide import BINS
 from lightwell.cache.guide_table import SUMS, GuideTable
-from lightwell.cache.learner import Learner
-from lightwell.cache.scale import RadianceScale
-from lightwell.cache.settings import CacheSettings, settings_of
+from lightwell.cache.scene_region import fingerprint
+from lightwell.cache.settings import settings_of
 from lightwell.files import load_arrays, save_arrays
 from lightwell.limits import Limits
 from lightwell.networks.device import tensors
+
+if TYPE_CHECKING:
+    from lightwell.cache.radiance_cache import RadianceCache
 
 VERSION = 3
 # Versions that can be read: 1 had no guide, 2 one level for all places, which is ignored.
@@ -29,44 +31,7 @@ READS = (1, 2, 3)
 PARTS = ("value", "average", "first", "second")
 
 
-class Persistent(Protocol):
-    """Parts of a radiance cache that a file holds."""
-
-    settings: CacheSettings
-    learner: Learner
-    scale: RadianceScale
-    box: np.ndarray | None
-    """[2, 3] corners of the scene's box."""
-    level: Any
-    """[CELLS] factors of the local gain, or None."""
-    frame: int
-    """Frames trained."""
-    since_change: int
-    """Frames trained since the last change of the scene."""
-    scene_mark: str
-    """Fingerprint of the scene."""
-    guide_table: GuideTable | None
-
-
-Cache = TypeVar("Cache", bound=Persistent)
-
-
-def fingerprint(scene: Any) -> str:
-    """Describe a scene: number of shapes, triangles and emitters, and the bounding box.
-
-    Args:
-        scene: Mitsuba scene.
-
-    Returns:
-        JSON text; scenes with different texts are different.
-    """
-    box = scene.bbox()
-    primitives = sum(int(shape.primitive_count()) for shape in scene.shapes())
-    corners = [round(float(x), 4) for corner in (box.min, box.max) for x in np.array(corner).ravel()]
-    return json.dumps([len(scene.shapes()), primitives, len(scene.emitters()), corners])
-
-
-def save(cache: Persistent, path: str | Path, more: Mapping[str, np.ndarray] | None = None) -> None:
+def save(cache: RadianceCache, path: str | Path, more: Mapping[str, np.ndarray] | None = None) -> None:
     """Write a cache to a file, atomically.
 
     Args:
@@ -74,40 +39,39 @@ def save(cache: Persistent, path: str | Path, more: Mapping[str, np.ndarray] | N
         path: File, ``.npz``.
         more: Further arrays [...] of the caller, which ``load`` ignores.
     """
-    learner = cache.learner
+    predictor, table = cache.predictor, cache.guiding.table
+    learner, scale, schedule = predictor.learner, predictor.scale, cache.schedule
     about = {
         "version": VERSION,
         "settings": cache.settings.to_json(),
-        "scene": cache.scene_mark,
+        "scene": cache.region.fingerprint,
         "mitsuba": mi.__version__,
         "drjit": dr.__version__,
     }
     arrays: dict[str, np.ndarray] = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
-        "clocks": np.array([learner.step, learner.averaged, cache.frame, cache.since_change], np.int64),
-        "scale": np.array([cache.scale.value, cache.scale.mean], np.float64),
-        "box": np.asarray(cache.box, np.float64),
+        "clocks": np.array([learner.step, learner.averaged, schedule.frame, schedule.since_change], np.int64),
+        "scale": np.array([scale.value, scale.mean], np.float64),
+        "box": np.asarray(cache.region.box, np.float64),
     }
-    if cache.level is not None:
-        arrays["level"] = np.array(cache.level)
+    if predictor.level is not None:
+        arrays["level"] = np.array(predictor.level)
     for part, held in zip(PARTS, (learner.values, learner.average, *learner.moments)):
         arrays |= {f"{part}.{name}": np.array(value) for name, value in held.items()}
-    if cache.guide_table is not None and len(cache.guide_table.keys):
-        table = cache.guide_table
+    if table is not None and len(table.keys):
         arrays |= {"guide.keys": table.keys, "guide.bins": table.bins.astype(np.float32), "guide.sums": table.sums,
                    "guide.frames": np.array([table.frames], np.int64)}  # fmt: skip
     save_arrays(Path(path), arrays | dict(more or {}))
 
 
 def load(
-    path: str | Path, make: Callable[[CacheSettings, np.ndarray], Cache], scene: Any | None = None,
-    limits: Limits | None = None,
-) -> Cache:  # fmt: skip
+    path: str | Path, make: type[RadianceCache], scene: Any | None = None, limits: Limits | None = None
+) -> RadianceCache:
     """Read a file that ``save`` wrote and check everything in it.
 
     Args:
         path: File.
-        make: Function of settings and box [2, 3] that makes an untrained cache.
+        make: ``RadianceCache``, which imports this module.
         scene: Mitsuba scene that the cache must belong to; None: any.
         limits: Limits of the file's size; None: the default ones.
 
@@ -134,7 +98,7 @@ def load(
     _fill(cache, arrays, path)
     if settings.guided and "guide.keys" in arrays:
         _fill_guide(cache, arrays, path)
-    cache.scene_mark = about.get("scene", "")
+    cache.region.fingerprint = about.get("scene", "")
     return cache
 
 
@@ -158,8 +122,8 @@ def _sound_scale(numbers: np.ndarray) -> bool:
     return len(numbers) >= 2 and bool(np.isfinite(numbers).all() and (numbers[:2] > 0).all())
 
 
-def _fill(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) -> None:
-    learner = cache.learner
+def _fill(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
+    learner, scale = cache.predictor.learner, cache.predictor.scale
     parts = []
     for part in PARTS:
         held = {}
@@ -173,16 +137,15 @@ def _fill(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) -> None:
             held[name] = found
         parts.append(tensors(held))
     learner.values, learner.average, learner.moments = parts[0], parts[1], (parts[2], parts[3])
-    learner.step, learner.averaged, cache.frame, cache.since_change = (int(x) for x in arrays["clocks"])
-    cache.scale.value, cache.scale.mean = (float(x) for x in arrays["scale"][:2])
-    cache.level = _level(arrays.get("level"), path)
-    cache.scale.started = True
+    learner.step, learner.averaged, cache.schedule.frame, cache.schedule.since_change = map(int, arrays["clocks"])
+    scale.value, scale.mean = (float(x) for x in arrays["scale"][:2])
+    cache.predictor.correct(_level(arrays.get("level"), path))
+    scale.started = True
 
 
-def _fill_guide(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) -> None:
+def _fill_guide(cache: RadianceCache, arrays: dict[str, np.ndarray], path: Path) -> None:
     """Restore the guide's sums: each cell once and inside the table, all numbers finite and not negative."""
-    assert cache.box is not None
-    table = GuideTable(cache.box, cache.settings.guide_share)
+    table = GuideTable(arrays["box"], cache.settings.guiding.guide_share)
     keys = np.atleast_1d(arrays["guide.keys"])
     shapes = {"keys": (np.int64, (len(keys),)), "bins": (np.float32, (len(keys), BINS)),
               "sums": (np.float64, (len(keys), SUMS)), "frames": (np.int64, (1,))}  # fmt: skip
@@ -195,7 +158,7 @@ def _fill_guide(cache: Persistent, arrays: dict[str, np.ndarray], path: Path) ->
     if len(np.unique(keys)) != len(keys) or (keys >= len(table.row_of)).any():
         raise ValueError(f"{path}: 'guide.keys' names cells that do not exist, or twice; write the cache again")
     table.restore(keys, arrays["guide.bins"], arrays["guide.sums"], int(arrays["guide.frames"][0]))
-    cache.guide_table = table
+    cache.guiding.table = table
 
 
 def _level(found: np.ndarray | None, path: Path) -> Any:

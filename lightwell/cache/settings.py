@@ -9,32 +9,19 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import Field, dataclass, replace
 from typing import Any
 
-from lightwell.core.options import option, options_of
+from lightwell.core.options import Option, option, options_of
 
 # Squared, in the paper's units: the vendor SDK compares radii with a primary radius of d sqrt(4 pi / cos).
 SDK_FACTOR = (4 * math.pi) ** 2
 SDK_T = "termination_sdk_t"
 PRESETS = ("compact", "paper")
-CHOICES = {
-    "preset": PRESETS,
-    "encoding": ("hash", "frequency"),
-    "bootstrap": ("raw", "ema"),
-    "first_hit": ("nee", "restir-di", "restir-gi"),
-    "restir_reuse": ("biased", "unbiased"),
-    "estimator": ("biased", "residual", "two-level", "guided"),
-    "guide": ("auto", "always", "never"),
-    "on_change": ("detect", "hint-only", "off"),
-    "budget": ("preset", "low", "auto"),
-    "mode": ("auto", "frames", "still"),
-    "sampling": ("sobol", "sensor"),
-    "view": (
-        "image", "cache", "cache-2", "depth", "spread", "training", "residual", "raw-minus-ema", "albedo", "dropped",
-        "reservoir", "tiles", "bias",
-    ),
-}  # fmt: skip
+VIEWS = (
+    "image", "cache", "cache-2", "depth", "spread", "training", "residual", "raw-minus-ema", "albedo", "dropped",
+    "reservoir", "tiles", "bias",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +29,7 @@ class NetworkSettings:
     """Shape of the network and meaning of its output."""
 
     encoding: str = option(
-        "hash", "Encoding of the position: 'hash' or 'frequency' (the paper's).", choices=CHOICES["encoding"]
+        "hash", "Encoding of the position: 'hash' or 'frequency' (the paper's).", choices=("hash", "frequency")
     )
     levels: int = option(6, "Hash grid: levels of four channels.", least=1, most=16)
     base: float = option(8.0, "Hash grid: cells along each axis of the first level.", least=1, most=4096)
@@ -53,14 +40,6 @@ class NetworkSettings:
     hidden: int = option(32, "Neurons of a hidden layer.", least=4, most=256)
     layers: int = option(2, "Hidden layers.", least=1, most=8)
     factorise: bool = option(True, "Learn radiance divided by reflectance.")
-
-    def network(self) -> dict[str, Any]:
-        """Return the settings that decide shape and meaning of the weights.
-
-        Returns:
-            Keyword arguments of ``model.Model``.
-        """
-        return {name: getattr(self, name) for name in options_of(NetworkSettings)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +74,11 @@ class PathSettings:
         most=1,
     )
     max_vertices: int = option(8, "Largest number of records of a training path.", least=1, most=64)
-    max_depth: int = option(-1, "Longest path, -1: unlimited.")
+    max_depth: int = option(
+        -1,
+        "Longest path, -1: unlimited.",
+        check=lambda v: "" if v == -1 or v >= 1 else "expected -1 (no limit) or a number >= 1",
+    )
     rr_depth: int = option(5, "Depth from which roulette may end a path.", least=1, most=1 << 30)
 
 
@@ -131,7 +114,7 @@ class TrainingSettings:
     steps: int = option(
         8, "Largest number of gradient steps per frame; fewer when there are few records.", least=1, most=64
     )
-    bootstrap: str = option("raw", "Weights that end training paths: 'raw' or 'ema'.", choices=CHOICES["bootstrap"])
+    bootstrap: str = option("raw", "Weights that end training paths: 'raw' or 'ema'.", choices=("raw", "ema"))
     ema_decay: float = option(
         0.99,
         "Decay of the averaged weights at four steps of 4,096 records per frame; 0 disables averaging.",
@@ -159,41 +142,56 @@ class TrainingSettings:
     on_change: str = option(
         "detect",
         "Reaction to changes of the scene: 'detect' them, only when announced ('hint-only'), or 'off'.",
-        choices=CHOICES["on_change"],
+        choices=("detect", "hint-only", "off"),
     )
     budget: str = option(
         "preset",
         "'low': one step per frame. 'auto': training takes at most a quarter of the frame time (not reproducible).",
-        choices=CHOICES["budget"],
+        choices=("preset", "low", "auto"),
     )
+
+    @property
+    def step_decay(self) -> float:
+        """Decay of the averaged weights per step, so that its time constant in frames does not depend on ``steps``.
+
+        Returns:
+            Decay in [0, 1).
+        """
+        return self.ema_decay ** (4 / self.steps)
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatorSettings:
-    """Estimator of the radiance of a pixel."""
+class GuideSettings:
+    """Path guiding beside the cache, or without it."""
 
-    first_hit: str = option(
-        "nee",
-        "Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for indirect light.",
-        choices=CHOICES["first_hit"],
-    )
-    restir_reuse: str = option("biased", "Merging of neighbours' reservoirs.", choices=CHOICES["restir_reuse"])
-    restir_candidates: int = option(8, "Initial light samples of a reservoir (the paper: 32).", least=1, most=1024)
-    estimator: str = option(
-        "biased",
-        "'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. "
-        "'guided': unbiased, no prediction in the image; the guide provides directions of full paths.",
-        choices=CHOICES["estimator"],
-    )
     guide: str = option(
         "auto",
         "Path guiding: the distribution of incident light is learned, too, and sampled beside the BSDF. "
         "'auto': a noisy still tests it for some samples, and continues with the smaller product of variance "
         "and time; true is 'always', false 'never'. Always on with the estimator 'guided'.",
-        choices=CHOICES["guide"],
+        choices=("auto", "always", "never"),
     )
     guide_share: float = option(
         0.5, "Probability that a vertex samples the guide and not the BSDF.", least=0, most=0.95
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimationSettings:
+    """Estimator of the radiance of a pixel."""
+
+    first_hit: str = option(
+        "nee",
+        "Light at the first hit: 'nee'; 'restir-di', reservoirs for direct light; 'restir-gi', for indirect light.",
+        choices=("nee", "restir-di", "restir-gi"),
+    )
+    restir_reuse: str = option("biased", "Merging of neighbours' reservoirs.", choices=("biased", "unbiased"))
+    restir_candidates: int = option(8, "Initial light samples of a reservoir (the paper: 32).", least=1, most=1024)
+    estimator: str = option(
+        "biased",
+        "'biased': end in the cache. 'residual', 'two-level': unbiased, with the cache as control variate. "
+        "'guided': unbiased, no prediction in the image; the guide provides directions of full paths.",
+        choices=("biased", "residual", "two-level", "guided"),
     )
     residual_probability: float = option(
         0.25, "Share of paths that continue after the query, to measure the cache's error.", least=1e-3, most=1
@@ -204,7 +202,7 @@ class EstimatorSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PictureSettings:
+class ImageSettings:
     """Rendering of images from samples."""
 
     denoise: bool = option(False, "Open Image Denoise on the result (needs mitsuba-oidn and a box filter).")
@@ -222,7 +220,7 @@ class PictureSettings:
         "auto",
         "'frames': train a little at every sample per pixel. 'still': train first, freeze, then render. "
         "'auto': 'still' from ``STILL_SPP`` samples per pixel on.",
-        choices=CHOICES["mode"],
+        choices=("auto", "frames", "still"),
     )
     seconds: float = option(
         0.0,
@@ -237,34 +235,44 @@ class PictureSettings:
     sampling: str = option(
         "sobol",
         "'sobol': scrambled (0,2) sequences. 'sensor': the sensor's own sampler, as Mitsuba's ``path`` uses it.",
-        choices=CHOICES["sampling"],
+        choices=("sobol", "sensor"),
     )
-    view: str = option("image", "'image' or a debug view.", choices=CHOICES["view"])
+    view: str = option("image", "'image' or a debug view.", choices=VIEWS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSettings, NetworkSettings):
-    """All options of ``lightwell_nrc``, in groups; their names are the plugin's parameters."""
+class CacheSettings:
+    """All options of ``lightwell_nrc``, in groups.
 
+    The names of the options are unique over the groups: they are the plugin's parameters and the words NAME=VALUE of
+    the command line, see ``settings_of``.
+    """
+
+    network: NetworkSettings = NetworkSettings()
+    paths: PathSettings = PathSettings()
+    training: TrainingSettings = TrainingSettings()
+    estimation: EstimationSettings = EstimationSettings()
+    guiding: GuideSettings = GuideSettings()
+    image: ImageSettings = ImageSettings()
     preset: str = option(
         "compact",
         "'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64.",
-        choices=CHOICES["preset"],
+        choices=PRESETS,
     )
     seed: int = option(0, "Seed of the initial weights.")
 
     def __post_init__(self) -> None:
         """Refuse values outside the ranges that the options declare."""
-        for name, (_, known) in options_of(CacheSettings).items():
-            value = getattr(self, name)
+        for name, (group, _, known) in OPTIONS.items():
+            value = getattr(getattr(self, group) if group else self, name)
             if known.choices and value not in known.choices:
                 raise ValueError(f"nrc: {name} = '{value}', expected one of {', '.join(known.choices)}")
             if known.least is not None and not known.least <= value <= known.most:
                 raise ValueError(
                     f"nrc: {name} = {value:g}, expected {known.least:g} ... {known.most:g}; correct the parameter"
                 )
-        if self.max_depth < -1 or self.max_depth == 0:
-            raise ValueError(f"nrc: max_depth = {self.max_depth}, expected -1 (no limit) or a number >= 1")
+            if known.check and (wrong := known.check(value)):
+                raise ValueError(f"nrc: {name} = {value}, {wrong}")
 
     @property
     def caching(self) -> bool:
@@ -273,7 +281,7 @@ class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSe
         Returns:
             False with an infinite threshold or the estimator 'guided'.
         """
-        return math.isfinite(self.termination_c) and self.estimator != "guided"
+        return math.isfinite(self.paths.termination_c) and self.estimation.estimator != "guided"
 
     @property
     def guided(self) -> bool:
@@ -282,9 +290,10 @@ class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSe
         Returns:
             True with the estimator 'guided', or where ``guide`` allows one beside the cache.
         """
-        if self.guide == "auto" and not (self.estimator == "biased" and self.first_hit != "restir-gi"):
-            return self.estimator == "guided"
-        return self.estimator == "guided" or (self.guide != "never" and self.caching)
+        estimation, guide = self.estimation, self.guiding.guide
+        if guide == "auto" and not (estimation.estimator == "biased" and estimation.first_hit != "restir-gi"):
+            return estimation.estimator == "guided"
+        return estimation.estimator == "guided" or (guide != "never" and self.caching)
 
     @property
     def learns(self) -> bool:
@@ -295,35 +304,39 @@ class CacheSettings(PictureSettings, EstimatorSettings, TrainingSettings, PathSe
         """
         return self.caching or self.guided
 
-    @property
-    def step_decay(self) -> float:
-        """Decay of the averaged weights per step, so that its time constant in frames does not depend on ``steps``.
-
-        Returns:
-            Decay in [0, 1).
-        """
-        return self.ema_decay ** (4 / self.steps)
-
     def changed(self, **values: Any) -> CacheSettings:
         """Copy the settings with some values replaced.
 
         Args:
-            **values: New values by name.
+            **values: New values by the name of the option; the group need not be named.
 
         Returns:
             The copy, checked.
         """
-        return replace(self, **values)
+        by_group: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            by_group.setdefault(OPTIONS[name][0], {})[name] = value
+        own = by_group.pop("", {})
+        return replace(self, **own, **{group: replace(getattr(self, group), **new) for group, new in by_group.items()})
 
     def to_json(self) -> dict[str, Any]:
         """Return all values as JSON types; infinity is a string.
 
         Returns:
-            Name to value.
+            Name of the option to value.
         """
-        return {k: str(v) if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(self).items()}
+        values = {name: getattr(getattr(self, group) if group else self, name) for name, (group, *_) in OPTIONS.items()}
+        return {k: str(v) if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
 
+GROUPS: dict[str, type] = {
+    "network": NetworkSettings, "paths": PathSettings, "training": TrainingSettings, "guiding": GuideSettings,
+    "estimation": EstimationSettings, "image": ImageSettings, "": CacheSettings,
+}  # fmt: skip
+# Name of every option to its group ('': none), field and declaration.
+OPTIONS: dict[str, tuple[str, Field[Any], Option]] = {
+    name: (group, *found) for group, kind in GROUPS.items() for name, found in options_of(kind).items()
+}
 # Values of the preset 'paper' that differ from the defaults.
 PAPER = {
     "encoding": "frequency", "hidden": 64, "layers": 5, "train_fraction_max": 0.03, "batch": 16384, "steps": 4,
@@ -346,10 +359,9 @@ def settings_of(given: dict[str, Any]) -> CacheSettings:
     given = dict(given)
     if (t := given.pop(SDK_T, None)) is not None:
         given["termination_c"] = float(t) ** 2 * SDK_FACTOR
-    known = {f.name: type(f.default).__name__ for f in fields(CacheSettings)}
     for name in given:
-        if name not in known:
-            near = difflib.get_close_matches(name, [*known, SDK_T], n=2)
+        if name not in OPTIONS:
+            near = difflib.get_close_matches(name, [*OPTIONS, SDK_T], n=2)
             hint = f"did you mean {' or '.join(near)}? " if near else ""
             raise ValueError(f"nrc: there is no parameter '{name}'; {hint}docs/radiance-cache.md lists them")
     values: dict[str, Any] = dict(PAPER) if given.get("preset") == "paper" else {}
@@ -358,8 +370,8 @@ def settings_of(given: dict[str, Any]) -> CacheSettings:
     for name, value in given.items():
         if name == "guide" and isinstance(value, bool):
             value = "always" if value else "never"
-        values[name] = _typed(name, known[name], value)
-    return CacheSettings(**values)
+        values[name] = _typed(name, type(OPTIONS[name][1].default).__name__, value)
+    return CacheSettings().changed(**values)
 
 
 def parse_options(texts: Sequence[str]) -> CacheSettings:

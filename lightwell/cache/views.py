@@ -11,6 +11,7 @@ from lightwell.cache.features import Vertex
 from lightwell.cache.frames import evaluator, sobol_rays
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.render_paths import PathContext, render_path
+from lightwell.cache.training_frame import shared_offset
 
 # Largest number of mirrors and panes that a view looks through, and samples per pixel of the denoiser's guide images.
 MIRRORS, GUIDE_SPP = 8, 4
@@ -78,7 +79,7 @@ def guides(scene: Any, sensor: Any, cache: RadianceCache, seed: int) -> tuple[np
         Albedo [H, W, 3] in [0, 1] and normal [H, W, 3].
     """
     ray, _, _, sampler = _rays(sensor, GUIDE_SPP, seed)
-    v, found, β, _ = first_vertex(scene, sampler, ray, cache.around)
+    v, found, β, _ = first_vertex(scene, sampler, ray, cache.region.context)
     albedo = dr.clip(dr.select(found, β * v.reflectance(), 0), 0, 1)
     normal = dr.select(found, mi.Color3f(v.n.x, v.n.y, v.n.z), 0)
     return _image(albedo, sensor, GUIDE_SPP), _image(normal, sensor, GUIDE_SPP)
@@ -91,7 +92,7 @@ def view(scene: Any, sensor: Any, cache: RadianceCache, name: str, spp: int, see
         scene: Mitsuba scene.
         sensor: Mitsuba sensor.
         cache: ``RadianceCache`` of the scene.
-        name: Name of the view, see ``settings.CHOICES``.
+        name: Name of the view, see ``settings.VIEWS``.
         spp: Samples per pixel, ≥ 1.
         seed: Seed.
 
@@ -109,14 +110,14 @@ def view(scene: Any, sensor: Any, cache: RadianceCache, name: str, spp: int, see
         return _blocks(_image(_path_view(scene, cache, rays, name), sensor, spp))
     if name in ("depth", "spread", "dropped", "cache-2"):
         return _image(_path_view(scene, cache, rays, name), sensor, spp)
-    v, found, β, L = first_vertex(scene, sampler, ray, cache.around)
+    v, found, β, L = first_vertex(scene, sampler, ray, cache.region.context)
     if name == "albedo":
         return _image(dr.select(found, v.reflectance(), 0), sensor, spp)
-    shown = dr.select(found, β * cache.radiance(cache.packed("ema"), v), 0)
+    shown = dr.select(found, β * cache.predictor.radiance(cache.predictor.packed("ema"), v), 0)
     if name == "cache":
         return _image((L + shown) * weight, sensor, spp)
     if name == "raw-minus-ema":
-        raw = dr.select(found, β * cache.radiance(cache.packed("raw"), v), 0)
+        raw = dr.select(found, β * cache.predictor.radiance(cache.predictor.packed("raw"), v), 0)
         return _image(raw - shown, sensor, spp)
     if name == "residual":
         traced = _path_view(scene, cache, _rays(sensor, spp, seed), "image")
@@ -136,9 +137,9 @@ def _blocks(image: np.ndarray) -> np.ndarray:
 
 def _path_view(scene, cache, rays, name: str):
     ray, weight, _, sampler = rays
-    around = cache.around
+    around = cache.region.context
     if name == "cache-2":
-        around = cache.surroundings(0.0)
+        around = cache.region.context_with(0.0)
     kind = "difference" if name == "bias" else "biased"
     L, _, depth, ratio = render_path(
         scene, sampler, ray, around, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, kind, True
@@ -155,13 +156,15 @@ def _path_view(scene, cache, rays, name: str):
 def _training(sensor, cache, name: str, seed: int) -> np.ndarray:
     """White at the training pixels of the last frame; 'tiles': a checkerboard of the tiles."""
     width, height = (int(x) for x in sensor.film().crop_size())
-    columns, rows, tile_w, tile_h = cache.controller(width, height).grid(width, height)
+    columns, rows, tile_w, tile_h = cache.schedule.tiles_of(width, height).grid(width, height)
     image = np.zeros((height, width, 3), np.float32)
     if name == "tiles":
         x, y = np.meshgrid((np.arange(width) / tile_w).astype(int), (np.arange(height) / tile_h).astype(int))
         image[:] = (0.25 + 0.5 * ((x + y) % 2))[..., None]
         return image
-    offset = cache.training_offset(seed)
+    frame = dr.opaque(mi.UInt32, max(cache.schedule.frame - 1, 0))
+    at = shared_offset(frame, dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))
+    offset = float(at.x[0]), float(at.y[0])
     x = np.floor((np.arange(columns) + offset[0]) * tile_w).astype(int)
     y = np.floor((np.arange(rows) + offset[1]) * tile_h).astype(int)
     image[np.clip(y, 0, height - 1)[:, None], np.clip(x, 0, width - 1)[None, :]] = 1

@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code.
     """
-    from lightwell.rendering.path import render
+    from lightwell.rendering.integrators import render
 
     options: dict[str, Any] = {}
     for kind in INTEGRATORS.values():

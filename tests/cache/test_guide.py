@@ -122,7 +122,7 @@ def guided(scene, trained: int, seed: int = 0) -> RadianceCache:
             for _ in range(trained):
                 cache.train_frame(scene, scene.sensors()[0], seed)
     else:
-        table, rng = cache.guide_table, np.random.default_rng(seed)
+        table, rng = cache.guiding.table, np.random.default_rng(seed)
         keys = rng.permutation(len(table.row_of))[: len(table.row_of) // 2]
         sums = np.ones((len(keys), 5)) * 1000
         sums[:, 3] *= rng.gamma(0.5, size=len(keys))
@@ -136,7 +136,7 @@ def z_of_means(scene, cache: RadianceCache, repeats: int = 16) -> float:
     ours, theirs = [], []
     for seed in range(repeats):
         nrc = integrator(mode="frames")
-        nrc.cache, nrc._scene = cache, scene
+        nrc.cache = cache
         ours.append(np.array(mi.render(scene, integrator=nrc, spp=128, seed=seed)).mean())
         theirs.append(np.array(mi.render(scene, integrator=path, spp=128, seed=1000 + seed)).mean())
     spread = np.sqrt((np.var(ours, ddof=1) + np.var(theirs, ddof=1)) / repeats)
@@ -165,7 +165,7 @@ def test_furnace_with_a_guide():
     scene = furnace((0.5, 0.2, 0.0))
     for trained in (0, 4):
         nrc = integrator(mode="frames")
-        nrc.cache, nrc._scene = guided(scene, trained), scene
+        nrc.cache = guided(scene, trained)
         image = np.array(mi.render(scene, integrator=nrc, spp=64))
         assert np.allclose(image.mean(axis=(0, 1)), 1 / (1 - np.array([0.5, 0.2, 0])), rtol=0.01)
 
@@ -174,10 +174,10 @@ def test_a_calm_still_is_path_traced_and_a_cache_can_have_a_guide_too():
     scene = furnace()
     nrc = integrator(mode="still", warmup=4)
     mi.render(scene, integrator=nrc, spp=8)
-    assert not nrc.guiding and len(nrc.stats) == 1
+    assert not nrc.last.guiding and len(nrc.last.stats) == 1
     nrc = NrcIntegrator(settings=settings_of({**SMALL, "guide": True, "mode": "still", "warmup": 20}))
     image = np.array(mi.render(scene, integrator=nrc, spp=16))
-    assert nrc.cache.guide is not None and np.allclose(image.mean(axis=(0, 1)), 2, rtol=0.03)
+    assert nrc.cache.guiding.guide is not None and np.allclose(image.mean(axis=(0, 1)), 2, rtol=0.03)
 
 
 def test_the_guide_is_saved_and_hostile_ones_are_refused(tmp_path):
@@ -186,15 +186,15 @@ def test_the_guide_is_saved_and_hostile_ones_are_refused(tmp_path):
     path = tmp_path / "guided.npz"
     cache.save(path)
     again = RadianceCache.load(path, scene)
-    for a, b in zip(cache.guide_table.table(), again.guide_table.table()):
+    for a, b in zip(cache.guiding.table.table(), again.guiding.table.table()):
         assert np.allclose(a, b, rtol=1e-5)
     again.prepare(scene)
     again.freeze()
     pictures = []
     for held in (cache, again):
         nrc = integrator(mode="frames")
-        nrc.cache, nrc._scene = held, scene
-        held.guide_table.made = None
+        nrc.cache = held
+        held.guiding.table.made = None
         pictures.append(np.array(mi.render(scene, integrator=nrc, spp=4)))
     assert np.allclose(*pictures, rtol=1e-2, atol=1e-3)
     with np.load(path) as held:

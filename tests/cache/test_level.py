@@ -18,6 +18,7 @@ from lightwell.cache.brightness_correction import (
     N,
 )
 from lightwell.cache.features import Vertex
+from lightwell.cache.image_passes import limit_caustics
 
 from .scenes import room
 
@@ -115,17 +116,20 @@ def test_a_still_has_a_level_that_frames_drop_and_files_keep(tmp_path):
     nrc = still()
     first = np.array(mi.render(scene, integrator=nrc, spp=8, seed=1))
     cache = nrc.cache
-    factors = np.array(cache.level)
+    factors = np.array(cache.predictor.level)
     assert factors.shape == (CELLS,) and np.all(np.isfinite(factors)) and np.ptp(factors) > 0.01
     cache.save(tmp_path / "room.npz")
     again = RadianceCache.load(tmp_path / "room.npz", scene)
-    assert np.array_equal(np.array(again.level), factors)
+    assert np.array_equal(np.array(again.predictor.level), factors)
     again.prepare(scene)
     v = Vertex(mi.Point3f(0.3, 0.4, 0.5), mi.Vector3f(0, 0, 1), a=mi.Color3f(0.5))
-    assert np.allclose(np.array(again.radiance(again.packed(), v)), np.array(cache.radiance(cache.packed(), v)))
+    assert np.allclose(
+        np.array(again.predictor.radiance(again.predictor.packed(), v)),
+        np.array(cache.predictor.radiance(cache.predictor.packed(), v)),
+    )
     assert np.all(np.isfinite(first))
     cache.train_frame(scene, scene.sensors()[0], 3)
-    assert cache.level is None
+    assert cache.predictor.level is None
 
 
 @pytest.mark.parametrize("factors", [np.ones(7, np.float32), np.full(CELLS, np.nan, np.float32), np.zeros(CELLS, "f4"),
@@ -149,11 +153,10 @@ def test_the_level_brings_a_blurred_cache_nearer_to_the_truth():
     nrc = still(warmup=6, train_fraction_max=1.0)
     mi.render(scene, integrator=nrc, spp=8, seed=1)
     errors = []
-    with_level = nrc.cache.level
+    with_level = nrc.cache.predictor.level
     nrc.cache.freeze()
     for factors in (with_level * 0.25, with_level):
-        nrc.cache.level = factors
-        nrc.cache.touched()
+        nrc.cache.predictor.correct(factors)
         picture = np.array(mi.render(scene, integrator=nrc, spp=64, seed=2))
         errors.append(np.mean((picture - truth) ** 2 / (truth**2 + 0.01)))
     assert errors[1] < 0.5 * errors[0]
@@ -163,19 +166,24 @@ def test_a_still_too_short_for_two_frames_of_training_is_path_traced():
     scene = room(24)
     nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "still", "seconds": 1e-3}))
     picture = np.array(mi.render(scene, integrator=nrc, spp=1, seed=1))
-    assert len(nrc.stats) == 1 and not nrc.caching and nrc.cache.level is None and np.isfinite(picture).all()
+    assert (
+        len(nrc.last.stats) == 1
+        and not nrc.last.caching
+        and nrc.cache.predictor.level is None
+        and np.isfinite(picture).all()
+    )
     plain = NrcIntegrator(settings=settings_of({"termination_c": "inf", "mode": "frames"}))
-    assert np.allclose(picture, np.array(mi.render(scene, integrator=plain, spp=nrc.samples, seed=1)), atol=1e-5)
+    assert np.allclose(picture, np.array(mi.render(scene, integrator=plain, spp=nrc.last.samples, seed=1)), atol=1e-5)
 
 
 def test_caustics_are_cut_in_stills_only_and_less_the_more_samples_there_are():
     scene = room(8)
     nrc = still(spike_cap=0.5)
     mi.render(scene, integrator=nrc, spp=8, seed=1)
-    mean = nrc.cache.scale.mean
-    assert np.isclose(float(nrc.cache.around.spike[0]), 0.5 * 32 * mean, rtol=1e-5)
-    nrc._cap_spikes(nrc.cache, True, 640)
-    assert np.isclose(float(nrc.cache.around.spike[0]), 0.5 * 640 * mean, rtol=1e-5)
-    nrc._cap_spikes(nrc.cache, False, 640)
-    assert float(nrc.cache.around.spike[0]) > 1e38
-    assert dr.width(nrc.cache.around.spike) == 1
+    mean = nrc.cache.predictor.scale.mean
+    assert np.isclose(float(nrc.cache.region.context.spike[0]), 0.5 * 32 * mean, rtol=1e-5)
+    limit_caustics(nrc.cache, 640)
+    assert np.isclose(float(nrc.cache.region.context.spike[0]), 0.5 * 640 * mean, rtol=1e-5)
+    limit_caustics(nrc.cache, 0)
+    assert float(nrc.cache.region.context.spike[0]) > 1e38
+    assert dr.width(nrc.cache.region.context.spike) == 1

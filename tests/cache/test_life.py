@@ -6,7 +6,7 @@ import pytest
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.change_detection import ChangeDetector
-from lightwell.cache.settings import CHOICES
+from lightwell.cache.settings import VIEWS
 
 from .scenes import room, sensor
 
@@ -28,9 +28,9 @@ def _picture(scene, nrc, seed=9):
 def test_a_frozen_cache_stays_and_a_loaded_one_renders_the_same(trained, tmp_path):
     scene, nrc = trained
     nrc.cache.freeze()
-    before = {k: np.array(v) for k, v in nrc.cache.learner.values.items()}
+    before = {k: np.array(v) for k, v in nrc.cache.predictor.learner.values.items()}
     picture = _picture(scene, nrc)
-    assert all(np.array_equal(before[k], np.array(v)) for k, v in nrc.cache.learner.values.items())
+    assert all(np.array_equal(before[k], np.array(v)) for k, v in nrc.cache.predictor.learner.values.items())
     nrc.cache.save(tmp_path / "cache.npz")
     other = NrcIntegrator(settings=nrc.settings)
     other.cache = RadianceCache.load(tmp_path / "cache.npz", scene)
@@ -62,11 +62,11 @@ def test_files_that_do_not_fit_are_refused(trained, tmp_path):
 
 def test_every_view_is_a_finite_picture(trained):
     scene, nrc = trained
-    for name in CHOICES["view"]:
+    for name in VIEWS:
         if name == "reservoir":
             continue
         shown = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames", "view": name}))
-        shown.cache, shown._scene = nrc.cache, scene
+        shown.cache = nrc.cache
         image = np.array(mi.render(scene, integrator=shown, spp=1))
         assert image.shape[:2] == (32, 32) and np.isfinite(image).all()
         assert image.std() > 0 or name in ("dropped", "spread")
@@ -75,14 +75,14 @@ def test_every_view_is_a_finite_picture(trained):
 def test_poison_does_not_reach_the_weights(trained):
     _, nrc = trained
     cache = nrc.cache
-    before = {k: np.array(v) for k, v in cache.learner.values.items()}
+    before = {k: np.array(v) for k, v in cache.predictor.learner.values.items()}
     from lightwell.cache.learner import Batch
 
-    rows, inputs = cache.settings.batch, cache.model.direct_inputs
+    rows, inputs = cache.settings.training.batch, cache.predictor.model.direct_inputs
     full = lambda c, v: mi.TensorXf(np.full((rows, c), v, np.float32))  # noqa: E731
-    cache.learner.train(Batch(full(inputs, 0.5), full(3, 0.5), full(3, np.nan), full(3, 1.0)), 0, 1e-2)
-    assert all(np.array_equal(before[k], np.array(v)) for k, v in cache.learner.values.items())
-    assert all(np.isfinite(np.array(v)).all() for v in cache.learner.average.values())
+    cache.predictor.learner.train(Batch(full(inputs, 0.5), full(3, 0.5), full(3, np.nan), full(3, 1.0)), 0, 1e-2)
+    assert all(np.array_equal(before[k], np.array(v)) for k, v in cache.predictor.learner.values.items())
+    assert all(np.isfinite(np.array(v)).all() for v in cache.predictor.learner.average.values())
 
 
 def test_the_detector_hears_a_switch_and_no_noise():
@@ -136,8 +136,8 @@ def test_it_is_a_mitsuba_plugin():
         '<scene version="3.0.0"><integrator type="lightwell_nrc"><float name="termination_c" value="0.02"/>'
         '<string name="preset" value="paper"/></integrator></scene>'
     ).integrator()
-    assert isinstance(made, NrcIntegrator) and made.settings.termination_c == pytest.approx(0.02)
-    assert made.settings.layers == 5
+    assert isinstance(made, NrcIntegrator) and made.settings.paths.termination_c == pytest.approx(0.02)
+    assert made.settings.network.layers == 5
     with pytest.raises(Exception, match="no parameter 'colour'"):
         mi.load_dict({"type": "lightwell_nrc", "colour": 3})
 
@@ -149,7 +149,7 @@ def test_a_cold_cache_learns_from_larger_frames_at_first():
     shares = []
     for frames, expected in ((10, 8), (5, 4)):
         for _ in range(frames):
-            shares.append(nrc.cache.unbiased_share if nrc.cache else 1.0)
+            shares.append(nrc.cache.schedule.unbiased_share if nrc.cache else 1.0)
             mi.render(scene, integrator=nrc, spp=1)
         steps = [t.steps for t in list(nrc.cache.history)[-frames:]]
         assert 2 < np.median(steps[:expected]) <= max(steps) <= 8 and all(n <= 2 for n in steps[expected:])
@@ -159,8 +159,8 @@ def test_a_cold_cache_learns_from_larger_frames_at_first():
     mi.render(scene, integrator=plain, spp=2)
     low = NrcIntegrator(settings=settings_of({**small, "budget": "low", "steps": 1}))
     mi.render(scene, integrator=low, spp=2)
-    assert max(t.steps for t in plain.stats) <= 2 and max(t.steps for t in low.stats) == 1
-    assert low.cache.unbiased_share == 1  # small frames: full paths for longer
+    assert max(t.steps for t in plain.last.stats) <= 2 and max(t.steps for t in low.last.stats) == 1
+    assert low.cache.schedule.unbiased_share == 1  # small frames: full paths for longer
 
 
 def test_light_that_goes_is_noticed_in_two_frames_and_bright_records_are_not():

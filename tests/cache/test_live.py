@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import deque
 
@@ -18,7 +17,7 @@ from lightwell.cache.live import LiveSession
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
 from lightwell.limits import Limits
-from lightwell.rendering.nrc import render_sequence
+from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
 
 SMALL = {"levels": 2, "entries_log2": 8, "batch": 512, "steps": 1, "train_fraction_max": 1.0, "max_vertices": 4}
@@ -28,10 +27,13 @@ class Stub:
     """A session that renders nothing."""
 
     def __init__(self):
-        self.lock, self.pictures, self.orders = threading.Lock(), {"path": b"x"}, deque()
+        self.panels, self.orders = self, deque()
 
     def state(self):
         return {"frame": 1}
+
+    def jpegs(self):
+        return {"path": b"x"}
 
     def command(self, order):
         self.orders.append(parse_command(order, (-1, 4)))
@@ -112,18 +114,22 @@ def test_a_session_renders_obeys_and_goes_on():
     session = LiveSession("cornell", settings_of(SMALL), 24)
     session.frame()
     session.frame()
-    assert set(session.pictures) == {"cache-image", "path", "cache", "error"} and session.still == 1
+    assert set(session.panels.jpegs()) == {"cache-image", "path", "cache", "error"} and session.panels.still == 1
     light = next(t["index"] for t in session.live.things if t["light"])
     with pytest.raises(ValueError, match="no such thing"):
         session.command({"do": "move", "thing": 999})
     with pytest.raises(ValueError, match="is a number from"):
         session.command({"do": "orbit", "x": float("nan")})
-    before = session.live.position.copy()
+    before = session.live.camera.position.copy()
     session.command({"do": "orbit", "x": 0.3, "y": 0.1, "z": 0.1})
     session.command({"do": "move", "thing": light, "x": 0.05})
     session.command({"do": "brighten", "thing": light, "factor": 0.5})
-    session._obey()
-    assert not np.allclose(before, session.live.position) and session.still == 0 and session.cache.changes == 2
+    session.obey()
+    assert (
+        not np.allclose(before, session.live.camera.position)
+        and session.panels.still == 0
+        and session.cache.changes == 2
+    )
     session.frame()
     json.dumps(session.state(), allow_nan=False)
 

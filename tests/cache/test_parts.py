@@ -13,7 +13,7 @@ from lightwell.cache.features import Vertex, paper_inputs, raw_inputs
 from lightwell.cache.learner import Learner, averaging, believed, loss
 from lightwell.cache.model import Model
 from lightwell.cache.scale import RadianceScale
-from lightwell.cache.settings import CacheSettings, settings_of
+from lightwell.cache.settings import CacheSettings, NetworkSettings, settings_of
 from lightwell.cache.tiles import Tiles
 
 
@@ -76,7 +76,7 @@ def test_the_loss_gradient_stops_at_the_denominator():
 
 @pytest.mark.parametrize("preset", ["compact", "paper"])
 def test_inference_is_the_training_forward(preset):
-    model = Model.of(settings_of({"preset": preset}))
+    model = Model(settings_of({"preset": preset}).network)
     rng = np.random.default_rng(1)
     values = {k: mi.TensorXf((rng.normal(size=v.shape) * 0.3).astype(np.float32)) for k, v in model.initial(0).items()}
     n = 50
@@ -98,8 +98,8 @@ def test_inference_is_the_training_forward(preset):
 
 
 def test_a_change_of_scale_changes_no_radiance():
-    settings = CacheSettings(entries_log2=8, levels=2)
-    learner = Learner(Model.of(settings), settings)
+    settings = CacheSettings(network=NetworkSettings(entries_log2=8, levels=2))
+    learner = Learner(Model(settings.network), settings.training, settings.seed)
     v = Vertex(mi.Point3f([0.2, 0.4], [0.1, 0.9], [0.5, 0.5]), a=mi.Color3f(0.5))
     before = np.array(learner.model.radiance(learner.model.packed(learner.values), v, RadianceScaling(mi.Float(1))))
     learner.rescale(8.0)
@@ -139,11 +139,11 @@ def test_settings_say_what_is_wrong():
     with pytest.raises(ValueError, match="tail_attenuation = 2"):
         settings_of({"tail_attenuation": 2.0})
     shipped = settings_of({})  # what the ladder's last rungs take away one at a time
-    assert shipped.local_level and shipped.spike_cap > 0 and shipped.guide == "auto" and shipped.first_hit == "nee"
-    assert settings_of({"termination_sdk_t": 0.1}).termination_c == pytest.approx(1.579, abs=1e-3)
-    assert settings_of({"preset": "paper"}).layers == 5 and math.isinf(
-        settings_of({"termination_c": "inf"}).termination_c
-    )
+    assert shipped.image.local_level and shipped.image.spike_cap > 0
+    assert shipped.guiding.guide == "auto" and shipped.estimation.first_hit == "nee"
+    assert settings_of({"termination_sdk_t": 0.1}).paths.termination_c == pytest.approx(1.579, abs=1e-3)
+    assert settings_of({"preset": "paper"}).network.layers == 5
+    assert math.isinf(settings_of({"termination_c": "inf"}).paths.termination_c)
 
 
 def test_the_early_average_forgets_the_first_steps_and_becomes_the_plain_one():

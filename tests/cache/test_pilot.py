@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightwell.backend import dr, mi
+from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, settings_of
 from lightwell.cache.guide_selector import COST, PASSES, GuideSelector, efforts, radiance_of
 
@@ -59,17 +59,24 @@ def integrator(**options) -> NrcIntegrator:
     return NrcIntegrator(settings=settings_of({**SMALL, **options}))
 
 
-def test_a_noisy_still_has_a_pilot_whose_samples_stay_in_the_picture(monkeypatch):
-    monkeypatch.setattr("lightwell.cache.radiance_cache.CALM", 0.0)
-    scene, asked = room(24), []
-    monkeypatch.setattr(GuideSelector, "guide_pays", lambda self, timed: asked.append(self) or True)
-    nrc = integrator(warmup=8)
+def noisy(scene, **options) -> NrcIntegrator:
+    """An integrator to which every scene is noisy."""
+    nrc = integrator(**options)
+    nrc.cache_of(scene).guiding.calm = 0.0
+    return nrc
+
+
+def test_a_noisy_still_has_a_pilot_whose_samples_stay_in_the_picture():
+    scene = room(24)
+    nrc = noisy(scene, warmup=8)
     picture = np.array(mi.render(scene, integrator=nrc, spp=64))
-    assert len(asked) == 1 and nrc.guiding and nrc.samples == 64 and nrc.cache.guide_table.frames == 7
-    assert all(len(x) == PASSES for x in asked[0].pictures.values())
+    pilot = nrc.last.pilot
+    assert nrc.last.samples == 64 and nrc.cache.guiding.table.frames == 7
+    assert all(len(x) == PASSES for x in pilot.pictures.values())
+    assert nrc.last.guiding == pilot.guide_pays(False)
     plain = np.array(mi.render(scene, integrator=integrator(warmup=8, guide="never"), spp=64))
     assert picture.mean() == pytest.approx(plain.mean(), rel=0.05)
-    again = np.array(mi.render(scene, integrator=integrator(warmup=8), spp=64))
+    again = np.array(mi.render(scene, integrator=noisy(scene, warmup=8), spp=64))
     assert np.allclose(picture, again, rtol=1e-3, atol=1e-4)
 
 
@@ -78,14 +85,16 @@ def test_calm_stills_short_ones_and_frames_have_none():
     for options, spp in (({}, 64), ({"mode": "frames"}, 4), ({"guide": "never"}, 64)):
         nrc = integrator(**options)
         mi.render(scene, integrator=nrc, spp=spp)
-        assert not nrc.guiding and nrc.cache.guide is None
-    with dr.suspend_grad():
-        nrc.cache.still, nrc.cache.may_guide = True, False
-        assert not nrc.cache.teaches
+        assert not nrc.last.guiding and nrc.last.pilot is None and nrc.cache.guiding.guide is None
+    guiding = integrator().cache_of(scene).guiding
+    for allowed in (False, True):
+        guiding.allowed = allowed
+        assert (guiding.next_table(still=True, noise=guiding.calm) is not None) == allowed
 
 
 def test_true_and_false_still_say_always_and_never():
-    assert settings_of({"guide": True}).guide == "always" and settings_of({"guide": False}).guide == "never"
+    assert settings_of({"guide": True}).guiding.guide == "always"
+    assert settings_of({"guide": False}).guiding.guide == "never"
     assert not settings_of({"first_hit": "restir-gi"}).guided and settings_of({}).guided
     with pytest.raises(ValueError, match="guide = 'often', expected one of auto, always, never"):
         settings_of({"guide": "often"})

@@ -71,8 +71,8 @@ def test_the_past_follows_its_surface_when_the_camera_moves():
         parameters[key] = moved(0.05 * seed)
         parameters.update()
         mi.render(scene, integrator=nrc, spp=1, seed=seed)
-        held = np.array(nrc.reservoirs.M)
-        candidates = nrc.settings.restir_candidates
+        held = np.array(nrc.reservoirs.held.M)
+        candidates = nrc.settings.estimation.restir_candidates
         if seed:
             assert (held > candidates).mean() > 0.7  # most surfaces brought their past along
         else:

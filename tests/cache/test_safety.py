@@ -9,8 +9,8 @@ from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.change_detection import SPAN, DivergenceMonitor
 from lightwell.cache.checks import check_sensor, check_variant
-from lightwell.cache.radiance_cache import YOUNG
 from lightwell.cache.replay import CAPACITY, PER_CAMERA, Replay
+from lightwell.cache.schedule import YOUNG, FrameSchedule
 
 from .scenes import T, furnace, room, sensor
 
@@ -74,10 +74,10 @@ def test_records_that_are_no_numbers_are_dropped_and_counted():
     parameters = mi.traverse(scene)
     parameters["lamp.emitter.radiance.value"] = mi.Color3f(np.nan)
     parameters.update()
-    before = {k: np.array(v) for k, v in nrc.cache.learner.values.items()}
+    before = {k: np.array(v) for k, v in nrc.cache.predictor.learner.values.items()}
     mi.render(scene, integrator=nrc, spp=2)
-    assert nrc.stats[-1].dropped > 0
-    assert all(np.isfinite(np.array(v)).all() for v in nrc.cache.learner.values.values()) and before
+    assert nrc.last.stats[-1].dropped > 0
+    assert all(np.isfinite(np.array(v)).all() for v in nrc.cache.predictor.learner.values.values()) and before
     parameters["lamp.emitter.radiance.value"] = mi.Color3f(8.0)
     parameters.update()
     image = np.array(mi.render(scene, integrator=nrc, spp=2))
@@ -90,18 +90,18 @@ def test_growth_without_cause_is_noticed_and_noise_is_not():
     assert any(watch.update(1.02**k) > 1.5 for k in range(2 * SPAN))
 
 
-def test_a_cache_that_feeds_on_itself_advises_attenuation(monkeypatch):
+def test_a_cache_that_feeds_on_itself_advises_attenuation():
     scene = furnace((0.5, 0.5, 0.5))
     cache = RadianceCache(settings_of(SMALL))
     cache.prepare(scene)
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         for k in range(SPAN + 1):
-            cache._watch_growth(1.03**k)
+            cache.trainer.watch_growth(1.03**k)
         assert not heard  # A young cache learns the light of many bounces.
-        cache.since_change = YOUNG
+        cache.schedule.since_change = YOUNG
         for k in range(SPAN + 1):
-            cache._watch_growth(1.03**k)
+            cache.trainer.watch_growth(1.03**k)
     assert any("set tail_attenuation" in str(w.message) for w in heard)
 
 
@@ -116,28 +116,27 @@ def test_rays_of_earlier_cameras_are_kept_and_traced_again():
     scene = room(32)
     nrc = NrcIntegrator(settings=settings_of({**SMALL, "mode": "frames", "replay": 0.5}))
     mi.render(scene, integrator=nrc, spp=3)
-    assert nrc.cache.replay.held == 0
+    assert nrc.cache.trainer.replay.held == 0
     parameters = mi.traverse(scene)
     key = next(k for k in parameters.keys() if k.endswith("to_world") and "sensor" in k)
     turned = T().look_at(origin=[0, 0, 0.9], target=[0, 0, -1], up=[0, 1, 0])
     parameters[key] = mi.Transform4f(turned.matrix)
     parameters.update()
     mi.render(scene, integrator=nrc, spp=1)
-    assert nrc.cache.replay.held == min(PER_CAMERA, nrc.cache.history[-2].paths)
+    assert nrc.cache.trainer.replay.held == min(PER_CAMERA, nrc.cache.history[-2].paths)
     # Half of the rays start where the first camera stood, the others at the new one.
-    starts = np.array(nrc.cache.replay._last[0])[2]
+    starts = np.array(nrc.cache.trainer.replay._last[0])[2]
     assert 0.25 < (starts < 0).mean() < 0.75 and (starts > 0).any()
 
 
-def test_an_automatic_budget_takes_fewer_steps_where_training_is_dear(monkeypatch):
-    nrc = NrcIntegrator(settings=settings_of({**SMALL, "steps": 8, "budget": "auto", "mode": "frames"}))
-    cache = nrc.cache_of(room(16))
+def test_an_automatic_budget_takes_fewer_steps_where_training_is_dear():
+    schedule = FrameSchedule(settings_of({**SMALL, "steps": 8, "budget": "auto", "mode": "frames"}))
     for _ in range(20):
-        nrc._balance(cache, 0.9, 1.0)
-    assert cache.most_steps == 1 and cache.steps == 1
+        schedule.balance(0.9, 1.0)
+    assert schedule.steps == 1
     for _ in range(20):
-        nrc._balance(cache, 0.1, 1.0)
-    assert cache.steps == 8
+        schedule.balance(0.1, 1.0)
+    assert schedule.steps == 8
 
 
 def test_a_picture_by_time_takes_about_that_time():
@@ -147,8 +146,8 @@ def test_a_picture_by_time_takes_about_that_time():
     nrc = make()
     image = np.array(mi.render(scene, integrator=nrc, spp=1))
     dr.sync_thread()
-    assert np.isfinite(image).all() and nrc.samples >= 1
-    assert 0.2 < sum(nrc.seconds.values()) < 5  # the machine may be busy
+    assert np.isfinite(image).all() and nrc.last.samples >= 1
+    assert 0.2 < sum(nrc.last.seconds.values()) < 5  # the machine may be busy
 
 
 def test_the_sensor_s_dictionary_needs_a_film():

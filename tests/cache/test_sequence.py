@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, settings_of
 from lightwell.cache.settings import parse_options
-from lightwell.rendering import nrc as rendering
+from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
 
 from .scenes import room
@@ -31,12 +32,27 @@ def _bytes(folder):
     return {path.name: path.read_bytes() for path in sorted(folder.glob("frame-*.png"))}
 
 
-def _sequence(folder, frames, resume=False, **options):
+def _sequence(folder, frames, resume=False, progress=None, **options):
     """Render in this process: steps of ten degrees, so that frames see the inside of the box."""
     degrees = 10.0 * frames
     settings = parse_options([*SMALL, *(f"{name}={value}" for name, value in options.items())])
     asked = {"integrator": "nrc", "options": {"frames": frames, "format": "png", "resume": resume}}
-    return rendering.render_sequence(RenderSettings("cornell", folder, (24, 16), 2, **asked), settings, degrees)
+    return render_sequence(RenderSettings("cornell", folder, (24, 16), 2, **asked), settings, degrees, progress)
+
+
+class InterruptAt:
+    """A progress display that interrupts the work when so many frames are done."""
+
+    def __init__(self, frames):
+        self.frames = frames
+
+    @contextmanager
+    def stage(self, *_):
+        yield self
+
+    def move_to(self, done):
+        if done == self.frames:
+            raise KeyboardInterrupt
 
 
 def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
@@ -58,20 +74,11 @@ def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
 
 @pytest.mark.parametrize("options", [{"guide": "always"}, {"first_hit": "restir-di"}, {"replay": 0.2}])
 @pytest.mark.slow
-def test_all_that_a_frame_depends_on_is_in_the_checkpoint(tmp_path, monkeypatch, options):
+def test_all_that_a_frame_depends_on_is_in_the_checkpoint(tmp_path, options):
     """Stopped after the second frame of five; guide, reservoirs and the pool of rays are more than weights."""
     _sequence(tmp_path / "whole", 5, **options)
-    real = rendering.write_picture
-
-    def stop(path, *rest):
-        if path.name == "frame-0002.png":
-            raise KeyboardInterrupt
-        real(path, *rest)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(rendering, "write_picture", stop)
-        with pytest.raises(KeyboardInterrupt):
-            _sequence(tmp_path / "cut", 5, **options)
+    with pytest.raises(KeyboardInterrupt):
+        _sequence(tmp_path / "cut", 5, progress=InterruptAt(2), **options)
     assert len(_bytes(tmp_path / "cut")) == 2
     assert _sequence(tmp_path / "cut", 5, resume=True, **options)["rendered"] == 3
     assert _bytes(tmp_path / "cut") == _bytes(tmp_path / "whole")

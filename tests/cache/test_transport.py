@@ -47,7 +47,7 @@ def test_furnace(albedo):
     expected = 1 / (1 - np.array(albedo))
     assert np.allclose(image.mean(axis=(0, 1)), expected, rtol=0.02)
     assert np.all(image[..., 2] == 1)
-    assert all(t.dropped == 0 for t in nrc.stats)
+    assert all(t.dropped == 0 for t in nrc.last.stats)
 
 
 def test_training_without_a_cache_tail_meets_the_path_traced_mean_and_learns_the_room():
@@ -58,7 +58,7 @@ def test_training_without_a_cache_tail_meets_the_path_traced_mean_and_learns_the
         nrc = integrator(mode="still", warmup=300, unbiased_fraction=u, batch=2048)
         image = np.array(mi.render(scene, integrator=nrc, spp=32))
         assert abs(image.mean() / reference.mean() - 1) < 0.03
-        bias = np.mean([t.bias[0] for t in nrc.stats[-100:]])
+        bias = np.mean([t.bias[0] for t in nrc.last.stats[-100:]])
         assert abs(bias) < 0.05 * reference.mean()
 
 
@@ -74,15 +74,16 @@ def test_unbiased_estimators_agree_with_the_path_tracer_though_the_cache_is_wron
     wrong = RadianceCache(settings_of({**SMALL, "estimator": estimator, "mode": "still"}))
     wrong.prepare(scene)
     rng = np.random.default_rng(0)
-    wrong.learner.values = {
-        k: mi.TensorXf((rng.normal(size=v.shape) * 0.4).astype(np.float32)) for k, v in wrong.learner.values.items()
+    wrong.predictor.learner.values = {
+        k: mi.TensorXf((rng.normal(size=v.shape) * 0.4).astype(np.float32))
+        for k, v in wrong.predictor.learner.values.items()
     }
     wrong.frozen = True
     means = []
     path = mi.load_dict({"type": "path", "max_depth": -1})
     for seed in range(24):
         nrc = integrator(estimator=estimator, mode="frames", residual_probability=0.5, sampling="sensor")
-        nrc.cache, nrc._scene = wrong, scene
+        nrc.cache = wrong
         means.append(
             [
                 # A pass per sample takes a seed each: pictures must not share them.
@@ -94,6 +95,6 @@ def test_unbiased_estimators_agree_with_the_path_tracer_though_the_cache_is_wron
     z = (ours.mean() - theirs.mean()) / np.sqrt((ours.var(ddof=1) + theirs.var(ddof=1)) / len(means))
     assert abs(z) < 3.3  # 99.9 %
     biased = integrator(mode="frames")
-    biased.cache, biased._scene = wrong, scene
+    biased.cache = wrong
     off = np.array(mi.render(scene, integrator=biased, spp=64, seed=5)).mean()
     assert abs(off - theirs.mean()) > 10 * theirs.std(ddof=1) / np.sqrt(len(means))  # the test can see a wrong cache

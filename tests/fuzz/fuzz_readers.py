@@ -118,7 +118,7 @@ def cache(path: Path) -> Any:
     from lightwell.cache import RadianceCache
 
     found = RadianceCache.load(path)
-    return [found.box, {k: np.array(v) for k, v in found.learner.values.items()}]
+    return [found.region.box, {k: np.array(v) for k, v in found.predictor.learner.values.items()}]
 
 
 def checkpoint(path: Path) -> Any:

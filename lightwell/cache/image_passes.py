@@ -1,0 +1,191 @@
+"""The passes over the film that add up to an image, and the training between them."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.cache import frames
+from lightwell.cache.guide_selector import ENOUGH, PARTS, PASSES, GuideSelector
+from lightwell.cache.image_state import ImageState, train_frame
+from lightwell.cache.radiance_cache import RadianceCache
+
+# Smallest number of samples per pixel used for the limit of caustics.
+SPIKE_SAMPLES = 32
+
+
+def limit_caustics(cache: RadianceCache, samples: int) -> None:
+    """Set the largest luminance of a caustic in one sample.
+
+    Args:
+        cache: Cache of the scene.
+        samples: Samples per pixel of a still so far; 0: no limit.
+    """
+    cap = cache.settings.image.spike_cap
+    limited = samples > 0 and cap > 0
+    most = cap * cache.predictor.scale.mean * max(samples, SPIKE_SAMPLES) if limited else 3e38
+    cache.region.context.spike = dr.opaque(mi.Float, most)
+
+
+class ImagePasses:
+    """Renders the samples of one image, in passes of one sample (frames) or of as many as fit (stills)."""
+
+    def __init__(self, image: ImageState) -> None:
+        """Prepare the passes.
+
+        Args:
+            image: The image, after the training of a still.
+        """
+        self.image, self.settings = image, image.settings
+        self.film = image.sensor.film()
+        width, height = (int(x) for x in self.film.crop_size())
+        self.pixels = width * height
+        self.timed = self.settings.image.seconds > 0
+        self.learns = image.caching or image.guiding
+
+    def render(self) -> mi.TensorXf:
+        """Render all samples; with a time limit, as many as there is time for.
+
+        Returns:
+            [H, W, C] image.
+        """
+        image, estimator = self.image, self.settings.estimation.estimator
+        two_level = estimator == "two-level" and image.caching
+        per_pass, trains = self._per_pass(), not image.still and self.learns
+        done, longest = self._pilot(per_pass), 0.0
+        while done < image.spp or self.timed:
+            start = time.perf_counter()
+            block = per_pass if self.timed else min(per_pass, image.spp - done)
+            trained = self._train() if trains and not image.cache.frozen else None
+            self._add(done, block, "biased" if two_level else estimator)
+            done += block
+            if trained is not None and self.settings.training.budget == "auto":
+                dr.sync_thread()
+                image.cache.schedule.balance(trained, time.perf_counter() - start)
+            if self.timed:
+                dr.eval()
+                dr.sync_thread()
+                longest = max(longest, time.perf_counter() - start) if done > block else 0.0
+                if time.perf_counter() - image.began + longest > self.settings.image.seconds:
+                    break
+        image.samples = done
+        developed = self.film.develop()
+        return developed + self._second_level(done) if two_level else developed
+
+    def _per_pass(self) -> int:
+        """Samples per pixel of a pass."""
+        image, s = self.image, self.settings
+        if s.image.sampling == "sensor":
+            return image.spp if image.still or not self.learns else 1
+        # A frozen cache needs no separate frames, except for the temporal reuse of reservoirs.
+        whole = image.still or not self.learns or (image.cache.frozen and s.estimation.first_hit == "nee")
+        return max(1, (frames.SMALL_LAUNCH if self.timed else frames.LAUNCH) // self.pixels) if whole else 1
+
+    def _train(self) -> float:
+        """Train between passes; returns the seconds."""
+        start = time.perf_counter()
+        train_frame(self.image)
+        seconds = time.perf_counter() - start
+        self.image.seconds["train"] += seconds
+        return seconds
+
+    def _add(self, done: int, block: int, estimator: str) -> Any:
+        """Add a pass to the film; returns its image block."""
+        image = self.image
+        limit_caustics(image.cache, done + block if image.still else 0)
+        put = self._pass(image.seed, done, block, image.spp, estimator)
+        self.film.put_block(put)
+        return put
+
+    def _pilot(self, per_pass: int) -> int:
+        """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""
+        image, s = self.image, self.settings
+        if not (image.still and image.caching and image.guiding and s.guiding.guide == "auto"):
+            return 0
+        if image.cache.guiding.guide is None or (not self.timed and image.spp < ENOUGH):
+            image.guiding = False
+            return 0
+        trial, done = GuideSelector(), 0
+        image.pilot = trial
+        block = per_pass if self.timed else max(1, image.spp // PARTS)
+        for guided in (False, True) * PASSES:
+            start = time.perf_counter()
+            image.guiding = guided
+            tensor = self._add(done, block, "biased").tensor()
+            dr.eval(tensor)
+            dr.sync_thread()
+            trial.add(guided, np.array(tensor), time.perf_counter() - start)
+            done += block
+            if 0 < s.image.seconds < time.perf_counter() - image.began:
+                break
+        image.guiding = trial.guide_pays(self.timed)
+        return done
+
+    def _second_level(self, spp: int) -> mi.TensorXf:
+        """Estimate the error of the cache with full paths, one for every ``level_samples`` cheap ones."""
+        count = max(1, spp // self.settings.estimation.level_samples)
+        self.film.clear()
+        per_pass = max(1, frames.LAUNCH // self.pixels)
+        for done in range(0, count, per_pass):
+            block = min(per_pass, count - done)
+            self.film.put_block(self._pass(mixed_seed(self.image.seed), done, block, count, "difference"))
+        return self.film.develop()
+
+    def _pass(self, seed: int, done: int, block: int, spp: int, estimator: str) -> Any:
+        """Render one pass as an image block."""
+        image, s = self.image, self.settings.estimation
+        scene, cache, sensor = image.scene, image.cache, image.sensor
+        q, guide = s.residual_probability, cache.guiding.guide if image.guiding else None
+        reservoirs = s.first_hit != "nee" and estimator != "difference"
+        if not reservoirs and self.settings.image.sampling == "sobol":
+            numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
+            L, valid, _, _, place = frames.sobol_pass(
+                scene, sensor, cache, numbers, self.pixels * block, estimator, q, image.caching, guide
+            )  # fmt: skip
+            return frames.splat(self.film, L, valid, place, block >= 4)
+        rays = self.rays(seed, done, block, spp)
+        if s.first_hit == "restir-gi" and reservoirs:
+            L, valid = image.reservoirs.bounced(scene, cache, rays, sensor, block, image.caching)
+            return frames.splat(self.film, L * rays[1], valid, rays[2], block >= 4)
+        direct = image.reservoirs.direct(scene, rays, sensor, block) if reservoirs else mi.Spectrum(0)
+        L, valid, _, _, place = frames.trace_pass(
+            scene, cache, rays, estimator, q, not reservoirs, image.caching, guide
+        )
+        return frames.splat(self.film, L + direct * rays[1], valid, place, block >= 4)
+
+    def rays(self, seed: int, done: int, block: int, spp: int) -> frames.Rays:
+        """Sample the camera rays of a pass.
+
+        Args:
+            seed: Seed.
+            done: Samples per pixel of the passes before it.
+            block: Samples per pixel of the pass.
+            spp: Samples per pixel of all passes.
+
+        Returns:
+            Camera rays.
+        """
+        sensor = self.image.sensor
+        if self.settings.image.sampling == "sensor":
+            sampler = sensor.sampler().clone()
+            sampler.set_sample_count(spp)
+            sampler.set_samples_per_wavefront(block)
+            sampler.seed(seed + done, self.pixels * block)
+            return frames.sampled_rays(sensor, sampler, block)
+        numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
+        return frames.sobol_rays(sensor, *numbers, self.pixels * block)
+
+
+def mixed_seed(seed: int) -> int:
+    """Derive a seed for random numbers that must be independent of those of ``seed``.
+
+    Args:
+        seed: 32-bit seed.
+
+    Returns:
+        32-bit seed.
+    """
+    return (seed * 0x9E3779B1 + 0x7F4A7C15) & 0xFFFFFFFF
