@@ -16,6 +16,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lightwell import machine
+
 # The variants lightwell knows, best first. Both are RGB, single precision and differentiable.
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 
@@ -94,6 +96,7 @@ def _select() -> Backend:
         mitsuba.set_variant(variant)
         mitsuba.set_log_level(mitsuba.LogLevel.Error)
         llvm = os.environ.get("DRJIT_LIBLLVM_PATH", "") if backend == drjit.JitBackend.LLVM else ""
+        drjit.set_thread_count(machine.threads())
         return Backend(variant, llvm, drjit.thread_count())
     raise RuntimeError(f"backend: no backend works ({'; '.join(reasons)}); {cure()}")
 

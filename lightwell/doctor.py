@@ -11,6 +11,12 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from lightwell.core.units import size_text
+from lightwell.machine import available_processors, container_memory
+
+# Free disk and memory below which a bake of a house may fail, bytes.
+LEAST_DISK, LEAST_MEMORY = 2_000_000_000, 2_000_000_000
+
 
 @dataclass(frozen=True)
 class Check:
@@ -63,7 +69,9 @@ def machine() -> str:
     Returns:
         Operating system, architecture and number of cores, for example "Linux x86_64, 8 cores".
     """
-    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    cores, used = os.cpu_count() or 1, available_processors()
+    fewer = "" if used == cores else f", {used} of them for this process"
+    return f"{platform.system()} {platform.machine()}, {cores} cores{fewer}"
 
 
 def _backend_checks() -> list[Check]:
@@ -96,7 +104,7 @@ def _arithmetic(backend: Any) -> Check:
 def _viewer_check() -> Check:
     page = importlib.resources.files("lightwell") / "viewer" / "index.html"
     if page.is_file():
-        return Check("viewer", True, f"built page, {len(page.read_bytes()) // 1024} KiB")
+        return Check("viewer", True, f"built page, {size_text(len(page.read_bytes()))}")
     return Check("viewer", False, "the built page is missing", "run 'make viewer' (needs Node >= 20) or reinstall")
 
 
@@ -110,8 +118,20 @@ def _denoiser_check() -> Check:
 
 
 def _disk_check() -> Check:
-    free = shutil.disk_usage(".").free / 2**30
-    return Check("disk", free > 2, f"{free:.1f} GiB free here", "a bake writes up to 3 GiB of samples; free some space")
+    free = shutil.disk_usage(".").free
+    return Check(
+        "disk",
+        free > LEAST_DISK,
+        f"{size_text(free)} free here",
+        "a bake writes up to 3 GB of samples; free some space",
+    )
+
+
+def _memory_check() -> Check:
+    limit = container_memory()
+    ok = limit is None or limit > LEAST_MEMORY
+    found = "no limit of a container" if limit is None else f"{size_text(limit)}, the limit of this container"
+    return Check("memory", ok, found, "a bake takes up to 3 GB; give the container more, or bake smaller scenes")
 
 
 def checks() -> list[Check]:
@@ -122,7 +142,7 @@ def checks() -> list[Check]:
     """
     python_ok = sys.version_info >= (3, 10)
     python = Check("python", python_ok, platform.python_version(), "lightwell needs Python >= 3.10")
-    return [python, *_backend_checks(), _viewer_check(), _denoiser_check(), _disk_check()]
+    return [python, *_backend_checks(), _viewer_check(), _denoiser_check(), _memory_check(), _disk_check()]
 
 
 def report() -> dict[str, Any]:

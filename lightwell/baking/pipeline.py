@@ -24,6 +24,7 @@ from lightwell.baking.score import exposure, reference_budget, score, variable_j
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
+from lightwell.core.units import size_text, time_text
 from lightwell.core.work import Work
 from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State
 from lightwell.fields.registry import check_preset, field_of, find_field
@@ -245,7 +246,8 @@ def _verdict(report: Mapping[str, Any], out: Path) -> str:
     decibels = "" if report["psnr_db"] is None else f", {report['psnr_db']:.1f} dB"
     return (
         f"[bold]{report['verdict'] or 'not judged'}[/]\n"
-        f"{figures}{decibels}, {report['bytes'] / 1000:.0f} kB of learned light, "
-        f"{report['macs_per_pixel']:,} MAC per pixel\n"
-        f"{out / 'scene.glb'}  {out / 'report.html'}  open with: lightwell view {os.fspath(out)}"
+        f"{figures}{decibels}, {size_text(report['bytes'])} of learned light, "
+        f"{report['macs_per_pixel']:,} MAC per pixel; {time_text(report['seconds']['total'])}\n"
+        f"open {out / 'index.html'}, or run: lightwell view {os.fspath(out)}\n"
+        f"report: {out / 'report.html'}, glTF: {out / 'scene.glb'}"
     )

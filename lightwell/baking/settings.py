@@ -25,25 +25,26 @@ def _time(text: str) -> Budget:
 class Reported(Request, SceneOptions):
     """Settings that a bake and a comparison share: the request, and the contents of the report."""
 
-    views: int = option(4, "held-out views in the report (default: 4)", least=1)
+    views: int = option(4, "held-out views in the report (default: 4)", least=1, group="report")
     truth: Budget | None = option(
         None,
         "time for tracing the reference that the result is scored against (default: a share of the budget)",
         parse=_time,
         metavar="TIME",
+        group="report",
     )
     view_size: tuple[int, int] = (224, 140)
     """Width and height of the report's views, pixels."""
-    resume: bool = option(False, "go on with a bake that was interrupted")
-    keep: bool = option(False, "keep samples and checkpoints after the bake")
-    force: bool = option(False, "overwrite files in OUT that lightwell did not write")
+    resume: bool = option(False, "go on with a bake that was interrupted", group="interrupting")
+    keep: bool = option(False, "keep samples and checkpoints after the bake", group="interrupting")
+    force: bool = option(False, "overwrite files in OUT that lightwell did not write", group="interrupting")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compared(Reported):
     """Settings that all fields of a comparison share."""
 
-    views: int = option(3, "held-out views (default: 3)", least=1)
+    views: int = option(3, "held-out views (default: 3)", least=1, group="report")
 
 
 @dataclass(frozen=True)

@@ -23,16 +23,25 @@ def add_options(
         without: Names of options that this command line does not have.
         shown: Whether help lists them.
     """
+    groups: dict[str, argparse._ActionsContainer] = {"": parser}
     for name, (field, known) in options_of(kind).items():
         if name in without:
             continue
+        if known.group not in groups:
+            groups[known.group] = _group(parser, known.group)
         settings: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS}
         settings["help"] = known.help if shown else argparse.SUPPRESS
         if isinstance(field.default, bool):
             settings |= {"action": "store_const", "const": not field.default}
         else:
             settings |= _valued(str(field.type), known)
-        parser.add_argument(flag_of(name, known), **settings)
+        groups[known.group].add_argument(flag_of(name, known), **settings)
+
+
+def _group(parser: argparse._ActionsContainer, title: str) -> argparse._ArgumentGroup:
+    """Return the group of a title; it is added where it is missing."""
+    found = [group for group in parser._action_groups if group.title == title]
+    return found[0] if found else parser.add_argument_group(title)
 
 
 def _valued(kind: str, known: Option) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
 from lightwell.core.options import options_of
-from lightwell.fields.registry import BUILT_IN, DEFAULT, OPTIONS, options_type
+from lightwell.fields.registry import BUILT_IN, DEFAULT, OPTIONS, PRESETS, options_type
 
 DESCRIPTION = """\
 Path-trace a scene, fit a small network to its indirect light, and write
@@ -49,11 +49,18 @@ def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> No
     add_options(parser, BakeSettings)
     add_json(parser, "print report.json to standard output, no progress bars")
     chosen = _chosen(argv)
+    parser.epilog = _presets(chosen)
     known: set[str] = set()
     for field in dict.fromkeys([*([chosen] if chosen else []), *OPTIONS]):
         group = parser.add_argument_group(f"options of --field {field}")
         add_options(group, options_type(field), without=known, shown=chosen in (None, field))
         known |= set(options_of(options_type(field)))
+
+
+def _presets(chosen: str | None) -> str:
+    """List the presets of the chosen field, or of all of lightwell's."""
+    shown = {name: presets for name, presets in PRESETS.items() if chosen in (None, name)}
+    return "\n".join(["presets of each field:", *(f"  {name:<14}{', '.join(shown[name])}" for name in shown)])
 
 
 def _chosen(argv: Sequence[str]) -> str | None:

@@ -33,7 +33,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
         "--fields", metavar="FIELD[:PRESET],…", help="fields to train, for example mlp,mlp:report-20,factored"
     )
     parser.add_argument("-o", "--out", help="folder to write")
-    add_options(parser.add_argument_group("options of --fields"), Compared, without=WITHOUT)
+    add_options(parser, Compared, without=WITHOUT)
     add_json(parser, "print the rows or compare.json, no progress bars")
 
 
@@ -65,13 +65,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compare_fields(arguments: argparse.Namespace) -> int:
-    from lightwell.baking.comparison import CompareSettings, compare_fields, parse_fields, table
-    from lightwell.core.progress import Progress
-
     if len(arguments.targets) != 1:
         raise ValueError(f"compare: --fields wants one scene, not {len(arguments.targets)}; name it once")
     if not arguments.out:
         raise ValueError("compare: --fields wants a folder to write; name it with -o")
+    from lightwell.baking.comparison import CompareSettings, compare_fields, parse_fields, table
+    from lightwell.core.progress import Progress
+
     settings = CompareSettings(
         arguments.targets[0],
         Path(arguments.out),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lightwell.cli.arguments import add_options, given_options
 from lightwell.core.scene_options import LimitOptions
+from lightwell.core.units import size_text
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -45,5 +46,5 @@ def run(arguments: argparse.Namespace) -> int:
     folder = path if path.is_dir() else path.parent
     out = Path(arguments.out) if arguments.out else folder / f"{arguments.name}{ENDINGS[arguments.to]}"
     for written in write_export(out, exported):
-        print(f"{written}: {written.stat().st_size} bytes")
+        print(f"{written}: {size_text(written.stat().st_size)}")
     return 0

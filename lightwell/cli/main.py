@@ -6,9 +6,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 
 import lightwell
 from lightwell.cli.interrupts import INTERRUPTED, Interrupts
+from lightwell.core.suggest import did_you_mean
 
 # Exit code of a mistake of the user, which is described in one line.
 USAGE_ERROR = 2
@@ -29,7 +31,18 @@ VERBS = {
     "validate": "check a .glb against the specification of its learned light",
     "store": "say what lightwell keeps between runs, or remove it",
     "doctor": "say which backend runs here, and what to do when one does not",
+    "completion": "print a script that completes verbs and options in a shell",
+    "man": "print the manual page",
 }
+# The same in the groups in which help shows them.
+GROUPS = {
+    "make and look": ("demo", "bake", "view", "compare"),
+    "pictures": ("render", "live", "lens"),
+    "files": ("info", "export", "validate", "samples"),
+    "this machine": ("doctor", "store", "completion", "man"),
+}
+# Verbs that compute: they take --threads, --memory and --log.
+COMPUTING = ("bake", "demo", "render", "live", "lens", "compare", "samples", "info")
 # Verbs that can be resumed after an interrupt, and verbs that run until they are interrupted.
 RESUMABLE, SERVERS = ("bake", "demo"), ("view", "live")
 
@@ -60,7 +73,13 @@ class Parser(argparse.ArgumentParser):
         """
         if "expected one argument" in message:
             message += " (a value that begins with '-' is written --name=-value)"
+        if message.startswith("unrecognized arguments: --"):
+            message = self._unknown_option(message.split()[2].split("=")[0])
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help lists the arguments\n")
+
+    def _unknown_option(self, flag: str) -> str:
+        near = did_you_mean(flag, self._option_string_actions)
+        return f"there is no option {flag}" + (f"; {near}" if near else "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,9 +102,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interrupts:
             if not verb:
                 return _without_verb(words)
+            from lightwell.cli.early import check_arguments
+            from lightwell.cli.this_machine import apply_machine_options, logged
+
             module = import_module(f"lightwell.cli.{verb}")
             verb_parser(verb, words[1:]).parse_args(words[1:], arguments)
-            return module.run(arguments)
+            with logged(getattr(arguments, "log", None), words):
+                check_arguments(arguments)
+                apply_machine_options(arguments)
+                return module.run(arguments)
     except KeyboardInterrupt:
         return _interrupted(arguments)
     except BrokenPipeError:
@@ -116,23 +141,40 @@ def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add(parser, argv)
+    if verb in COMPUTING:
+        from lightwell.cli.this_machine import add_machine_options
+
+        add_machine_options(parser)
     return parser
 
 
 def _without_verb(words: Sequence[str]) -> int:
-    """Print help or version, or report an unknown verb."""
+    """Print what to do next, help or the version; report an unknown verb."""
+    if not words:
+        from lightwell.cli.next_steps import next_steps
+
+        print(next_steps(Path.cwd()))
+        return 0
+    if not words[0].startswith("-"):
+        cure = did_you_mean(words[0], VERBS, f"choose one of {', '.join(VERBS)}")
+        raise ValueError(f"there is no verb '{words[0]}'; {cure}")
     parser = Parser(
         prog="lightwell",
-        description="Learns the indirect light of a scene and plays it back in real time.",
+        usage="lightwell VERB [arguments]",
+        description=f"Learns the indirect light of a scene and plays it back in real time.\n\n{_verbs_in_groups()}",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"lightwell {lightwell.__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb, summary in VERBS.items():
-        verbs.add_parser(verb, help=summary, add_help=False)
     parser.parse_args(words)
     return 0
+
+
+def _verbs_in_groups() -> str:
+    lines = []
+    for title, verbs in GROUPS.items():
+        lines += [f"{title}:", *(f"  {verb:<11}{VERBS[verb]}" for verb in verbs), ""]
+    return "\n".join(lines).rstrip()
 
 
 def _interrupted(arguments: argparse.Namespace) -> int:

@@ -36,13 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code.
     """
-    from lightwell.rendering.integrators import render
-
     options: dict[str, Any] = {}
     for kind in INTEGRATORS.values():
         options |= given_options(arguments, kind, "render")
     given = given_options(arguments, RenderSettings, "render")
     settings = RenderSettings(scene=arguments.scene, out=Path(arguments.out), options=options, **given)
+    from lightwell.rendering.integrators import render
+
     facts = render(settings, quiet=arguments.json)
     width, height = settings.size
     print(

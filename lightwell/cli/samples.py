@@ -37,9 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code.
     """
+    given = given_options(arguments, SampleSettings, "samples")
+    settings = SampleSettings(arguments.scene, Path(arguments.out), **given)
     from lightwell.baking.sample_file import write_samples
 
-    given = given_options(arguments, SampleSettings, "samples")
-    facts = write_samples(SampleSettings(arguments.scene, Path(arguments.out), **given))
+    facts = write_samples(settings)
     print(json.dumps(facts, indent=1) if arguments.json else f"{facts['file']}: {facts['samples']} samples")
     return 0

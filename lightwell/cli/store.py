@@ -7,6 +7,8 @@ import json
 from collections import defaultdict
 from collections.abc import Sequence
 
+from lightwell.core.units import size_text
+
 DESCRIPTION = """\
 lightwell keeps what is expensive to make, such as libraries of the lens, in one folder: LIGHTWELL_STORE, else the
 platform's folder for caches. Beyond 20 GB (or LIGHTWELL_STORE_LIMIT) what was not used for longest is removed."""
@@ -52,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             json.dumps(facts, indent=1)
             if arguments.json
-            else f"{store.folder}: {facts['removed_bytes']:,} bytes removed"
+            else f"{store.folder}: {size_text(facts['removed_bytes'])} removed"
         )
         return 0
     held: dict[str, list[int]] = defaultdict(list)
@@ -64,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         facts = {"folder": str(store.folder), "bytes": total, "limit_bytes": limit, "functions": functions}
         print(json.dumps(facts, indent=1))
         return 0
-    print(f"{store.folder}: {total:,} bytes of {limit:,}")
+    print(f"{store.folder}: {size_text(total)} of {size_text(limit)}")
     for name, sizes in sorted(held.items()):
-        print(f"  {name:<28}{len(sizes):>8} entries{sum(sizes):>18,} bytes")
+        print(f"  {name:<28}{len(sizes):>8} entries{size_text(sum(sizes)):>12}")
     return 0

@@ -34,6 +34,8 @@ class Option:
     """Name on the command line when it differs from that of the field, such as ``--no-static``."""
     repeat: bool = False
     """May be given several times."""
+    group: str = ""
+    """Heading under which help lists it."""
 
 
 def option(default: Any, help: str, **more: Any) -> Any:

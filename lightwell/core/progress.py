@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
+from rich.text import Text
+
+LOG = logging.getLogger("lightwell")
 
 
 class ProgressStage:
@@ -69,6 +73,7 @@ class Progress:
         Yields:
             The bar.
         """
+        LOG.info("%s: %g steps %s", title, total, note)
         if self.quiet:
             yield ProgressStage(None, 0)
             return
@@ -90,5 +95,6 @@ class Progress:
         Args:
             text: The line.
         """
+        LOG.info("%s", Text.from_markup(text).plain)
         if not self.quiet:
             self._console.print(text, highlight=False, soft_wrap=True)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lightwell.core.options import option
+from lightwell.core.suggest import did_you_mean
 from lightwell.limits import DEFAULT_LIMITS, NAMES, Limits
 
+# Scenes that lightwell makes itself, and the files that it loads.
+BUILTINS = ("cornell", "courtyard", "two-rooms")
+GLTF_SUFFIXES = (".gltf", ".glb")
+SCENE_SUFFIXES = (*GLTF_SUFFIXES, ".xml")
 # Metres per unit of length.
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 
@@ -35,6 +41,37 @@ def metres_per_unit(text: str) -> float:
     return unit
 
 
+def check_source(source: str | os.PathLike[str]) -> None:
+    """Refuse what cannot be the name or the file of a scene.
+
+    Args:
+        source: Name of a built-in scene, or path of a file.
+
+    Raises:
+        ValueError: The name is unknown, the file is missing, or its ending is that of no scene.
+    """
+    if source in BUILTINS:
+        return
+    path = Path(source)
+    kind = path.suffix.lower()
+    if kind not in SCENE_SUFFIXES:
+        near = did_you_mean(str(source), BUILTINS)
+        raise ValueError(
+            f"scene '{path.name}': '{kind or 'no suffix'}' is not a scene; {near}{' or ' if near else ''}"
+            f"give a .glb, .gltf or Mitsuba .xml file or one of {', '.join(BUILTINS)}"
+        )
+    if not path.is_file():
+        cure = did_you_mean(path.name, _scene_files(path.parent), "check the path")
+        raise ValueError(f"scene '{path.name}': there is no file '{path}'; {cure}")
+
+
+def _scene_files(folder: Path) -> list[str]:
+    try:
+        return [entry.name for entry in os.scandir(folder) if entry.name.lower().endswith(SCENE_SUFFIXES)]
+    except OSError:
+        return []
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
     """Limits on what a scene file may request, and how it is read."""
@@ -46,6 +83,7 @@ class SceneOptions:
         repeat=True,
         parse=Limits.parse,
         metavar="NAME=VALUE",
+        group="files from elsewhere",
     )
     unit: float = option(
         1.0,
@@ -53,6 +91,7 @@ class SceneOptions:
         flag="--scene-unit",
         parse=metres_per_unit,
         metavar="UNIT",
+        group="files from elsewhere",
     )
     allow_paths: tuple[Path, ...] = option(
         (),
@@ -61,6 +100,7 @@ class SceneOptions:
         repeat=True,
         parse=lambda texts: tuple(Path(text) for text in texts),
         metavar="DIR",
+        group="files from elsewhere",
     )
 
     @property

@@ -62,3 +62,35 @@ def byte_count(text: str) -> int:
     if value < 1:
         raise ValueError(f"'{text}' is not {wanted}")
     return int(value)
+
+
+def size_text(count: float) -> str:
+    """Write a number of bytes for people: 950 B, 292 kB, 1.24 MB (1 kB = 1000 B).
+
+    Args:
+        count: Bytes, ≥ 0.
+
+    Returns:
+        Three digits and the unit.
+    """
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 999.5 or unit == "GB":
+            break
+        count /= 1000
+    return f"{count:.0f} {unit}" if count >= 100 or unit == "B" else f"{count:.3g} {unit}"
+
+
+def time_text(seconds: float) -> str:
+    """Write a duration for people: 8.3 s, 2 min 5 s, 1 h 2 min.
+
+    Args:
+        seconds: Duration, ≥ 0.
+
+    Returns:
+        The text.
+    """
+    if seconds < 60:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"

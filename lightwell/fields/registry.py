@@ -13,6 +13,8 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
+from lightwell.core.suggest import did_you_mean
+
 if TYPE_CHECKING:
     from lightwell.fields.protocol import Field
 
@@ -35,6 +37,40 @@ DEFAULT = next(iter(BUILT_IN))
 OPTIONS = {
     "probes": ("lightwell.fields.probes.options", "ProbesOptions"),
     "lightmap": ("lightwell.fields.lightmap.options", "LightmapOptions"),
+}
+# Presets of each field, so that help and mistakes need none of the modules above; a test compares them.
+PRESETS: dict[str, tuple[str, ...]] = {
+    "factored": ("default", "small", "large"),
+    "mlp": ("default", "small", "large", "report-20", "report-200", "report", "report-code"),
+    "tree": ("default", "report"),
+    "kdtree": ("default", "report", "ren"),
+    "experts": ("default", "report", "report-joint", "report-multinomial", "report-code", "report-border-boost"),
+    "hard-mixture": ("default", "report"),
+    "balanced": ("default", "large"),
+    "probes": (
+        "default",
+        "draft",
+        "l2",
+        "relu-field",
+        "relu-field-5",
+        "product-field",
+        "mlp",
+        "mlp-generated",
+        "mlp-direct",
+        "bare-relu-field-5",
+        "bare-product-field",
+        "bare-mlp",
+    ),
+    "lightmap": (
+        "default",
+        "report",
+        "report-relu",
+        "siren",
+        "siren-two-stage",
+        "default-int8",
+        "plain",
+        "directional",
+    ),
 }
 
 
@@ -62,8 +98,21 @@ def find_field(name: str) -> Field:
     if name in BUILT_IN:
         return import_module(BUILT_IN[name]).FIELD
     if name not in _added():
-        raise ValueError(f"bake: unknown field '{name}'; choose one of {', '.join(field_names())} with --field")
+        raise unknown_field(name)
     return _loaded(name)
+
+
+def unknown_field(name: str) -> ValueError:
+    """Make the error for a field that does not exist.
+
+    Args:
+        name: The name that was given.
+
+    Returns:
+        The error, with the nearest name or all of them.
+    """
+    cure = did_you_mean(name, field_names(), f"choose one of {', '.join(field_names())} with --field")
+    return ValueError(f"bake: unknown field '{name}'; {cure}")
 
 
 def options_type(name: str) -> type:
@@ -109,7 +158,7 @@ def field_of(preset: str) -> str:
     Returns:
         Name of the first built-in field that has the preset; the default field where none has it.
     """
-    return next((name for name in BUILT_IN if preset in find_field(name).presets), DEFAULT)
+    return next((name for name, presets in PRESETS.items() if preset in presets), DEFAULT)
 
 
 def check_preset(name: str, preset: str) -> None:
@@ -122,11 +171,10 @@ def check_preset(name: str, preset: str) -> None:
     Raises:
         ValueError: The field has no such preset.
     """
-    presets = find_field(name).presets
+    presets = PRESETS[name] if name in PRESETS else find_field(name).presets
     if preset not in presets:
-        raise ValueError(
-            f"bake: field '{name}' has no preset '{preset}'; choose one of {', '.join(presets)} with --preset"
-        )
+        cure = did_you_mean(preset, presets, f"choose one of {', '.join(presets)} with --preset")
+        raise ValueError(f"bake: field '{name}' has no preset '{preset}'; {cure}")
 
 
 @cache

@@ -14,12 +14,13 @@ class Request:
     learned light, bit for bit.
     """
 
-    preset: str = option("default", "settings of the field, e.g. default, report-20, report-200")
+    preset: str = option("default", "settings of the field, e.g. default, report-20, report-200", group="what learns")
     budget: Budget = option(
         Budget(),
         "60s, 5m, 1h of tracing and training, or 5%% of error on validation lights (default: 2m; demo: 60s)",
         parse=Budget.parse,
         metavar="TIME|ERROR",
+        group="how long, how good",
     )
     vary: tuple[str, ...] = option(
         (),
@@ -28,24 +29,32 @@ class Request:
         "(default: what the scene suggests, else a point light anywhere in its air)",
         metavar="WHAT=RANGE",
         repeat=True,
+        group="what may move",
     )
-    seed: int = option(0, "the same seed and plan give the same result (default: 0)", least=0)
+    seed: int = option(
+        0, "the same seed and plan give the same result (default: 0)", least=0, group="how long, how good"
+    )
     paths: int = option(
         16,
         "light paths per training sample, even (default: 16)",
         least=2,
         check=lambda n: "is odd; give an even number (two independent halves)" if n % 2 else "",
+        group="how long, how good",
     )
-    static: bool = option(True, "leave out the light of the scene's own emitters", flag="--no-static")
+    static: bool = option(
+        True, "leave out the light of the scene's own emitters", flag="--no-static", group="what may move"
+    )
     steps: int | None = option(
         None,
         "fixed number of training steps per field, instead of a time budget (early stopping may end them)",
         least=1,
+        group="how long, how good",
     )
     shards: int | None = option(
         None,
         "fixed number of 65,536-sample shards per field, instead of a time budget; a quarter more is adaptive",
         least=1,
+        group="how long, how good",
     )
     lights_per_shard: int = 512
     """Light positions per shard; 128 surface points share each."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,9 @@ from lightwell.backend import mi
 from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.settings import CacheSettings
-from lightwell.core.image_io import check_picture_name, write_picture
+from lightwell.core.image_io import check_picture_name
 from lightwell.rendering.settings import RenderSettings
-from lightwell.rendering.shot import Shot
+from lightwell.rendering.shot import Shot, write_shot
 
 
 class Film:
@@ -27,7 +26,7 @@ class Film:
         Args:
             settings: Settings of the picture.
         """
-        shot = Shot.of(settings)
+        shot = self.shot = Shot.of(settings)
         width, height = settings.size
         lamp = None
         if shot.light is not None or shot.intensity is not None:
@@ -84,11 +83,13 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
     """
     check_picture_name(settings.out, "render")
     film = Film(settings)
+    if settings.aov and not film.shot.scene.cameras:
+        raise ValueError("render: --aov with --integrator nrc needs a camera in the scene; add one, or leave --aov out")
     integrator = NrcIntegrator(settings=cache)
     start = time.perf_counter()
     picture = film.render(integrator, settings.seed)
     seconds = time.perf_counter() - start
-    write_picture(Path(settings.out), picture, film.exposure)
+    write_shot(settings, film.shot, picture, film.exposure)
     image = integrator.last
     stats = [t for t in image.stats if t.steps]
     width, height = settings.size

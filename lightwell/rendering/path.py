@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from lightwell.core.image_io import check_picture_name, write_picture
+from lightwell.core.image_io import check_picture_name
 from lightwell.rendering.settings import RenderSettings
-from lightwell.rendering.shot import Shot
+from lightwell.rendering.shot import Shot, write_shot
 from lightwell.transport.camera import total_image
 
 
@@ -37,7 +36,7 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
         with_static=True,
     )
     seconds = perf_counter() - start
-    write_picture(Path(settings.out), picture, None if intensity is None else 1.0)
+    write_shot(settings, shot, picture, None if intensity is None else 1.0)
     return {
         "scene": shot.scene.name,
         "width": settings.size[0],

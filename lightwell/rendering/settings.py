@@ -11,10 +11,13 @@ from typing import Any
 
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
+from lightwell.core.suggest import did_you_mean
 
 # Largest picture, pixels; beyond it the accumulated image does not fit into the memory of a small machine.
 MOST_PIXELS = 1 << 26
 Place = tuple[float, float, float]
+# Output variables that a picture can carry; `lightwell.rendering.aov` computes them.
+AOVS = ("depth", "motion", "albedo", "normal")
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -55,6 +58,25 @@ def parse_place(texts: Sequence[str]) -> Place:
     if not all(math.isfinite(v) for v in (x, y, z)):
         raise ValueError(f"{' '.join(texts)} is not a place; write three numbers such as 0 1.5 0")
     return x, y, z
+
+
+def parse_aovs(text: str) -> tuple[str, ...]:
+    """Read names of output variables from text.
+
+    Args:
+        text: Names of ``AOVS``, joined by commas.
+
+    Returns:
+        The names, each once.
+
+    Raises:
+        ValueError: A name is unknown.
+    """
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        if name not in AOVS:
+            raise ValueError(f"'{name}' is unknown; {did_you_mean(name, AOVS, f'choose some of {chr(44).join(AOVS)}')}")
+    return names
 
 
 @dataclass(frozen=True)
@@ -110,6 +132,9 @@ class RenderSettings(SceneOptions):
     )
     seed: int = option(0, "seed of the random numbers (default: 0)", least=0)
     integrator: str = option("path", "path, or nrc: the radiance cache", choices=tuple(INTEGRATORS))
+    aov: tuple[str, ...] = option(
+        (), f"further channels of an .exr, joined by commas: {', '.join(AOVS)}", parse=parse_aovs, metavar="NAME,…"
+    )
     options: Any = None
     """Options of the integrator: an instance or a dictionary; None: the defaults."""
 
@@ -118,6 +143,8 @@ class RenderSettings(SceneOptions):
         check(self, "render")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", _options(self.integrator, self.options or {}))
+        if self.aov and (Path(self.out).suffix.lower() != ".exr" or getattr(self.options, "frames", None)):
+            raise ValueError(f"render: --aov is for a single .exr, not '{self.out}'; name one with -o, or leave it out")
 
 
 def _options(integrator: str, given: Mapping[str, Any]) -> Any:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.image_io import write_picture
 from lightwell.rendering.settings import RenderSettings
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras
@@ -51,3 +53,19 @@ def _camera(scene: Scene, index: int) -> Camera:
     if not 0 <= index < len(scene.cameras):
         raise ValueError(f"render: the scene has {len(scene.cameras)} cameras, --camera {index} is none of them")
     return scene.cameras[index]
+
+
+def write_shot(settings: RenderSettings, shot: Shot, picture: np.ndarray, exposure: float | None) -> None:
+    """Write a picture, with the output variables that are asked for.
+
+    Args:
+        settings: Settings of the picture.
+        shot: Scene and camera.
+        picture: [H, W, 3] linear radiance.
+        exposure: Factor on the radiance for a .png; None: automatic.
+    """
+    if not settings.aov:
+        return write_picture(Path(settings.out), picture, exposure)
+    from lightwell.rendering.aov import channels, write_with_channels
+
+    write_with_channels(Path(settings.out), picture, channels(shot.scene, shot.camera, *settings.size, settings.aov))

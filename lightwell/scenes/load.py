@@ -6,12 +6,11 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from lightwell.core.scene_options import BUILTINS as BUILTINS
+from lightwell.core.scene_options import GLTF_SUFFIXES, check_source
 from lightwell.limits import Limits
 from lightwell.scenes.errors import SceneError as SceneError
 from lightwell.scenes.scene import Scene
-
-BUILTINS = ("cornell", "courtyard", "two-rooms")
-GLTF_SUFFIXES = (".gltf", ".glb")
 
 
 def load(
@@ -51,15 +50,12 @@ def _load(
         from lightwell.scenes.builtin import build
 
         return build(str(source))
+    try:
+        check_source(source)
+    except ValueError as error:
+        raise SceneError(str(error)) from None
     path = Path(source)
     kind = path.suffix.lower()
-    if kind not in (*GLTF_SUFFIXES, ".xml"):
-        raise SceneError(
-            f"scene '{path.name}': '{kind or 'no suffix'}' is not a scene; "
-            f"give a .glb, .gltf or Mitsuba .xml file or one of {', '.join(BUILTINS)}"
-        )
-    if not path.is_file():
-        raise SceneError(f"scene '{path.name}': there is no file '{path}'; check the path")
     if kind in GLTF_SUFFIXES:
         from lightwell.scenes.gltf import load_gltf
 

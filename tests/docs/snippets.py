@@ -119,7 +119,7 @@ def lowered(words: list[str]) -> list[str]:
     Returns:
         The words with a small budget.
     """
-    verb = words[1]
+    verb = words[1] if len(words) > 1 else ""
     added = list(SMALL.get(verb, []))
     if verb == "compare" and "--fields" not in words:
         added = []

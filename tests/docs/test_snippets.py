@@ -53,8 +53,9 @@ def _understood(where: str, words: list[str]) -> None:
     """Parse a command; files that it runs exist."""
     program, rest = words[0], words[1:]
     if program == "lightwell":
-        assert rest and (rest[0] in VERBS or rest[0].startswith("-")), f"{where}: unknown verb in {words}"
-        for given in (rest, lowered(words)[1:]) if rest[0] in VERBS else ():
+        verb = rest[0] if rest else "--help"
+        assert verb in VERBS or verb.startswith("-"), f"{where}: unknown verb in {words}"
+        for given in (rest, lowered(words)[1:]) if verb in VERBS else ():
             try:
                 verb_parser(given[0], given[1:]).parse_args(given[1:], argparse.Namespace(verb=given[0]))
             except SystemExit as error:

@@ -72,10 +72,10 @@ def _command(where: str, words: list[str], folder: Path, capfd) -> None:
         return
     if program == "python":
         _run([sys.executable, str(ROOT / words[1]), *words[2:]], folder)
-    elif words[1] in SERVERS:
+    elif len(words) > 1 and words[1] in SERVERS:
         _serve([*LIGHTWELL, *words[1:], "--no-open", "--port", "0"], folder)
     else:
-        allowed = (0, 1) if words[1] in FINDERS else (0,)
+        allowed = (0, 1) if words[1:2] and words[1] in FINDERS else (0,)
         code = _exit_code(lowered(words)[1:])
         assert code in allowed, f"{where}: {' '.join(words)}: exit code {code}\n{capfd.readouterr().err[-1500:]}"
 

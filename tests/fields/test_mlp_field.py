@@ -136,7 +136,7 @@ def test_later_samples_replace_earlier_ones():
 
 
 def test_unknown_names_say_what_exists():
-    with pytest.raises(ValueError, match=r"unknown field 'mpl'; choose one of factored, mlp"):
+    with pytest.raises(ValueError, match=r"unknown field 'mpl'; did you mean 'mlp'\?"):
         find_field("mpl")
     with pytest.raises(ValueError, match=r"has no preset 'best'; choose one of default"):
         check_preset("mlp", "best")

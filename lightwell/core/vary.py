@@ -1,0 +1,125 @@
+"""Declarations of what may move: the texts of ``--vary``. Imports nothing slow, so that mistakes are told at once."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+# Two directions count as one when all their components differ by less.
+SAME_DIRECTION = 1e-4
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One parsed ``--vary`` option: ``NAME.PARAMETER=VALUE``."""
+
+    name: str
+    """Name of the light, such as 'light' or 'sun'."""
+    parameter: str
+    """'position', 'radius', 'clearance', 'direction', 'intensity' or 'color'."""
+    values: tuple[float, ...] = ()
+    """box: 6 numbers, arc: 4, radius and clearance: 1; intensity 1 or none, color 3 or none (their first setting)."""
+
+    @property
+    def learned(self) -> bool:
+        """Whether the parameter changes the field; intensity and colour are linear, always variable, never learned."""
+        return self.parameter not in ("intensity", "color")
+
+
+@dataclass(frozen=True)
+class _Form:
+    """Syntax of the value of a parameter."""
+
+    call: str
+    """Word before the parentheses, or nothing."""
+    names: str
+    """Names of the numbers."""
+    example: str
+    optional: bool = False
+
+
+_FORMS = {
+    "position": _Form("box", "x0,y0,z0,x1,y1,z1", "light.position=box(-1,0.2,-1,1,2,1)"),
+    "radius": _Form("", "metres", "light.radius=0.05"),
+    "clearance": _Form("", "metres", "light.clearance=0.1"),
+    "direction": _Form("arc", "az0,el0,az1,el1", "sun.direction=arc(90,10,270,10)"),
+    "intensity": _Form("", "candela or lux", "light.intensity=20", optional=True),
+    "color": _Form("", "r,g,b", "light.color=1,0.9,0.8", optional=True),
+}
+
+
+def _wrong(text: str, what: str, example: str) -> str:
+    return f"vary: '{text}': {what}; write for example {example}"
+
+
+def parse_vary(text: str) -> Declaration:
+    """Parse one declaration.
+
+    Args:
+        text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
+            ``sun.direction=arc(az0,el0,az1,el1)``, ``light.intensity`` or ``light.color``.
+
+    Returns:
+        The declaration.
+
+    Raises:
+        ValueError: The text has another form, or a value is out of range.
+    """
+    match = re.fullmatch(r"([A-Za-z_]\w*)\.([a-z]+)(?:=(.*))?", text.strip(), re.DOTALL)
+    if not match:
+        raise ValueError(_wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example))
+    name, parameter, value = match.groups()
+    if parameter not in _FORMS:
+        raise ValueError(
+            _wrong(text, f"'{parameter}' cannot vary, only {', '.join(_FORMS)} can", _FORMS["position"].example)
+        )
+    values = _numbers(text, _FORMS[parameter], (value or "").strip())
+    _check_range(text, parameter, values)
+    return Declaration(name, parameter, values)
+
+
+def _numbers(text: str, form: _Form, value: str) -> tuple[float, ...]:
+    """Parse the numbers of ``value`` in the syntax of ``form``."""
+    if not value and form.optional:
+        return ()
+    body = value
+    if form.call:
+        match = re.fullmatch(rf"{form.call}\s*\((.*)\)", value, re.DOTALL)
+        if not match:
+            raise ValueError(_wrong(text, f"expected {form.call}({form.names})", form.example))
+        body = match.group(1)
+    words = [w.strip() for w in body.split(",")] if body.strip() else []
+    try:
+        values = tuple(float(w) for w in words)
+    except ValueError:
+        raise ValueError(_wrong(text, f"'{body}' is not a list of numbers", form.example)) from None
+    expected = form.names.count(",") + 1
+    if len(values) != expected:
+        raise ValueError(_wrong(text, f"expected {expected} numbers ({form.names}), got {len(values)}", form.example))
+    if not all(map(math.isfinite, values)):
+        raise ValueError(_wrong(text, "every number must be finite", form.example))
+    return values
+
+
+def _check_range(text: str, parameter: str, values: tuple[float, ...]) -> None:
+    example = _FORMS[parameter].example
+    if parameter == "position" and not all(a < b for a, b in zip(values[:3], values[3:])):
+        raise ValueError(_wrong(text, "the second corner must be larger than the first in x, y and z", example))
+    if parameter == "direction" and any(abs(e) > 90 for e in values[1::2]):
+        raise ValueError(_wrong(text, "an elevation lies between -90 and 90 degrees", example))
+    if parameter == "direction" and _same_direction(values[:2], values[2:]):
+        raise ValueError(_wrong(text, "the arc starts where it ends", example))
+    if parameter in ("radius", "clearance", "intensity", "color") and any(v < 0 for v in values):
+        raise ValueError(_wrong(text, f"a {parameter} is not negative", example))
+
+
+def _same_direction(first: Sequence[float], second: Sequence[float]) -> bool:
+    """Compare two directions, each an azimuth and an elevation in degrees."""
+    return all(abs(a - b) < SAME_DIRECTION for a, b in zip(_direction(*first), _direction(*second)))
+
+
+def _direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
+    az, el = math.radians(azimuth), math.radians(elevation)
+    return math.cos(el) * math.sin(az), math.sin(el), -math.cos(el) * math.cos(az)

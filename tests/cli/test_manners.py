@@ -1,0 +1,167 @@
+"""Manners of the command line: suggestions, early errors, help, log, tables."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lightwell.cli import main
+from lightwell.cli.info import table
+from lightwell.cli.main import COMPUTING, GROUPS, VERBS, verb_parser
+from lightwell.cli.next_steps import next_steps
+from lightwell.core.units import size_text, time_text
+from lightwell.fields.registry import BUILT_IN, PRESETS, find_field
+
+ROOT = Path(__file__).parents[2]
+# CPU time for a mistake, start of Python included, seconds. Wall time would depend on what else runs.
+LONGEST = 0.2
+MISTAKES = {
+    "bakee cornell -o x": "there is no verb 'bakee'; did you mean 'bake'?",
+    "bake cornell -o x --bugdet 5m": "there is no option --bugdet; did you mean '--budget'?",
+    "bake cornel -o x": "did you mean 'cornell'?",
+    "bake ruum.glb -o x": "there is no file 'ruum.glb'; did you mean 'room.glb'?",
+    "bake cornell -o x --field mpl": "unknown field 'mpl'; did you mean 'mlp'?",
+    "bake cornell -o x --preset larg": "no preset 'larg'; did you mean 'large'?",
+    "bake cornell -o x --vary light.position=foo": "expected box(x0,y0,z0,x1,y1,z1)",
+    "bake cornell -o x --size 256": "--size is an option of the field 'lightmap'",
+    "bake cornell -o x --threads 0": "--threads 0 is too small",
+    "bake cornell -o x --memory 10MB": "--memory 10MB is too small; give 1GB or more",
+    "compare --fields mpl cornell -o x": "unknown field 'mpl'; did you mean 'mlp'?",
+    "render cornell -o x.png --aov depth": "--aov is for a single .exr",
+    "render cornell -o x.exr --aov depht": "'depht' is unknown; did you mean 'depth'?",
+}
+PROGRAM = """
+import contextlib, io, json, sys, time
+from lightwell.cli import main
+found = []
+for words in json.loads(sys.argv[1]):
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        try:
+            code = main(words)
+        except SystemExit as ended:
+            code = ended.code
+    found.append([code, said.getvalue()])
+    if len(found) == 1:
+        first = time.process_time()
+loaded = [m for m in ("mitsuba", "drjit", "numpy") if m in sys.modules]
+print(json.dumps({"found": found, "first": first, "loaded": loaded}))
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mistakes")
+    (folder / "room.glb").write_bytes(b"")
+    argv = [sys.executable, "-c", PROGRAM, json.dumps([words.split() for words in MISTAKES])]
+    done = subprocess.run(
+        argv, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert [entry.name for entry in folder.iterdir()] == ["room.glb"]
+    return json.loads(done.stdout)
+
+
+def test_mistakes_are_one_line_with_the_cure(told):
+    for (words, cure), (code, said) in zip(MISTAKES.items(), told["found"]):
+        assert code == 2 and cure in said and len(said.strip().splitlines()) == 1, f"{words}: {code} {said}"
+
+
+def test_mistakes_are_told_before_anything_slow_is_imported(told):
+    # `compare` and `render` parse settings of their own last; none of them needs NumPy either.
+    assert told["loaded"] == [] and told["first"] <= LONGEST
+
+
+def test_presets_in_help_are_those_of_the_fields():
+    assert list(PRESETS) == list(BUILT_IN)
+    for name, presets in PRESETS.items():
+        assert presets == tuple(find_field(name).presets)
+
+
+def test_lightwell_alone_names_three_commands(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert [line.split()[1] for line in lines] == ["demo", "bake", "doctor"]
+    (tmp_path / "my room.glb").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/report.json").touch()
+    text = next_steps(tmp_path)
+    assert "lightwell view out " in text and "lightwell bake 'my room.glb' -o out" in text
+
+
+def test_every_verb_is_in_one_group_of_the_help(capsys):
+    assert sorted(verb for verbs in GROUPS.values() for verb in verbs) == sorted(VERBS)
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    assert all(f"\n  {verb} " in text for verb in VERBS) and all(f"{title}:" in text for title in GROUPS)
+
+
+def test_help_of_bake_is_in_groups_and_names_fields_and_presets():
+    text = verb_parser("bake").format_help()
+    titles = (
+        "what may move:",
+        "what learns:",
+        "how long, how good:",
+        "report:",
+        "interrupting:",
+        "files from elsewhere:",
+    )
+    assert all(f"\n{title}\n" in text for title in titles)
+    assert all(f"\n  {name} " in text and presets[-1] in text for name, presets in PRESETS.items())
+
+
+@pytest.mark.parametrize("verb", COMPUTING)
+def test_verbs_that_compute_take_options_of_the_machine(verb):
+    flags = verb_parser(verb)._option_string_actions
+    assert {"--threads", "--memory", "--log"} <= flags.keys()
+
+
+def test_a_log_says_what_was_done_and_what_went_wrong(tmp_path, capsys):
+    log = tmp_path / "log.txt"
+    assert main(["info", "cornell", "--log", str(log)]) == 0
+    assert main(["bake", "nowhere.glb", "-o", str(tmp_path / "x"), "--log", str(log)]) == 2
+    text = log.read_text()
+    assert "lightwell info cornell" in text and "ended after" in text
+    assert "ERROR" in text and "there is no file 'nowhere.glb'" in text
+    assert main(["info", "cornell", "--log", str(tmp_path / "no/log")]) == 2
+    assert "--log" in capsys.readouterr().err
+
+
+def test_info_is_a_table(capsys):
+    assert main(["info", "cornell"]) == 0
+    text = capsys.readouterr().out
+    assert "bounds            2.026 x 2 x 2.038 m" in text and "{" not in text
+    lines = table({"bytes": 291_800, "fields": [{"name": "indirect", "macs": 1199}], "warnings": ["one", "two"]})
+    assert lines[0].split() == ["bytes", "292", "kB"] and "  indirect  1,199" in lines and "  two" in lines
+
+
+def test_sizes_and_times_are_written_one_way():
+    assert [size_text(n) for n in (0, 950, 291_800, 1_240_000, 2.5e10)] == [
+        "0 B",
+        "950 B",
+        "292 kB",
+        "1.24 MB",
+        "25 GB",
+    ]
+    assert [time_text(s) for s in (8.31, 125, 3725)] == ["8.31 s", "2 min 5 s", "1 h 2 min"]
+
+
+def test_completion_is_a_script_that_bash_reads(capsys):
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert "--spacing" in script and subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
+
+
+def test_the_manual_page_has_every_verb_and_option(capsys):
+    assert main(["man"]) == 0
+    page = capsys.readouterr().out
+    assert all(f".SH lightwell {verb}\n" in page for verb in VERBS)
+    options = {flag for verb in VERBS for flag in verb_parser(verb)._option_string_actions if flag.startswith("--")}
+    assert not [flag for flag in options - {"--help"} if flag.replace("-", r"\-") not in page]
+    known = (".TH", ".SH", ".TP", ".B", ".nf", ".fi")
+    assert all(line.split(" ")[0] in known for line in page.splitlines() if line.startswith("."))
