@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -72,6 +74,22 @@ def keep_installed_plugins(mitsuba: ModuleType) -> None:
     resolver.append(str(Path(mitsuba.__file__).resolve().parent))
 
 
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Hold Ctrl-C back while native modules initialise: an exception in their callbacks would abort the process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        if received:
+            signal.raise_signal(signal.SIGINT)
+
+
 def _select() -> Backend:
     if not os.environ.get("DRJIT_LIBLLVM_PATH") and (path := _bundled_llvm()):
         os.environ["DRJIT_LIBLLVM_PATH"] = path
@@ -101,7 +119,8 @@ def _select() -> Backend:
     raise RuntimeError(f"backend: no backend works ({'; '.join(reasons)}); {cure()}")
 
 
-ACTIVE = _select()
+with _interrupts_later():
+    ACTIVE = _select()
 
 import drjit as dr  # noqa: E402  (the variant must be chosen first)
 import mitsuba as mi  # noqa: E402
