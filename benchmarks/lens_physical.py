@@ -17,7 +17,7 @@ from lightwell.core.denoise import denoise
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.pipeline import Lens, LensSettings
 from lightwell.lens.samples import reconstruct
-from lightwell.report.metrics import flip, ssim
+from lightwell.report.picture_metrics import flip, ssim
 
 
 def physical(quick: bool, pictures: bool = False) -> list[Row]:

@@ -29,7 +29,7 @@ import lens_scenes
 from lens_measure import save
 from rows import Row, at_least, at_most, chosen, publish, without_bar
 
-from lightwell.report.metrics import flip, ssim
+from lightwell.report.picture_metrics import flip, ssim
 
 ROOT = Path(__file__).resolve().parents[1]
 STANDARD = ROOT / "lightwell/lens/standard"

@@ -10,6 +10,7 @@ import numpy as np
 from lightmap_scenes import HELD_OUT, MIPS, QUICK, Effort
 from rows import Row, at_least, at_most, without_bar
 
+from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap import fit as lightmap
 from lightwell.fields.lightmap.fit import PRESETS
@@ -17,7 +18,6 @@ from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.nodes import stored
 from lightwell.fields.lightmap.trace import chart, eye_samples, lit_scene, seen_sides
 from lightwell.graph.pictures import decoded, encode, seen_from_afar
-from lightwell.report import metrics
 from lightwell.scenes import load
 
 
@@ -50,7 +50,7 @@ def mips(quick: bool) -> list[Row]:
         found[label] = []
         for level in range(4):
             light = Baked(seen_from_afar(fit.lower(), fit.pictures, size, level))(held.query)
-            f, a, b = (metrics.display(v / fit.unit) for v in (light, held.half_a, held.half_b))
+            f, a, b = (display(v / fit.unit) for v in (light, held.half_a, held.half_b))
             found[label].append(decibels(np.average(((f - a) * (f - b)).mean(axis=1), weights=held.weight)))
     lightmap.FAR_SHARE = share
     note = "cornell under a sky, features at 1/4, promised mips 3, noise taken off; trained at level 0 alone {:.1f} dB"
@@ -74,10 +74,10 @@ def vary(quick: bool) -> list[Row]:
     fit = moving_fit(scene, made.atlas, variable, samples, sample_unit(samples), 0, steps)
     field = Baked(fit.lower())
     elsewhere = replace(held.query, light=np.roll(held.query.light, len(held.weight) // 2, axis=0))
-    a, b = (metrics.display(v / fit.unit) for v in (held.half_a, held.half_b))
+    a, b = (display(v / fit.unit) for v in (held.half_a, held.half_b))
     errors = []
     for query in (held.query, elsewhere):
-        f = metrics.display(field(query) / fit.unit)
+        f = display(field(query) / fit.unit)
         errors.append(float(np.average(((f - a) * (f - b)).mean(axis=1), weights=held.weight)))
     bytes_ = sum(len(p.data) for p in fit.pictures.values())
     note = f"cornell, indirect light, held-out places of a lamp and of the eye, noise taken off, textures {bytes_} B"
@@ -145,12 +145,10 @@ def subsurface(quick: bool) -> list[Row]:
     }
     points, mask, _ = gbuffer(scene, scene.cameras[0], *effort.view_size)
     seen = points[np.flatnonzero(mask & media_meshes(scene)[points.shape])]
-    halves = [
-        metrics.display(half / fits["ours"].unit) for half in volumetric(scene, seen, effort.view_paths, HELD_OUT)
-    ]
+    halves = [display(half / fits["ours"].unit) for half in volumetric(scene, seen, effort.view_paths, HELD_OUT)]
     found = {}
     for name, fit in fits.items():
-        shown = metrics.display(Baked(fit.lower())(query_of_lightmap(scene, made.atlas, seen)) / fit.unit)
+        shown = display(Baked(fit.lower())(query_of_lightmap(scene, made.atlas, seen)) / fit.unit)
         found[name] = decibels(np.mean((shown - halves[0]) * (shown - halves[1])))
     ceiling = decibels(np.mean((halves[0] - halves[1]) ** 2) / 4)
     size = sum(len(picture.data) for picture in fits["ours"].pictures.values())

@@ -16,6 +16,7 @@ from rows import Row, at_least, at_most, without_bar
 
 from lightwell.baking.evaluate import view_name
 from lightwell.baking.reference_budget import EVALUATION_SEED
+from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, sample_unit
@@ -32,7 +33,7 @@ from lightwell.fields.lightmap.trace import (
     lit_scene,
     lit_sides,
 )
-from lightwell.report import metrics
+from lightwell.report.picture_metrics import flip
 from lightwell.report.records import ViewComparison
 from lightwell.scenes import load
 from lightwell.scenes.atlas import Atlas
@@ -208,7 +209,7 @@ class Views:
                 picture[seen] = Baked(fit.lower())(query)
                 shown.append(picture.reshape(shape))
             shown.append(0.5 * (view.half_a + view.half_b))
-            rows.append(np.concatenate([metrics.display(p / fits[0].unit) for p in shown], axis=1))
+            rows.append(np.concatenate([display(p / fits[0].unit) for p in shown], axis=1))
         image = Image.fromarray((255 * np.clip(np.concatenate(rows), 0, 1) + 0.5).astype(np.uint8))
         image.resize((2 * image.width, 2 * image.height), Image.Resampling.NEAREST).save(path)
 
@@ -261,13 +262,13 @@ def constant_graph():
 def _view_figures(view: ViewComparison, picture: np.ndarray, seen: np.ndarray, unit: float) -> tuple[float, ...]:
     shape = view.half_a.shape
     a, b, f = (np.asarray(x, np.float64).reshape(-1, 3) / unit for x in (view.half_a, view.half_b, picture))
-    shown = {name: metrics.display(x[seen]) for name, x in (("a", a), ("b", b), ("y", (a + b) / 2), ("f", f))}
+    shown = {name: display(x[seen]) for name, x in (("a", a), ("b", b), ("y", (a + b) / 2), ("f", f))}
     decibels = lambda mse: float(-10 * np.log10(max(mse, 1e-10)))  # noqa: E731
     return (
         decibels(np.mean((shown["f"] - shown["y"]) ** 2)),
         decibels(np.mean((shown["f"] - shown["a"]) * (shown["f"] - shown["b"]))),
         decibels(np.mean((shown["a"] - shown["b"]) ** 2) / 4),
-        metrics.flip(f.reshape(shape), ((a + b) / 2).reshape(shape)),
+        flip(f.reshape(shape), ((a + b) / 2).reshape(shape)),
     )
 
 
@@ -434,7 +435,7 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
             # One seed for both places of the eye: what their noise has in common cancels.
             halves = static(traced.scene, at, MOVED_PATHS if effort is not QUICK else 8, 31 + k)
             learned_ = baked(query_of_lightmap(traced.scene, traced.made.atlas, at))
-            shown.append([metrics.display(np.nan_to_num(v) / fit.unit) for v in (learned_, *halves)])
+            shown.append([display(np.nan_to_num(v) / fit.unit) for v in (learned_, *halves)])
         steps.append(np.stack(shown[1]) - np.stack(shown[0]))
     what = f"{name}: specular moves: correlation of image gradients with respect to the camera"
     if not steps:

@@ -18,7 +18,7 @@ from lightwell.baking.quality import PictureReference, Quality, place, score_qua
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.core.color import display
 from lightwell.fields.baked import Baked
-from lightwell.report.metrics import exposure_unit
+from lightwell.report.picture_metrics import exposure_unit
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
 from lightwell.transport.queries import make_query

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,26 @@ PathLike = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)
-class Report(Mapping[str, Any]):
-    """What a bake achieved. Reads like a dictionary of the numbers of ``report.json``; shows itself in notebooks."""
+class Written(Mapping[str, Any]):
+    """What a command has written: a folder, and numbers that are read like a dictionary."""
 
     folder: Path
-    """Folder that the bake wrote."""
+    """Folder that was written."""
     numbers: Mapping[str, Any]
-    """Content of ``report.json`` (``rebake.json`` where only a part was baked again)."""
+    """Content of the JSON file with the numbers."""
+
+    def __getitem__(self, key: str) -> Any:
+        return self.numbers[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.numbers)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+class Report(Written):
+    """What a bake achieved: the numbers of ``report.json`` (``rebake.json`` where only a part was baked again)."""
 
     @property
     def verdict(self) -> str:
@@ -46,49 +58,39 @@ class Report(Mapping[str, Any]):
         """The report with pictures and charts."""
         return self.folder / "report.html"
 
-    def __getitem__(self, key: str) -> Any:
-        return self.numbers[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.numbers)
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
     def _repr_html_(self) -> str:
-        """The figures as a table, for notebooks."""
-        shown = ("relative_error", "noise_floor", "psnr_db", "flip", "bytes", "macs_per_pixel")
-        return _table(f"{self.numbers.get('scene', self.folder.name)}: {self.verdict}", self.numbers, shown)
+        """The verdict, learned light beside the reference, and the main figures, for notebooks."""
+        from lightwell.core.notebook import card
+        from lightwell.report.cards import cards
+        from lightwell.report.html import first_pictures
+
+        rows = [(c.term, c.value, c.why) for c in cards(self.numbers)] if "previous" in self.numbers else []
+        title = self.numbers.get("scene", self.folder.name)
+        return card(title, rows, text=self.verdict, pictures=first_pictures(self.html))
 
 
-@dataclass(frozen=True)
-class Comparison(Mapping[str, Any]):
-    """What a comparison of fields found. Reads like a dictionary of the numbers of ``compare.json``."""
-
-    folder: Path
-    """Folder that the comparison wrote; each field has a folder of its own in it."""
-    numbers: Mapping[str, Any]
-    """Content of ``compare.json``."""
+class Comparison(Written):
+    """What a comparison of fields found: the numbers of ``compare.json``; each field has a folder of its own."""
 
     @property
     def html(self) -> Path:
         """The comparison with table, charts and pictures."""
         return self.folder / "compare.html"
 
-    def __getitem__(self, key: str) -> Any:
-        return self.numbers[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.numbers)
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
     def _repr_html_(self) -> str:
-        """The fields as a table, best first."""
-        from lightwell.baking.comparison import table
+        """The fields as a table, best first, with their pictures, for notebooks."""
+        from lightwell.baking.comparison import COLUMNS
+        from lightwell.baking.side_by_side import cells
+        from lightwell.core.notebook import card
+        from lightwell.report.html import first_pictures
 
-        return f"<pre>{escape(table(self.numbers['fields']))}</pre>"
+        ranked = sorted(self.numbers["fields"], key=lambda field: field["relative_error"])
+        headings, *rows = cells(ranked, COLUMNS)
+        pictures: dict[str, str] = {}
+        for field in ranked:
+            found = first_pictures(self.folder / field["folder"] / "report.html")
+            pictures |= {name if name == "reference" else field["name"]: source for name, source in found.items()}
+        return card(self.numbers["scene"], rows, headings=headings, pictures=pictures)
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,14 @@ class Asset:
     """Its fields, each with its shading graph; see ``lightwell.graph.evaluate``."""
     variables: Sequence[Mapping[str, Any]]
     """What may move at run time, as the extension's JSON says it."""
+
+    def _repr_html_(self) -> str:
+        """The fields, with the pictures of the report that lies beside the file, for notebooks."""
+        from lightwell.core.notebook import card
+        from lightwell.report.html import first_pictures
+
+        rows = [row for field in self.fields for row in field.rows()]
+        return card(self.path.name, rows, pictures=first_pictures(self.path.with_name("report.html")))
 
 
 def bake(scene: PathLike, out: PathLike, *, progress: bool = False, **options: Any) -> Report:
@@ -284,12 +294,3 @@ def _progress(shown: bool) -> Any:
     from lightwell.core.progress import Progress
 
     return Progress(quiet=not shown)
-
-
-def _table(title: str, numbers: Mapping[str, Any], names: Sequence[str]) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{numbers[name]:,.4g}</td></tr>"
-        for name in names
-        if isinstance(numbers.get(name), int | float)
-    )
-    return f"<b>{escape(title)}</b><table>{rows}</table>"

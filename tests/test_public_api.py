@@ -61,12 +61,15 @@ def test_no_submodule_takes_the_place_of_a_function(tmp_path):
     for found in pkgutil.walk_packages(lightwell.__path__, "lightwell."):
         if not found.name.endswith("__main__"):
             import_module(found.name)
-    assert lightwell.load("cornell")._repr_html_().startswith("<b>")
+    assert "<td>triangles</td>" in (shown := lightwell.load("cornell")._repr_html_()) and "data:image/png" in shown
     report = lightwell.bake("cornell", tmp_path / "out", field="mlp", preset="small", **TINY)
-    assert report["bytes"] > 0 and report.page.exists() and report.verdict and "<table>" in report._repr_html_()
+    assert report["bytes"] > 0 and report.page.exists() and report.verdict
+    shown = report._repr_html_()
+    assert "Relative error" in shown and shown.count("data:image/jpeg") == 2
     assert json.loads((tmp_path / "out/report.json").read_text()) == dict(report)
     asset = lightwell.read(tmp_path / "out")
     assert [field.role for field in asset.fields] == ["indirect"] and len(asset.variables) == 1
+    assert asset._repr_html_().count("data:image/jpeg") == 2 and "MAC" in asset.fields[0]._repr_html_()
     picture = lightwell.render("cornell", tmp_path / "a.png", size=(16, 10), spp=1)
     assert picture["width"] == 16 and (tmp_path / "a.png").exists()
     facts = lightwell.samples("cornell", tmp_path / "s.npz", samples=64, paths=2)

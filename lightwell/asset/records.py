@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
+from lightwell.core.color import srgb_bytes
+from lightwell.core.notebook import card, png_uri
 from lightwell.graph.pictures import Fallback as Fallback
 from lightwell.graph.pictures import Picture as Picture
 
@@ -15,6 +19,30 @@ if TYPE_CHECKING:
 EXTENSION = "LIGHTWELL_neural_radiance"
 # Version of the extension's JSON (format/FORMAT.md).
 VERSION = 1
+
+
+# Notebooks show the largest buffers of a field as pictures, so many pixels a side at most.
+SHOWN_BUFFERS, BUFFER_SIDE = 3, 192
+
+
+def buffer_picture(values: np.ndarray) -> np.ndarray:
+    """Draw stored numbers: an image of light as it is, anything else as grey values around 0.
+
+    Args:
+        values: [...] numbers; [H, W, 3] is an image.
+
+    Returns:
+        [h, w, 3] uint8, ``BUFFER_SIDE`` pixels a side at most; what does not fit is left out.
+    """
+    scale = max(float(np.abs(values).max(initial=0)), 1e-30)
+    if values.ndim == 3 and values.shape[-1] == 3:
+        step = -(-max(values.shape[:2]) // BUFFER_SIDE)
+        return srgb_bytes(values[::step, ::step] / scale)
+    side = min(int(np.ceil(np.sqrt(values.size))), BUFFER_SIDE)
+    grey = np.zeros(side * side)
+    numbers = values.ravel()[: side * side]
+    grey[: numbers.size] = numbers / scale
+    return np.repeat(np.rint(127.5 + 127.5 * grey).astype(np.uint8).reshape(side, side, 1), 3, axis=2)
 
 
 @dataclass(frozen=True)
@@ -31,3 +59,23 @@ class FieldEntry:
     """Index of the variable that an indirect field depends on; None for a static one."""
     pictures: Mapping[str, Picture] = field(default_factory=dict)
     """Buffers, uint8 [H, W, 3] with the scale 1/255, that are stored as the red, green and blue of a picture."""
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Describe the field for tables.
+
+        Returns:
+            Name and text of each row.
+        """
+        graph = self.graph
+        return [
+            ("field", f"{self.name} ({self.role})"),
+            ("inputs", ", ".join(f"{name} [{width}]" for name, width in graph.inputs.items())),
+            ("size", f"{graph.nbytes / 1000:.0f} kB in {len(graph.buffers)} buffers"),
+            ("cost per pixel", f"{graph.macs:,} MAC, {graph.fetches:,} table reads"),
+        ]
+
+    def _repr_html_(self) -> str:
+        """The field's tables and weights as pictures, its inputs, size and cost, for notebooks."""
+        largest = sorted(self.graph.buffers.items(), key=lambda item: -item[1].nbytes)[:SHOWN_BUFFERS]
+        pictures = {name: png_uri(buffer_picture(buffer.values())) for name, buffer in largest}
+        return card(f"{self.name} ({self.role})", self.rows()[1:], pictures=pictures)

@@ -9,7 +9,7 @@ from typing import Any
 
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.pipeline import loaded, write_asset, write_report_and_page
+from lightwell.baking.pipeline import PAGE, loaded, write_asset, write_report_and_page
 from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.score import reference_budget, score, variable_json
@@ -24,6 +24,7 @@ from lightwell.fields.protocol import Field, Fit, Job, Role, State
 from lightwell.fields.registry import field_names, find_field
 from lightwell.fields.request import Request
 from lightwell.report.compare_html import ComparedField, write_comparison
+from lightwell.report.records import PageLink
 
 ROLE: Role = "indirect"
 
@@ -179,7 +180,8 @@ class _Comparison:
         out.mkdir(exist_ok=True)
         stage = reference.stage
         size = write_asset(out, state, [shipped], stage.intensity, stage.color, stage.views[0][1])
-        data = replace(data, asset_bytes=size)
+        links = (PAGE, PageLink("../compare.html", "all fields compared"))
+        data = replace(data, asset_bytes=size, links=links)
         numbers = write_report_and_page(out, state, data, reference, self.notes)
         return ComparedField(choice.name, choice.folder, data, numbers, fit.training.steps, fit.training.cut)
 

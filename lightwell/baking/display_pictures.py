@@ -1,8 +1,12 @@
-"""Path-traced pictures that the page shows beside the learned light. They are larger than the scored views and
-denoised; no figure is computed from them.
+"""Path-traced pictures for display: those of the page, and the scored views, enlarged and denoised.
+
+No figure is computed from them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +14,19 @@ from lightwell.baking.reference_budget import PICTURE_SCALE
 from lightwell.core.denoise import denoise, missing
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.camera import guide_images, total_image
+from lightwell.transport import Query, SurfacePoints
+from lightwell.transport.camera import gbuffer, guide_images, total_image
+from lightwell.transport.queries import make_query
+
+if TYPE_CHECKING:
+    from lightwell.baking.reference import ViewReference
+
+# Added to reflectance before radiance is divided by it, so that black materials stay finite.
+LEAST_REFLECTANCE = 0.05
+# Neighbours whose normal differs count by this power of the cosine.
+NORMAL_POWER = 8
+# Share of its weight that a neighbour on another surface keeps, for pixels that have no other.
+OTHER_SURFACE = 1e-4
 
 
 def reference_picture(
@@ -47,3 +63,102 @@ def reference_picture(
     options = {"intensity": intensity, "color": color, "with_static": with_static}
     picture = total_image(scene, camera, light, variable, width, height, spp, seed, **options)
     return picture if missing() else denoise(picture, *guide_images(scene, camera, width, height))
+
+
+@dataclass(frozen=True)
+class DisplayView:
+    """A scored view for display, ``PICTURE_SCALE`` times as large: N points at its pixel centres."""
+
+    points: SurfacePoints
+    seen: np.ndarray
+    """[N] pixels of the points, row-major; the other pixels show no surface."""
+    reference: np.ndarray
+    """[H, W, 3] radiance of the reference, denoised where a denoiser is installed."""
+    shape: np.ndarray
+    """[h, w] index of the mesh at each pixel of the scored view; -1 where there is no surface."""
+    position: np.ndarray
+    """[h, w, 3] metres."""
+
+    def picture(self, values: np.ndarray) -> np.ndarray:
+        """Arrange values at the points as a picture.
+
+        Args:
+            values: [N, 3] values.
+
+        Returns:
+            [H, W, 3], 0 where there is no surface.
+        """
+        full = np.zeros_like(self.reference).reshape(-1, 3)
+        full[self.seen] = values
+        return full.reshape(self.reference.shape)
+
+
+def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[int, int]) -> DisplayView:
+    """Denoise the reference of a scored view, and enlarge it along the edges of surfaces.
+
+    The light of a pixel, without its reflectance, is interpolated between the pixels of the scored view that lie on the
+    same surface, and multiplied by the reflectance of the pixel.
+
+    Args:
+        scene: Scene to look at.
+        camera: Camera of the view.
+        view: The traced view.
+        size: Width and height of the scored view, pixels.
+
+    Returns:
+        The view for display.
+
+    Reference: Kopf, Cohen, Lischinski, Uyttendaele, *Joint Bilateral Upsampling*, SIGGRAPH 2007.
+    """
+    large = (PICTURE_SCALE * size[0], PICTURE_SCALE * size[1])
+    points, mask, _ = gbuffer(scene, camera, *large)
+    seen = np.flatnonzero(mask)
+    points = points[seen]
+    low, high = (make_query(scene, at, np.zeros(3, np.float32)) for at in (view.points, points))
+    image = _Image(view.seen, (size[1], size[0]))
+    noisy = image(np.nan_to_num(0.5 * (view.half_a + view.half_b)))
+    albedo, normal = image(np.clip(low.reflectance, 0, 1)), image(low.normal)
+    clean = noisy if missing() else denoise(noisy, albedo, normal)
+    light = clean / (image(low.reflectance) + LEAST_REFLECTANCE)
+    reference = np.zeros((large[1] * large[0], 3), np.float32)
+    # The width of a pixel of the scored view over its distance.
+    pixel = 2 * np.tan(np.radians(camera.fov_y) / 2) / size[1]
+    span = pixel * np.linalg.norm(high.position - np.asarray(camera.position), axis=-1)
+    between = _upsampled(light, image, low, high, seen, span)
+    reference[seen] = between * (high.reflectance + LEAST_REFLECTANCE)
+    shape = image(view.points.shape[:, None] + 1).astype(np.int32)[..., 0] - 1
+    return DisplayView(points, seen, reference.reshape(large[1], large[0], 3), shape, image(low.position))
+
+
+class _Image:
+    """Places values at the seen pixels of a picture [h, w, C]; 0 elsewhere."""
+
+    def __init__(self, seen: np.ndarray, shape: tuple[int, int]) -> None:
+        self.seen, self.shape = seen, shape
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        full = np.zeros((self.shape[0] * self.shape[1], values.shape[-1]), np.float32)
+        full[self.seen] = values
+        return full.reshape(*self.shape, -1)
+
+
+def _upsampled(
+    light: np.ndarray, image: _Image, low: Query, high: Query, seen: np.ndarray, span: np.ndarray
+) -> np.ndarray:
+    """Interpolate [h, w, 3] at N points of the enlarged picture, between the four pixels around each, by surface."""
+    height, width = image.shape
+    position, normal, on = image(low.position), image(low.normal), image(np.ones((len(image.seen), 1)))
+    y = (seen // (PICTURE_SCALE * width) + 0.5) / PICTURE_SCALE - 0.5
+    x = (seen % (PICTURE_SCALE * width) + 0.5) / PICTURE_SCALE - 0.5
+    total, weights = np.zeros((len(seen), 3)), np.zeros((len(seen), 1))
+    for down in (0, 1):
+        for right in (0, 1):
+            row, column = np.floor(y).astype(int) + down, np.floor(x).astype(int) + right
+            near = (1 - np.abs(y - row)) * (1 - np.abs(x - column))
+            at = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
+            apart = ((position[at] - high.position) * high.normal).sum(axis=-1) / span
+            facing = np.clip((normal[at] * high.normal).sum(axis=-1), 0, 1) ** NORMAL_POWER
+            weight = (near * (facing * np.exp(-(apart**2)) + OTHER_SURFACE) * on[at][:, 0])[:, None]
+            total += weight * light[at]
+            weights += weight
+    return total / np.maximum(weights, 1e-12)

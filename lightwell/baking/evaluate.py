@@ -11,7 +11,7 @@ import numpy as np
 from lightwell.baking.reference_budget import EVALUATION_SEED
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
-from lightwell.report.records import PointComparison, ViewComparison
+from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
 from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, declare
@@ -19,6 +19,7 @@ from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
 
 if TYPE_CHECKING:
+    from lightwell.baking.display_pictures import DisplayView
     from lightwell.baking.reference import PointReference, SweepReference, ViewReference
 
 # Index of the region of a pixel that shows no surface.
@@ -138,6 +139,8 @@ def compare_view(
     name: str,
     caption: str,
     intensity: float,
+    objects: Sequence[str] = (),
+    display: DisplayView | None = None,
 ) -> ViewComparison:
     """Compare the learned light of all roles with the reference in one view, for a light of 1 cd (1 lx).
 
@@ -148,6 +151,8 @@ def compare_view(
         name: Name of the view.
         caption: Caption of the view.
         intensity: Intensity of the light on the page, cd or lx, > 0.
+        objects: Names of the meshes of the scene.
+        display: The view for display; None: the scored one is shown.
 
     Returns:
         The comparison.
@@ -159,7 +164,12 @@ def compare_view(
     images[:, reference.seen] = total, np.nan_to_num(reference.half_a), np.nan_to_num(reference.half_b)
     prediction, a, b = images.reshape(3, height, width, 3)
     regions, blend = _regions(queries[0], reference.seen, fields[0].baked, size)
-    return ViewComparison(name, prediction, a, b, regions, blend, caption)
+    if display is None:
+        return ViewComparison(name, prediction, a, b, regions, blend, caption)
+    shown = sum(role_scale(s.role, intensity) * s.at(display.points, reference.light) for s in fields)
+    picture = ViewPicture(display.picture(shown), display.reference)
+    surfaces = ViewSurfaces(display.shape, display.position, objects)
+    return ViewComparison(name, prediction, a, b, regions, blend, caption, picture, surfaces)
 
 
 def role_scale(role: str, intensity: float) -> float:

@@ -31,13 +31,16 @@ from lightwell.fields.registry import check_preset, field_of, find_field
 from lightwell.fields.request import Request
 from lightwell.files import write_atomically
 from lightwell.report.html import write_report
-from lightwell.report.records import ReportData
+from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
+
+# The page of every bake.
+PAGE = PageLink("index.html", "open the scene")
 
 
 @holds_output("bake", lambda settings: BAKE_FILES)
@@ -127,8 +130,10 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         traced = seconds.get("trace", 0.0)
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     with job.work.timed("write"):
-        report = write_report_and_page(settings.out, state, replace(data, asset_bytes=size), reference, notes)
-        _write_files(settings, job.progress, shipped, shown)
+        pages = _write_files(settings, job.progress, shipped, shown)
+        links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
+        data = replace(data, asset_bytes=size, links=links)
+        report = write_report_and_page(settings.out, state, data, reference, notes)
     job.progress.say(_verdict(report, settings.out))
     return report
 
@@ -225,14 +230,17 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     return told
 
 
-def _write_files(settings: Reported, progress: Progress, shipped: Sequence[Shipped], shown: Shown) -> None:
-    """Write the files of a field beside the asset."""
+def _write_files(settings: Reported, progress: Progress, shipped: Sequence[Shipped], shown: Shown) -> list[str]:
+    """Write the files of a field beside the asset; the names of those that are pages."""
+    pages = []
     for s in shipped:
         files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, settings.keep)
         for file in files:
             file.write(settings.out / file.name)
+            pages += [file.name] if file.media_type == "text/html" else []
         if s.fit.note:
             progress.say(f"{s.role}: {s.fit.note}")
+    return pages
 
 
 def _title(scene: Scene) -> str:

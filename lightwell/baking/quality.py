@@ -14,8 +14,9 @@ import numpy as np
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference import PointReference, Reference, ViewReference, trace_points, trace_view
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
-from lightwell.report import metrics
-from lightwell.report.metrics import Mottle
+from lightwell.report import metrics, picture_metrics
+from lightwell.report.mottle import BRIGHT_PERCENTILE, LIT_SHARE, NOTHING, Mottle, mottle
+from lightwell.report.picture_metrics import NoiseFreePsnr
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
@@ -72,13 +73,14 @@ class Quality:
     """Figures of one field on one scene; None where the scene has nothing to measure."""
 
     psnr_db: float | None
-    """PSNR of the indirect light in display values, corrected for the noise of the reference; mean over views."""
+    """PSNR of the indirect light in display values, corrected for the noise of the reference; mean over views. A lower
+    bound where ``bounds`` has it."""
     flip: float | None
     """FLIP of whole pictures, direct light included, against the reference."""
     flip_direct: float | None
     """... of direct light alone, the value of a picture without learned light."""
     mottle: float | None
-    """Mottle on lit patches where the reference is smooth."""
+    """Mottle on lit patches where the reference is smooth; None also where the noise of the reference hides it."""
     mottle_lit: float | None
     """... on all lit patches."""
     leak: float
@@ -87,6 +89,8 @@ class Quality:
     """Relative error of the reference itself."""
     per_view: Sequence[float | None]
     """PSNR of each view."""
+    bounds: dict[str, float]
+    """Figures that the noise of the reference hides: the largest mottle and the least PSNR that are possible."""
 
     def json(self) -> dict:
         """Convert the figures to JSON values.
@@ -229,9 +233,9 @@ def _first_of_patches(number: int) -> np.ndarray:
 
 
 def _spread_of_lit(value: np.ndarray, count: int) -> np.ndarray:
-    """Indices of patches, the lit ones first (mean above the shares of ``metrics.mottle``), in their random order."""
-    bright = np.percentile(value, metrics.BRIGHT_PERCENTILE)
-    return np.sort(np.argsort(value <= metrics.LIT_SHARE * bright, kind="stable")[:count])
+    """Indices of patches, the lit ones first (mean above the share of ``mottle``), in their random order."""
+    bright = np.percentile(value, BRIGHT_PERCENTILE)
+    return np.sort(np.argsort(value <= LIT_SHARE * bright, kind="stable")[:count])
 
 
 # ---------------------------------------------------------------------- scores
@@ -251,13 +255,15 @@ def score_quality(
         The figures.
     """
     shown = shown or (lambda view: learned(view.points, view.light))
-    per_view, flips, bare = [], [], []
-    for picture in truth.pictures:
-        psnr, whole, alone = score_picture(picture, shown(picture.view))
-        per_view.append(psnr)
-        flips.append(whole)
-        bare.append(alone)
+    pictures = [score_picture(picture, shown(picture.view)) for picture in truth.pictures]
+    psnr, flips, bare = (list(column) for column in zip(*pictures)) if pictures else ([], [], [])
+    per_view = [None if found is None else found.db for found in psnr]
     blotches = _mottle(truth.patches, learned)
+    bounds = {}
+    if blotches.smooth.value is None and blotches.smooth.at_most is not None:
+        bounds["mottle"] = blotches.smooth.at_most
+    if any(found.is_lower_bound for found in psnr if found):
+        bounds["psnr_db"] = _mean(per_view)
     points = truth.points
     f, y = learned(points.points, points.light), 0.5 * (points.half_a + points.half_b)
     unit = metrics.unit(y, points.weight)
@@ -265,16 +271,17 @@ def score_quality(
         psnr_db=_mean(per_view),
         flip=_mean(flips),
         flip_direct=_mean(bare),
-        mottle=blotches.smooth,
-        mottle_lit=blotches.lit,
+        mottle=blotches.smooth.value,
+        mottle_lit=blotches.lit.value,
         leak=metrics.leak(f, points.half_a, points.half_b, points.weight),
         relative_error=metrics.relative_error(f / unit, y / unit, points.weight).mean,
         noise_floor=metrics.noise_floor(points.half_a / unit, points.half_b / unit, points.weight).mean,
         per_view=per_view,
+        bounds=bounds,
     )
 
 
-def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[float | None, float | None, float | None]:
+def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePsnr | None, float | None, float | None]:
     """Compute figures of one view, exposed by the reference.
 
     Args:
@@ -283,20 +290,19 @@ def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[float | Non
 
     Returns:
         PSNR of the indirect light, FLIP of the whole picture and FLIP of direct light alone; None where the reference
-        is
-        black.
+        is black.
     """
     view = picture.view
     y = 0.5 * (view.half_a + view.half_b)
-    of_indirect, of_whole = metrics.exposure_unit(y) if len(y) else None, None
+    of_indirect, of_whole = picture_metrics.exposure_unit(y) if len(y) else None, None
     if of_indirect is None:
         return None, None, None
     image = lambda x: place(picture, x)  # noqa: E731
-    psnr = metrics.psnr_noise_free_db(*(image(x / of_indirect) for x in (f, view.half_a, view.half_b)))
-    of_whole = metrics.exposure_unit(picture.direct + y)
+    psnr = picture_metrics.psnr_noise_free(*(image(x / of_indirect) for x in (f, view.half_a, view.half_b)))
+    of_whole = picture_metrics.exposure_unit(picture.direct + y)
     reference = image((picture.direct + y) / of_whole)
-    whole, alone = (metrics.flip(image((picture.direct + x) / of_whole), reference) for x in (f, np.zeros_like(f)))
-    return psnr, whole, alone
+    learned, bare = (image((picture.direct + x) / of_whole) for x in (f, np.zeros_like(f)))
+    return psnr, picture_metrics.flip(learned, reference), picture_metrics.flip(bare, reference)
 
 
 def place(picture: PictureReference, values: np.ndarray) -> np.ndarray:
@@ -317,11 +323,11 @@ def place(picture: PictureReference, values: np.ndarray) -> np.ndarray:
 
 def _mottle(patches: PatchReference | None, learned: Learned) -> Mottle:
     if patches is None:
-        return Mottle(None, None, 0)
+        return Mottle(NOTHING, NOTHING, 0)
     f, a, b = (
         x.reshape(-1, POINTS, 3) for x in (learned(patches.points, patches.light), patches.half_a, patches.half_b)
     )
-    return metrics.mottle(f, a, b)
+    return mottle(f, a, b)
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from lightwell.asset.page import PageView
-from lightwell.baking.display_pictures import reference_picture
+from lightwell.baking.display_pictures import DisplayView, display_view, reference_picture
 from lightwell.baking.evaluate import lit_views, role_scale, view_name
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
@@ -99,6 +99,8 @@ class Reference:
     """None: no light varies, or it could not be traced."""
     pictures: list[PageView]
     """Complete path-traced pictures, for the page."""
+    display: list[DisplayView | None]
+    """The views for display, one for each view; None where it could not be made."""
 
 
 def trace_reference(
@@ -159,15 +161,42 @@ def trace_reference(
             make = partial(kept, "view", ViewReference, trace, view=k, of=settings.views, size=list(size))
             views.append(notes.attempt(f"the score of {view_name(camera, k)}", make, None))
             bar.advance()
-        pictures = []
-        for k, (camera, light) in enumerate(stage.views):
-            options = {"intensity": stage.intensity, "color": stage.color, "with_static": "static" in roles}
-            make = partial(reference_picture, scene, camera, light, variable, size, budget.picture_spp, k, **options)
-            picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
-            if picture is not None and np.isfinite(picture).all():
-                pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
+        pictures = _page_views(scene, variable, stage, size, budget.picture_spp, "static" in roles, notes)
+        display = _display_views(scene, stage, views, size, notes)
         bar.advance()
-    return Reference(stage, points, views, sweep, pictures)
+    return Reference(stage, points, views, sweep, pictures, display)
+
+
+def _page_views(
+    scene: Scene,
+    variable: Variable | None,
+    stage: ViewSetup,
+    size: tuple[int, int],
+    spp: int,
+    with_static: bool,
+    notes: LateNotes,
+) -> list[PageView]:
+    """Complete pictures of the views, for the page; those that fail are left out."""
+    pictures = []
+    for k, (camera, light) in enumerate(stage.views):
+        options = {"intensity": stage.intensity, "color": stage.color, "with_static": with_static}
+        make = partial(reference_picture, scene, camera, light, variable, size, spp, k, **options)
+        picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
+        if picture is not None and np.isfinite(picture).all():
+            pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
+    return pictures
+
+
+def _display_views(
+    scene: Scene, stage: ViewSetup, views: Sequence[ViewReference | None], size: tuple[int, int], notes: LateNotes
+) -> list[DisplayView | None]:
+    """The scored views, enlarged and denoised; None for those that fail."""
+    found: list[DisplayView | None] = []
+    for k, ((camera, _), view) in enumerate(zip(stage.views, views)):
+        make = partial(display_view, scene, camera, view, size)
+        what = f"the enlarged picture of {view_name(camera, k)}"
+        found.append(None if view is None else notes.attempt(what, make, None))
+    return found
 
 
 def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> ViewSetup:

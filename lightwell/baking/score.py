@@ -22,7 +22,7 @@ from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.core.denoise import missing
 from lightwell.doctor import versions
 from lightwell.fields.protocol import Fit, State
-from lightwell.report.records import ReportData
+from lightwell.report.records import ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
@@ -73,7 +73,7 @@ def score(
     Returns:
         The content of a report, without the size of the asset.
     """
-    scene, stage = state.scene, reference.stage
+    scene = state.scene
     # The headline field: that of the variable light, or the only one.
     first = next((s for s in shipped if s.role == "indirect"), shipped[0])
     ordered = [first, *(s for s in shipped if s is not first)]
@@ -83,13 +83,7 @@ def score(
         for s in ordered
         if s.role in reference.points
     }
-    views = []
-    for k, ((camera, light), view) in enumerate(zip(stage.views, reference.views)):
-        name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light)
-        if view is not None:
-            views.append(evaluate.compare_view(view, ordered, settings.view_size, name, caption, stage.intensity))
-            if not views[-1].reference.any():
-                notes.add(f"{name} shows no indirect light: its figures say little")
+    views = _compare_views(state, reference, ordered, settings.view_size, names, notes)
     sweep = [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first)
     for s in ordered[1:]:
         if s.role in points:
@@ -120,6 +114,26 @@ def score(
     )
 
 
+def _compare_views(
+    state: State,
+    reference: Reference,
+    ordered: Sequence[Shipped],
+    size: tuple[int, int],
+    names: Sequence[str],
+    notes: LateNotes,
+) -> list[ViewComparison]:
+    """The views that were traced, each beside the learned light of all roles."""
+    views, stage = [], reference.stage
+    for k, ((camera, light), view, display) in enumerate(zip(stage.views, reference.views, reference.display)):
+        if view is None:
+            continue
+        name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light)
+        views.append(evaluate.compare_view(view, ordered, size, name, caption, stage.intensity, names, display))
+        if not views[-1].reference.any():
+            notes.add(f"{name} shows no indirect light: its figures say little")
+    return views
+
+
 def _judge(
     state: State,
     settings: Reported,
@@ -142,7 +156,8 @@ def _judge(
     if figures is None:
         return None, None
     names = [evaluate.view_name(c, k) for k, ((c, _), v) in enumerate(zip(reference.stage.views, reference.views)) if v]
-    return figures.json(), verdict(figures.json(), names, figures.per_view, cure="a longer --budget")
+    told = figures.json()
+    return told, verdict(told, names, figures.per_view, cure="a longer --budget", bounds=figures.bounds)
 
 
 def facts_of(shipped: Sequence[Shipped]) -> dict[str, Any]:

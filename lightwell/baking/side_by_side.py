@@ -64,6 +64,22 @@ def table(rows: list[dict[str, Any]]) -> str:
     return aligned(rows, COLUMNS)
 
 
+def cells(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, str]]) -> list[list[str]]:
+    """Format the cells of a table.
+
+    Args:
+        rows: Values by key; None is written as a dash.
+        columns: (key, heading, format) of each column.
+
+    Returns:
+        The headings, then the texts of each row.
+    """
+    found = [[heading for _, heading, _ in columns]]
+    for row in rows:
+        found.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in columns])
+    return found
+
+
 def aligned(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, str]]) -> str:
     """Format a table as text.
 
@@ -74,8 +90,6 @@ def aligned(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, st
     Returns:
         Aligned lines.
     """
-    cells = [[heading for _, heading, _ in columns]]
-    for row in rows:
-        cells.append(["–" if row[key] is None else form.format(row[key]) for key, _, form in columns])
-    widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
-    return "\n".join("  ".join(text.rjust(width) for text, width in zip(line, widths)) for line in cells)
+    lines = cells(rows, columns)
+    widths = [max(len(line[k]) for line in lines) for k in range(len(columns))]
+    return "\n".join("  ".join(text.rjust(width) for text, width in zip(line, widths)) for line in lines)

@@ -5,19 +5,36 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from time import perf_counter
+from typing import Any, Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 from rich.text import Text
 
 LOG = logging.getLogger("lightwell")
 
+# A bar in a notebook is drawn anew after so long.
+REDRAW_SECONDS = 0.2
+
+
+class Bars(Protocol):
+    """A display of progress bars, as ``rich.progress.Progress`` is one."""
+
+    def update(self, task: TaskID, **changes: Any) -> None:
+        """Change a bar.
+
+        Args:
+            task: Identifier of the bar.
+            **changes: ``advance`` or ``completed`` in steps, and ``note``.
+        """
+
 
 class ProgressStage:
     """One progress bar with a note behind it."""
 
-    def __init__(self, bars: RichProgress | None, task: int) -> None:
+    def __init__(self, bars: Bars | None, task: TaskID) -> None:
         """Wrap a bar.
 
         Args:
@@ -25,6 +42,44 @@ class ProgressStage:
             task: Identifier of the bar in the display.
         """
         self._bars, self._task = bars, task
+
+
+class NotebookBar:
+    """A progress bar in the output of a notebook cell; it needs no widgets."""
+
+    def __init__(self, title: str, total: float, note: str = "") -> None:
+        """Show an empty bar.
+
+        Args:
+            title: Name of the stage.
+            total: Number of its steps.
+            note: Text behind the bar.
+        """
+        from IPython.display import HTML, display
+
+        self._html, self._begin, self._shown = HTML, perf_counter(), 0.0
+        self._values = {"title": title, "total": total, "done": 0.0, "note": note, "seconds": 0.0}
+        self._handle = display(self._page(), display_id=True)
+
+    def _page(self) -> Any:
+        from lightwell.core.notebook import TEMPLATES
+
+        return self._html(TEMPLATES.render("bar.html", **self._values))
+
+    def update(self, task: TaskID, **changes: Any) -> None:
+        """Move the bar; it is drawn anew a few times a second.
+
+        Args:
+            task: Not used: there is one bar.
+            **changes: ``advance`` or ``completed`` in steps, and ``note``.
+        """
+        done = changes.get("completed", self._values["done"] + changes.get("advance", 0))
+        self._values |= {"done": done, "note": changes.get("note", self._values["note"])}
+        now = perf_counter()
+        if now - self._shown >= REDRAW_SECONDS or done >= self._values["total"]:
+            self._shown = now
+            self._values["seconds"] = now - self._begin
+            self._handle.update(self._page())
 
     def advance(self, steps: float = 1, note: str | None = None) -> None:
         """Move the bar forward.
@@ -75,7 +130,10 @@ class Progress:
         """
         LOG.info("%s: %g steps %s", title, total, note)
         if self.quiet:
-            yield ProgressStage(None, 0)
+            yield ProgressStage(None, TaskID(0))
+            return
+        if self._console.is_jupyter:
+            yield ProgressStage(NotebookBar(title, total, note), TaskID(0))
             return
         columns = (
             TextColumn("[bold]{task.description:<22}"),

@@ -1,7 +1,7 @@
 """Line and bar charts as inline SVG; the page's style sheet defines their colours, light and dark.
 
-Every text is escaped. Class names: ``grid``, ``line line-0``, ``line-1`` …, ``tone-0`` … where a series names its own,
-``bar``, ``mark``, ``label``.
+Class names: ``grid``, ``line line-0``, ``line-1`` …, ``tone-0`` … where a series names its own, ``bar``, ``mark``,
+``label``.
 """
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
+
+from markupsafe import Markup
+
+from lightwell.report.pages import TEMPLATES
 
 # Size and margins of a line chart, user units (CSS pixels at full size).
 WIDTH, HEIGHT = 560, 280
@@ -32,17 +35,6 @@ class ChartSeries:
     dashed: bool = False
     tone: str = ""
     """CSS class of its colour, such as ``tone-3`` or ``floor``; empty: by its position in the chart."""
-
-    def style(self, index: int) -> str:
-        """Return the CSS classes of the line and its legend key.
-
-        Args:
-            index: Position of the series in the chart, from 0.
-
-        Returns:
-            Class names, separated by spaces.
-        """
-        return (self.tone or f"line-{index}") + (" dashed" if self.dashed else "")
 
 
 @dataclass(frozen=True)
@@ -72,13 +64,50 @@ class ChartScale:
             value: Value on the axis; > 0 on a logarithmic one.
 
         Returns:
-            Position in user units.
+            Position in user units, to a tenth.
         """
         low, high, value = (math.log10(v) if self.log else v for v in (self.low, self.high, value))
-        return self.start + (value - low) / (high - low) * (self.end - self.start)
+        return round(self.start + (value - low) / (high - low) * (self.end - self.start), 1)
 
 
-def line_chart(series: Sequence[ChartSeries], x: ChartAxis, y: ChartAxis, title: str) -> str:
+def draw(x: ChartAxis, y: ChartAxis, x_scale: ChartScale, y_scale: ChartScale, title: str, **content: object) -> Markup:
+    """Draw the axes of a chart and what it shows.
+
+    Args:
+        x: Horizontal axis.
+        y: Vertical axis.
+        x_scale: Scale of the horizontal axis.
+        y_scale: Scale of the vertical axis.
+        title: Title for screen readers.
+        **content: What ``templates/chart.html`` draws: lines, dots, front, floor.
+
+    Returns:
+        SVG.
+    """
+    marks = [
+        [{"at": scale(value), "label": axis.format(value)} for value in ticks(scale.low, scale.high, axis.log)]
+        for axis, scale in ((x, x_scale), (y, y_scale))
+    ]
+    chart = {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "left": LEFT,
+        "right": WIDTH - RIGHT,
+        "bottom": HEIGHT - BOTTOM,
+        "title": title,
+        "x_label": x.label,
+        "y_label": y.label,
+        "x_ticks": marks[0],
+        "y_ticks": marks[1],
+        "lines": [],
+        "dots": [],
+        "front": "",
+        "floor": None,
+    }
+    return TEMPLATES.render("chart.html", chart=chart | content)
+
+
+def line_chart(series: Sequence[ChartSeries], x: ChartAxis, y: ChartAxis, title: str) -> Markup:
     """Draw one or more lines over shared axes; values ≤ 0 are omitted on a logarithmic axis.
 
     Args:
@@ -94,15 +123,20 @@ def line_chart(series: Sequence[ChartSeries], x: ChartAxis, y: ChartAxis, title:
     xs = [v for s in series for v in s.x]
     ys = [v for s in series for v in s.y]
     if not xs:
-        return ""
+        return Markup()
     x_scale = ChartScale(*ends(xs, x.log, tight=True), LEFT, WIDTH - RIGHT, x.log)
     y_scale = ChartScale(*ends(ys, y.log), HEIGHT - BOTTOM, TOP, y.log)
-    parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
-    parts += [_line(s, i, x_scale, y_scale) for i, s in enumerate(series)]
-    return svg(WIDTH, HEIGHT, title, parts) + _legend(series)
+    lines = []
+    for k, s in enumerate(series):
+        # A single point is written twice: a line of length zero with round ends is displayed as a dot.
+        places = list(zip(s.x, s.y)) * (2 if len(s.x) == 1 else 1)
+        style = (s.tone or f"line-{k}") + (" dashed" if s.dashed else "")
+        points = " ".join(f"{x_scale(a)},{y_scale(b)}" for a, b in places)
+        lines.append({"name": s.name, "style": style, "points": points})
+    return draw(x, y, x_scale, y_scale, title, lines=lines)
 
 
-def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float], str], title: str) -> str:
+def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float], str], title: str) -> Markup:
     """Draw horizontal bars, each with a thin mark.
 
     Args:
@@ -114,21 +148,20 @@ def bar_chart(rows: Sequence[tuple[str, float, float]], format: Callable[[float]
         SVG; empty when there are no bars.
     """
     if not rows:
-        return ""
+        return Markup()
     scale = ChartScale(0, max(max(v, m) for _, v, m in rows) or 1, NAMES, WIDTH - VALUES, False)
-    parts = []
-    for i, (name, value, mark) in enumerate(rows):
-        middle = i * ROW + ROW / 2
-        short = name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
-        top, length = middle - THICKNESS / 2, max(scale(value) - NAMES, 0.5)
-        parts += [
-            f'<text class="name" x="{NAMES - 10}" y="{middle + 4:.1f}" text-anchor="end">{escape(short)}</text>',
-            f'<rect class="bar" x="{NAMES}" y="{top:.1f}" width="{length:.1f}" height="{THICKNESS}" rx="2"/>',
-            f'<path class="mark" d="M{scale(mark):.1f} {top - 3:.1f}v{THICKNESS + 6}"/>',
-            f'<text class="label" x="{max(scale(value), scale(mark)) + 8:.1f}" y="{middle + 4:.1f}">'
-            f"{escape(format(value))}</text>",
-        ]
-    return svg(WIDTH, len(rows) * ROW, title, parts)
+    bars = [
+        {
+            "name": name,
+            "length": max(scale(value) - NAMES, 0.5),
+            "mark": scale(mark),
+            "end": max(scale(value), scale(mark)) + 8,
+            "label": format(value),
+        }
+        for name, value, mark in rows
+    ]
+    sizes = {"width": WIDTH, "row": ROW, "thickness": THICKNESS, "names": NAMES, "longest": MAX_NAME}
+    return TEMPLATES.render("bars.html", bars=bars, title=title, **sizes)
 
 
 def _drawable(series: ChartSeries, log_x: bool, log_y: bool) -> ChartSeries:
@@ -179,77 +212,3 @@ def ticks(low: float, high: float, log: bool) -> list[float]:
 def _round_step(step: float) -> float:
     base = 10.0 ** math.floor(math.log10(step))
     return next(m * base for m in (1, 2, 5, 10) if m * base >= step * (1 - 1e-9))
-
-
-def horizontal_axis(axis: ChartAxis, scale: ChartScale) -> str:
-    """Draw line, ticks and label below a chart.
-
-    Args:
-        axis: Label and format.
-        scale: Scale of the axis.
-
-    Returns:
-        SVG elements.
-    """
-    bottom = HEIGHT - BOTTOM
-    parts = [f'<path class="axis" d="M{LEFT} {bottom}H{WIDTH - RIGHT}"/>']
-    for value in ticks(scale.low, scale.high, axis.log):
-        label = escape(axis.format(value))
-        parts.append(f'<text class="tick" x="{scale(value):.1f}" y="{bottom + 18}" text-anchor="middle">{label}</text>')
-    right = WIDTH - RIGHT
-    parts.append(f'<text class="title" x="{right}" y="{HEIGHT - 8}" text-anchor="end">{escape(axis.label)}</text>')
-    return "".join(parts)
-
-
-def vertical_axis(axis: ChartAxis, scale: ChartScale) -> str:
-    """Draw grid lines, ticks and label of the vertical axis.
-
-    Args:
-        axis: Label and format.
-        scale: Scale of the axis.
-
-    Returns:
-        SVG elements.
-    """
-    parts = []
-    for value in ticks(scale.low, scale.high, axis.log):
-        at = scale(value)
-        parts.append(f'<path class="grid" d="M{LEFT} {at:.1f}H{WIDTH - RIGHT}"/>')
-        parts.append(
-            f'<text class="tick" x="{LEFT - 8}" y="{at + 4:.1f}" text-anchor="end">{escape(axis.format(value))}</text>'
-        )
-    parts.append(f'<text class="title" x="0" y="12">{escape(axis.label)}</text>')
-    return "".join(parts)
-
-
-def _line(series: ChartSeries, index: int, x: ChartScale, y: ChartScale) -> str:
-    # A single point is written twice: a line of length zero with round ends is displayed as a dot.
-    places = list(zip(series.x, series.y)) * (2 if len(series.x) == 1 else 1)
-    points = " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in places)
-    return f'<polyline class="line {series.style(index)}" points="{points}"/>'
-
-
-def _legend(series: Sequence[ChartSeries]) -> str:
-    if len(series) < 2:
-        return ""
-    keys = "".join(
-        f'<span><i class="key {s.style(i).replace("line-", "key-")}"></i>{escape(s.name)}</span>'
-        for i, s in enumerate(series)
-    )
-    return f'<p class="keys">{keys}</p>'
-
-
-def svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
-    """Wrap SVG elements.
-
-    Args:
-        width: Width, user units.
-        height: Height, user units.
-        title: Title for screen readers.
-        parts: SVG elements.
-
-    Returns:
-        The ``svg`` element.
-    """
-    body = "".join(parts)
-    return f'<svg viewBox="0 0 {width} {height}" role="img"><title>{escape(title)}</title>{body}</svg>'

@@ -13,12 +13,14 @@ Supported forms, by the type of a value:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
+from markupsafe import Markup
+
 from lightwell.report import charts
-from lightwell.report.numbers import brief, digits
+from lightwell.report.numbers import brief, plain
 
 # Names whose list is the horizontal axis of the other curves in its dictionary.
 ABSCISSAE = ("step", "steps", "seconds", "epoch", "epochs", "round", "rounds")
@@ -26,28 +28,32 @@ ABSCISSAE = ("step", "steps", "seconds", "epoch", "epochs", "round", "rounds")
 TONES, MOST = 12, 24
 
 
-def facts_html(facts: Mapping[str, Any]) -> str:
-    """Build charts and a table of facts.
+@dataclass(frozen=True)
+class Facts:
+    """What is drawn of a field's facts."""
+
+    rows: Sequence[tuple[str, str]]
+    """Name and text of each row of the table."""
+    charts: Sequence[tuple[str, Markup]]
+    """Caption and SVG of each chart."""
+
+
+def facts_of(facts: Mapping[str, Any]) -> Facts:
+    """Sort facts into charts and rows of a table.
 
     Args:
         facts: Name → value in one of the supported forms.
 
     Returns:
-        HTML; empty when there are no facts.
+        The charts and rows.
     """
-    rows, figures = _parts(facts)
-    table = ""
-    if rows:
-        cells = "".join(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>" for name, text in rows)
-        table = f'<div class="scroll"><table class="text"><tbody>{cells}</tbody></table></div>'
-    drawn = f'<div class="charts small">{"".join(figures)}</div>' if figures else ""
-    return drawn + table
+    return Facts(*_parts(facts))
 
 
-def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the rows of the table and the figures of the charts."""
+def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, str]], list[tuple[str, Markup]]]:
+    """Return the rows of the table and the charts with their captions."""
     rows: list[tuple[str, str]] = []
-    figures: list[str] = []
+    figures: list[tuple[str, Markup]] = []
     shared = next(((key, facts[key]) for key in ABSCISSAE if _numbers(facts.get(key))), None)
     for key, value in facts.items():
         name = _words(prefix + key)
@@ -65,11 +71,13 @@ def _parts(facts: Mapping[str, Any], prefix: str = "") -> tuple[list[tuple[str, 
             more_rows, more_figures = _parts(value, f"{prefix}{key}, ")
             rows, figures = rows + more_rows, figures + more_figures
         else:
-            rows.append((name, _text(value)))
+            rows.append((name, plain(value)))
     return rows, figures
 
 
-def _curves(name: str, table: Sequence[Sequence[float]], shared: tuple[str, Sequence[float]] | None) -> str:
+def _curves(
+    name: str, table: Sequence[Sequence[float]], shared: tuple[str, Sequence[float]] | None
+) -> tuple[str, Markup]:
     """Draw one line per column of [time][column]."""
     x = shared[1] if shared and len(shared[1]) == len(table) else range(1, len(table) + 1)
     columns = list(zip(*table))[:MOST]
@@ -78,27 +86,25 @@ def _curves(name: str, table: Sequence[Sequence[float]], shared: tuple[str, Sequ
     return _chart(name, dict(zip(names, columns)), x, label)
 
 
-def _named_curves(name: str, lists: Mapping[str, Sequence[float]]) -> str:
+def _named_curves(name: str, lists: Mapping[str, Sequence[float]]) -> tuple[str, Markup]:
     axis = next((key for key in ABSCISSAE if key in lists), None)
     lines = {key: values for key, values in lists.items() if key != axis}
     x = lists[axis] if axis else range(1, len(next(iter(lists.values()))) + 1)
     return _chart(name, dict(list(lines.items())[:MOST]), x, axis or "in order")
 
 
-def _chart(name: str, lines: Mapping[str, Sequence[float]], x: Sequence[float], label: str) -> str:
+def _chart(name: str, lines: Mapping[str, Sequence[float]], x: Sequence[float], label: str) -> tuple[str, Markup]:
     series = [
         charts.ChartSeries(_words(key), list(x), list(values), tone=f"tone-{k % TONES}")
         for k, (key, values) in enumerate(lines.items())
     ]
-    svg = charts.line_chart(series, charts.ChartAxis(_words(label), brief), charts.ChartAxis("", brief), name)
-    return f"<figure>{svg}<figcaption>{escape(name)}</figcaption></figure>"
+    return name, charts.line_chart(series, charts.ChartAxis(_words(label), brief), charts.ChartAxis("", brief), name)
 
 
-def _bars(name: str, values: Mapping[str, float]) -> str:
+def _bars(name: str, values: Mapping[str, float]) -> tuple[str, Markup]:
     rows = [(_words(key), float(value), 0.0) for key, value in list(values.items())[:MOST]]
     left_out = f" ({len(values) - MOST} more)" if len(values) > MOST else ""
-    svg = charts.bar_chart(rows, lambda value: digits(value) if value % 1 else f"{int(value)}", name)
-    return f"<figure>{svg}<figcaption>{escape(name)}{left_out}</figcaption></figure>"
+    return f"{name}{left_out}", charts.bar_chart(rows, plain, name)
 
 
 def _number(value: Any) -> bool:
@@ -123,13 +129,3 @@ def _same_lengths(value: Mapping[str, Any]) -> bool:
 
 def _words(key: str) -> str:
     return key.replace("_", " ")
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if _number(value):
-        return digits(float(value)) if value % 1 else f"{int(value)}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return ", ".join(_text(v) for v in value) or "–"
-    return "–" if value is None else str(value)

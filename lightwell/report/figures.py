@@ -1,17 +1,18 @@
-"""Pictures of a comparison as PNG bytes: prediction, reference, log-difference, regions, and the worst tile enlarged.
+"""Pictures of a comparison as data URIs: prediction, reference, log-difference, regions, and places enlarged.
 
-f is the prediction and y the reference, [height, width, 3] radiance in the unit S.
+f is the prediction and y the reference, [height, width, 3] radiance in the exposure unit of the view.
 """
 
 from __future__ import annotations
 
+import base64
 import io
 
 import numpy as np
 from PIL import Image
 
 from lightwell.core.color import display
-from lightwell.report.metrics import worst_tile
+from lightwell.report.records import ViewComparison
 
 # Added to the difference and to the reference: keep the logarithm finite and limit the relative error of dark pixels.
 DIFFERENCE_FLOOR, SHADOW = 1e-4, 1e-2
@@ -32,24 +33,31 @@ INFERNO = (
 )
 # Distance of successive regions on the colour wheel: the golden ratio, so that consecutive numbers differ clearly.
 GOLDEN_RATIO = 0.6180339887498949
-# Side of the worst tile, pixels, and how many times it is enlarged.
-TILE, ENLARGEMENT = 16, 12
+# A place is shown with its surroundings, so many times as wide, and its pixels are enlarged.
+CONTEXT, ENLARGEMENT = 4, 2
+# Without visible blocks, at a fifth of the size of PNG.
+JPEG_QUALITY = 92
 # Period of the hatching of blend bands, pixels.
 HATCH = 4
 
 
-def png(pixels: np.ndarray) -> bytes:
-    """Encode a picture as PNG.
+def data_uri(pixels: np.ndarray, lossless: bool = False) -> str:
+    """Encode a picture as a data URI.
 
     Args:
         pixels: Picture [height, width, 3] uint8.
+        lossless: PNG instead of JPEG.
 
     Returns:
-        The file's bytes.
+        ``data:image/…;base64,…``.
     """
     stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "PNG", optimize=True)
-    return stream.getvalue()
+    if lossless:
+        Image.fromarray(pixels).save(stream, "PNG", optimize=True)
+    else:
+        Image.fromarray(pixels).save(stream, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    kind = "png" if lossless else "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
 def bytes_of(values: np.ndarray) -> np.ndarray:
@@ -68,7 +76,7 @@ def shown(radiance: np.ndarray) -> np.ndarray:
     """Tone-map radiance to 8 bits.
 
     Args:
-        radiance: Radiance in the unit S [..., 3].
+        radiance: Radiance in the exposure unit [..., 3].
 
     Returns:
         Display values, uint8, same shape.
@@ -139,8 +147,8 @@ def region_colours(regions: np.ndarray, blend: np.ndarray | None = None) -> np.n
     return pixels
 
 
-def outlined(pixels: np.ndarray, row: int, column: int, size: int = TILE) -> np.ndarray:
-    """Draw a white frame around a tile.
+def framed(pixels: np.ndarray, row: int, column: int, size: int) -> np.ndarray:
+    """Draw a frame around a tile: white, two pixels wide, with a black line inside and outside.
 
     Args:
         pixels: Picture [height, width, 3] uint8.
@@ -152,55 +160,72 @@ def outlined(pixels: np.ndarray, row: int, column: int, size: int = TILE) -> np.
         Copy of the picture with the frame.
     """
     copy = pixels.copy()
-    bottom, right = min(row + size, copy.shape[0]) - 1, min(column + size, copy.shape[1]) - 1
-    copy[[row, bottom], column : right + 1] = 255
-    copy[row : bottom + 1, [column, right]] = 255
+    for grow, value in ((3, 0), (2, 255), (1, 255), (0, 0)):
+        top, left = max(row - grow, 0), max(column - grow, 0)
+        bottom, right = min(row + size + grow, copy.shape[0]) - 1, min(column + size + grow, copy.shape[1]) - 1
+        copy[[top, bottom], left : right + 1] = value
+        copy[top : bottom + 1, [left, right]] = value
     return copy
 
 
-def view_pictures(
-    f: np.ndarray, y: np.ndarray, regions: np.ndarray | None = None, blend: np.ndarray | None = None
-) -> dict[str, bytes]:
-    """Draw the pictures of a view: prediction, reference, difference with its worst tile framed, and regions if given.
+def view_pictures(view: ViewComparison, unit: float) -> dict[str, str]:
+    """Draw the pictures of a view: prediction, reference, difference, and regions if there are any.
 
     Args:
-        f: Prediction [height, width, 3].
-        y: Reference [height, width, 3].
-        regions: Region of every pixel [height, width]; None for none.
-        blend: Whether a pixel is blended [height, width]; None for none.
+        view: The view.
+        unit: Its exposure unit.
 
     Returns:
-        Name → PNG.
+        Name → data URI.
     """
-    row, column, _ = worst_tile(f, y, TILE)
-    pictures = {
-        "prediction": shown(f),
-        "reference": shown(y),
-        "difference": outlined(difference(f, y), row, column),
-    }
-    if regions is not None:
-        pictures["regions"] = region_colours(regions, blend)
-    return {name: png(pixels) for name, pixels in pictures.items()}
+    f, y = (np.asarray(x, np.float64) / unit for x in (view.shown.prediction, view.shown.reference))
+    pictures = {name: data_uri(shown(x)) for name, x in (("prediction", f), ("reference", y))}
+    pictures["difference"] = data_uri(difference(f, y))
+    if view.regions is not None:
+        pictures["regions"] = data_uri(enlarged(region_colours(view.regions, view.blend), magnification(view)), True)
+    return pictures
 
 
-def worst_tile_pictures(f: np.ndarray, y: np.ndarray) -> dict[str, bytes]:
-    """Draw the worst tile, enlarged: prediction, reference and difference.
+def magnification(view: ViewComparison) -> int:
+    """Return how many times as large as the scored view its pictures are.
 
     Args:
-        f: Prediction [height, width, 3].
-        y: Reference [height, width, 3].
+        view: The view.
 
     Returns:
-        Name → PNG.
+        Pixels of a picture per scored pixel.
     """
-    row, column, _ = worst_tile(f, y, TILE)
-    window = np.s_[row : row + TILE, column : column + TILE]
-    pictures = {"prediction": shown(f[window]), "reference": shown(y[window])}
-    pictures["difference"] = difference(f[window], y[window])
-    return {name: png(enlarged(pixels)) for name, pixels in pictures.items()}
+    return view.shown.reference.shape[0] // view.half_a.shape[0]
 
 
-def enlarged(pixels: np.ndarray, times: int = ENLARGEMENT) -> np.ndarray:
+def place_pictures(view: ViewComparison, unit: float, row: int, column: int, size: int) -> dict[str, str]:
+    """Draw a tile of a view with its surroundings, the tile in a frame: prediction and reference.
+
+    Args:
+        view: The view.
+        unit: Its exposure unit.
+        row: First row of the tile, in pixels of the scored view.
+        column: First column of the tile.
+        size: Side of the tile, pixels.
+
+    Returns:
+        Name → data URI.
+    """
+    times = magnification(view)
+    height, width = view.half_a.shape[:2]
+    side = min(CONTEXT * size, height, width)
+    top = min(max(row - (side - size) // 2, 0), height - side) * times
+    left = min(max(column - (side - size) // 2, 0), width - side) * times
+    window = np.s_[top : top + side * times, left : left + side * times]
+    pictures = {}
+    for name, x in (("prediction", view.shown.prediction), ("reference", view.shown.reference)):
+        pixels = enlarged(shown(np.asarray(x, np.float64)[window] / unit), ENLARGEMENT)
+        at = ENLARGEMENT * (row * times - top), ENLARGEMENT * (column * times - left)
+        pictures[name] = data_uri(framed(pixels, *at, ENLARGEMENT * size * times))
+    return pictures
+
+
+def enlarged(pixels: np.ndarray, times: int) -> np.ndarray:
     """Enlarge a picture by repeating pixels.
 
     Args:

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lightwell.files import make_folder, write_atomically
-from lightwell.report import figures, sections
+from lightwell.report import charts, figures
+from lightwell.report.cards import COMPARED, cards
+from lightwell.report.charts import ChartAxis, ChartSeries
+from lightwell.report.facts import facts_of
+from lightwell.report.numbers import brief, brief_duration, brief_percent, digits, grouped, percent
+from lightwell.report.pages import TEMPLATES
 from lightwell.report.records import ReportData, ViewComparison
-from lightwell.report.summary import summary
+from lightwell.report.summary import summary, view_unit
+
+# The pictures of the first view, in templates/report.html.
+FIRST_VIEW = re.compile(r'<img id="first-(learned|reference)"[^>]* src="(data:[^"]+)"')
+# Largest number of objects in the bar chart; the table has all of them.
+MAX_BARS = 16
 
 
 @dataclass(frozen=True)
@@ -34,20 +41,39 @@ def write_report(folder: str | Path, data: ReportData) -> WrittenReport:
     NaN or infinity in anything that is scored or reported raises ``ValueError``; nothing is written then.
 
     Args:
-        folder: Folder to write to; created if missing.
+        folder: Folder to write to; created if missing. The figures of a report of the same scene that it already holds
+            are shown beside the new ones.
         data: What was baked, with its references.
 
     Returns:
         Paths of the files, and the numbers.
     """
-    numbers = summary(data)
+    folder = Path(folder)
+    numbers = summary(data) | {"previous": previous_figures(folder / "report.json", data.scene)}
     text = report_json(numbers)
     page = report_html(numbers, data)
-    folder = make_folder(folder)
+    make_folder(folder)
     written = WrittenReport(folder / "report.json", folder / "report.html", numbers)
     write_atomically(written.json, text)
     write_atomically(written.html, page)
     return written
+
+
+def previous_figures(path: Path, scene: str) -> dict[str, Any] | None:
+    """Read the main figures of an earlier report.
+
+    Args:
+        path: Its ``report.json``.
+        scene: Scene that it must be of.
+
+    Returns:
+        The figures; None where there is no report, or it is of another scene or version.
+    """
+    try:
+        found = json.loads(path.read_text("utf-8"))
+        return {key: found[key] for key in COMPARED} if found["scene"] == scene else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def report_json(numbers: Mapping[str, Any]) -> str:
@@ -71,6 +97,22 @@ def report_json(numbers: Mapping[str, Any]) -> str:
         raise TypeError(f"report: settings and versions must be plain JSON values ({error})") from error
 
 
+def first_pictures(path: Path) -> dict[str, str]:
+    """Read learned light and reference of the first view from a report.
+
+    Args:
+        path: ``report.html``.
+
+    Returns:
+        "learned" and "reference" → data URI; nothing where there is no report or no view in it.
+    """
+    try:
+        found = FIRST_VIEW.findall(path.read_text("utf-8"))
+    except OSError:
+        return {}
+    return dict(found)
+
+
 def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
     """Build the page: pictures as data URIs, inline style and charts, no scripts.
 
@@ -81,49 +123,81 @@ def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
     Returns:
         HTML.
     """
-    pairs = zip(numbers["per_view"], data.views)
-    views = [_view(i, scores, view, numbers["unit"]) for i, (scores, view) in enumerate(pairs)]
-    parts = [
-        sections.masthead(numbers),
-        sections.headline(numbers),
-        sections.warnings(numbers["warnings"]),
-        _views(views),
-        sections.curves(numbers),
-        sections.about_the_field(numbers),
-        sections.tables(numbers),
-        sections.terms(numbers),
-        sections.provenance(numbers),
-        f"<footer>Written by lightwell {escape(str(numbers['versions'].get('lightwell', '')))}. "
-        "The same numbers are in report.json beside this file.</footer>",
+    scored = list(zip(numbers["per_view"], data.views))
+    return TEMPLATES.render(
+        "report.html",
+        numbers=numbers,
+        level=data.verdict.level if data.verdict else "",
+        links=data.links,
+        cards=cards(numbers),
+        places=[_place(place, data.views) for place in numbers["worst_places"]],
+        views=[{"scores": s, "pictures": figures.view_pictures(v, s["exposure_unit"])} for s, v in scored],
+        enlarged=max((figures.magnification(view) for view in data.views), default=1),
+        charts=_charts(numbers),
+        facts=facts_of(numbers["facts"]),
+        view_rows=[_view_row(view) for view in numbers["per_view"]],
+        object_rows=[_object_row(row) for row in numbers["per_object"]],
+        inferno=figures.INFERNO,
+    )
+
+
+def _place(place: Mapping[str, Any], views: Sequence[ViewComparison]) -> dict[str, Any]:
+    """Title, text and pictures of one of the worst places."""
+    view = views[place["view"]]
+    title = place["object"] or view.name
+    where = view.name
+    if place["position"]:
+        where += ", at ({:.2f}, {:.2f}, {:.2f}) m".format(*place["position"])
+    ratio = place["energy_ratio"]
+    told = ""
+    if ratio is not None and abs(ratio - 1) >= 0.005:
+        told = f"{percent(abs(ratio - 1))} too {'bright' if ratio > 1 else 'dark'} on average, "
+    return {
+        "size": place["size"],
+        "title": title,
+        "text": f"{told}{digits(place['psnr_db'])} dB; {where}.",
+        "pictures": figures.place_pictures(view, view_unit(view), place["row"], place["column"], place["size"]),
+    }
+
+
+def _charts(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Charts of training, of the sweep of the light, and of the objects; those without data have no picture."""
+    rows = sorted(numbers["per_object"], key=lambda row: -row["relative_error"])[:MAX_BARS]
+    bars = [(row["name"], row["relative_error"], row["noise_floor"]) for row in rows]
+    return [
+        {"svg": _training_chart(numbers), "caption": "Error on validation samples while training."},
+        {"svg": _sweep_chart(numbers), "caption": "Error at held-out positions along the sweep of the light."},
+        {
+            "svg": charts.bar_chart(bars, percent, "Error by object"),
+            "caption": "Error by object, worst first; the thin mark is the noise floor.",
+        },
     ]
-    return page(f"{numbers['scene']} · lightwell", parts)
 
 
-def page(title: str, parts: Sequence[str], style: str = "") -> str:
-    """Build a self-contained page.
-
-    Args:
-        title: Title; escaped.
-        parts: Sections, HTML.
-        style: CSS added to that of the template.
-
-    Returns:
-        HTML.
-    """
-    template = resources.files("lightwell.report").joinpath("template.html").read_text("utf-8")
-    before, after = template.split("{{body}}")
-    before = before.replace("{{title}}", escape(title)).replace("/*style*/", style)
-    return before + "\n".join(parts) + after
-
-
-def _view(number: int, scores: Mapping[str, Any], view: ViewComparison, unit: float) -> str:
-    f, y = np.asarray(view.prediction, np.float64) / unit, view.reference / unit
-    pictures = figures.view_pictures(f, y, view.regions, view.blend)
-    return sections.view(number, scores, pictures, figures.worst_tile_pictures(f, y))
-
-
-def _views(views: list[str]) -> str:
-    if not views:
+def _training_chart(numbers: Mapping[str, Any]) -> str:
+    xs, ys = ([point[key] for point in numbers["training"]] for key in ("seconds", "relative_error"))
+    if not xs:
         return ""
-    about = "Indirect light in held-out views under held-out lights, with the same exposure."
-    return f'<h2>Learned and path-traced light</h2><p class="soft">{about}</p>{"".join(views)}'
+    lines = [ChartSeries("validation error", xs, ys)]
+    if numbers["noise_floor"] is not None:
+        lines.append(ChartSeries("noise floor", [min(xs), max(xs)], [numbers["noise_floor"]] * 2, dashed=True))
+    x = ChartAxis("training time", brief_duration, log=True)
+    return charts.line_chart(lines, x, ChartAxis("relative error", brief_percent, log=True), "Error while training")
+
+
+def _sweep_chart(numbers: Mapping[str, Any]) -> str:
+    at, error, floor = ([p[key] for p in numbers["sweep"]] for key in ("at", "relative_error", "noise_floor"))
+    lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
+    x, y = ChartAxis("position along the sweep", brief), ChartAxis("relative error", brief_percent)
+    return charts.line_chart(lines, x, y, "Error along the sweep of the light")
+
+
+def _view_row(view: Mapping[str, Any]) -> tuple[str, ...]:
+    error = percent(view["relative_error"]), percent(view["noise_floor"])
+    ssim, flip, energy = f"{view['ssim']:.4f}", digits(view["flip"]), digits(view["energy_ratio"], 4)
+    return view["name"], *error, digits(view["psnr_db"]), ssim, flip, energy
+
+
+def _object_row(row: Mapping[str, Any]) -> tuple[str, ...]:
+    error = percent(row["relative_error"]), percent(row["noise_floor"])
+    return row["name"], grouped(row["points"]), *error, digits(row["energy_ratio"], 4)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from numbers import Real
+from typing import Any
 
 # Largest unit first: size in the base unit, name.
 DURATIONS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
@@ -139,3 +142,45 @@ def duration(seconds: float | None) -> str:
     whole = round(seconds)
     (large, name), (small, minor) = DURATIONS[:2] if whole >= 3600 else DURATIONS[1:]
     return f"{int(whole // large)}\u202f{name} {int(whole % large // small):02d}\u202f{minor}"
+
+
+def plain(value: Any) -> str:
+    """Format a JSON value as text, without the syntax of JSON.
+
+    Args:
+        value: Number, text, boolean, None, or a list or dictionary of such.
+
+    Returns:
+        Text; "–" for None and for what is empty.
+    """
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Real):
+        return digits(float(value)) if value % 1 else grouped(int(value))
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_words(key)} {plain(entry)}" for key, entry in value.items()) or "–"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        texts = [f"({plain(v)})" if isinstance(v, Mapping | list | tuple) else plain(v) for v in value]
+        return ", ".join(texts) or "–"
+    return "–" if value is None or value == "" else str(value)
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Turn nested settings into rows of a table: 'light, kind'.
+
+    Args:
+        values: Name → JSON value; dictionaries become a row for each entry.
+        prefix: Beginning of the names.
+
+    Returns:
+        Name and text of each row.
+    """
+    rows = []
+    for key, value in values.items():
+        name = f"{prefix}{_words(str(key))}"
+        rows += flat(value, f"{name}, ") if isinstance(value, Mapping) and value else [(name, plain(value))]
+    return rows
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")

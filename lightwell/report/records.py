@@ -29,6 +29,28 @@ class PointComparison:
 
 
 @dataclass(frozen=True)
+class ViewPicture:
+    """A view as it is shown: larger than the one that is scored, the reference denoised."""
+
+    prediction: np.ndarray
+    """[height, width, 3] radiance of the baked field, in the unit of the scored view."""
+    reference: np.ndarray
+    """[height, width, 3] reference without noise."""
+
+
+@dataclass(frozen=True)
+class ViewSurfaces:
+    """What the pixels of a view show, to name places in it."""
+
+    shape: np.ndarray
+    """[height, width] index of the object; negative where there is no surface."""
+    position: np.ndarray
+    """[height, width, 3] metres."""
+    objects: Sequence[str]
+    """Names of the objects of the scene."""
+
+
+@dataclass(frozen=True)
 class ViewComparison:
     """A held-out picture."""
 
@@ -45,11 +67,29 @@ class ViewComparison:
     """[height, width] bool: where regions are blended; drawn hatched."""
     caption: str = ""
     """One line about the view, for example the position of the light."""
+    picture: ViewPicture | None = None
+    """The view as it is shown, a whole multiple as large; None: the scored one."""
+    surfaces: ViewSurfaces | None = None
+    """None: places in the view have no names."""
 
     @property
     def reference(self) -> np.ndarray:
         """[height, width, 3] mean of both halves."""
         return 0.5 * (np.asarray(self.half_a, np.float64) + self.half_b)
+
+    @property
+    def shown(self) -> ViewPicture:
+        """The view as it is shown."""
+        return self.picture or ViewPicture(self.prediction, self.reference)
+
+
+@dataclass(frozen=True)
+class PageLink:
+    """A page beside a report."""
+
+    href: str
+    """Path relative to the report."""
+    text: str
 
 
 @dataclass(frozen=True)
@@ -95,8 +135,10 @@ class ReportData:
     fetches_per_pixel: int | None = None
     """Table entries that the shading graph reads per pixel."""
     quality: dict[str, object] | None = None
-    """Figures of what a picture shows: psnr_db, flip, mottle, leak …; None: not measured."""
+    """Figures of what a picture shows: psnr_db, flip, mottle, leak …, and ``bounds``; None: not measured."""
     verdict: Verdict | None = None
     """How good the bake is, in words."""
+    links: Sequence[PageLink] = ()
+    """Pages beside the report."""
     unit: float | None = None
     """Radiance of the unit S; None: 4 × the mean radiance of the held-out points."""

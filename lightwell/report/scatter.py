@@ -4,22 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
-from lightwell.report.charts import (
-    BOTTOM,
-    HEIGHT,
-    LEFT,
-    RIGHT,
-    TOP,
-    WIDTH,
-    ChartAxis,
-    ChartScale,
-    ends,
-    horizontal_axis,
-    svg,
-    vertical_axis,
-)
+from markupsafe import Markup
+
+from lightwell.report.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, ChartAxis, ChartScale, draw, ends
 
 # Half the size of a marker, and the approximate width of a character of a label, user units.
 RADIUS, CHARACTER = 4.5, 6.3
@@ -42,7 +30,7 @@ class ScatterPoint:
 
 def scatter_chart(
     points: Sequence[ScatterPoint], x: ChartAxis, y: ChartAxis, title: str, floor: float | None = None
-) -> str:
+) -> Markup:
     """Draw labelled points and their Pareto front (those that no other point undercuts in both directions).
 
     Args:
@@ -57,27 +45,24 @@ def scatter_chart(
     """
     points = [p for p in points if (p.x > 0 or not x.log) and (p.y > 0 or not y.log)]
     if not points:
-        return ""
+        return Markup()
     low, high = ends([p.x for p in points], x.log)
     if x.log:  # room for labels on both sides
         low, high = low / 1.6, high * 1.9
     heights = [p.y for p in points] + ([floor] if floor else [])
     x_scale = ChartScale(low, high, LEFT, WIDTH - RIGHT, x.log)
     y_scale = ChartScale(*ends(heights, y.log), HEIGHT - BOTTOM, TOP, y.log)
-    parts = [horizontal_axis(x, x_scale), vertical_axis(y, y_scale)]
-    if floor:
-        at = y_scale(floor)
-        parts.append(f'<path class="line floor dashed" d="M{LEFT} {at:.1f}H{WIDTH - RIGHT}"/>')
-        parts.append(f'<text class="tick" x="{WIDTH - RIGHT}" y="{at - 6:.1f}" text-anchor="end">noise floor</text>')
-    parts.append(_front(points, x_scale, y_scale))
     placed = [(p, x_scale(p.x), y_scale(p.y)) for p in points]
-    parts += [_marker(p, px, py) for p, px, py in placed]
-    parts += _labels(placed)
-    return svg(WIDTH, HEIGHT, title, parts)
+    dots = [
+        {"name": p.name, "tone": p.tone, "path": _marker(p.marker, px, py), "x": tx, "y": ty, "anchor": anchor}
+        for (p, px, py), (tx, ty, anchor) in zip(placed, _labels(placed))
+    ]
+    front = _front(points, x_scale, y_scale)
+    return draw(x, y, x_scale, y_scale, title, dots=dots, front=front, floor=y_scale(floor) if floor else None)
 
 
 def _front(points: Sequence[ScatterPoint], x: ChartScale, y: ChartScale) -> str:
-    """Draw a staircase through the points of the Pareto front."""
+    """The corners of a staircase through the points of the Pareto front."""
     best = float("inf")
     corners: list[tuple[float, float]] = []
     for point in sorted(points, key=lambda p: (p.x, p.y)):
@@ -86,36 +71,32 @@ def _front(points: Sequence[ScatterPoint], x: ChartScale, y: ChartScale) -> str:
                 corners.append((x(point.x), y(best)))
             corners.append((x(point.x), y(point.y)))
             best = point.y
-    line = " ".join(f"{a:.1f},{b:.1f}" for a, b in corners)
-    return f'<polyline class="front" points="{line}"/>'
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in corners)
 
 
-def _marker(point: ScatterPoint, x: float, y: float) -> str:
+def _marker(marker: str, x: float, y: float) -> str:
+    """Outline of a marker, as the commands of an SVG path."""
     r = RADIUS
-    shapes = {
+    return {
         "circle": f"M{x - r:.1f} {y:.1f}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z",
         "square": f"M{x - r:.1f} {y - r:.1f}h{2 * r}v{2 * r}h{-2 * r}z",
         "diamond": f"M{x:.1f} {y - 1.3 * r:.1f}l{1.3 * r} {1.3 * r}l{-1.3 * r} {1.3 * r}l{-1.3 * r} {-1.3 * r}z",
         "triangle": f"M{x:.1f} {y - 1.2 * r:.1f}l{1.2 * r} {2.1 * r}h{-2.4 * r}z",
-    }
-    return f'<path class="dot {point.tone}" d="{shapes[point.marker]}"><title>{escape(point.name)}</title></path>'
+    }[marker]
 
 
-def _labels(placed: Sequence[tuple[ScatterPoint, float, float]]) -> list[str]:
-    """Draw a label beside every point, where it covers neither another point nor an earlier label."""
+def _labels(placed: Sequence[tuple[ScatterPoint, float, float]]) -> list[tuple[float, float, str]]:
+    """Place a label beside every point, where it covers neither another point nor an earlier label: x, y, anchor."""
     taken = [(x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS) for _, x, y in placed]
-    texts = []
+    found = []
     for point, x, y in placed:
         boxes = [_box(point.name, x, y, *place) for place in PLACES]
         clear = [k for k, box in enumerate(boxes) if _inside(box) and not any(_overlap(box, other) for other in taken)]
         k = clear[0] if clear else 0
         taken.append(boxes[k])
         dx, dy, anchor = PLACES[k]
-        texts.append(
-            f'<text class="label small" x="{x + dx:.1f}" y="{y + dy:.1f}" text-anchor="{anchor}">'
-            f"{escape(point.name)}</text>"
-        )
-    return texts
+        found.append((round(x + dx, 1), round(y + dy, 1), anchor))
+    return found
 
 
 def _box(text: str, x: float, y: float, dx: float, dy: float, anchor: str) -> tuple[float, float, float, float]:

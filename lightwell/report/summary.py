@@ -7,12 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.report import metrics
+from lightwell.report import metrics, picture_metrics
+from lightwell.report.borders import border_error
+from lightwell.report.picture_metrics import TILE, TileError
 from lightwell.report.records import PointComparison, ReportData, ViewComparison
 
 # Version of report.json.
-VERSION = 1
-TONE_MAPPING = "x / (1 + x) of radiance in the unit S, then sRGB"
+VERSION = 2
+TONE_MAPPING = (
+    "x / (1 + x), then sRGB, of radiance over the exposure unit of the view: 4 × the mean of the reference there, "
+    "without black pixels and with highlights clamped to the 99th percentile"
+)
+# Places that are named and shown; in one view at most so many.
+WORST_PLACES, WORST_IN_A_VIEW = 4, 2
 
 
 def summary(data: ReportData) -> dict[str, Any]:
@@ -22,7 +29,8 @@ def summary(data: ReportData) -> dict[str, Any]:
         data: What was baked, with its references. NaN or infinity in it raises ``ValueError``.
 
     Returns:
-        JSON-serialisable data; radiance is relative to the unit S.
+        JSON-serialisable data; radiance is relative to the unit S, in displayed pictures to the exposure unit of the
+        view.
     """
     scale = data.unit
     if scale is None:
@@ -40,6 +48,7 @@ def summary(data: ReportData) -> dict[str, Any]:
         "quality": data.quality,
         "verdict": None if data.verdict is None else data.verdict.text,
         "border_ratio": border_ratio(views),
+        "worst_places": worst_places(data.views),
         "tone_mapping": TONE_MAPPING,
         "bytes": data.bytes,
         "asset_bytes": data.asset_bytes,
@@ -116,7 +125,8 @@ def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
     """
     f, a, b = (np.asarray(x, np.float64) / scale for x in (view.prediction, view.half_a, view.half_b))
     y = 0.5 * (a + b)
-    row, column, worst = metrics.worst_tile(f, y)
+    exposure = view_unit(view)
+    shown_f, shown_a, shown_b, shown_y = (x * (scale / exposure) for x in (f, a, b, y))
     return {
         "name": view.name,
         "caption": view.caption,
@@ -124,21 +134,77 @@ def view_scores(view: ViewComparison, scale: float) -> dict[str, Any]:
         "height": f.shape[0],
         "relative_error": metrics.relative_error(f, y).mean,
         "noise_floor": metrics.noise_floor(a, b).mean,
-        "psnr_db": metrics.psnr_db(f, y),
-        "psnr_ceiling_db": metrics.psnr_ceiling_db(a, b),
-        "ssim": metrics.ssim(f, y),
-        "flip": metrics.flip(f, y),
+        "exposure_unit": exposure,
+        "psnr_db": picture_metrics.psnr_db(shown_f, shown_y),
+        "psnr_ceiling_db": picture_metrics.psnr_ceiling_db(shown_a, shown_b),
+        "ssim": picture_metrics.ssim(shown_f, shown_y),
+        "flip": picture_metrics.flip(shown_f, shown_y),
         "energy_ratio": metrics.energy_ratio(f, y),
-        "worst_tile": {"row": row, "column": column, "relative_error": worst},
         "border": _border(view, f, y),
     }
+
+
+def view_unit(view: ViewComparison) -> float:
+    """Compute the exposure unit of a view, from its reference.
+
+    Args:
+        view: The picture.
+
+    Returns:
+        The unit, in that of the picture; 1 where the reference is black.
+    """
+    return picture_metrics.exposure_unit(view.reference) or 1.0
+
+
+def worst_places(views: Sequence[ViewComparison]) -> list[dict[str, Any]]:
+    """Find the tiles of all views with the largest noise-free error of display values.
+
+    Args:
+        views: The pictures.
+
+    Returns:
+        Worst first: view (index), row, column, size in pixels, PSNR of the tile, learned over reference light, and the
+        object and position in metres where they are known.
+    """
+    found = []
+    for k, view in enumerate(views):
+        unit = view_unit(view)
+        pictures = (np.asarray(x, np.float64) / unit for x in (view.prediction, view.half_a, view.half_b))
+        tiles = sorted(picture_metrics.tile_errors(*pictures), key=lambda tile: -tile.error)
+        found += [(k, tile) for tile in tiles[:WORST_IN_A_VIEW] if tile.error > 0]
+    found.sort(key=lambda item: -item[1].error)
+    return [_place(k, views[k], tile) for k, tile in found[:WORST_PLACES]]
+
+
+def _place(number: int, view: ViewComparison, tile: TileError) -> dict[str, Any]:
+    window = np.s_[tile.row : tile.row + TILE, tile.column : tile.column + TILE]
+    light = [float(np.asarray(x, np.float64)[window].mean()) for x in (view.prediction, view.reference)]
+    place = {
+        "view": number,
+        "row": tile.row,
+        "column": tile.column,
+        "size": TILE,
+        "psnr_db": -10 * float(np.log10(tile.error)),
+        "energy_ratio": light[0] / light[1] if light[1] > 0 else None,
+        "object": None,
+        "position": None,
+    }
+    if view.surfaces is None:
+        return place
+    shape = view.surfaces.shape[window]
+    seen = shape[shape >= 0]
+    if seen.size:
+        most = int(np.bincount(seen).argmax())
+        middle = np.median(view.surfaces.position[window][shape == most], axis=0)
+        place |= {"object": view.surfaces.objects[most], "position": [round(float(x), 3) for x in middle]}
+    return place
 
 
 def _border(view: ViewComparison, f: np.ndarray, y: np.ndarray) -> dict[str, float] | None:
     """Return errors near and away from the borders between regions, None where there are none."""
     if view.regions is None:
         return None
-    found = metrics.border_error(f, y, np.asarray(view.regions))
+    found = border_error(f, y, np.asarray(view.regions))
     return None if found is None else {"border": found.border, "interior": found.interior, "share": found.share}
 
 

@@ -11,12 +11,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from html import escape
 from typing import Any, Literal
 
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.core.notebook import card, png_uri
 from lightwell.scenes.scene_cache import Derived, SceneCache
 
 # Reflectance of a dielectric with an index of refraction of 1.5 at normal incidence (glTF 2.0, appendix B).
@@ -203,14 +203,15 @@ class Scene:
         return float((self.bounds[1] - self.bounds[0]).max())
 
     def _repr_html_(self) -> str:
-        """Counts and bounds, for notebooks."""
+        """A picture of the surfaces, counts and bounds, for notebooks."""
+        from lightwell.scenes.preview import preview
+
         triangles = sum(len(mesh.indices) for mesh in self.meshes)
         low, high = (", ".join(f"{v:.3g}" for v in corner) for corner in self.bounds)
         facts = {"triangles": f"{triangles:,}", "materials": len(self.materials), "cameras": len(self.cameras)}
         facts |= {"light of its own": self.has_static_light, "bounds, metres": f"({low}) … ({high})"}
         facts |= {"warnings": len(self.warnings)}
-        rows = "".join(f"<tr><td>{escape(k)}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
-        return f"<b>{escape(self.name)}</b><table>{rows}</table>"
+        return card(self.name, list(facts.items()), pictures={"surfaces, lit from the camera": png_uri(preview(self))})
 
     @property
     def has_static_light(self) -> bool:

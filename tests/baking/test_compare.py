@@ -25,7 +25,7 @@ from lightwell.fields.budget import Budget
 from lightwell.fields.protocol import Lowered
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.field import SurfaceField
-from lightwell.report import metrics
+from lightwell.report import metrics, picture_metrics
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
 from lightwell.transport.gathered_shards import RAYS, TRACED_EVERY
@@ -121,8 +121,9 @@ def test_the_numbers_are_those_of_the_assets(compared):
         assert error.p95 == pytest.approx(field["relative_error_p95"], rel=1e-3)
         pictures = np.zeros((2, 32 * 48, 3))
         found = baked(make_query(scene, view.points, view.light)) / unit
-        pictures[:, view.seen] = found, 0.5 * (view.half_a + view.half_b) / unit
-        psnr = metrics.psnr_db(*pictures.reshape(2, 32, 48, 3))
+        exposed = field["per_view"][0]["exposure_unit"]
+        pictures[:, view.seen] = found * unit / exposed, 0.5 * (view.half_a + view.half_b) / exposed
+        psnr = picture_metrics.psnr_db(*pictures.reshape(2, 32, 48, 3))
         assert psnr == pytest.approx(field["per_view"][0]["psnr_db"], abs=1e-2)
         cost = (graph.nbytes, graph.macs, graph.fetches, graph.parameters, compressed_bytes(Lowered(graph)))
         keys = ("bytes", "macs_per_pixel", "fetches_per_pixel", "parameters", "compressed_bytes")

@@ -11,7 +11,7 @@ from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.fields.baked import Baked
 from lightwell.fields.features import open_builder
 from lightwell.fields.protocol import Lowered
-from lightwell.report import metrics
+from lightwell.report import borders
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
 from lightwell.transport.queries import make_query
@@ -71,5 +71,5 @@ def test_every_pixel_knows_its_expert(view):
     np.testing.assert_array_equal(blend[view.seen], np.abs(x) < 0.2)
     unseen = np.setdiff1d(np.arange(regions.size), view.seen)
     assert (regions[unseen] == evaluate.NO_REGION).all() and not blend[unseen].any()
-    band = metrics.border_band(compared.regions)
+    band = borders.border_band(compared.regions)
     assert 0 < band.sum() < band.size / 2

@@ -3,7 +3,7 @@
 import re
 
 from lightwell.report.charts import ChartAxis, ChartSeries, line_chart
-from lightwell.report.facts import facts_html
+from lightwell.report.facts import facts_of
 from lightwell.report.numbers import brief_amount
 from lightwell.report.scatter import ScatterPoint, scatter_chart
 
@@ -12,7 +12,7 @@ LOG = ChartAxis("x", brief_amount, log=True)
 
 
 def test_every_form_of_a_fact():
-    html = facts_html(
+    found = facts_of(
         {
             "rule": "raw <i>",
             "capped": False,
@@ -26,10 +26,13 @@ def test_every_form_of_a_fact():
             "long": [0.5] * 40,
         }
     )
-    assert "raw &lt;i&gt;" in html and "<td>no</td>" in html and "nested, kind" in html
+    rows = dict(found.rows)
+    assert rows == {"rule": "raw <i>", "capped": "no", "leaves": "12", "nested, kind": "joint"}
+    html = "".join(svg for _, svg in found.charts)
     # entropy 1 line, share 2, curves 2, long 1; the histogram has 2 bars and the weights, which are no curve, 2.
     assert html.count("<polyline") == 6 and html.count('class="bar"') == 4
-    assert facts_html({}) == ""
+    empty = facts_of({})
+    assert not empty.rows and not empty.charts
 
 
 def test_a_lone_point_is_a_dot():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightwell.report import metrics
+from lightwell.report import metrics, picture_metrics
+from lightwell.report.mottle import mottle
 
 
 def halves(truth: np.ndarray, noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -18,17 +19,17 @@ def test_psnr_without_noise_is_that_of_a_clean_reference():
     truth = np.full((200, 200, 3), 0.25)
     f = truth * 1.05
     a, b = halves(truth, 0.04)
-    clean = metrics.psnr_db(f, truth)
-    assert metrics.psnr_noise_free_db(f, a, b) == pytest.approx(clean, abs=0.3)
-    assert metrics.psnr_db(f, 0.5 * (a + b)) < clean - 0.8
+    clean = picture_metrics.psnr_db(f, truth)
+    assert picture_metrics.psnr_noise_free(f, a, b).db == pytest.approx(clean, abs=0.3)
+    assert picture_metrics.psnr_db(f, 0.5 * (a + b)) < clean - 0.8
 
 
 def test_exposure_unit_ignores_highlights_and_black():
     picture = np.full((100, 100, 3), 2.0)
     picture[:50] = 0
     picture[99, :10] = 1e4
-    assert metrics.exposure_unit(picture) == pytest.approx(8.0, rel=0.05)
-    assert metrics.exposure_unit(np.zeros((4, 4, 3))) is None
+    assert picture_metrics.exposure_unit(picture) == pytest.approx(8.0, rel=0.05)
+    assert picture_metrics.exposure_unit(np.zeros((4, 4, 3))) is None
 
 
 def patches(spread: float, seed: int = 1) -> np.ndarray:
@@ -39,13 +40,27 @@ def patches(spread: float, seed: int = 1) -> np.ndarray:
 def test_mottle_finds_the_spread_of_blotches_and_not_the_noise():
     truth = np.random.default_rng(2).uniform(0.5, 2, (300, 1, 1)) * np.ones((300, 9, 3))
     a, b = halves(truth, 0.05)
-    assert metrics.mottle(truth * patches(0.1), a, b).smooth == pytest.approx(0.1, rel=0.1)
-    assert metrics.mottle(truth, a, b).smooth < 0.02
+    assert mottle(truth * patches(0.1), a, b).smooth.value == pytest.approx(0.1, rel=0.1)
+    assert mottle(truth, a, b).smooth.at_most < 0.02
+
+
+def test_mottle_and_psnr_that_the_noise_hides_are_bounds():
+    truth = np.full((60, 9, 3), 1.0)
+    a, b = halves(truth, 0.3)
+    found = mottle(truth * patches(0.02)[:60], a, b).smooth
+    assert found.value is None and 0.02 < found.at_most < 0.2
+    picture = np.full((200, 200, 3), 0.25)
+    hidden = picture_metrics.psnr_noise_free(picture * 1.0005, *halves(picture, 0.2))
+    assert hidden.is_lower_bound and 35 < hidden.db < picture_metrics.psnr_db(picture * 1.0005, picture)
+    seen = picture_metrics.psnr_noise_free(picture * 1.05, *halves(picture, 0.02))
+    assert not seen.is_lower_bound
+    exact = picture_metrics.psnr_noise_free(picture, picture, picture)
+    assert exact.db == picture_metrics.MAX_PSNR_DB and not exact.is_lower_bound
 
 
 def test_a_wrong_level_is_no_mottle():
     truth = np.ones((50, 9, 3))
-    assert metrics.mottle(2 * truth, truth, truth).smooth == pytest.approx(0, abs=1e-9)
+    assert mottle(2 * truth, truth, truth).smooth.value == pytest.approx(0, abs=1e-9)
 
 
 def test_mottle_of_smooth_patches_leaves_out_shadow_edges_and_the_dark():
@@ -54,9 +69,9 @@ def test_mottle_of_smooth_patches_leaves_out_shadow_edges_and_the_dark():
     truth[20:40] = 1e-3
     f = truth.copy()
     f[:40, ::2] *= 3
-    found = metrics.mottle(f, truth, truth)
-    assert found.patches == 20 and found.smooth == pytest.approx(0, abs=1e-9)
-    assert found.lit > 0.2
+    found = mottle(f, truth, truth)
+    assert found.patches == 20 and found.smooth.value == pytest.approx(0, abs=1e-9)
+    assert found.lit.value > 0.2
 
 
 def test_leak_is_the_light_in_the_dark_quarter():

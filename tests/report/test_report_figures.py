@@ -1,16 +1,19 @@
 """Figures and charts: fixed scales, right places, round ticks."""
 
+import base64
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from lightwell.report import charts, figures, numbers
+from lightwell.report import ViewComparison, charts, figures, numbers
+from lightwell.report.records import ViewPicture
 
 
-def pixels(data: bytes) -> np.ndarray:
-    return np.asarray(Image.open(io.BytesIO(data)))
+def pixels(uri: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.split(",")[1]))))
 
 
 def test_log_difference_of_known_values():
@@ -38,7 +41,7 @@ def test_the_colour_scale_does_not_depend_on_the_picture():
 
 def test_view_pictures(data):
     view = data.views[0]
-    pictures = figures.view_pictures(view.prediction, view.reference, view.regions, view.blend)
+    pictures = figures.view_pictures(view, 1.0)
     assert list(pictures) == ["prediction", "reference", "difference", "regions"]
     assert all(pixels(picture).shape == (40, 32, 3) for picture in pictures.values())
     regions = pixels(pictures["regions"])
@@ -46,21 +49,36 @@ def test_view_pictures(data):
     assert (regions[:, 16:24] == 255).all(axis=-1).mean() == pytest.approx(1 / figures.HATCH)
 
 
-def test_worst_tile_is_framed_and_enlarged():
-    y = np.ones((48, 48, 3))
+def test_pictures_show_the_enlarged_view_with_its_exposure(data):
+    large = ViewPicture(np.full((120, 96, 3), 2.0), np.full((120, 96, 3), 4.0))
+    view = replace(data.views[0], picture=large)
+    pictures = {name: pixels(uri) for name, uri in figures.view_pictures(view, 4.0).items()}
+    assert all(picture.shape == (120, 96, 3) for picture in pictures.values())
+    # JPEG rounds by a code or two.
+    for name, value in (("prediction", 0.5), ("reference", 1.0)):
+        assert np.abs(pictures[name].astype(int) - figures.shown(np.full(3, value))).max() <= 2
+
+
+def test_a_place_is_shown_in_a_frame_with_its_surroundings():
+    y = np.ones((64, 96, 3))
     f = y.copy()
-    f[16:32, 32:48] = 2
-    framed = pixels(figures.view_pictures(f, y)["difference"])
-    assert (framed[16, 32:48] == 255).all() and (framed[16:32, 47] == 255).all() and not (framed[15, 32] == 255).all()
-    tile = pixels(figures.worst_tile_pictures(f, y)["prediction"])
-    assert tile.shape == (16 * figures.ENLARGEMENT, 16 * figures.ENLARGEMENT, 3)
-    assert (tile == figures.shown(np.full(3, 2.0))).all()
+    f[16:32, 80:96] = 4
+    view = ViewComparison("hall", f, y, y)
+    place = pixels(figures.place_pictures(view, 1.0, 16, 80, 16)["prediction"]).astype(int)
+    times = figures.ENLARGEMENT
+    assert place.shape == (64 * times, 64 * times, 3)
+    # The tile lies at the right edge of the picture, so that its surroundings are to the left of it.
+    middle = place[24 * times, 56 * times]
+    assert np.abs(middle - figures.shown(np.full(3, 4.0))).max() <= 3
+    framed = figures.framed(np.full((40, 40, 3), 90, np.uint8), 10, 12, 16)
+    assert (framed[8:10, 12:28] == 255).all() and (framed[10:26, 28:30] == 255).all() and (framed[18, 20] == 90).all()
 
 
-def test_tiny_pictures_have_tiles():
+def test_tiny_pictures_have_places():
     y = np.ones((5, 7, 3))
-    assert pixels(figures.worst_tile_pictures(y, y)["reference"]).shape[:2] == (60, 84)
-    figures.view_pictures(y, y)
+    view = ViewComparison("tiny", y, y, y)
+    assert pixels(figures.place_pictures(view, 1.0, 0, 0, 16)["reference"]).shape[:2] == (10, 10)
+    figures.view_pictures(view, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lightwell.core.color import display, srgb
-from lightwell.report import metrics
+from lightwell.report import metrics, picture_metrics
 
 
 @pytest.fixture
@@ -79,32 +79,40 @@ def test_display_curve():
 
 def test_psnr_of_a_known_difference(picture):
     white = np.full((16, 16, 3), 1e9)
-    assert metrics.psnr_db(0 * white, white) == pytest.approx(0, abs=1e-3)
-    assert metrics.psnr_db(picture, picture) == metrics.MAX_PSNR_DB
+    assert picture_metrics.psnr_db(0 * white, white) == pytest.approx(0, abs=1e-3)
+    assert picture_metrics.psnr_db(picture, picture) == picture_metrics.MAX_PSNR_DB
 
 
 def test_ssim_and_flip_of_equal_and_different_pictures(picture):
-    assert metrics.ssim(picture, picture) == pytest.approx(1)
-    assert metrics.flip(picture, picture) == pytest.approx(0, abs=1e-6)
+    assert picture_metrics.ssim(picture, picture) == pytest.approx(1)
+    assert picture_metrics.flip(picture, picture) == pytest.approx(0, abs=1e-6)
     other = picture[::-1]
-    assert metrics.ssim(other, picture) < 0.5 and metrics.flip(other, picture) > 0.02
+    assert picture_metrics.ssim(other, picture) < 0.5 and picture_metrics.flip(other, picture) > 0.02
     # Black against white is FLIP's largest difference.
-    assert metrics.flip(np.zeros((16, 16, 3)), np.full((16, 16, 3), 1e9)) > 0.95
+    assert picture_metrics.flip(np.zeros((16, 16, 3)), np.full((16, 16, 3), 1e9)) > 0.95
 
 
-def test_worst_tile():
+def test_the_worst_tile_is_where_the_error_is_and_not_where_the_noise_is():
+    rng = np.random.default_rng(5)
     y = np.ones((40, 64, 3))
+    a, b = (y.copy() for _ in range(2))
+    for half in (a, b):
+        half[:16, :16] += 0.5 * rng.standard_normal((16, 16, 3))
     f = y.copy()
-    f[16:32, 32:48] = 2
-    assert metrics.worst_tile(f, y) == (16, 32, pytest.approx(1 / 1.01))
+    f[16:32, 32:48] = 1.5
+    tiles = list(picture_metrics.tile_errors(f, a, b))
+    worst = max(tiles, key=lambda tile: tile.error)
+    assert len(tiles) == 2 * 4 and (worst.row, worst.column) == (16, 32)
+    assert worst.error == pytest.approx((display(np.array(1.5)) - display(np.array(1.0))) ** 2)
 
 
 @pytest.mark.parametrize("score", ["relative_error", "noise_floor", "energy_ratio", "psnr_db", "ssim", "flip"])
 def test_nan_is_refused(score, picture):
     broken = picture.copy()
     broken[0, 0, 0] = np.nan
+    module = metrics if hasattr(metrics, score) else picture_metrics
     with pytest.raises(ValueError, match=r"contains 1 NaN or infinite values of 4608; nothing is scored"):
-        getattr(metrics, score)(broken, picture)
+        getattr(module, score)(broken, picture)
 
 
 def test_nan_is_refused_by_rel_mse(picture):
@@ -121,7 +129,7 @@ def test_nonsense_is_refused(picture):
     with pytest.raises(ValueError, match="weights must be 4 finite"):
         metrics.relative_error(np.ones((4, 3)), np.ones((4, 3)), np.zeros(4))
     with pytest.raises(ValueError, match="at least 11x11 pixels"):
-        metrics.ssim(picture[:5], picture[:5])
+        picture_metrics.ssim(picture[:5], picture[:5])
 
 
 def test_the_ceiling_of_psnr_is_what_a_perfect_prediction_scores():
@@ -129,5 +137,6 @@ def test_the_ceiling_of_psnr_is_what_a_perfect_prediction_scores():
     rng = np.random.default_rng(0)
     truth = np.full((100, 100, 3), 0.5)
     a, b = (truth + 0.02 * rng.standard_normal(truth.shape) for _ in range(2))
-    assert metrics.psnr_ceiling_db(a, b) == pytest.approx(metrics.psnr_db(truth, 0.5 * (a + b)), abs=0.1)
-    assert metrics.psnr_ceiling_db(a, a) == metrics.MAX_PSNR_DB
+    perfect = picture_metrics.psnr_db(truth, 0.5 * (a + b))
+    assert picture_metrics.psnr_ceiling_db(a, b) == pytest.approx(perfect, abs=0.1)
+    assert picture_metrics.psnr_ceiling_db(a, a) == picture_metrics.MAX_PSNR_DB

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightwell.report import metrics
+from lightwell.report import borders
 from lightwell.report.summary import border_ratio
 
 
@@ -13,7 +13,7 @@ def halves(columns: int = 40) -> np.ndarray:
 
 
 def test_the_band_is_three_pixels_on_each_side():
-    band = metrics.border_band(halves())
+    band = borders.border_band(halves())
     assert np.flatnonzero(band[0]).tolist() == list(range(17, 23))
     assert (band == band[0]).all()
 
@@ -21,7 +21,7 @@ def test_the_band_is_three_pixels_on_each_side():
 def test_no_surface_is_no_region():
     regions = halves()
     regions[:, :20] = -1
-    assert not metrics.border_band(regions).any()
+    assert not borders.border_band(regions).any()
 
 
 def test_a_seam_is_found():
@@ -29,9 +29,9 @@ def test_a_seam_is_found():
     y = np.full((20, 40, 3), 0.99)
     f = y + 0.1
     f[:, 17:23] += 0.1
-    found = metrics.border_error(f, y, halves())
+    found = borders.border_error(f, y, halves())
     assert found.ratio == pytest.approx(2) and found.share == pytest.approx(6 / 40)
-    assert metrics.border_error(f, y, np.zeros((20, 40), int)) is None
+    assert borders.border_error(f, y, np.zeros((20, 40), int)) is None
 
 
 def test_views_are_weighed_by_their_pixels():

@@ -26,5 +26,16 @@ def test_without_indirect_light_nothing_is_judged():
     assert verdict({"psnr_db": None}).text.startswith("not judged")
 
 
+def test_what_the_noise_hides_is_not_good_unless_its_bound_is():
+    hidden = {**GOOD, "mottle": None}
+    found = verdict(hidden, bounds={"mottle": 0.2})
+    assert found.level == "fair" and found.text.startswith("good in what can be measured; mottle not measurable")
+    assert verdict(hidden, bounds={"mottle": 0.04}).text == "good"
+    # A lower bound of 30 dB does not say that the picture is bad, and one of 37 dB says that it is good.
+    assert "PSNR not measurable" in verdict({**GOOD, "psnr_db": 30.0}, bounds={"psnr_db": 30.0}).text
+    assert verdict({**GOOD, "psnr_db": 37.0}, bounds={"psnr_db": 37.0}).text == "good"
+    assert verdict({**hidden, "leak": 0.05}, bounds={"mottle": 0.2}).level == "poor"
+
+
 def test_without_a_cure_none_is_named():
     assert verdict({**GOOD, "psnr_db": 32.0}, cure="").text.endswith("from the reference")
