@@ -43,6 +43,28 @@ class ProgressStage:
         """
         self._bars, self._task = bars, task
 
+    def advance(self, steps: float = 1, note: str | None = None) -> None:
+        """Move the bar forward.
+
+        Args:
+            steps: Steps that were done since the last call.
+            note: Text behind the bar; None keeps the present one.
+        """
+        if self._bars:
+            extra = {} if note is None else {"note": note}
+            self._bars.update(self._task, advance=steps, **extra)
+
+    def move_to(self, completed: float, note: str | None = None) -> None:
+        """Set the bar to a number of steps.
+
+        Args:
+            completed: Steps that were done since the start.
+            note: Text behind the bar; None keeps the present one.
+        """
+        if self._bars:
+            extra = {} if note is None else {"note": note}
+            self._bars.update(self._task, completed=completed, **extra)
+
 
 class NotebookBar:
     """A progress bar in the output of a notebook cell; it needs no widgets."""
@@ -81,40 +103,19 @@ class NotebookBar:
             self._values["seconds"] = now - self._begin
             self._handle.update(self._page())
 
-    def advance(self, steps: float = 1, note: str | None = None) -> None:
-        """Move the bar forward.
-
-        Args:
-            steps: Steps that were done since the last call.
-            note: Text behind the bar; None keeps the present one.
-        """
-        if self._bars:
-            extra = {} if note is None else {"note": note}
-            self._bars.update(self._task, advance=steps, **extra)
-
-    def move_to(self, completed: float, note: str | None = None) -> None:
-        """Set the bar to a number of steps.
-
-        Args:
-            completed: Steps that were done since the start.
-            note: Text behind the bar; None keeps the present one.
-        """
-        if self._bars:
-            extra = {} if note is None else {"note": note}
-            self._bars.update(self._task, completed=completed, **extra)
-
 
 class Progress:
     """Progress bars on standard error."""
 
-    def __init__(self, quiet: bool = False) -> None:
+    def __init__(self, quiet: bool = False, console: Console | None = None) -> None:
         """Create the display.
 
         Args:
             quiet: Show nothing.
+            console: Where to print; None: standard error, or the output of the cell in a notebook.
         """
         self.quiet = quiet
-        self._console = Console(stderr=True)
+        self._console = console or Console(stderr=True)
 
     @contextmanager
     def stage(self, title: str, total: float, note: str = "") -> Iterator[ProgressStage]:
