@@ -89,10 +89,12 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     });
   const room = (change: Partial<Fixture> = {}) => writeGlb(plainRoom(change));
   const kinds = CASES.filter(([name]) => name === backend).map(([, kind]) => kind);
+  // What does not depend on the text of a field runs once with each adapter.
+  const adapters = process.env.LIGHTWELL_LONG_TESTS ? kinds : kinds.filter((kind) => backend === "swiftshader" && kind !== "fallback");
 
   it.each(kinds)("%s: adds reflectance · field · colour · intensity, and frees what it made", async (kind) => {
     for (const weights of ["inline", "texture"] as const) {
-      const { data, backend: found, memory } = await draw(kind, room({ fields: [linearField(), stillField()] }), { weights });
+      const { data, backend: found, memory } = await draw(kind, room({ fields: [linearField(), stillField()] }), { weights, twice: true });
       expect(found).toBe(kind === "webgpu" ? "webgpu" : "webgl");
       for (let y = 20; y < 52; y += 8) {
         for (let x = 34; x < 62; x += 7) {
@@ -109,7 +111,38 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     }
   });
 
-  it.each(kinds)("%s: follows its root", async (kind) => {
+  it.each(adapters)("%s: sums over added lamps, without the rasterised light where it is not asked for", async (kind) => {
+    const glb = room({ fields: [linearField(), stillField()] });
+    const parts = { raster: false, indirect: true, still: false };
+    const { data, lamps } = await draw(kind, glb, { added: 2, parts });
+    expect(lamps).toHaveLength(3);
+    expect(lamps[1]!.intensity).toBe(LAMP.intensity / 2);
+    for (const [x, y] of [[36, 24], [48, 36], [58, 46]] as const) {
+      const point = backWallPoint(x, y, WIDTH, HEIGHT, -1);
+      for (const c of [0, 1, 2]) {
+        const sum = lamps.reduce((total, { value, color, intensity }) => total + linearRadiance(point, value)[c]! * color[c]! * intensity, 0);
+        expect(Math.abs(data[4 * (y * WIDTH + x) + c]! / (REFLECTANCE * sum) - 1)).toBeLessThan(2e-3);
+      }
+    }
+    // Direct light alone adds to what is learned up to the whole.
+    const whole = await draw(kind, glb, { direct: true });
+    const [learned, raster] = [await draw(kind, glb, { parts: { ...parts, still: true } }), await draw(kind, glb, { parts: { raster: true, indirect: false, still: false } })];
+    const at = 4 * (36 * WIDTH + 48);
+    expect(raster.data[at]).toBeGreaterThan(0.05);
+    expect(learned.data[at]! + raster.data[at]!).toBeCloseTo(whole.data[at]!, 4);
+  });
+
+  it.each(adapters)("%s: edits of the file's materials show, and detached it is as it was loaded", async (kind) => {
+    const glb = room({ fields: [stillField()], variables: [] });
+    const middle = ({ data }: Answer) => data.slice(4 * (36 * WIDTH + 48), 4 * (36 * WIDTH + 48) + 3);
+    const [plain, lit] = [middle(await draw(kind, glb)), middle(await draw(kind, glb, { edit: "emissive" }))];
+    expect(lit[0]! - plain[0]!).toBeCloseTo(0.5, 3);
+    expect(lit[1]).toBeCloseTo(plain[1]!, 4);
+    expect(plain[1]).toBeGreaterThan(0.02);
+    expect(middle(await draw(kind, glb, { edit: "detached" }))).toEqual([0, 0, 0]);
+  });
+
+  it.each(adapters)("%s: follows its root", async (kind) => {
     const glb = room({ fields: [linearField(), stillField()] });
     const [home, away] = [await draw(kind, glb, { direct: true }), await draw(kind, glb, { direct: true, moved: true })];
     const wrong = home.data.filter((x, i) => Math.abs(x - away.data[i]!) > 0.01 * Math.max(0.2, x)).length;
@@ -129,9 +162,24 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     }
   });
 
+  it.each(adapters.filter((kind) => kind !== "webgl"))("%s: `learnedRadiance` is the field in a material of the page's own", async (kind) => {
+    const { data } = await draw(kind, room({ fields: [linearField()] }), { node: 0 });
+    const field = linearRadiance(backWallPoint(48, 36, WIDTH, HEIGHT, -1), LAMP.initial);
+    field.forEach((value, c) => expect(data[4 * (36 * WIDTH + 48) + c]! / value).toBeCloseTo(1, 2));
+  });
+
+  // Filtering an environment map takes half a minute without a GPU.
+  it.runIf(process.env.LIGHTWELL_LONG_TESTS).each(adapters)("%s: leaves the light of an environment map out unless it is asked for", async (kind) => {
+    const glb = room({ fields: [stillField()], variables: [] });
+    const middle = ({ data }: Answer) => data[4 * (36 * WIDTH + 48)]!;
+    const [none, removed, kept] = [await draw(kind, glb), await draw(kind, glb, { environment: "remove" }), await draw(kind, glb, { environment: "keep" })].map(middle);
+    expect(removed).toBeCloseTo(none!, 5);
+    expect(kept).toBeGreaterThan(none! + 0.2);
+  }, 240_000);
+
   it.each(kinds)("%s: samples pictures, the way up and the colours that they were written in", async (kind) => {
     const camera = { position: [0.4, 1.1, 2.6], target: [0, 0.7, -0.4], fovY: 45 } as Request["camera"];
-    const { data, memory } = await draw(kind, LIGHTMAP, { camera });
+    const { data, memory } = await draw(kind, LIGHTMAP, { camera, twice: true });
     const reference = await draw("webgl", LIGHTMAP, { camera, weights: "texture" });
     const covered = data.filter((_, i) => i % 4 === 3 && data[i]! > 0).length;
     expect(covered).toBeGreaterThan(0.2 * WIDTH * HEIGHT);

@@ -1,63 +1,19 @@
-/** A learned field as GLSL: its functions, the call that evaluates it, and the uniforms that it needs. */
+/** A learned field as GLSL for `WebGLRenderer`: its functions, the call that evaluates it, and the uniforms that it needs. */
 
-import {
-  DataTexture,
-  FloatType,
-  HalfFloatType,
-  type IUniform,
-  LinearFilter,
-  LinearMipmapLinearFilter,
-  NearestFilter,
-  RGBAFormat,
-  type Texture,
-  type TextureDataType,
-  Vector3,
-} from "three";
+import type { IUniform } from "three";
 import type { FieldRecord } from "./extension.ts";
-import {
-  evaluateFrame,
-  FRAME_UNIFORM_LIMIT,
-  type FrameUniform,
-  frameLayout,
-  type GlslProgram,
-  type Graph,
-  only,
-  printGlsl,
-  type StoredBuffer,
-  type TexelTexture,
-} from "./graph/index.ts";
+import { FRAME_UNIFORM_LIMIT, type GlslProgram, printGlsl } from "./graph/glsl.ts";
+import { LearnedField, pictureTexture, texelTexture, type WeightPlacement } from "./learned-field.ts";
 import type { Demand } from "./material-budget.ts";
-import { MAX_LAMPS } from "./variables.ts";
-
-/** Where a field's weights live in the shader. */
-export type WeightPlacement = "inline" | "texture";
 
 /** GLSL of the graph's inputs inside a function of a surface where it is not their name; `light` is that of the loop. */
 const INPUTS: Readonly<Record<string, string>> = { uv: "uv.xy", uv1: "uv.zw" };
 
-/**
- * Some outputs of a field, printed for any number of lamps that the field is evaluated for. The uniforms are the same
- * objects whatever that number is, so that programs compiled for different numbers can share them.
- */
-export class FieldProgram {
-  readonly record: FieldRecord;
-  /** The part of the record's graph that the outputs need. */
-  readonly graph: Graph;
-  /** Name of the function and prefix of everything else. */
-  readonly name: string;
+/** Some outputs of a field, printed for the lamps that it follows. */
+export class FieldProgram extends LearnedField {
   readonly uniforms: Record<string, IUniform> = {};
-  readonly placement: WeightPlacement;
   private readonly share: number;
   private program: GlslProgram;
-  /** Values of the declared light that the field is evaluated for; shared with the lamps. */
-  private lights: readonly Vector3[] = [];
-  private readonly lightSlots = slots();
-  private readonly gainSlots = slots();
-  /** Per-frame values of every lamp, and the lights that they were evaluated for. */
-  private frameValues: Float32Array<ArrayBuffer> = new Float32Array(0);
-  private readonly evaluated = Array.from({ length: MAX_LAMPS }, () => new Vector3(Number.NaN, 0, 0));
-  private readonly textures = new Map<string, DataTexture>();
-  private readonly pictures: readonly Texture[];
 
   /** `share`: vectors that per-frame values may take of the uniforms; beyond it they are a texture. */
   constructor(
@@ -67,42 +23,14 @@ export class FieldProgram {
     placement: WeightPlacement,
     share = FRAME_UNIFORM_LIMIT,
   ) {
-    this.record = record;
+    super(record, name, outputs, placement);
     this.share = share;
-    this.graph = only(record.graph, ...outputs);
-    this.name = name;
-    this.placement = placement;
     this.uniforms[`${name}_light`] = { value: this.lightSlots };
     this.uniforms[`${name}_gain`] = { value: this.gainSlots };
-    this.program = this.print(1);
-    for (const texels of this.program.textures) this.uniforms[texels.name] = { value: this.texture(texels) };
-    this.pictures = [...this.program.pictures].map(([sampler, buffer]) => {
-      const texture = asPicture(buffer);
-      this.uniforms[sampler] = { value: texture };
-      return texture;
-    });
-  }
-
-  /** How many lamps the field is evaluated for. */
-  get lamps(): number {
-    return Math.max(this.lights.length, 1);
-  }
-
-  /** Multiply-adds per pixel, for all lamps. */
-  get macs(): number {
-    return this.graph.macs * this.lamps;
-  }
-
-  /** Bytes of the stored buffers. */
-  get bytes(): number {
-    return this.sum(({ picture, data }) => picture?.bytes ?? data.byteLength);
-  }
-
-  /** Bytes of them in the memory of the GPU, where a picture has four a texel. */
-  get memory(): number {
-    return this.sum(({ picture, shape, data }) =>
-      picture ? 4 * shape[0]! * shape[1]! * (picture.mips > 0 ? 4 / 3 : 1) : data.byteLength,
-    );
+    this.program = this.print();
+    const { textures, pictures } = this.program;
+    for (const { name: key, data, width, height } of textures) this.bind(key, this.keep(key, () => texelTexture(data, width, height)));
+    for (const [key, buffer] of pictures) this.bind(key, this.keep(key, () => pictureTexture(buffer)));
   }
 
   /** Whether the surface must hand over its texture coordinates. */
@@ -156,76 +84,22 @@ export class FieldProgram {
   }`;
   }
 
-  /** Follow these lights (at least one); after a change of their number the shaders must be compiled anew. */
-  follow(lights: readonly Vector3[]): void {
-    this.lights = lights;
-    this.program = this.print(lights.length);
-    for (const evaluated of this.evaluated) evaluated.set(Number.NaN, 0, 0);
+  override follow(lights: Parameters<LearnedField["follow"]>[0]): void {
+    super.follow(lights);
+    this.program = this.print();
   }
 
-  /** Set what the value for a lamp is multiplied by: colour times intensity, or 0 where it is off. */
-  setGain(lamp: number, gain: Vector3): void {
-    this.gainSlots[lamp]!.copy(gain);
-  }
-
-  /** Evaluate the per-frame part of each light that has moved; call before drawing. */
-  update(): void {
-    this.lights.forEach((light, lamp) => {
-      this.lightSlots[lamp]!.copy(light);
-      if (!this.program.frame || this.evaluated[lamp]!.equals(light)) return;
-      this.evaluated[lamp]!.copy(light);
-      const { blocks } = this.program.frame;
-      const values = this.frameValues.subarray(4 * blocks * lamp, 4 * blocks * (lamp + 1));
-      evaluateFrame(this.graph, { light: light.toArray() }, values);
-      const texture = this.textures.get(this.program.frame.name);
-      if (texture) texture.needsUpdate = true;
-    });
-  }
-
-  dispose(): void {
-    for (const texture of [...this.textures.values(), ...this.pictures]) texture.dispose();
-  }
-
-  private sum(bytesOf: (buffer: StoredBuffer) => number): number {
-    return Math.round([...this.record.buffers.values()].reduce((sum, buffer) => sum + bytesOf(buffer), 0));
-  }
-
-  private print(lights: number): GlslProgram {
-    const frameTexture = lights * frameLayout(this.graph).blocks > this.share;
-    const program = printGlsl(this.graph, { name: this.name, weights: this.placement, lights, frameTexture });
-    if (program.frame) this.addFrame(program.frame);
+  private print(): GlslProgram {
+    const { name, placement, lamps } = this;
+    const frameTexture = lamps * this.blocks > this.share;
+    const program = printGlsl(this.graph, { name, weights: placement, lights: lamps, frameTexture });
+    const { frame } = program;
+    if (frame) this.bind(frame.name, frame.kind === "array" ? this.frameValues : this.keepFrame(frame.name));
     return program;
   }
 
-  private addFrame({ name, kind, blocks }: FrameUniform): void {
-    if (this.uniforms[name]) return;
-    if (this.frameValues.length === 0) this.frameValues = new Float32Array(4 * blocks * MAX_LAMPS);
-    const data = this.frameValues;
-    const texels = { name, width: blocks, height: MAX_LAMPS, format: "rgba32float", data } as const;
-    this.uniforms[name] = { value: kind === "array" ? data : this.texture(texels) };
+  /** Give a uniform its value, which stays the same object. */
+  private bind(name: string, value: unknown): void {
+    this.uniforms[name] ??= { value };
   }
-
-  private texture({ name, data, width, height, format }: TexelTexture): DataTexture {
-    const type: TextureDataType = format === "rgba16float" ? HalfFloatType : FloatType;
-    const texture = new DataTexture(data, width, height, RGBAFormat, type);
-    texture.minFilter = texture.magFilter = NearestFilter;
-    texture.needsUpdate = true;
-    this.textures.set(name, texture);
-    return texture;
-  }
-}
-
-/** The texture of a buffer that is a picture, set up to be sampled as far down its mipmaps as it may be. */
-export function asPicture(buffer: StoredBuffer): Texture {
-  const texture = buffer.picture!.source as Texture;
-  const minified = buffer.picture!.mips > 0;
-  texture.magFilter = LinearFilter;
-  texture.minFilter = minified ? LinearMipmapLinearFilter : LinearFilter;
-  texture.generateMipmaps = minified;
-  return texture;
-}
-
-/** A vector for each lamp that there may be. */
-function slots(): Vector3[] {
-  return Array.from({ length: MAX_LAMPS }, () => new Vector3());
 }

@@ -9,17 +9,13 @@ export {
   type NeuralRadiance,
   readExtension,
 } from "./extension.ts";
-export { FieldProgram, type WeightPlacement } from "./field-program.ts";
+export { FieldProgram } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
-export { type DisposeOptions, LearnedScene, type LearnedSceneOptions, type Look, type Parts } from "./learned-scene.ts";
-export {
-  type Lightmap,
-  type LoadedLight,
-  type LoaderOptions,
-  LightwellLoaderPlugin,
-  learnedLight,
-  parseLearned,
-} from "./loader.ts";
+export { LearnedField, type WeightPlacement } from "./learned-field.ts";
+export { LearnedScene, type LearnedSceneOptions, type Look } from "./learned-scene.ts";
+export { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
+export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
+export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

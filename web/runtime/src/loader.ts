@@ -4,23 +4,11 @@ import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture }
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import { fail, FormatError } from "./checks.ts";
 import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
-import { EXTENSION, type NeuralRadiance, readExtension, type Sources } from "./extension.ts";
+import { EXTENSION, readExtension, type Sources } from "./extension.ts";
 import { type Budget, budgetOf } from "./graph/index.ts";
 import { LIMITS } from "./limits.ts";
-import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
-
-/** An ordinary light map of a material, as a texture. */
-export interface Lightmap extends LightmapRecord {
-  readonly map: Texture;
-  /** Size of the encoded picture; 0 when unknown. */
-  readonly bytes: number;
-}
-
-/** What the plugin leaves on `gltf.userData.lightwell`. */
-export interface LoadedLight extends NeuralRadiance {
-  /** Ordinary light maps (MOZ_lightmap), which the learned light takes the place of. */
-  readonly lightmaps: ReadonlyMap<Material, Lightmap>;
-}
+import { LIGHTMAP_EXTENSION, readLightmap } from "./lightmap.ts";
+import type { Lightmap, LoadedLight } from "./loaded-light.ts";
 
 /** Options of a `LightwellLoaderPlugin`. */
 export interface LoaderOptions {
@@ -103,12 +91,6 @@ function warnOfPlaces(gltf: GLTF): void {
     if (!(place.array instanceof Float32Array) || place.array.every(Number.isFinite)) return;
     console.warn(`lightwell: mesh '${object.name}': expected finite positions, found NaN or infinity; export the model again`);
   });
-}
-
-/** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
-export function learnedLight(gltf: GLTF): LoadedLight {
-  const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { variables: [], fields: [], lightmaps: new Map() };
 }
 
 /** A texture as linear data: numbers, not a colour. */

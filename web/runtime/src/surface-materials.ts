@@ -3,16 +3,31 @@
  * surfaces can show has copies of its own, which follow the originals and are made when they are first needed.
  */
 
-import { DoubleSide, Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points } from "three";
-import type { Lightmap } from "./loader.ts";
-import type { SurfaceFinish } from "./surface-finish.ts";
-import { SurfacePatch } from "./surface-patch.ts";
+import { Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points, type Side } from "three";
+import type { Lightmap } from "./loaded-light.ts";
 
 /**
  * `plain`: direct light alone. `learned`: with learned light. `indirect`: demodulated learned light alone, for a small
  * picture. `upsampled`: with the learned light of that picture. `segments`: the segmentation. `lightmap`: with ordinary light maps.
  */
 export type SurfaceLook = "plain" | "learned" | "indirect" | "upsampled" | "segments" | "lightmap";
+
+/** What an adapter has put on a material. */
+export interface Patch {
+  /** Take it off; what the material's owner has set stays. */
+  restore(): void;
+  /** The number of lamps has changed: compile anew. */
+  renew(): void;
+}
+
+/** How an adapter shows the looks that have shaders of their own; a look that is not among them is that of the plain one. */
+export interface Finisher {
+  readonly looks: ReadonlySet<SurfaceLook>;
+  /** Which sides shadow maps see; null leaves it to the material. */
+  readonly shadowSide: Side | null;
+  /** Put a look on a material; `original` is the patch of the material that this one is a copy of. */
+  patch(material: MeshStandardMaterial, look: SurfaceLook, original?: Patch): Patch;
+}
 
 interface Entry {
   readonly mesh: Mesh;
@@ -26,6 +41,7 @@ interface Entry {
 
 interface Twin {
   readonly material: Material;
+  readonly patch: Patch | null;
   /** Version of the original that the copy is of. */
   version: number;
 }
@@ -35,20 +51,16 @@ export class SurfaceMaterials {
   private entries: Entry[] = [];
   /** Materials of lines and points, which have no finish: a small picture leaves them out. */
   private others: Material[] = [];
-  private readonly finishes: Readonly<Partial<Record<SurfaceLook, SurfaceFinish>>>;
+  private readonly finisher: Finisher;
   private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
-  private readonly patches = new Map<Material, SurfacePatch>();
+  private readonly patches = new Map<Material, Patch>();
   private readonly twins = new Map<SurfaceLook, Map<Material, Twin>>();
   private shadowSides = new Map<Material, Material["shadowSide"]>();
   private shown: SurfaceLook = "learned";
   private brightness = 1;
 
-  /** A look without a finish is that of the plain one. */
-  constructor(
-    finishes: Readonly<Partial<Record<SurfaceLook, SurfaceFinish>>>,
-    lightmaps: ReadonlyMap<Material, Lightmap> = new Map(),
-  ) {
-    this.finishes = finishes;
+  constructor(finisher: Finisher, lightmaps: ReadonlyMap<Material, Lightmap> = new Map()) {
+    this.finisher = finisher;
     this.lightmaps = lightmaps;
   }
 
@@ -102,8 +114,8 @@ export class SurfaceMaterials {
 
   /** The finishes have changed: compile everything anew when it is shown next. */
   renew(): void {
-    for (const material of this.patches.keys()) material.needsUpdate = true;
-    for (const { material } of this.allTwins()) material.needsUpdate = true;
+    for (const patch of this.patches.values()) patch.renew();
+    for (const { patch } of this.allTwins()) patch?.renew();
   }
 
   /** Free what GPUs hold of the meshes; textures too if they are asked for. What is used again is uploaded again. */
@@ -131,35 +143,36 @@ export class SurfaceMaterials {
 
   private patch(material: Material): void {
     if (this.patches.has(material)) return;
-    if (!this.shadowSides.has(material)) {
+    const { shadowSide } = this.finisher;
+    if (shadowSide !== null && !this.shadowSides.has(material)) {
       this.shadowSides.set(material, material.shadowSide);
-      // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
-      material.shadowSide = DoubleSide;
+      material.shadowSide = shadowSide;
     }
-    const finish = this.finishes.learned ?? this.finishes.plain;
-    if (finish && material instanceof MeshStandardMaterial) this.patches.set(material, new SurfacePatch(material, finish));
+    if (!(material instanceof MeshStandardMaterial)) return;
+    const look = this.finisher.looks.has("learned") ? "learned" : "plain";
+    this.patches.set(material, this.finisher.patch(material, look));
   }
 
   /** The material that shows a look in the place of an original, up to date with it. */
   private copyFor(material: Material, look: SurfaceLook): Material {
-    const finish = this.finishes[look];
-    if (look === "learned" || !finish || (look === "plain" && !this.finishes.learned)) return material;
+    const { looks } = this.finisher;
+    if (look === "learned" || !looks.has(look) || (look === "plain" && !looks.has("learned"))) return material;
     // A small picture has one depth a pixel: what is blended is drawn at full resolution alone.
     if (look === "upsampled" && material.transparent) return material;
     const hidden = look === "indirect" && (material.transparent || !(material instanceof MeshStandardMaterial));
     if (!hidden && !(material instanceof MeshStandardMaterial)) return material;
     const twins = this.twins.get(look) ?? new Map<Material, Twin>();
     this.twins.set(look, twins);
-    const twin = twins.get(material) ?? this.makeTwin(material, finish);
+    const twin = twins.get(material) ?? this.makeTwin(material, look);
     twins.set(material, twin);
     this.follow(twin, material, look, hidden);
     return twin.material;
   }
 
-  private makeTwin(material: Material, finish: SurfaceFinish): Twin {
+  private makeTwin(material: Material, look: SurfaceLook): Twin {
     const copy = material.clone();
-    if (copy instanceof MeshStandardMaterial) new SurfacePatch(copy, finish, this.patches.get(material));
-    return { material: copy, version: material.version };
+    const patch = copy instanceof MeshStandardMaterial ? this.finisher.patch(copy, look, this.patches.get(material)) : null;
+    return { material: copy, patch, version: material.version };
   }
 
   /** Carry edits of the original over to its copy. */

@@ -2,6 +2,7 @@
 
 import type { Material, MeshStandardMaterial, WebGLProgramParametersWithUniforms, WebGLRenderer } from "three";
 import type { SurfaceFinish } from "./surface-finish.ts";
+import type { Patch } from "./surface-materials.ts";
 import { patchSurfaceShader } from "./surface-shader.ts";
 
 type Hook = Material["onBeforeCompile"];
@@ -14,7 +15,7 @@ const PATCHED = new WeakSet<Material>();
  * While it is there, `material.onBeforeCompile` may be read and set as ever: the function that its owner gives is called
  * first, on the shader as three.js wrote it.
  */
-export class SurfacePatch {
+export class SurfacePatch implements Patch {
   private readonly material: MeshStandardMaterial;
   /** What the owner has set, before or since; undefined for what the class has. */
   private hook: Hook | undefined;
@@ -50,6 +51,10 @@ export class SurfacePatch {
     }
     PATCHED.delete(material);
     material.needsUpdate = true;
+  }
+
+  renew(): void {
+    this.material.needsUpdate = true;
   }
 
   /** The name that the owner's part of the program has. */

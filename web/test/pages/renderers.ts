@@ -1,21 +1,27 @@
 /** A page that draws one file with either renderer of three.js, and says what is left when it is disposed of. */
 
-import { LearnedScene, LightwellLoaderPlugin } from "lightwell";
-import { LearnedNodeScene } from "lightwell/webgpu";
+import { LearnedScene, LightwellLoaderPlugin, type Parts } from "lightwell";
+import { FieldNodes, LearnedNodeScene, learnedLight, learnedRadiance } from "lightwell/webgpu";
 import {
+  type Camera,
   Color,
+  DataTexture,
+  EquirectangularReflectionMapping,
   FloatType,
   Matrix4,
+  Mesh,
+  type MeshStandardMaterial,
   type Object3D,
   PerspectiveCamera,
   Quaternion,
+  RGBAFormat,
   Scene,
   Vector3,
   WebGLRenderer,
   WebGLRenderTarget,
 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
-import { RenderTarget, WebGPURenderer } from "three/webgpu";
+import { MeshBasicNodeMaterial, RenderTarget, WebGPURenderer } from "three/webgpu";
 
 export interface Request {
   readonly glb: string;
@@ -25,10 +31,21 @@ export interface Request {
   readonly height: number;
   readonly camera: { position: [number, number, number]; target: [number, number, number]; fovY: number };
   readonly weights?: "inline" | "texture";
+  /** Do it twice, and say what is left of the second time. */
+  readonly twice?: boolean;
   /** Direct light too. */
   readonly direct?: boolean;
-  /** Draw ordinary light maps in place of the learned light; `webgl` alone. */
+  /** Draw ordinary light maps in place of the learned light. */
   readonly lightmap?: boolean;
+  readonly parts?: Parts;
+  /** Lamps to add, after a first frame without them. */
+  readonly added?: number;
+  /** What to do to the file's materials after a first frame. */
+  readonly edit?: "emissive" | "hidden" | "detached";
+  /** White light from everywhere, and what the scene makes of it. */
+  readonly environment?: "keep" | "remove";
+  /** Materials of the page's own that show the field of this number; WebGPURenderer alone. */
+  readonly node?: number;
   readonly background?: number;
   /** Move root and camera together: the picture stays. */
   readonly moved?: boolean;
@@ -40,6 +57,7 @@ export interface Answer {
   readonly backend: string;
   /** Geometries and textures after the scene was there once, while it is there again, and after that. */
   readonly memory: { geometries: number; textures: number }[];
+  readonly lamps: { value: number[]; color: number[]; intensity: number }[];
 }
 
 async function load(base64: string) {
@@ -81,70 +99,137 @@ function upright(rows: ArrayLike<number>, width: number, height: number): number
   return Array.from({ length: height }, (_, y) => Array.from(rows).slice((height - 1 - y) * stride, (height - y) * stride)).flat();
 }
 
-async function runWebgl(request: Request): Promise<Answer> {
-  const { width, height } = request;
+/** White light from everywhere. */
+function whiteSky(): DataTexture {
+  const texture = new DataTexture(new Float32Array(4 * 64 * 32).fill(1), 64, 32, RGBAFormat, FloatType);
+  texture.mapping = EquirectangularReflectionMapping;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+type Learned = LearnedScene | LearnedNodeScene;
+type Gltf = Awaited<ReturnType<typeof load>>;
+
+/** One renderer and its adapter, as the rest of this page sees them. */
+interface Stand {
+  readonly renderer: { info: { memory: { geometries: number; textures: number } }; render(scene: Scene, camera: Camera): void };
+  readonly backend: "webgl" | "webgpu";
+  make(gltf: Gltf): Learned;
+  compile(learned: Learned, scene: Scene, camera: Camera): Promise<void>;
+  draw(learned: Learned, scene: Scene, camera: PerspectiveCamera): void;
+  read(): Promise<number[]>;
+  dispose(): void;
+}
+
+function webglStand({ width, height, weights, environment }: Request): Stand {
   const renderer = new WebGLRenderer({ canvas: document.createElement("canvas") });
   renderer.setSize(width, height, false);
   renderer.shadowMap.enabled = true;
-  const { camera, scene } = setUp(request, request.background);
   const target = new WebGLRenderTarget(width, height, { type: FloatType });
   renderer.setRenderTarget(target);
-  const memory: Answer["memory"] = [];
-  const home = camera.clone();
-  const rows = new Float32Array(4 * width * height);
-  for (const round of [0, 1]) {
-  camera.copy(home);
-  const learned = new LearnedScene(await load(request.glb), { renderer, ...(request.weights ? { weights: request.weights } : {}) });
-  scene.add(learned.root);
-  if (request.moved) move(learned.root, camera);
-  learned.update();
-  if (!request.direct) darken(learned.lamps);
-  if (request.lightmap) learned.renderLightmap(renderer, scene, camera);
-  else learned.render(renderer, scene, camera, width, height);
-  renderer.readRenderTargetPixels(target, 0, 0, width, height, rows);
-  if (round === 1) memory.push(memoryOf(renderer));
-  learned.dispose();
-  learned.root.removeFromParent();
-  renderer.render(scene, camera);
-  memory.push(memoryOf(renderer));
-  }
-  renderer.dispose();
-  renderer.forceContextLoss();
-  return { data: upright(rows, width, height), backend: "webgl", memory };
+  return {
+    renderer,
+    backend: "webgl",
+    make: (gltf) => new LearnedScene(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),
+    compile: (learned, scene, camera) => (learned as LearnedScene).compile(renderer, scene, camera),
+    draw: (learned, scene, camera) => (learned as LearnedScene).render(renderer, scene, camera, width, height),
+    async read() {
+      const rows = new Float32Array(4 * width * height);
+      renderer.readRenderTargetPixels(target, 0, 0, width, height, rows);
+      return upright(rows, width, height);
+    },
+    dispose() {
+      renderer.dispose();
+      renderer.forceContextLoss();
+    },
+  };
 }
 
-async function runWebgpu(request: Request): Promise<Answer> {
-  const { width, height } = request;
-  const renderer = new WebGPURenderer({ forceWebGL: request.kind === "fallback", antialias: false });
+async function webgpuStand({ width, height, weights, environment, kind }: Request): Promise<Stand> {
+  const renderer = new WebGPURenderer({ forceWebGL: kind === "fallback", antialias: false });
   await renderer.init();
   renderer.setSize(width, height, false);
   renderer.shadowMap.enabled = true;
-  const { camera, scene } = setUp(request, request.background);
   const target = new RenderTarget(width, height, { type: FloatType });
   renderer.setRenderTarget(target);
+  const isWebgpu = (renderer.backend as unknown as { isWebGPUBackend?: boolean }).isWebGPUBackend === true;
+  return {
+    renderer: renderer as unknown as Stand["renderer"],
+    backend: isWebgpu ? "webgpu" : "webgl",
+    make: (gltf) => new LearnedNodeScene(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),
+    compile: (learned, scene, camera) => (learned as LearnedNodeScene).compile(renderer, scene, camera),
+    draw: (_, scene, camera) => renderer.render(scene, camera),
+    async read() {
+      const rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height)) as Float32Array<ArrayBuffer>;
+      // WebGPU reads back top-down, WebGL bottom-up.
+      return isWebgpu ? Array.from(rows) : upright(rows, width, height);
+    },
+    dispose: () => renderer.dispose(),
+  };
+}
+
+function edit(root: Object3D, what: Request["edit"]): void {
+  root.traverse((object) => {
+    if (!(object instanceof Mesh)) return;
+    const material = object.material as MeshStandardMaterial;
+    if (what === "emissive") material.emissive.setRGB(0.5, 0, 0);
+    if (what === "hidden") material.visible = false;
+  });
+}
+
+/** Materials that show a field without a `LearnedNodeScene`. */
+function showNode(gltf: Gltf, number: number): void {
+  const record = learnedLight(gltf).fields[number]!;
+  const field = new FieldNodes(record, "own", "inline");
+  field.follow([new Vector3(...(learnedLight(gltf).variables[record.variable]?.initial ?? [0, 0, 0]))]);
+  field.setGain(0, new Vector3(1, 1, 1));
+  field.update();
+  const material = new MeshBasicNodeMaterial();
+  material.colorNode = learnedRadiance(field);
+  gltf.scene.traverse((object) => {
+    if (object instanceof Mesh) object.material = material;
+  });
+}
+
+async function run(request: Request): Promise<Answer> {
+  const stand = await (request.kind === "webgl" ? webglStand(request) : webgpuStand(request));
+  const { renderer } = stand;
+  const { camera, scene } = setUp(request, request.background);
+  if (request.environment) scene.environment = whiteSky();
   const memory: Answer["memory"] = [];
   const home = camera.clone();
-  let rows = new Float32Array(0);
-  for (const round of [0, 1]) {
-  camera.copy(home);
-  const learned = new LearnedNodeScene(await load(request.glb), request.weights ? { weights: request.weights } : {});
-  scene.add(learned.root);
-  if (request.moved) move(learned.root, camera);
-  learned.update();
-  if (!request.direct) darken(learned.lamps);
-  renderer.render(scene, camera);
-  rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height)) as Float32Array<ArrayBuffer>;
-  if (round === 1) memory.push(memoryOf(renderer));
-  learned.dispose();
-  learned.root.removeFromParent();
-  renderer.render(scene, camera);
-  memory.push(memoryOf(renderer));
+  let data: number[] = [];
+  let lamps: Answer["lamps"] = [];
+  for (const round of request.twice ? [0, 1] : [0]) {
+    camera.copy(home);
+    const gltf = await load(request.glb);
+    if (request.node !== undefined) showNode(gltf, request.node);
+    const learned = stand.make(gltf);
+    scene.add(learned.root);
+    if (request.moved) move(learned.root, camera);
+    const frame = () => {
+      if (request.parts) learned.show(request.parts);
+      learned.update();
+      if (!request.direct && !request.parts) darken(learned.lamps);
+      if (request.lightmap) learned.renderLightmap(renderer, scene, camera);
+      else stand.draw(learned, scene, camera);
+    };
+    frame();
+    for (let i = 0; i < (request.added ?? 0); i++) learned.addLamp();
+    if (request.added) await stand.compile(learned, scene, camera);
+    if (request.edit === "detached") learned.detach();
+    else if (request.edit) edit(learned.root, request.edit);
+    if (request.added || request.edit) frame();
+    data = await stand.read();
+    if (round > 0) memory.push(memoryOf(renderer));
+    lamps = learned.lamps.map(({ value, color, intensity }) => ({ value: value.toArray(), color: color.toArray(), intensity }));
+    learned.dispose();
+    learned.root.removeFromParent();
+    renderer.render(scene, camera);
+    memory.push(memoryOf(renderer));
   }
-  const isWebgpu = (renderer.backend as unknown as { isWebGPUBackend?: boolean }).isWebGPUBackend === true;
-  renderer.dispose();
-  // WebGPU reads back top-down, WebGL bottom-up.
-  const data = isWebgpu ? Array.from(rows) : upright(rows, width, height);
-  return { data, backend: isWebgpu ? "webgpu" : "webgl", memory };
+  stand.dispose();
+  return { data, backend: stand.backend, memory, lamps };
 }
 
 declare global {
@@ -154,5 +239,5 @@ declare global {
   }
 }
 
-window.draw = (request) => (request.kind === "webgl" ? runWebgl(request) : runWebgpu(request));
+window.draw = run;
 window.ready = true;

@@ -3,7 +3,11 @@
  * map `three` to `three.webgpu.js`.
  */
 
-export { LightwellLoaderPlugin, learnedLight } from "../loader.ts";
+export type { WeightPlacement } from "../learned-field.ts";
+export { learnedLight } from "../loaded-light.ts";
+export { LightwellLoaderPlugin } from "../loader.ts";
+export type { DisposeOptions, Parts } from "../scene-core.ts";
 export type { DeviceOwner } from "./device.ts";
 export { FieldNodes } from "./field-nodes.ts";
-export { LearnedNodeScene, type LearnedNodeSceneOptions } from "./learned-node-scene.ts";
+export { LearnedNodeScene, type LearnedNodeSceneOptions, type NodeRenderer } from "./learned-node-scene.ts";
+export { learnedRadiance, type RadianceInputs } from "./learned-radiance.ts";

@@ -1,0 +1,25 @@
+/** What the loader plugin leaves on a loaded file. */
+
+import type { Material, Texture } from "three";
+import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import type { NeuralRadiance } from "./extension.ts";
+import type { LightmapRecord } from "./lightmap.ts";
+
+/** An ordinary light map of a material, as a texture. */
+export interface Lightmap extends LightmapRecord {
+  readonly map: Texture;
+  /** Size of the encoded picture; 0 when unknown. */
+  readonly bytes: number;
+}
+
+/** What the plugin leaves on `gltf.userData.lightwell`. */
+export interface LoadedLight extends NeuralRadiance {
+  /** Ordinary light maps (MOZ_lightmap), which the learned light takes the place of. */
+  readonly lightmaps: ReadonlyMap<Material, Lightmap>;
+}
+
+/** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
+export function learnedLight(gltf: GLTF): LoadedLight {
+  const found = gltf.userData.lightwell as LoadedLight | undefined;
+  return found ?? { variables: [], fields: [], lightmaps: new Map() };
+}

@@ -1,0 +1,276 @@
+/** What a scene with learned light is for either renderer: its root, lamps, fields, and what is shown of them. */
+
+import { type Box3, type Camera, Color, type Group, type Object3D, type Scene, type Texture, Vector3 } from "three";
+import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import type { FieldRecord } from "./extension.ts";
+import { createLamp, type Lamp, ShadowKeeper } from "./lamp.ts";
+import type { LearnedField, WeightPlacement } from "./learned-field.ts";
+import { type LoadedLight, learnedLight } from "./loaded-light.ts";
+import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
+import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
+import { OwnLights } from "./own-lights.ts";
+import { boundsOf, Placement } from "./placement.ts";
+import type { SurfaceMaterials } from "./surface-materials.ts";
+import { MAX_LAMPS, type Variable } from "./variables.ts";
+
+/** Which parts of the light are shown. */
+export interface Parts {
+  /** Direct light of the declared lights, and emission. */
+  readonly raster: boolean;
+  /** Learned light of the declared lights. */
+  readonly indirect: boolean;
+  /** Learned light of the scene's own emitters. */
+  readonly still: boolean;
+}
+
+/** Options of a scene with learned light. */
+export interface SceneOptions<R> {
+  /** Where weights live; by default small fields are literals and large ones textures. */
+  readonly weights?: WeightPlacement;
+  /** What will draw the scene: its limits count. With several renderers, call `update` with each before it draws. */
+  readonly renderer?: R;
+  /**
+   * Whether surfaces also take the light of `scene.environment`: learned light has that of the bake already, so it is `remove`d
+   * unless asked for. Lights that are not of the file always add to the picture, and fog lies over it.
+   */
+  readonly environment?: "keep" | "remove";
+}
+
+/** What `dispose` frees. */
+export interface DisposeOptions {
+  /** Textures of the model and of ordinary light maps too; true unless given. */
+  readonly textures?: boolean;
+}
+
+/** A renderer as far as scenes draw with it themselves. */
+export interface Drawing {
+  render(scene: Object3D, camera: Camera): unknown;
+}
+
+/** The scene that a root is attached to: a root has one. */
+const OWNERS = new WeakMap<Object3D, { detach(): void }>();
+
+/**
+ * Owns lamps and fields; an adapter prints the fields and puts them into the materials of its renderer. An adapter's constructor
+ * ends with `begin`.
+ */
+export abstract class SceneCore<F extends LearnedField, R extends object> {
+  readonly root: Group;
+  /** Of the meshes, in the space of the root. */
+  readonly bounds: Box3;
+  readonly variables: readonly Variable[];
+  readonly fields: readonly F[];
+  /** The declared lights in their order, then those that were added. */
+  lamps: readonly Lamp[];
+  protected readonly options: SceneOptions<R>;
+  protected readonly lightmaps: LoadedLight["lightmaps"];
+  protected readonly placement: Placement;
+  protected readonly shadows = new ShadowKeeper();
+  protected abstract readonly materials: SurfaceMaterials;
+  /** Counts what overtakes a compilation. */
+  protected generation = 0;
+  protected shown: Parts = { raster: true, indirect: true, still: true };
+  private readonly ownLights = new OwnLights();
+  private attached = false;
+
+  /** `make`: prints a field, given its number and how many there are. */
+  protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
+    const { variables, fields, lightmaps } = learnedLight(gltf);
+    this.root = gltf.scene;
+    this.options = options;
+    OWNERS.get(this.root)?.detach();
+    this.lightmaps = lightmaps;
+    this.variables = variables;
+    this.placement = new Placement(this.root);
+    this.bounds = boundsOf(this.root);
+    this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement));
+    this.fields = fields.map((record, i) => make(record, i, fields.length));
+  }
+
+  /** What a field asks of a shader, and what there is; `renderer` is the one of the options or of a call. */
+  protected abstract demands(renderer: R | undefined): { readonly fields: readonly Demand[]; readonly capabilities: Capabilities | undefined };
+  /** Show the rasterised light or not. */
+  protected abstract showRaster(on: boolean): void;
+
+  /** All that is evaluated for lamps: the fields, and what an adapter has beside them. */
+  protected get programs(): readonly F[] {
+    return this.fields;
+  }
+
+  /** Light the root for the first time. Throws a `FormatError` when its materials would ask for too much. */
+  protected begin(): void {
+    this.followLamps();
+    this.checkBudget(this.options.renderer);
+    this.attach();
+  }
+
+  /**
+   * Light the root, as the constructor does; after `detach` or `dispose` again. A root that another scene with learned light lights
+   * is taken over from it.
+   */
+  attach(): void {
+    if (this.attached) return;
+    OWNERS.get(this.root)?.detach();
+    OWNERS.set(this.root, this);
+    this.attached = true;
+    if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
+    for (const lamp of this.lamps) lamp.attach();
+    this.materials.attach(this.root);
+  }
+
+  /** Give the root back as it was loaded: its materials, its own lights. It stays where it is. */
+  detach(): void {
+    if (!this.attached) return;
+    this.attached = false;
+    this.generation++;
+    OWNERS.delete(this.root);
+    for (const lamp of this.lamps) lamp.detach();
+    this.materials.detach();
+    this.ownLights.restore();
+  }
+
+  /**
+   * Give the root back as it was loaded, and free what GPUs hold of it. The root stays where it is; what is used again is
+   * uploaded again, and `attach` lights it again.
+   */
+  dispose({ textures = true }: DisposeOptions = {}): void {
+    for (const lamp of this.lamps) lamp.dispose();
+    for (const field of this.programs) field.dispose();
+    if (!this.attached) return;
+    this.materials.dispose(textures);
+    this.detach();
+  }
+
+  /** Whether any field is the light of the scene's own emitters. */
+  get hasStillLight(): boolean {
+    return this.fields.some((field) => field.record.role === "static");
+  }
+
+  /** Whether any field follows a declared light. */
+  get hasIndirectLight(): boolean {
+    return this.fields.some((field) => field.record.role === "indirect");
+  }
+
+  /** Whether the file also carries ordinary light maps. */
+  get hasLightmaps(): boolean {
+    return this.lightmaps.size > 0;
+  }
+
+  /** What is stored as pictures: the features of the fields, then ordinary light maps. */
+  get pictures(): readonly { readonly name: string; readonly texture: Texture; readonly bytes: number }[] {
+    const features = this.fields.flatMap(({ record }) =>
+      [...record.buffers].flatMap(([name, { picture }]) =>
+        picture ? [{ name, texture: picture.source as Texture, bytes: picture.bytes }] : [],
+      ),
+    );
+    const maps = new Map([...this.lightmaps.values()].map(({ map, bytes }) => [map, bytes]));
+    const ordinary = [...maps].map(([texture, bytes]) => ({ name: "light map", texture, bytes }));
+    return [...features, ...ordinary];
+  }
+
+  /** Multiply-adds per pixel of all fields and lamps. */
+  get macs(): number {
+    return this.fields.reduce((total, field) => total + field.macs, 0);
+  }
+
+  /** Choose which parts of the light are shown. */
+  show(parts: Parts): void {
+    this.shown = parts;
+    this.showRaster(parts.raster);
+    this.materials.brighten(parts.still ? 1 : 0);
+    this.tint();
+  }
+
+  /** Carry the lamps' colours and intensities over to the shaders. */
+  tint(): void {
+    for (const lamp of this.lamps) lamp.tint();
+    for (const field of this.fields) {
+      const lamps = this.lampsOf(field);
+      lamps.forEach(({ color, intensity }, i) => {
+        const gain = this.shown.indirect ? intensity : 0;
+        field.setGain(i, new Vector3(color.r, color.g, color.b).multiplyScalar(gain));
+      });
+      if (lamps.length === 0) field.setGain(0, new Vector3().setScalar(this.isOn(field) ? 1 : 0));
+    }
+  }
+
+  /**
+   * Follow the root, the lamps and the materials, and bring the fields up to date; call before drawing. Throws when the root is
+   * scaled unevenly.
+   */
+  update(renderer: R | undefined = this.options.renderer): void {
+    if (!this.attached) return;
+    if (this.placement.follow()) for (const lamp of this.lamps) lamp.renewShadow();
+    for (const lamp of this.lamps) lamp.follow();
+    this.shadows.ask(this.lamps, renderer ?? this);
+    this.tint();
+    this.materials.show("learned");
+    for (const field of this.programs) field.update();
+  }
+
+  /**
+   * Add a lamp of the kind of a declared light, where there is room; null when there are enough. Shaders depend on the number of
+   * lights: call `compile`, or the next frame waits for them.
+   */
+  addLamp(variable = 0): Lamp | null {
+    const declared = this.variables[variable];
+    if (!declared || this.lamps.length >= MAX_LAMPS) return null;
+    const lamp = createLamp(declared, this.bounds, this.placement);
+    const alike = this.lamps.filter((other) => other.variable === declared);
+    lamp.move(roomiestPlace(lamp, alike));
+    lamp.intensity *= ADDED_SHARE;
+    lamp.color.copy(tintOf(new Color(...declared.color), alike.length));
+    if (this.attached) lamp.attach();
+    this.setLamps([...this.lamps, lamp]);
+    return lamp;
+  }
+
+  /** Take an added lamp away; returns whether there was one of this number. Then as for `addLamp`. */
+  removeLamp(index: number): boolean {
+    const lamp = this.lamps[index];
+    if (!lamp || index < this.variables.length) return false;
+    lamp.dispose();
+    this.setLamps(this.lamps.filter((other) => other !== lamp));
+    return true;
+  }
+
+  /** Draw `scene` with ordinary light maps in place of the learned light; only where `hasLightmaps`. */
+  renderLightmap(renderer: Drawing, scene: Scene, camera: Camera): void {
+    this.materials.show("lightmap");
+    renderer.render(scene, camera);
+    this.materials.show("learned");
+  }
+
+  /** Throws a `FormatError` when the materials ask for more than there is. */
+  protected checkBudget(renderer: R | undefined): void {
+    const { fields, capabilities } = this.demands(renderer);
+    checkMaterials(this.root, fields, this.lamps.length, capabilities);
+  }
+
+  /** The shaders for these lamps are other ones. */
+  protected setLamps(lamps: readonly Lamp[]): void {
+    this.lamps = lamps;
+    this.followLamps();
+    this.materials.renew();
+  }
+
+  /** Tell every field which lamps it is evaluated for. */
+  private followLamps(): void {
+    const still = [new Vector3()];
+    for (const field of this.programs) {
+      const lights = this.lampsOf(field).map((lamp) => lamp.value);
+      field.follow(lights.length > 0 ? lights : still);
+    }
+    this.show(this.shown);
+  }
+
+  private lampsOf(field: LearnedField): Lamp[] {
+    const variable = this.variables[field.record.variable];
+    return this.lamps.filter((lamp) => lamp.variable === variable);
+  }
+
+  /** Whether a field that follows no lamp is shown. */
+  private isOn(field: LearnedField): boolean {
+    return field.record.role === "static" ? this.shown.still : this.shown.indirect;
+  }
+}

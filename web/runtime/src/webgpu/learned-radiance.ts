@@ -1,0 +1,86 @@
+/** `learnedRadiance`: the value of a field as a TSL node, for materials of one's own. */
+
+import type { Matrix4 } from "three";
+import {
+  cameraPosition,
+  diffuseColor,
+  materialMetalness,
+  materialRoughness,
+  normalWorld,
+  normalWorldGeometry,
+  positionWorld,
+  select,
+  uniform,
+  uv,
+  vec4,
+} from "three/tsl";
+import type { Node } from "three/webgpu";
+import type { AnyNode, FieldNodes, SurfaceNodes } from "./field-nodes.ts";
+
+/** Reflectance: base colour + 0.04 (1 − metallic), at least this (format/FORMAT.md). */
+const [DIELECTRIC_F0, MIN_REFLECTANCE] = [0.04, 1e-3];
+
+/** What a field is told of the surface, in the space in which it was learned; what is left out is that of the mesh that is drawn. */
+export interface RadianceInputs {
+  /** Point, metres. */
+  readonly position?: Node<"vec3">;
+  /** Unit normal on the side of the eye, of the geometry. */
+  readonly normal?: Node<"vec3">;
+  /** The same with the normal map. */
+  readonly shadingNormal?: Node<"vec3">;
+  /** Unit direction to the eye. */
+  readonly view?: Node<"vec3">;
+  /** Base colour plus the reflectance of a dielectric. */
+  readonly reflectance?: Node<"vec3">;
+  /** From 0 to 1. */
+  readonly roughness?: Node<"float">;
+  readonly metallic?: Node<"float">;
+  /** Texture coordinates of the first and second set. */
+  readonly uv?: Node<"vec2">;
+  readonly uv1?: Node<"vec2">;
+  /** From the world to the space in which the field was learned, for what is left out; the world itself unless given. */
+  readonly toRoot?: Matrix4;
+}
+
+/**
+ * The light that a field has for a point of a surface, for all lamps that it follows: a node of linear RGB that is to be multiplied
+ * by the reflectance.
+ *
+ * Args: the field, one of `scene.fields`; what it is told of the surface. Build the node again when lamps were added or removed.
+ */
+export function learnedRadiance(field: FieldNodes, inputs: RadianceInputs = {}): Node<"vec3"> {
+  return field.radiance(surfaceNodes([field], inputs)) as Node<"vec3">;
+}
+
+/** Nodes of what fields read, those given and those of the mesh. */
+export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNormal, ...given }: RadianceInputs = {}): SurfaceNodes {
+  const reads = (name: string) => fields.some((field) => field.graph.inputs.has(name));
+  const world = positionWorld as AnyNode;
+  const view = (cameraPosition as AnyNode).sub(world).normalize();
+  const smooth = (normalWorldGeometry as AnyNode).normalize();
+  // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
+  const facet = world.dFdx().cross(world.dFdy());
+  const agrees = facet.dot(view).lessThan(0).equal(facet.dot(smooth).lessThan(0));
+  const normal = (select as AnyNode)(agrees, smooth, smooth.negate());
+  const bent = (normalWorld as AnyNode).normalize();
+  const matrix = toRoot ? (uniform as AnyNode)(toRoot) : null;
+  const direction = (vector: AnyNode) => (matrix ? matrix.mul((vec4 as AnyNode)(vector, 0)).xyz.normalize() : vector);
+  return {
+    position: matrix ? matrix.mul((vec4 as AnyNode)(world, 1)).xyz : world,
+    view: direction(view),
+    normal: direction(normal),
+    reflectance: reflectanceNode(),
+    roughness: materialRoughness,
+    metallic: materialMetalness,
+    ...(reads("shading_normal") ? { shading_normal: direction(bent.sub(normal.mul(bent.dot(normal).min(0).mul(2)))) } : {}),
+    ...(reads("uv") ? { uv: uv(0) } : {}),
+    ...(reads("uv1") ? { uv1: uv(1) } : {}),
+    ...(shadingNormal ? { shading_normal: shadingNormal } : {}),
+    ...given,
+  };
+}
+
+/** What learned light is multiplied by. */
+export function reflectanceNode(): AnyNode {
+  return (diffuseColor as AnyNode).rgb.add((materialMetalness as AnyNode).oneMinus().mul(DIELECTRIC_F0)).max(MIN_REFLECTANCE);
+}
