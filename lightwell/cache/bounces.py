@@ -7,7 +7,10 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import Guide, GuidedVertex
-from lightwell.transport.radiance import power_heuristic
+from lightwell.transport.path_state import sample_light
+from lightwell.transport.sources import Emitters
+
+EMITTERS = Emitters()
 
 
 @dataclass
@@ -52,9 +55,7 @@ def bounce_at(
     Returns:
         Contribution of light sampling, the next direction, its density and its weight.
     """
-    active_em = active & smooth
-    ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
-    active_em &= ds.pdf != 0
+    light = sample_light(scene, si, EMITTERS, sampler.next_2d(), active & smooth)
     sample1, sample2 = sampler.next_1d(), sampler.next_2d()
     picks = mi.Bool(False)
     if guide is not None and visit is not None:
@@ -62,15 +63,14 @@ def bounce_at(
         picks = sample1 < visit.share
         sample1 = dr.select(picks, sample1 / visit.share, (sample1 - visit.share) / (1 - visit.share))
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, si.to_local(ds.d), sample1, sample2, active
+        mi.BSDFContext(), si, si.to_local(light.direction), sample1, sample2, active
     )  # fmt: skip
     if guide is not None and visit is not None:
-        pdf = dr.lerp(pdf, guide.pdf(visit.row, ds.d, active_em), visit.share)
-    mis = dr.select(ds.delta, 1, dr.detach(power_heuristic(ds.pdf, pdf)))
-    light = dr.select(active_em, value * em_weight * mis, 0)
+        pdf = dr.lerp(pdf, guide.pdf(visit.row, light.direction, light.seen), visit.share)
+    lit = dr.select(light.seen, value * light.weight * light.mis(pdf), 0)
     has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
     delta, null = has(mi.BSDFFlags.Delta), has(mi.BSDFFlags.Null)
-    out = Bounce(light, sample.wo, sample.pdf, weight, sample.eta, delta, null)
+    out = Bounce(lit, sample.wo, sample.pdf, weight, sample.eta, delta, null)
     return out if guide is None or visit is None else _mixed(out, si, bsdf, guide, visit, sample2, picks, active)
 
 

@@ -128,10 +128,10 @@ def trace_pass(
     return _traced(scene, rays, context, evaluate, dr.opaque(mi.Float, q), caching, estimator, first_direct, guide)
 
 
-def _traced(scene, rays, around, evaluate, q, caching, estimator, first_direct, guide):
+def _traced(scene, rays, context, evaluate, q, caching, estimator, first_direct, guide):
     ray, weight, place, sampler = rays
     L, valid, depth, ratio = render_path(
-        scene, sampler, ray, around, evaluate, q, caching, estimator, first_direct, guide
+        scene, sampler, ray, context, evaluate, q, caching, estimator, first_direct, guide
     )  # fmt: skip
     L = L * weight
     L = dr.select(dr.all(dr.isfinite(L)), L, 0)
@@ -180,14 +180,14 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
         shape: Constants of the recording.
 
     Returns:
-        Function of (scene, sensor, around, weights, guide, q, first sample, samples per pixel, seed) with the result of
-        ``trace_pass``.
+        Function of (scene, sensor, context, weights, guide, q, first sample, samples per pixel, seed) with the result
+        of ``trace_pass``.
     """
 
-    def run(scene, sensor, around, weights, guide, q, first, spp, seed):
+    def run(scene, sensor, context, weights, guide, q, first, spp, seed):
         rays = sobol_rays(sensor, first, spp, seed, shape.N)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
-        out = _traced(scene, rays, around, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
+        out = _traced(scene, rays, context, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
         dr.eval(out)
         return out
 
@@ -215,9 +215,9 @@ def sobol_pass(
         Result of ``trace_pass``.
     """
     shape = PassShape(N, caching, estimator, True, film_mark(sensor), guide is not None)
-    around, weights = cache.region.context, cache.predictor.packed("ema")
+    context, weights = cache.region.context, cache.predictor.packed("ema")
     return frozen_pass(cache.predictor.model, shape)(
-        scene, sensor, around, weights, guide, dr.opaque(mi.Float, q), *numbers
+        scene, sensor, context, weights, guide, dr.opaque(mi.Float, q), *numbers
     )
 
 

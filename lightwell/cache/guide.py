@@ -104,11 +104,11 @@ class Guide:
         """
         return dr.gather(mi.Float, self.density, row * BINS + bin_of(d), active)
 
-    def visit(self, around: Any, si: Any, flags: Any, number: mi.Float, active: mi.Bool) -> GuidedVertex:
+    def visit(self, context: Any, si: Any, flags: Any, number: mi.Float, active: mi.Bool) -> GuidedVertex:
         """Look up the guide at path vertices.
 
         Args:
-            around: ``Surroundings`` of the paths.
+            context: ``PathContext`` of the paths.
             si: Surface interactions.
             flags: Flags of the BSDFs.
             number: [N] random numbers in [0, 1), for the displacement of the position and for ``GuidedVertex.chance``.
@@ -121,7 +121,7 @@ class Guide:
         shift = mi.Vector3f(bits & 1023, (bits >> 10) & 1023, (bits >> 20) & 1023) / 1024 - (0.5 - 0.5 / 1024)
         n = mi.Vector3f(si.sh_frame.n)
         n = dr.select(si.wi.z < 0, -n, n)
-        p = (si.p - around.low) * around.inverse + shift / self.cells
+        p = (si.p - context.low) * context.inverse + shift / self.cells
         active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
         row = self.row(p, n, active)
         level = dr.gather(mi.Float, self.level, row, active)

@@ -9,8 +9,9 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache import restir, restir_gi
 from lightwell.cache.frames import Rays, evaluator
+from lightwell.cache.path_loop import CachePath
 from lightwell.cache.radiance_cache import RadianceCache
-from lightwell.cache.render_paths import PathState, render_path
+from lightwell.cache.render_paths import render_path
 from lightwell.cache.settings import EstimationSettings
 
 
@@ -114,10 +115,10 @@ class ReservoirHistory:
         held, rest, usable = restir_gi.choose(scene, ray, sampler, context, evaluate, caching)
         dr.eval(held, rest, usable, sampler)
         shared, *_ = restir_gi.shade(scene, ray, sampler, held, *sizes, self._neighbours, self._unbiased)
-        walk = PathState(ray)
-        walk.active = ~usable
+        path = CachePath(ray)
+        path.active = ~usable
         plain, valid, *_ = render_path(
-            scene, sampler, walk, context, evaluate, mi.Float(1), caching, "biased", True
+            scene, sampler, path, context, evaluate, mi.Float(1), caching, "biased", True
         )  # fmt: skip
         L = dr.select(usable, rest + shared, dr.select(dr.all(dr.isfinite(plain)), plain, 0))
         dr.eval(L)

@@ -14,9 +14,12 @@ from collections.abc import Callable
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.render_paths import PathContext, PathState, render_path
+from lightwell.cache.bounces import EMITTERS
+from lightwell.cache.path_context import PathContext
+from lightwell.cache.path_loop import CachePath
+from lightwell.cache.render_paths import render_path
 from lightwell.cache.restir import _alike, _neighbour, first_hit
-from lightwell.transport.radiance import interaction_at, power_heuristic
+from lightwell.transport.path_state import sample_light
 
 
 class ReservoirSample:
@@ -52,14 +55,13 @@ def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> m
     Returns:
         [N] weighted radiance.
     """
-    ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)
-    active = active & (ds.pdf != 0)
-    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
-    return dr.select(active, value * weight * dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf)), 0)
+    light = sample_light(scene, si, EMITTERS, sampler.next_2d(), active)
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen)
+    return dr.select(light.seen, value * light.weight * light.mis(pdf), 0)
 
 
 def choose(
-    scene: Any, ray: Any, sampler: Any, around: PathContext, evaluate: Callable[[Any, Any], Any], caching: bool
+    scene: Any, ray: Any, sampler: Any, context: PathContext, evaluate: Callable[[Any, Any], Any], caching: bool
 ) -> tuple[ReservoirSample, mi.Color3f, mi.Bool]:
     """Sample one bounce per lane.
 
@@ -67,7 +69,7 @@ def choose(
         scene: Mitsuba scene.
         ray: [N] camera rays.
         sampler: Source of random numbers.
-        around: ``PathContext`` of the paths.
+        context: ``PathContext`` of the paths.
         evaluate: Function of vertices and a mask, with the cache's radiance [N].
         caching: Whether paths may end in the cache.
 
@@ -78,17 +80,18 @@ def choose(
     si, bsdf, usable = first_hit(scene, ray)
     rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
     sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
-    walk = PathState(si.spawn_ray(si.to_world(sample.wo)))
-    walk.active = usable & (dr.max(weight) > 0)
-    walk.depth = mi.UInt32(1)
-    walk.prev, walk.prev_pdf = interaction_at(si), mi.Float(sample.pdf)
-    walk.prev_delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    path = CachePath()
+    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    path.leave(si, sample.wo, mi.Float(sample.pdf), mi.Spectrum(1), mi.Float(1), delta)
+    path.active = usable & (dr.max(weight) > 0)
+    path.depth = mi.UInt32(1)
     # The footprint of a secondary point counts as wide, so that the path ends in the cache there.
-    walk.foot.scattered, walk.foot.run_pdf = mi.Bool(True), dr.select(walk.prev_delta, 0, walk.prev_pdf)
-    delta, active = mi.Bool(walk.prev_delta), mi.Bool(walk.active)
-    behind = scene.ray_intersect(walk.ray, mi.RayFlags.All, False, active)
-    emitted = dr.select(active, walk.emission(scene, behind), 0)
-    L, *_ = render_path(scene, sampler, walk, around, evaluate, mi.Float(1), caching, "biased", True)
+    path.foot.scattered, path.foot.run_pdf = mi.Bool(True), dr.select(delta, 0, path.prev_pdf)
+    delta, active = mi.Bool(delta), mi.Bool(path.active)
+    behind = scene.ray_intersect(path.ray, mi.RayFlags.All, False, active)
+    Le, mis = path.meet(scene, behind, EMITTERS)
+    emitted = dr.select(active, mis * Le, 0)
+    L, *_ = render_path(scene, sampler, path, context, evaluate, mi.Float(1), caching, "biased", True)
     L = dr.select(active & behind.is_valid(), L - emitted, 0)
     flags = behind.bsdf().flags()
     rough = mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ~mi.has_flag(flags, mi.BSDFFlags.Glossy)

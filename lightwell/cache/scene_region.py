@@ -9,7 +9,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.materials import CacheMaterialTable, material_table
-from lightwell.cache.render_paths import PathContext
+from lightwell.cache.path_context import PathContext
 from lightwell.cache.settings import PathSettings
 
 # Relative margin of the box, so that no surface lies on its boundary.

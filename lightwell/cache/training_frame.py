@@ -149,17 +149,17 @@ def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
         shape: Constants of the recording.
 
     Returns:
-        Function of (scene, sensor, around, tail weights, pixel weights, numbers, pool, cells, guide) with a
+        Function of (scene, sensor, context, tail weights, pixel weights, numbers, pool, cells, guide) with a
         ``TracedRecords``. Weights come with their ``RadianceScaling``; the pool is origins and directions of rays of
         earlier cameras; cells are those of the guide along the axes.
     """
 
-    def run(scene, sensor, around, tails, pixels, numbers, pool, cells, guide):
+    def run(scene, sensor, context, tails, pixels, numbers, pool, cells, guide):
         P, V = shape.P, shape.V
         sampler = draws(dr.arange(mi.UInt32, P), numbers.frame, mixed(numbers.seed + TRAINING_STREAM))
         ray, replayed = _replayed(_rays(sensor, shape, numbers, sampler), numbers, pool, P)
         unbiased = _unbiased(shape, numbers)
-        records = trace_records(scene, sampler, ray, around, unbiased, numbers.shortest, V, P, guide)
+        records = trace_records(scene, sampler, ray, context, unbiased, numbers.shortest, V, P, guide)
         dr.eval(records)
         tail = model.radiance(tails[0], records.tail, tails[1])
         targets, at_query = resolve(records, tail * numbers.attenuation, V, P)

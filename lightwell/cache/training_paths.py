@@ -8,13 +8,15 @@ Notation: P paths, V slots per path, row = path * V + slot.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.bounces import Bounce, bounce_at
+from lightwell.cache.bounces import Bounce
 from lightwell.cache.features import WIDTH, Vertex, stored
 from lightwell.cache.guide import Guide, bin_of
-from lightwell.cache.render_paths import PathContext, PathState, guided_visit
+from lightwell.cache.path_context import PathContext
+from lightwell.cache.path_loop import Arrival, CachePath, follow
 
 
 class TrainingRecords:
@@ -44,7 +46,7 @@ class TrainingRecords:
 
 
 class PathSuffix:
-    """Loop variables of training paths beside ``PathState``."""
+    """Loop variables of training paths beside ``CachePath``."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "C": mi.Color3f, "T": mi.Color3f, "count": mi.UInt32, "query": mi.Int32, "prefix": mi.Color3f, "tail": Vertex,
@@ -67,10 +69,157 @@ class PathSuffix:
         self.late = mi.UInt32(0)
         """Records from the query vertex on, inclusive."""
 
+    def begin(self, path: CachePath, added: mi.Float, begins: mi.Bool) -> mi.Float:
+        """Begin the suffix at the query vertex: throughput, depth and spread restart there.
 
-@dr.syntax
+        Args:
+            path: The paths.
+            added: [P] length that the vertex adds to the spread, metres.
+            begins: [P] paths at their query vertex.
+
+        Returns:
+            [P] length that the vertex adds to the spread of the suffix.
+        """
+        self.query = dr.select(begins, mi.Int32(self.count), self.query)
+        self.prefix = dr.select(begins, mi.Color3f(path.β), self.prefix)
+        path.β = dr.select(begins, mi.Spectrum(1), path.β)
+        path.η = dr.select(begins, 1, path.η)
+        path.depth = dr.select(begins, 0, path.depth)
+        path.first = dr.select(begins, 0, path.first)
+        path.foot.s = dr.select(begins, 0, path.foot.s)
+        return dr.select(begins, 0, added)
+
+    def open(self, opens: mi.Bool) -> None:
+        """Begin a new segment.
+
+        Args:
+            opens: [P] paths that do.
+        """
+        self.C = dr.select(opens, mi.Color3f(0), self.C)
+        self.T = dr.select(opens, mi.Color3f(1), self.T)
+        self.count = dr.select(opens, self.count + 1, self.count)
+        self.late = dr.select(opens & (self.query >= 0), self.late + 1, self.late)
+
+
+@dataclass
+class RecordVisitor:
+    """Keeps records of the vertices of paths."""
+
+    context: PathContext
+    records: TrainingRecords
+    """Receives the records; its tables are allocated."""
+    unbiased: mi.Bool
+    """[P] paths that no cache value ends."""
+    shortest: mi.UInt32
+    """Records from the query vertex before a cache value may end a path."""
+    V: int
+    """Slots per path."""
+    path: mi.UInt32
+    """[P] number of each path."""
+
+    def meet(self, state: PathSuffix, path: CachePath, Le: mi.Spectrum, weight: mi.Float) -> None:
+        """Add emission to the open segment, see ``Visitor``.
+
+        Args:
+            state: The open segments.
+            path: The paths.
+            Le: [P] radiance.
+            weight: [P] weight against light sampling.
+        """
+        state.C += dr.select(state.count > 0, state.T * (weight * Le), 0)
+
+    def arrive(
+        self, state: PathSuffix, path: CachePath, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool
+    ) -> Arrival:  # fmt: skip
+        """Find the query vertex, and the vertex at which a prediction ends the path, see ``Visitor``.
+
+        Args:
+            state: The open segments.
+            path: The paths; throughput, depth and spread restart at the query vertex.
+            sampler: Not used.
+            si: [P] surface interactions.
+            bsdf: [P] their BSDFs.
+            smooth: [P] whether a BSDF has a component that is not a delta function.
+
+        Returns:
+            Which paths continue, and which vertices may leave a record.
+        """
+        goes = path.active & si.is_valid() & (state.bounces + 1 < self.context.max_depth)
+        added = path.foot.arrive(si, path.ray)
+        recordable = goes & smooth & self.context.inside(si.p)
+        wide = recordable & path.foot.wide(added, self.context.c)
+        v = self.context.vertex(si, bsdf, recordable)
+        full = state.count >= self.V
+        ends = ~self.unbiased & ((wide & (state.query >= 0) & (state.late >= self.shortest)) | (recordable & full))
+        state.tail = dr.select(ends, v, state.tail)
+        state.ended |= ends
+        goes &= ~ends
+        added = state.begin(path, added, goes & wide & (state.query < 0) & ~full)
+        return Arrival(goes, added, opens=recordable & ~full, vertex=v)
+
+    def open(self, state: PathSuffix, path: CachePath, at: Arrival, alive: mi.Float) -> None:
+        """Close the open segment and begin the next one, see ``Visitor``.
+
+        Args:
+            state: The open segments.
+            path: The paths.
+            at: Which paths continue, and which vertices may leave a record.
+            alive: [P] probability with which the guide's roulette kept the path; it is compensated in T.
+        """
+        if at.went is not None:
+            state.T = dr.select(at.went, dr.select(at.goes, state.T * dr.rcp(alive), 0), state.T)
+        at.opens &= at.goes
+        self.close(state, at.opens & (state.count > 0), state.T)
+        at.vertex.store(self.records.features, self.path * self.V + state.count, at.opens)
+        state.open(at.opens)
+
+    def close(self, state: PathSuffix, closes: mi.Bool, T: mi.Color3f) -> None:
+        """Store the open segments.
+
+        Args:
+            state: The open segments.
+            closes: [P] which are stored.
+            T: [P] their throughput.
+        """
+        row = self.path * self.V + state.count - 1
+        dr.scatter(self.records.gathered, mi.Vector4f(*state.C, state.sampled), row, closes)
+        dr.scatter(self.records.through, mi.Vector4f(*T, state.bin), row, closes)
+
+    def bounce(
+        self, state: PathSuffix, path: CachePath, at: Arrival, si: Any, bounce: Bounce, smooth: mi.Bool
+    ) -> None:  # fmt: skip
+        """Add sampled light, and the guide's training data, to the open segment, see ``Visitor``.
+
+        Args:
+            state: The open segments.
+            path: The paths.
+            at: Which paths continue.
+            si: [P] surface interactions.
+            bounce: Sampled light and directions.
+            smooth: Not used.
+        """
+        state.sampled = dr.select(at.opens, mi.luminance(mi.Color3f(bounce.light)), state.sampled)
+        to = mi.Float(bin_of(si.to_world(bounce.wo)))
+        state.bin = dr.select(at.opens, dr.select(bounce.delta | bounce.null, -1, to), state.bin)
+        state.C += dr.select(state.count > 0, state.T * bounce.light, 0)
+        state.T = dr.select(at.goes, state.T * bounce.weight, state.T)
+
+    def leave(self, state: PathSuffix, path: CachePath, at: Arrival, left: mi.Bool, factor: mi.Float) -> None:
+        """Count the vertex, and compensate roulette in T, see ``Visitor``.
+
+        Args:
+            state: The open segments.
+            path: The paths.
+            at: Which paths continue.
+            left: [P] whether a vertex was left.
+            factor: [P] factor of the throughput.
+        """
+        state.bounces = dr.select(left, state.bounces + 1, state.bounces)
+        state.T = dr.select(at.goes, state.T * factor, state.T)
+
+
 def trace_records(
-    scene: Any, sampler: Any, ray: Any, around: PathContext, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
+    scene: Any, sampler: Any, ray: Any, context: PathContext, unbiased: mi.Bool, shortest: mi.UInt32, V: int, P: int,
     guide: Guide | None = None,
 ) -> TrainingRecords:  # fmt: skip
     """Trace P training paths, one per lane, and store their records.
@@ -79,7 +228,7 @@ def trace_records(
         scene: Mitsuba scene.
         sampler: Source of random numbers.
         ray: [P] camera rays.
-        around: Parameters of the paths.
+        context: Parameters of the paths.
         unbiased: [P] mask of the paths that no cache value ends; they may be longer than V vertices.
         shortest: Records from the query vertex before a cache value may end a path; 1 in Müller et al. 2021.
         V: Slots per path.
@@ -92,117 +241,13 @@ def trace_records(
     out = TrainingRecords()
     out.features = dr.zeros(mi.Float, P * V * WIDTH)
     out.gathered, out.through = dr.zeros(mi.Float, P * V * 4), dr.zeros(mi.Float, P * V * 4)
-    features, gathered, through = out.features, out.gathered, out.through
-    path = dr.arange(mi.UInt32, P)
-    walk = PathState(ray)
-    kept = PathSuffix()
-
-    while dr.hint(walk.active, label="lightwell nrc training"):
-        si = scene.ray_intersect(walk.ray, mi.RayFlags.All, walk.depth == 0, walk.active)
-        bsdf = si.bsdf(walk.ray)
-        smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-        # -------------------- Emission, reached by BSDF sampling --------------------
-
-        kept.C += dr.select(kept.count > 0, kept.T * walk.emission(scene, si), 0)
-        goes = walk.active & si.is_valid() & (kept.bounces + 1 < around.max_depth)
-
-        # --------------- Footprint: the query vertex, and the cache's tail ---------------
-
-        added = walk.foot.arrive(si, walk.ray)
-        recordable = goes & smooth & around.inside(si.p)
-        wide = recordable & walk.foot.scattered & (dr.square(walk.foot.s + added) > around.c * walk.foot.a0)
-        v = around.vertex(si, bsdf, recordable)
-        full = kept.count >= V
-        ends = ~unbiased & ((wide & (kept.query >= 0) & (kept.late >= shortest)) | (recordable & full))
-        kept.tail = dr.select(ends, v, kept.tail)
-        kept.ended |= ends
-        goes &= ~ends
-        added = _begin(walk, kept, added, goes & wide & (kept.query < 0) & ~full)
-
-        # -------------------------------- A record --------------------------------
-
-        visit, goes = _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes)
-        opens = goes & recordable & ~full
-        closes = opens & (kept.count > 0)
-        before = path * V + kept.count - 1
-        dr.scatter(gathered, mi.Vector4f(*kept.C, kept.sampled), before, closes)
-        dr.scatter(through, mi.Vector4f(*kept.T, kept.bin), before, closes)
-        v.store(features, path * V + kept.count, opens)
-        _open(kept, opens)
-
-        # ------------------- Light sampling and the next direction -------------------
-
-        bounce = bounce_at(scene, sampler, si, bsdf, smooth, goes, guide, visit)
-        _note(kept, si, bounce, opens)
-        kept.C += dr.select(kept.count > 0, kept.T * bounce.light, 0)
-        kept.T = dr.select(goes, kept.T * bounce.weight, kept.T)
-        walk.leave(si, bounce)
-        walk.foot.leave(added, bounce, goes)
-        _roulette(walk, kept, si, sampler, around, goes, guide is None)
-
+    visitor = RecordVisitor(context, out, unbiased, shortest, V, dr.arange(mi.UInt32, P))
+    _, kept = follow(scene, sampler, CachePath(ray), PathSuffix(), visitor, context, guide)
     # Close the last segment of each path; only a tail can follow it.
-    closes = kept.count > 0
-    dr.scatter(gathered, mi.Vector4f(*kept.C, kept.sampled), path * V + kept.count - 1, closes)
-    dr.scatter(through, mi.Vector4f(*dr.select(kept.ended, kept.T, 0), kept.bin), path * V + kept.count - 1, closes)
+    visitor.close(kept, kept.count > 0, dr.select(kept.ended, kept.T, 0))
     out.count, out.query, out.prefix, out.tail, out.ended = kept.count, kept.query, kept.prefix, kept.tail, kept.ended
     out.unbiased = mi.Bool(unbiased)
     return out
-
-
-def _begin(walk: PathState, kept: PathSuffix, added: mi.Float, begins: mi.Bool) -> mi.Float:
-    """Begin the suffix at the query vertex: throughput, depth and spread restart there."""
-    kept.query = dr.select(begins, mi.Int32(kept.count), kept.query)
-    kept.prefix = dr.select(begins, mi.Color3f(walk.β), kept.prefix)
-    walk.β = dr.select(begins, mi.Spectrum(1), walk.β)
-    walk.η = dr.select(begins, 1, walk.η)
-    walk.depth = dr.select(begins, 0, walk.depth)
-    walk.first = dr.select(begins, 0, walk.first)
-    walk.foot.s = dr.select(begins, 0, walk.foot.s)
-    return dr.select(begins, 0, added)
-
-
-def _open(kept: PathSuffix, opens: mi.Bool) -> None:
-    """Begin a new segment."""
-    kept.C = dr.select(opens, mi.Color3f(0), kept.C)
-    kept.T = dr.select(opens, mi.Color3f(1), kept.T)
-    kept.count = dr.select(opens, kept.count + 1, kept.count)
-    kept.late = dr.select(opens & (kept.query >= 0), kept.late + 1, kept.late)
-
-
-def _roulette(
-    walk: PathState, kept: PathSuffix, si: Any, sampler: Any, around: PathContext, goes: mi.Bool, plain: bool
-) -> None:
-    """Stopping criterion: Russian roulette, compensated in T; paths with a guide use the guide's instead."""
-    left = si.is_valid() & walk.active
-    walk.depth = dr.select(left, walk.depth + 1, walk.depth)
-    kept.bounces = dr.select(left, kept.bounces + 1, kept.bounces)
-    dead = goes & ~(dr.max(walk.β) > 0)
-    if plain:
-        survival = walk.survival()
-        chance = goes & (walk.depth >= around.rr_depth)
-        go_on = sampler.next_1d() < survival
-        dead |= chance & ~go_on
-        walk.β = dr.select(chance, walk.β * dr.rcp(survival), walk.β)
-        kept.T = dr.select(chance, kept.T * dr.rcp(survival), kept.T)
-    kept.T = dr.select(dead, 0, kept.T)
-    walk.active = goes & ~dead
-
-
-def _guided_roulette(walk, kept, guide, around, sampler, si, bsdf, goes):
-    """The guide's roulette, compensated in T: (visit, which lanes go on)."""
-    if guide is None:
-        return None, goes
-    visit, goes_on, alive = guided_visit(walk, guide, around, sampler, si, bsdf, goes)
-    kept.T = dr.select(goes, dr.select(goes_on, kept.T * dr.rcp(alive), 0), kept.T)
-    return visit, goes_on
-
-
-def _note(kept: PathSuffix, si: Any, bounce: Bounce, opens: mi.Bool) -> None:
-    """Store the guide's training data of a vertex."""
-    kept.sampled = dr.select(opens, mi.luminance(mi.Color3f(bounce.light)), kept.sampled)
-    to = mi.Float(bin_of(si.to_world(bounce.wo)))
-    kept.bin = dr.select(opens, dr.select(bounce.delta | bounce.null, -1, to), kept.bin)
 
 
 @dr.syntax

@@ -9,8 +9,9 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
 from lightwell.cache.frames import evaluator, sobol_rays
+from lightwell.cache.path_context import PathContext
 from lightwell.cache.radiance_cache import RadianceCache
-from lightwell.cache.render_paths import PathContext, render_path
+from lightwell.cache.render_paths import render_path
 from lightwell.cache.training_frame import shared_offset
 
 # Largest number of mirrors and panes that a view looks through, and samples per pixel of the denoiser's guide images.
@@ -20,14 +21,14 @@ BLOCK = 8
 
 
 @dr.syntax
-def first_vertex(scene: Any, sampler: Any, ray: Any, around: PathContext) -> tuple[Vertex, mi.Bool, Any, Any]:
+def first_vertex(scene: Any, sampler: Any, ray: Any, context: PathContext) -> tuple[Vertex, mi.Bool, Any, Any]:
     """Follow rays through mirrors and clear glass to the first surface that is not specular.
 
     Args:
         scene: Mitsuba scene.
         sampler: Source of random numbers.
         ray: [N] camera rays.
-        around: ``PathContext`` of the cache.
+        context: ``PathContext`` of the cache.
 
     Returns:
         Vertices, mask of rays with one [N], throughput [N], and emission of the surfaces on the way [N].
@@ -42,7 +43,7 @@ def first_vertex(scene: Any, sampler: Any, ray: Any, around: PathContext) -> tup
         bsdf = si.bsdf(ray)
         active &= si.is_valid()
         here = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        vertex = dr.select(here, around.vertex(si, bsdf, here), vertex)
+        vertex = dr.select(here, context.vertex(si, bsdf, here), vertex)
         found |= here
         active &= ~here & (passed < MIRRORS)
         sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), active)
@@ -137,12 +138,12 @@ def _blocks(image: np.ndarray) -> np.ndarray:
 
 def _path_view(scene, cache, rays, name: str):
     ray, weight, _, sampler = rays
-    around = cache.region.context
+    context = cache.region.context
     if name == "cache-2":
-        around = cache.region.context_with(0.0)
+        context = cache.region.context_with(0.0)
     kind = "difference" if name == "bias" else "biased"
     L, _, depth, ratio = render_path(
-        scene, sampler, ray, around, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, kind, True
+        scene, sampler, ray, context, evaluator(cache), dr.opaque(mi.Float, 1), cache.settings.caching, kind, True
     )
     if name == "depth":
         return mi.Color3f(mi.Float(depth))

@@ -15,17 +15,9 @@ from lightwell.probes.sh import TO_IRRADIANCE
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import upload
-from lightwell.transport.radiance import (
-    LATTICE_STREAM,
-    MAX_DEPTH,
-    RR_DEPTH,
-    independent,
-    interaction_at,
-    power_heuristic,
-    random_streams,
-    stratified,
-    trace,
-)
+from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
+from lightwell.transport.path_state import interaction_at, power_heuristic
+from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
 

@@ -13,19 +13,9 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import upload
+from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.queries import make_query
-from lightwell.transport.radiance import (
-    LAUNCH,
-    MAX_DEPTH,
-    RR_DEPTH,
-    PathReport,
-    direct,
-    independent,
-    indirect,
-    random_streams,
-    static,
-    trace,
-)
+from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import shape_index, shape_lookup

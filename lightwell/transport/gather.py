@@ -14,19 +14,10 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
-from lightwell.transport.interactions import DevicePoints, gather_interaction
-from lightwell.transport.radiance import (
-    LATTICE_STREAM,
-    LAUNCH,
-    MAX_DEPTH,
-    RR_DEPTH,
-    _coverage,
-    interaction_at,
-    power_heuristic,
-    random_streams,
-    roulette,
-    stratified,
-)
+from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
+from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
+from lightwell.transport.path_state import PathState, sample_light
+from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import shape_index, shape_lookup, tables
@@ -197,59 +188,50 @@ def _launch(scene: Scene, device, light: KnownIrradiance, settings, start: int, 
 def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
     """Trace one path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known.
 
+    A loop of its own, because an end at known light needs the place on the triangle, and because what arrives at the
+    first vertex is weighted twice; it takes its steps from ``path_state``, and a test holds its mean to full paths.
+
     Returns the radiance, and the estimate of E' with the same directions: f cos / p replaced by cos / (π p).
     """
     ctx = mi.BSDFContext()
-
-    L, E, first_weight, diffuse_weight, ray, prev, pdf_prev, delta_prev, η = _first_vertex(
-        ctx, scene, si, source, rng, *first[:2]
-    )
-    delta_first = mi.Bool(delta_prev)
+    L, E, first_weight, diffuse_weight, path = _first_vertex(ctx, scene, si, source, rng, *first[:2])
+    delta_first = mi.Bool(path.prev_delta)
     arriving = mi.Spectrum(0)  # Radiance from the sampled direction
-    β = mi.Spectrum(1)
-    depth = mi.UInt32(1)
-    active = dr.max(first_weight) != 0
 
-    while dr.hint(active, label="lightwell gather"):
-        pi = scene.ray_intersect_preliminary(ray, active=active)
-        si = pi.compute_surface_interaction(ray, mi.RayFlags.All, active)
-        bsdf = si.bsdf(ray)
+    while dr.hint(path.active, label="lightwell gather"):
+        pi = scene.ray_intersect_preliminary(path.ray, active=path.active)
+        si = pi.compute_surface_interaction(path.ray, mi.RayFlags.All, path.active)
+        bsdf = si.bsdf(path.ray)
 
         # ------------------ Emission, met by BSDF sampling ------------------
 
-        Le, hit_pdf = source.hit(scene, prev, si, ray, delta_prev, active)
-        arriving += dr.select(active, β * power_heuristic(pdf_prev, hit_pdf) * Le, 0)
+        Le, mis = path.meet(scene, si, source)
+        arriving += dr.select(path.active, path.β * mis * Le, 0)
 
         # --------------------- End of the path at known light ---------------------
 
-        active_next = active & si.is_valid() & (depth + 1 < max_depth)
-        found, light = known.find(si, pi.prim_uv, ray, active_next)
-        arriving += dr.select(found, β * light, 0)
-        active_next &= ~found
+        goes = path.active & si.is_valid() & (path.depth + 1 < max_depth)
+        found, light = known.find(si, pi.prim_uv, path.ray, goes)
+        arriving += dr.select(found, path.β * light, 0)
+        goes &= ~found
 
         # -------------- Emitter sampling, and the next direction --------------
 
-        active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        u = mi.Point2f(rng.next_float32(), rng.next_float32())
-        wo, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, u, active_em)
-        active_em &= dr.max(em_weight) > 0
-        active_em &= ~scene.ray_test(shadow, active_em)
-        v = mi.Point2f(rng.next_float32(), rng.next_float32())
-        value, pdf, sample, weight = bsdf.eval_pdf_sample(ctx, si, si.to_local(wo), rng.next_float32(), v, active_next)
-        mis = dr.select(em_delta, 1, power_heuristic(em_pdf, pdf))
-        arriving += dr.select(active_em, β * mis * value * em_weight, 0)
+        lamp = sample_light(scene, si, source, next_2d(rng), goes & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+        v = next_2d(rng)
+        value, pdf, sample, weight = bsdf.eval_pdf_sample(
+            ctx, si, si.to_local(lamp.direction), rng.next_float32(), v, goes
+        )
+        arriving += dr.select(lamp.seen, path.β * lamp.mis(pdf) * value * lamp.weight, 0)
 
-        # ------------------- Update of the loop variables -------------------
+        # ------------------- Loop variables and stopping criterion -------------------
 
-        ray = si.spawn_ray(si.to_world(sample.wo))
-        β *= weight
-        η *= sample.eta
-        prev = interaction_at(si)
-        pdf_prev = sample.pdf
-        delta_prev = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        β, alive = roulette(β, η, depth, rr_depth, rng)
-        active = active_next & alive
-        depth += 1
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, delta)
+        factor, alive = path.roulette(rr_depth, rng.next_float32())
+        path.β *= factor
+        path.active = goes & alive
+        path.depth += 1
 
     return L + first_weight * arriving, E + dr.select(delta_first, 0, diffuse_weight) * arriving
 
@@ -258,22 +240,21 @@ def _first_vertex(ctx, scene, si, source, rng, lobe, direction):
     """Sample the emitters at the query point, and the direction in which the path leaves.
 
     Returns direct light (radiance and E'), the weights of the light from the sampled direction (for radiance, and
-    cos / (π p) for E'), the ray, its origin, its density, whether a delta lobe chose it, and its index of refraction.
+    cos / (π p) for E'), and the path, whose throughput begins after the query point.
     """
     bsdf = si.bsdf()
-    coverage = _coverage(si, bsdf)
+    stopped = coverage(si, bsdf)
     facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
-    wo_em, em_weight, em_pdf, em_delta, shadow = source.sample(
-        scene, si, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
-    )
-    seen = (dr.max(em_weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    seen &= ~scene.ray_test(shadow, seen)
-    value, pdf = bsdf.eval_pdf(ctx, si, si.to_local(wo_em), seen)
-    weight_em = dr.select(seen, dr.select(em_delta, 1, power_heuristic(em_pdf, pdf / coverage)) * em_weight, 0)
-    E = weight_em * dr.maximum(facing * mi.Frame3f.cos_theta(si.to_local(wo_em)), 0) * dr.inv_pi
-    sample, weight = bsdf.sample(ctx, si, lobe * coverage, direction)
+    lamp = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+    wo = si.to_local(lamp.direction)
+    value, pdf = bsdf.eval_pdf(ctx, si, wo, lamp.seen)
+    lit = dr.select(lamp.seen, lamp.mis(pdf / stopped) * lamp.weight, 0)
+    E = lit * dr.maximum(facing * mi.Frame3f.cos_theta(wo), 0) * dr.inv_pi
+    sample, weight = bsdf.sample(ctx, si, lobe * stopped, direction)
     cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
-    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * coverage / sample.pdf, 0)
+    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * stopped / sample.pdf, 0)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    ray, prev, η = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si), mi.Float(sample.eta)
-    return weight_em * value / coverage, E, weight, diffuse_weight, ray, prev, sample.pdf / coverage, delta, η
+    path = PathState()
+    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), mi.Spectrum(1), mi.Float(sample.eta), delta)
+    path.depth, path.active = mi.UInt32(1), dr.max(weight) != 0
+    return lit * value / stopped, E, weight, diffuse_weight, path

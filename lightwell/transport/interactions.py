@@ -79,3 +79,18 @@ def interaction(scene: Scene, points: SurfacePoints) -> mi.SurfaceInteraction3f:
     """
     tables(scene)
     return gather_interaction(scene, DevicePoints(points), dr.arange(mi.UInt32, len(points)))
+
+
+def coverage(si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
+    """Compute the share of light that a surface stops: its alpha where it is blended, else 1.
+
+    Args:
+        si: [N] surface interactions.
+        bsdf: [N] their BSDFs.
+
+    Returns:
+        [N] shares in (0, 1].
+    """
+    blended = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    alpha = 1 - bsdf.eval_null_transmission(si, blended).x
+    return dr.select(blended & (alpha > 0), alpha, 1)

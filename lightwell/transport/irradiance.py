@@ -13,19 +13,10 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
+from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
+from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
-from lightwell.transport.radiance import (
-    LATTICE_STREAM,
-    LAUNCH,
-    MAX_DEPTH,
-    RR_DEPTH,
-    independent,
-    interaction_at,
-    power_heuristic,
-    random_streams,
-    stratified,
-    trace,
-)
+from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables

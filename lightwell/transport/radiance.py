@@ -22,7 +22,9 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
+from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
+from lightwell.transport.path_state import PathState, power_heuristic, sample_light
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, Source, declared
 from lightwell.transport.tables import tables
@@ -31,8 +33,6 @@ from lightwell.transport.tables import tables
 MAX_DEPTH = 32
 # Depth from which Russian roulette may end a path; Mitsuba's default.
 RR_DEPTH = 5
-# Largest survival probability of the roulette; Mitsuba's path integrator.
-RR_MAX = 0.95
 # Lanes of one launch: enough to use all cores, few enough for some hundred megabytes.
 LAUNCH = 1 << 20
 
@@ -40,9 +40,6 @@ LAUNCH = 1 << 20
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
 # emitter sampling alone it takes 1.5 times as long and has a third of the variance (Cornell box, light anywhere).
 CONNECTIONS = MAX_DEPTH
-# Number of the random stream that shifts the lattice of first bounces; paths have lower ones.
-LATTICE_STREAM = 1 << 31
-ONE_MINUS_EPSILON = 1 - 2.0**-24
 
 
 @dataclass
@@ -57,7 +54,6 @@ class PathReport:
     """Points with a half that had no finite path; their mean is NaN."""
 
 
-@dr.syntax
 def trace(
     scene: mi.Scene,
     si: mi.SurfaceInteraction3f,
@@ -78,7 +74,7 @@ def trace(
         source: Declared light (per lane) or the scene's emitters.
         rng: PCG32, one stream per lane.
         first: (number, 2D point, 2D point) in [0, 1) that choose the lobe and the direction of the first bounce and the
-            direction of the light ray: see ``independent`` and ``stratified``.
+            direction of the light ray: see ``path_numbers``.
         max_depth: Longest path in Mitsuba's count (2 = direct light only); opaque.
         rr_depth: Depth from which Russian roulette may end a path; opaque.
         include_direct: Count light that reaches ``si`` from the source in a straight line. Otherwise paths that find
@@ -91,77 +87,76 @@ def trace(
     Returns:
         One estimate of the radiance per lane.
     """
-    ctx = mi.BSDFContext()
+    L, z, path = _first_vertex(scene, si, source, rng, first, max_depth, include_direct, connections, see_through)
+    limits = (max_depth, rr_depth)
+    return _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
 
-    L, z, bsdf_sample, β, bsdf_pdf_prev = _first_vertex(
-        ctx, scene, si, source, rng, first, max_depth, include_direct, connections, see_through
-    )
-    η = mi.Float(bsdf_sample.eta)  # Product of the indices of refraction
-    ray = si.spawn_ray(si.to_world(bsdf_sample.wo))  # Current ray
-    prev = interaction_at(si)  # Vertex the ray comes from
-    bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)  # It came from a delta lobe
-    depth = mi.UInt32(1)  # Surfaces left behind
-    active = dr.max(β) != 0  # Lanes whose path goes on
 
-    while dr.hint(active, label="lightwell radiance"):
-        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-        bsdf = si.bsdf(ray)
+@dr.syntax
+def _follow(scene, path, L, z, source, rng, limits, include_direct, connections):
+    """Follow paths from their first bounce; returns the radiance L with what they find."""
+    max_depth, rr_depth = limits
+    while dr.hint(path.active, label="lightwell radiance"):
+        si = scene.ray_intersect(path.ray, mi.RayFlags.All, False, path.active)
+        bsdf = si.bsdf(path.ray)
 
         # ------------------ The source, met by BSDF sampling ------------------
 
         if dr.hint(source.hits, mode="scalar"):
-            Le, hit_pdf = source.hit(scene, prev, si, ray, bsdf_delta_prev, active)
-            mis = power_heuristic(bsdf_pdf_prev, hit_pdf)
-            L += dr.select(mi.Bool(include_direct) | (depth > 1), β * mis * Le, 0)
+            Le, mis = path.meet(scene, si, source)
+            L += dr.select(mi.Bool(include_direct) | (path.depth > 1), path.β * mis * Le, 0)
 
         # ------------------ Emitter sampling, and next direction ------------------
 
-        active_next = active & si.is_valid() & (depth + 1 < max_depth)
-        # A light ray could have found this vertex too, if the one before it was connected to light vertices.
-        both = (depth <= connections) & ~bsdf_delta_prev
-        by_bsdf = bsdf_pdf_prev * dr.abs(dr.dot(si.n, ray.d)) / dr.square(si.t)
-        rays = (both, by_bsdf) if source.emits and connections > 0 else None
-        light, bsdf_sample, bsdf_weight = _next_vertex(ctx, scene, si, bsdf, source, rng, active_next, rays)
-        L += β * light
+        goes = path.active & si.is_valid() & (path.depth + 1 < max_depth)
+        rays = _ray_densities(path, si, connections) if source.emits and connections > 0 else None
+        light, sample, weight = _next_vertex(scene, si, bsdf, source, rng, goes, rays)
+        L += path.β * light
         if dr.hint(source.emits and connections > 1, mode="scalar"):
-            L += β * _connect(scene, si, bsdf, source, z, active_next & (depth < connections) & (depth + 2 < max_depth))
+            joined = goes & (path.depth < connections) & (path.depth + 2 < max_depth)
+            L += path.β * _connect(scene, si, bsdf, source, z, joined)
 
-        # ------------------- Update of the loop variables -------------------
+        # ------------------- Loop variables and stopping criterion -------------------
 
-        ray = si.spawn_ray(si.to_world(bsdf_sample.wo))
-        β *= bsdf_weight
-        η *= bsdf_sample.eta
-        prev = interaction_at(si)
-        bsdf_pdf_prev = bsdf_sample.pdf
-        bsdf_delta_prev = mi.has_flag(bsdf_sample.sampled_type, mi.BSDFFlags.Delta)
-
-        # ------------------------ Stopping criterion ------------------------
-
-        β, alive = roulette(β, η, depth, rr_depth, rng)
-        active = active_next & alive
-        depth += 1
-
+        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, _is_delta(sample))
+        factor, alive = path.roulette(rr_depth, rng.next_float32())
+        path.β *= factor
+        path.active = goes & alive
+        path.depth += 1
     return L
 
 
-def _first_vertex(ctx, scene, si, source, rng, first, max_depth, include_direct, connections, see_through):
+def _is_delta(sample) -> mi.Bool:
+    return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+
+
+def _ray_densities(path, si, connections):
+    """Lanes that light rays could have found, if the vertex before was connected to them, and their density by area."""
+    both = (path.depth <= connections) & ~path.prev_delta
+    return both, path.prev_pdf * dr.abs(dr.dot(si.n, path.ray.d)) / dr.square(si.t)
+
+
+def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, connections, see_through):
     """Sample the light at the query point, and the direction in which the path leaves.
 
-    Returns radiance, the end of the light ray (None without), the BSDF sample, its throughput and its density.
+    Returns radiance, the end of the light ray (None without), and the path.
     """
     bsdf, (lobe, direction, light) = si.bsdf(), first
-    L, z, coverage = mi.Spectrum(0), None, mi.Float(1) if see_through else _coverage(si, bsdf)
+    L, z, stopped = mi.Spectrum(0), None, mi.Float(1) if see_through else coverage(si, bsdf)
     if include_direct:
-        L += _light_sample(scene, si, bsdf, source, rng, coverage)
+        L += _direct(scene, si, bsdf, source, rng, stopped)
     if source.emits and connections > 0:
         z = scene.ray_intersect(source.emit(light))
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), coverage)
+        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), stopped)
     # Lobes come in the order covered, seen through.
-    sample, β = bsdf.sample(ctx, si, lobe * coverage, direction)
-    return L, z, sample, β, mi.Float(sample.pdf / coverage)
+    sample, β = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, direction)
+    path = PathState()
+    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), β, mi.Float(sample.eta), _is_delta(sample))
+    path.depth, path.active = mi.UInt32(1), dr.max(path.β) != 0
+    return L, z, path
 
 
-def _next_vertex(ctx, scene, si, bsdf, source, rng, active, rays):
+def _next_vertex(scene, si, bsdf, source, rng, active, rays):
     """Sample the source at a later vertex, and the direction in which the path continues.
 
     ``rays``: lanes that light rays could have found, and their density per area by the BSDF; None without light rays.
@@ -169,38 +164,15 @@ def _next_vertex(ctx, scene, si, bsdf, source, rng, active, rays):
     Returns radiance (without the throughput up to here), the BSDF sample and its weight.
     """
     smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    wo, em_weight, em_pdf, em_delta, shadow = source.sample(scene, si, _next_2d(rng), smooth)
-    seen = smooth & (dr.max(em_weight) > 0)
-    seen &= ~scene.ray_test(shadow, seen)
+    light = sample_light(scene, si, source, next_2d(rng), smooth)
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        ctx, si, si.to_local(wo), rng.next_float32(), _next_2d(rng), active
+        mi.BSDFContext(), si, si.to_local(light.direction), rng.next_float32(), next_2d(rng), active
     )
-    mis = dr.select(em_delta, 1, power_heuristic(em_pdf, pdf))
+    mis = light.mis(pdf)
     if rays is not None:
         both, by_bsdf = rays
         mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si)), 1)
-    return dr.select(seen, mis * value * em_weight, 0), sample, weight
-
-
-def roulette(
-    β: mi.Spectrum, η: mi.Float, depth: mi.UInt32, rr_depth: mi.UInt32, rng: mi.PCG32
-) -> tuple[mi.Spectrum, mi.Bool]:
-    """Play Russian roulette by the throughput, from a depth on.
-
-    Args:
-        β: Throughput of each path.
-        η: Product of its indices of refraction.
-        depth: Surfaces left behind.
-        rr_depth: Depth from which a path may end.
-        rng: PCG32, one stream per lane.
-
-    Returns:
-        Throughput of the paths that continue, and which do.
-    """
-    survival = dr.minimum(dr.max(β) * dr.square(η), RR_MAX)
-    plays = depth >= rr_depth
-    alive = (dr.max(β) != 0) & (~plays | (rng.next_float32() < survival))
-    return dr.select(plays, β * dr.rcp(survival), β), alive
+    return dr.select(light.seen, mis * value * light.weight, 0), sample, weight
 
 
 def _light_density(source, si) -> mi.Float:
@@ -210,14 +182,7 @@ def _light_density(source, si) -> mi.Float:
     return dr.inv_four_pi * dr.abs(dr.dot(si.n, offset)) * dr.rsqrt(distance2) / distance2
 
 
-def _coverage(si, bsdf) -> mi.Float:
-    """Compute the share of light that a surface stops: its alpha where it is blended, else 1."""
-    blended = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    alpha = 1 - bsdf.eval_null_transmission(si, blended).x
-    return dr.select(blended & (alpha > 0), alpha, 1)
-
-
-def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
+def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
     """Connect ``si`` to the light vertex ``z``, with the MIS weight against BSDF sampling, which could find z too."""
     ctx = mi.BSDFContext()
     offset = z.p - si.p
@@ -230,114 +195,17 @@ def _connect(scene, si, bsdf, source, z, active, coverage=1) -> mi.Spectrum:
     density = _light_density(source, z)
     active &= z.is_valid() & (distance2 > 0) & (cosine > 0) & (density > 0)
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
-    value, pdf = (v / coverage for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
+    value, pdf = (v / stopped for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
     mis = power_heuristic(density, pdf * cosine / distance2)
     return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
 
 
-def independent(rng: mi.PCG32) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
-    """Draw the random numbers of the first bounce independently for every path.
-
-    Args:
-        rng: PCG32, one stream per lane.
-
-    Returns:
-        (number, 2D point, 2D point) in [0, 1), as ``trace`` takes them.
-    """
-    return rng.next_float32(), _next_2d(rng), _next_2d(rng)
-
-
-# Steps of the lattice: powers of the root of x⁴ = x + 1 (Roberts 2018), which distribute every pair of axes evenly; for
-# the lobe, the plastic number.
-STEPS, LOBE_STEP = tuple(1.2207440846057596**-k for k in (1, 2, 3)), 0.7548776662466927
-
-
-def stratified(rng: mi.PCG32, k: mi.UInt32, count: mi.UInt32) -> tuple[mi.Float, mi.Point2f, mi.Point2f]:
-    """Draw the random numbers of the first bounce of one of several paths, evenly distributed over all of them.
-
-    The numbers are points of a lattice that is shifted as a whole (Cranley & Patterson 1976). Each path alone is
-    uniform, so the mean stays unbiased.
-
-    Args:
-        rng: PCG32 that draws the same numbers for all ``count`` paths.
-        k: Number of the path, in [0, count).
-        count: Number of paths.
-
-    Returns:
-        (number, 2D point, 2D point) in [0, 1), as ``trace`` takes them.
-    """
-    lobe, direction, light = rng.next_float32(), _next_2d(rng), _next_2d(rng)
-    # k times a step, modulo 1, in integers: exact for every k.
-    first, second, third, of_lobe = (
-        mi.Float((k * mi.UInt32(int(step * 2**32))) >> 8) * 2.0**-24 for step in (*STEPS, LOBE_STEP)
-    )
-    wrap = lambda v: dr.minimum(v - dr.floor(v), ONE_MINUS_EPSILON)  # noqa: E731
-    return (
-        wrap(lobe + of_lobe),
-        mi.Point2f(wrap(direction.x + mi.Float(k) / mi.Float(count)), wrap(direction.y + first)),
-        mi.Point2f(wrap(light.x + second), wrap(light.y + third)),
-    )
-
-
-def _next_2d(rng) -> mi.Point2f:
-    x = rng.next_float32()
-    return mi.Point2f(x, rng.next_float32())
-
-
-def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Compute the power heuristic: weight of a sample drawn with one density that another could have drawn too.
-
-    Args:
-        pdf_a: Density with which the sample was drawn.
-        pdf_b: The other density, of the same measure.
-
-    Returns:
-        Weight in [0, 1]; 0 where it is not finite.
-
-    Reference: Veach, *Robust Monte Carlo Methods for Light Transport Simulation*, 1997, § 9.2.4.
-    """
-    a2 = dr.square(pdf_a)
-    weight = a2 / dr.fma(pdf_b, pdf_b, a2)
-    return dr.select(dr.isfinite(weight), weight, 0)
-
-
-def interaction_at(si: mi.SurfaceInteraction3f) -> mi.Interaction3f:
-    """Reduce a surface interaction to what emitter densities need.
-
-    Args:
-        si: Surface interactions.
-
-    Returns:
-        Interactions with the same position, normal, time and wavelengths.
-    """
-    return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
-
-
-def _light_sample(scene, si, bsdf, source, rng, coverage) -> mi.Spectrum:
+def _direct(scene, si, bsdf, source, rng, stopped) -> mi.Spectrum:
     """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight."""
-    wo_world, weight, pdf, delta, shadow = source.sample(scene, si, _next_2d(rng), mi.Bool(True))
-    visible = (dr.max(weight) > 0) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    visible &= ~scene.ray_test(shadow, visible)
-    value, bsdf_pdf = (v / coverage for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wo_world), visible))
-    mis = dr.select(delta, 1, power_heuristic(pdf, bsdf_pdf))
-    return dr.select(visible, mis * value * weight, 0)
-
-
-def random_streams(seed: mi.UInt32, point: mi.UInt32, path: mi.UInt32) -> mi.PCG32:
-    """Make one random number stream per (seed, point, path); a path's numbers do not depend on how work is divided.
-
-    Args:
-        seed: Seed, 32 bits.
-        point: Number of the point of each lane.
-        path: Number of the path of each lane.
-
-    Returns:
-        PCG32 with one stream per lane.
-    """
-    a, b = mi.sample_tea_32(point, seed)
-    c, d = mi.sample_tea_32(a ^ path, b)
-    return mi.PCG32(1, mi.UInt64(c), mi.UInt64(d))
+    light = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+    value, pdf = (v / stopped for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen))
+    return dr.select(light.seen, light.mis(pdf) * value * light.weight, 0)
 
 
 def indirect(

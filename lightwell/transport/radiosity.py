@@ -21,8 +21,8 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
-from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
-from lightwell.transport.radiance import LATTICE_STREAM, _coverage, random_streams, stratified
+from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
+from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
 
@@ -285,7 +285,7 @@ def _gather_ray(scene, si, rng, first):
     ctx = mi.BSDFContext()
     lobe, direction, _ = first
     # Lobes come in the order covered, seen through: what is seen through a blended surface is not its light.
-    sample, β = si.bsdf().sample(ctx, si, lobe * _coverage(si, si.bsdf()), direction)
+    sample, β = si.bsdf().sample(ctx, si, lobe * coverage(si, si.bsdf()), direction)
     ray = si.spawn_ray(si.to_world(sample.wo))
     weight, p, n = _end(scene, ray, β, rng)
     return weight, p, n

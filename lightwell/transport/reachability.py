@@ -12,8 +12,8 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.path_numbers import random_streams
 from lightwell.transport.queries import frames
-from lightwell.transport.radiance import random_streams
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
