@@ -31,7 +31,8 @@ from rows import Row, at_least, at_most, publish, without_bar
 from wgsl import available
 
 from lightwell.lens.camera import LensCamera
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
+from lightwell.lens.settings import LensSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DISC = ROOT / "lightwell/lens/standard/disc-32.lwsp"

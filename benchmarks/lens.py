@@ -36,9 +36,10 @@ from lightwell.lens.engine import Engine
 from lightwell.lens.layers import Layer
 from lightwell.lens.library import load
 from lightwell.lens.library_cache import STANDARD, LibraryCache
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
 from lightwell.lens.recipes import Recipe, primal
 from lightwell.lens.report import Report
+from lightwell.lens.settings import LensSettings
 from lightwell.lens.splat import Frame, Points, guard_for, splat
 
 RADII = (8, 16, 32, 64)

@@ -10,7 +10,8 @@ from rows import Row, at_most, without_bar
 
 from lightwell.lens import psf
 from lightwell.lens.camera import LensCamera
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
+from lightwell.lens.settings import LensSettings
 
 
 def recipes(quick: bool, pictures: bool = False) -> list[Row]:

@@ -49,7 +49,11 @@ def _bundled_llvm() -> str:
 
 
 def cure() -> str:
-    """One line that says how to get a working backend on this machine."""
+    """Say how to get a working backend on this machine.
+
+    Returns:
+        One line.
+    """
     if sys.platform == "darwin":
         return "install LLVM with 'brew install llvm' and set DRJIT_LIBLLVM_PATH to its libLLVM.dylib"
     if sys.platform == "win32":
@@ -133,7 +137,15 @@ _ONE_AT_A_TIME = threading.RLock()
 
 
 def freeze(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    """Return ``dr.freeze(function, **options)`` that threads call one after the other."""
+    """Record the kernels of a function at its first call and replay them later, in one thread at a time.
+
+    Args:
+        function: Function of Dr.Jit arrays and objects that hold them.
+        options: Options of ``dr.freeze``.
+
+    Returns:
+        The function, whose calls from several threads run one after the other.
+    """
     frozen = dr.freeze(function, **options)
 
     @functools.wraps(function)

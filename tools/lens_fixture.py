@@ -19,8 +19,9 @@ from lightwell.lens.choose import uniform
 from lightwell.lens.engine import TOLERANCE, Engine
 from lightwell.lens.layers import Layer
 from lightwell.lens.library import Library, load
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
 from lightwell.lens.report import Report
+from lightwell.lens.settings import LensSettings
 from lightwell.lens.splat import Frame, guard_for
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -45,14 +45,8 @@ def _op_schema(op: Op) -> dict[str, Any]:
     return {"if": {"properties": {"op": {"const": op.name}}, "required": ["op"]}, "then": then}
 
 
-@cache
-def schema() -> dict[str, Any]:
-    """Build the JSON schema of a graph from the registered ops.
-
-    Returns:
-        A JSON schema (draft 2020-12).
-    """
-    node = {
+def _node_schema() -> dict[str, Any]:
+    return {
         "type": "object",
         "properties": {
             "id": _NAME,
@@ -63,8 +57,11 @@ def schema() -> dict[str, Any]:
         "required": ["id", "op", "inputs"],
         "allOf": [_op_schema(OPS[name]) for name in sorted(OPS)],
     }
+
+
+def _buffer_schema() -> dict[str, Any]:
     dimension = {"type": "integer", "minimum": 1, "maximum": MAX_ELEMENTS}
-    buffer = {
+    return {
         "type": "object",
         "properties": {
             "shape": {"type": "array", "items": dimension, "minItems": 1, "maxItems": 4},
@@ -78,6 +75,15 @@ def schema() -> dict[str, Any]:
         "required": ["shape", "type"],
         "additionalProperties": False,
     }
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """Build the JSON schema of a graph from the registered ops.
+
+    Returns:
+        A JSON schema (draft 2020-12).
+    """
     names = {"type": "object", "propertyNames": _NAME}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -91,8 +97,8 @@ def schema() -> dict[str, Any]:
                 "minProperties": 1,
                 "maxProperties": MAX_INPUTS,
             },
-            "buffers": names | {"additionalProperties": buffer},
-            "nodes": {"type": "array", "items": node, "minItems": 1, "maxItems": MAX_NODES},
+            "buffers": names | {"additionalProperties": _buffer_schema()},
+            "nodes": {"type": "array", "items": _node_schema(), "minItems": 1, "maxItems": MAX_NODES},
             "outputs": names | {"additionalProperties": _NAME, "minProperties": 1, "maxProperties": MAX_INPUTS},
         },
         "required": ["version", "inputs", "buffers", "nodes", "outputs"],

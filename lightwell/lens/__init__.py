@@ -11,7 +11,19 @@ Names are loaded at first use, so that the command line can build its parser wit
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lightwell.lens.aperture import Aperture as Aperture
+    from lightwell.lens.camera import LensCamera
+    from lightwell.lens.camera import from_thin_lens as from_thin_lens
+    from lightwell.lens.errors import LensError as LensError
+    from lightwell.lens.pipeline import Lens as Lens
+    from lightwell.lens.pipeline import apply as apply
+    from lightwell.lens.samples import reconstruct as reconstruct
+    from lightwell.lens.settings import LensSettings
+
+    Camera, Settings = LensCamera, LensSettings
 
 # Public name → module, and the name there where it is longer.
 _PUBLIC = {
@@ -20,7 +32,7 @@ _PUBLIC = {
     "from_thin_lens": ("camera", "from_thin_lens"),
     "Lens": ("pipeline", "Lens"),
     "LensError": ("errors", "LensError"),
-    "Settings": ("pipeline", "LensSettings"),
+    "Settings": ("settings", "LensSettings"),
     "apply": ("pipeline", "apply"),
     "reconstruct": ("samples", "reconstruct"),
 }

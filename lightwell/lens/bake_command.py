@@ -13,8 +13,8 @@ from lightwell.lens import aperture, families
 from lightwell.lens.bake import bake_nodes
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import Library, two_arrays
-from lightwell.lens.pipeline import PRESETS, LensSettings
 from lightwell.lens.progress import bars
+from lightwell.lens.settings import PRESETS, LensSettings
 
 # Largest blur radius that is baked by default, pixels.
 LARGEST = 32.0

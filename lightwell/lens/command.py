@@ -19,9 +19,10 @@ from lightwell.lens import aperture, conventions, exr, frames
 from lightwell.lens.camera import LensCamera, distance
 from lightwell.lens.errors import LensError
 from lightwell.lens.library_cache import LibraryCache
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
 from lightwell.lens.progress import bars
 from lightwell.lens.report import Report
+from lightwell.lens.settings import LensSettings
 from lightwell.limits import Limits
 
 

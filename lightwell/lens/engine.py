@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -250,23 +250,32 @@ class Engine:
         Returns:
             Blurred layer [height, width, 4] float32, premultiplied.
         """
-        return self.render(self.plan(layer, report, frame_number), layer.s.shape, report)
+        return self.render([self.plan(layer, report, frame_number)], layer.s.shape, report)
 
-    def render(self, plan: SolvePlan, shape: tuple[int, int], report: Report) -> np.ndarray:
-        """Scatter and solve one plan.
+    def render(
+        self,
+        plans: Sequence[SolvePlan],
+        shape: tuple[int, int],
+        report: Report,
+        scatter: Callable[[Frame, Points, Sources], Planes] = splat,
+    ) -> np.ndarray:
+        """Scatter plans into one image and solve it once.
 
         Args:
-            plan: What is scattered.
+            plans: What is scattered, one or more.
             shape: Height and width of the frame, pixels.
             report: Report to change.
+            scatter: Function that scatters one plan.
 
         Returns:
             Blurred layer [height, width, 4] float32, premultiplied.
         """
-        frame = Frame(*shape, guard_for(plan.points, plan.turned))
+        frame = Frame(*shape, max(guard_for(plan.points, plan.turned) for plan in plans))
         report.guard = max(report.guard, frame.guard)
         with timed(report, "splat"):
-            planes = splat(frame, plan.points, plan.sources)
+            planes = scatter(frame, plans[0].points, plans[0].sources)
+            for plan in plans[1:]:
+                planes = planes + scatter(frame, plan.points, plan.sources)
         with timed(report, "solve"):
             return self.integrate(frame, planes)
 

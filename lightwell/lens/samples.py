@@ -15,9 +15,10 @@ import numpy as np
 
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.errors import LensError
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
 from lightwell.lens.pyramid import fill
 from lightwell.lens.report import Report
+from lightwell.lens.settings import LensSettings
 
 # A pixel with less than this weight is filled from its neighbours.
 FAINT = 0.02

@@ -8,6 +8,8 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -98,7 +100,7 @@ class Materials:
                 self._lost.append(f"the {child.plugin} texture of '{key}' is replaced by its mean")
             return self._pictures.mean(child), None
         values = self._values(node)
-        return self._as_color(values.get(f"{key}.value"), default), None
+        return _as_color(values.get(f"{key}.value"), default), None
 
     def mean_radiance(self, light: MitsubaElement) -> tuple[float, float, float]:
         """Compute the mean radiance of an area emitter.
@@ -129,13 +131,6 @@ class Materials:
         """Read the numbers of the BSDF object, by Mitsuba's parameter names."""
         params = mi.traverse(self._graph.make(node))
         return {key: params[key] for key in params.keys()}
-
-    @staticmethod
-    def _as_color(value, default: float) -> np.ndarray:
-        if value is None:
-            return np.full(3, default)
-        values = np.array(value, np.float64).ravel()
-        return np.repeat(values, 3) if values.size == 1 else values[:3]
 
     def _number(self, node: MitsubaElement, key: str, default: float) -> float:
         """Read a number; the mean of a textured one."""
@@ -189,7 +184,7 @@ class Materials:
         if node.get("material") == "none" or "eta.value" not in values:
             f0 = np.ones(3)
         else:
-            f0 = normal_reflectance(self._as_color(values["eta.value"], 0), self._as_color(values["k.value"], 1))
+            f0 = normal_reflectance(_as_color(values["eta.value"], 0), _as_color(values["k.value"], 1))
         color, texture = self.color(node, "specular_reflectance", 1.0)
         roughness = self._alpha(node)
         return Material(
@@ -272,12 +267,7 @@ class Materials:
         weight = self._number(node, "weight", 0.5)
         self._lost.append("two blended BSDFs are shown as one")
         nearer = first if weight < 0.5 else second
-
-        def mixed(name: str):
-            a, b = np.array(getattr(first, name)), np.array(getattr(second, name))
-            value = a + (b - a) * weight
-            return tuple(value.tolist()) if value.ndim else float(value)
-
+        mixed = partial(_mixed, first, second, weight)
         return replace(
             nearer,
             base_color=mixed("base_color") if nearer.base_color_texture is None else nearer.base_color,
@@ -300,6 +290,21 @@ def normal_reflectance(eta: np.ndarray, k: np.ndarray) -> np.ndarray:
         Reflectance in [0, 1], same shape.
     """
     return ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
+
+
+def _as_color(value: Any, default: float) -> np.ndarray:
+    """Return a parameter's numbers as RGB [3]; ``default`` where it has none."""
+    if value is None:
+        return np.full(3, default)
+    values = np.array(value, np.float64).ravel()
+    return np.repeat(values, 3) if values.size == 1 else values[:3]
+
+
+def _mixed(first: Material, second: Material, weight: float, name: str) -> Any:
+    """Interpolate a property of two materials; 0 gives the first."""
+    a, b = np.array(getattr(first, name)), np.array(getattr(second, name))
+    value = a + (b - a) * weight
+    return tuple(value.tolist()) if value.ndim else float(value)
 
 
 def _refracting(ior: float) -> float:

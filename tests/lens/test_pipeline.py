@@ -12,9 +12,10 @@ from lightwell.lens.engine import Engine
 from lightwell.lens.layers import Layer, composite, split, thresholds
 from lightwell.lens.library import Library, load
 from lightwell.lens.library_cache import STANDARD, LibraryCache
-from lightwell.lens.pipeline import Lens, LensSettings
+from lightwell.lens.pipeline import Lens
 from lightwell.lens.recipes import Recipe
 from lightwell.lens.report import Report
+from lightwell.lens.settings import LensSettings
 
 
 def camera_for(s_at: dict[float, float], width: int) -> lens.Camera:
