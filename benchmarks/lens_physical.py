@@ -16,8 +16,8 @@ from rows import Row, at_least, at_most, without_bar
 from lightwell.core.denoise import denoise
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.pipeline import Lens
-from lightwell.lens.settings import LensSettings
 from lightwell.lens.samples import reconstruct
+from lightwell.lens.settings import LensSettings
 from lightwell.report.picture_metrics import flip, ssim
 
 
