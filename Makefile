@@ -6,7 +6,7 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
 PYTEST_MARKS ?= not slow
 
-.PHONY: setup demo test test-all test-python test-web viewer docs lint benchmarks clean
+.PHONY: setup demo test test-all test-python test-web viewer docs release lint benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -56,6 +56,14 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build/html
 
+$(VENV)/.installed-release: $(VENV)/.installed
+	@$(PIP) install --no-compile -e ".[release]"
+	@touch $@
+
+# Everything that is published, in dist/: nothing is uploaded.
+release: $(VENV)/.installed-release web/node_modules/.installed
+	$(VENV)/bin/python tools/release.py
+
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
@@ -64,4 +72,4 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/main_job.py
 
 clean:
-	rm -rf $(VENV) web/node_modules docs/_build out demo
+	rm -rf $(VENV) web/node_modules docs/_build dist out demo

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import platform
 import signal
 import sys
 import threading
@@ -58,10 +59,10 @@ def cure() -> str:
         return "install LLVM with 'brew install llvm' and set DRJIT_LIBLLVM_PATH to its libLLVM.dylib"
     if sys.platform == "win32":
         return f"install LLVM >= {MINIMUM_LLVM} from llvm.org and set DRJIT_LIBLLVM_PATH to its LLVM-C.dll"
-    return (
-        "run 'pip install karellen-llvm-core' (Linux x86-64), "
-        f"or install a system LLVM >= {MINIMUM_LLVM} and set DRJIT_LIBLLVM_PATH to its libLLVM.so"
-    )
+    system = f"install a system LLVM >= {MINIMUM_LLVM} and set DRJIT_LIBLLVM_PATH to its libLLVM.so"
+    if platform.machine() in ("x86_64", "AMD64"):
+        return f"run 'pip install karellen-llvm-core' (Linux x86-64), or {system}"
+    return f"{system} (Debian, Ubuntu: apt-get install llvm-18)"
 
 
 def keep_installed_plugins(mitsuba: ModuleType) -> None:

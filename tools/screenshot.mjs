@@ -1,5 +1,5 @@
 // Screenshots of baked pages: node tools/screenshot.mjs OUT.png PAGE.html "mode=learned&view=0&ui=0" [WIDTHxHEIGHT]
-// Needs the web tests' packages (npm ci in web/). Uses llvmpipe where Mesa is installed, SwiftShader otherwise.
+// A report has no scene: node tools/screenshot.mjs OUT.png report.html. Needs the web tests' packages (npm ci in web/). Uses llvmpipe where Mesa is installed, SwiftShader otherwise.
 import { createRequire } from "node:module";
 import { existsSync } from "node:fs";
 import { pathToFileURL } from "node:url";
@@ -16,12 +16,15 @@ const tab = await browser.newPage({ viewport: { width, height } });
 tab.setDefaultTimeout(300_000);
 tab.on("pageerror", (error) => console.error(String(error)));
 await tab.goto(`${pathToFileURL(page).href}?${query}`);
-await tab.waitForFunction(() => window.lightwell !== undefined);
-await tab.evaluate(async () => {
-  await window.lightwell.ready;
-});
-await tab.waitForTimeout(3000);
-await tab.evaluate(() => window.lightwell.renderOnce());
+const hasScene = !/(report|compare)\.html$/.test(page);
+if (hasScene) {
+  await tab.waitForFunction(() => window.lightwell !== undefined);
+  await tab.evaluate(async () => {
+    await window.lightwell.ready;
+  });
+  await tab.waitForTimeout(3000);
+  await tab.evaluate(() => window.lightwell.renderOnce());
+}
 await tab.screenshot({ path: out, timeout: 300_000 });
-console.log(JSON.stringify(await tab.evaluate(() => window.lightwell.stats())));
+if (hasScene) console.log(JSON.stringify(await tab.evaluate(() => window.lightwell.stats())));
 await browser.close();

@@ -1,0 +1,145 @@
+"""What a newcomer meets: sizes of installation and wheel, answers to mistakes, links and snippets of the docs.
+
+    python benchmarks/adoption.py [--only size,wheel,mistakes,links,snippets] [--quick]
+
+`snippets` runs every command and Python snippet of the documents (tests/docs/test_snippets_run.py), which takes long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from rows import Row, at_least, at_most, chosen, publish
+
+ROOT = Path(__file__).parents[1]
+MISTAKE = """
+import sys, time
+from lightwell.cli import main
+try:
+    code = main(sys.argv[1:])
+except SystemExit as ended:
+    code = ended.code
+print(code, time.process_time())
+"""
+MISTAKES = ("bakee cornell", "bake cornel -o x", "bake cornell -o x --field mpl", "bake cornell -o x --bugdet 5m")
+
+
+def installed_bytes() -> dict[str, int]:
+    """Measure lightwell and all that it installs, without compiled Python.
+
+    Returns:
+        Bytes by distribution.
+    """
+    sizes = {"lightwell": sum(f.stat().st_size for f in (ROOT / "lightwell").rglob("*") if _counts(f))}
+    waiting = ["lightwell"]
+    seen: set[str] = set()
+    while waiting:
+        name = re.sub(r"[-_.]+", "-", waiting.pop()).lower()
+        if name in seen:
+            continue
+        seen.add(name)
+        distribution = importlib.metadata.distribution(name)
+        if name != "lightwell":
+            files = [Path(str(file.locate())) for file in distribution.files or []]
+            sizes[name] = sum(file.stat().st_size for file in files if _counts(file))
+        needs = map(Requirement, distribution.requires or [])
+        waiting += [need.name for need in needs if need.marker is None or need.marker.evaluate({"extra": ""})]
+    return sizes
+
+
+def _counts(file: Path) -> bool:
+    return file.is_file() and not file.is_symlink() and file.suffix != ".pyc"
+
+
+def size() -> Iterator[Row]:
+    """Measure the installation.
+
+    Yields:
+        A row.
+    """
+    sizes = installed_bytes()
+    largest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:5]
+    note = ", ".join(f"{name} {sizes[name] / 1e6:.0f} MB" for name in largest)
+    yield at_most("installed size, denoiser included", 700, sum(sizes.values()) / 1e6, "MB", note)
+
+
+def wheel() -> Iterator[Row]:
+    """Build the wheel.
+
+    Yields:
+        A row.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, str(ROOT)]
+        subprocess.run(command, check=True)
+        count = next(Path(folder).glob("*.whl")).stat().st_size
+    yield at_most("wheel", 10, count / 1e6, "MB", "")
+
+
+def mistakes() -> Iterator[Row]:
+    """Time the answers to mistakes in arguments.
+
+    Yields:
+        A row: the slowest.
+    """
+    slowest = 0.0
+    for words in MISTAKES:
+        command = [sys.executable, "-c", MISTAKE, *words.split()]
+        text = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        code, seconds = text.split()
+        assert code == "2", words
+        slowest = max(slowest, float(seconds))
+    note = f"processor time, start of Python included; slowest of {len(MISTAKES)}"
+    yield at_most("answer to a mistake in the arguments", 0.2, slowest, "s", note)
+
+
+def links() -> Iterator[Row]:
+    """Build the site and count warnings: each broken link is one.
+
+    Yields:
+        A row.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", "-c", "docs", ".", folder]
+        said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stderr
+        pages = len(list(Path(folder).rglob("*.html")))
+    broken = len(re.findall(r"WARNING|ERROR", said))
+    yield at_most("broken links and other warnings of the site", 0, broken, "warnings", f"{pages} pages")
+
+
+def snippets() -> Iterator[Row]:
+    """Run all snippets of the documents.
+
+    Yields:
+        A row: the share of pages whose snippets all run.
+    """
+    command = [sys.executable, "-m", "pytest", "-m", "", "-q", "tests/docs/test_snippets_run.py"]
+    text = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
+    passed, failed = (int((re.findall(rf"(\d+) {word}", text) or [0])[-1]) for word in ("passed", "failed"))
+    share = 100 * passed / max(passed + failed, 1)
+    yield at_least("pages whose snippets all run", 100, share, "%", f"{passed} of {passed + failed} pages")
+
+
+PARTS = {"size": size, "wheel": wheel, "mistakes": mistakes, "links": links, "snippets": snippets}
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", help=f"some of {', '.join(PARTS)}")
+    parser.add_argument("--quick", action="store_true", help="print, write nothing; without snippets")
+    given = parser.parse_args()
+    parts = [part for part in chosen("--only", given.only, PARTS) if not (given.quick and part == "snippets")]
+    publish("adoption", [row for part in parts for row in PARTS[part]()], given.quick)
+
+
+if __name__ == "__main__":
+    main()

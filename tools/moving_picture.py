@@ -1,0 +1,151 @@
+"""The moving picture of the README: the lamp of a baked page goes around, direct light beside learned light.
+
+    python tools/moving_picture.py demo docs/images/lamp.webp
+
+Reads FOLDER/index.html and FOLDER/scene.glb, as `make demo` writes them. Needs Node and a Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+import lightwell
+
+ROOT = Path(__file__).parents[1]
+# Largest file, bytes: what a README may ask a reader to load.
+MOST_BYTES = 3_000_000
+# Encoder qualities that are tried, best first.
+QUALITIES = (82, 74, 66, 58, 50, 42)
+LABELS = ("direct light only", "with learned light")
+BAR = 4
+
+
+def lamp_path(low: np.ndarray, high: np.ndarray, frames: int, share: float) -> np.ndarray:
+    """Lay a closed path through the box of the lamp.
+
+    Args:
+        low: [3] lower corner, metres.
+        high: [3] upper corner.
+        frames: Number of places.
+        share: Share of the box that the path spans.
+
+    Returns:
+        [frames, 3] places.
+    """
+    angle = np.linspace(0, 2 * np.pi, frames, endpoint=False)
+    swing = np.stack([np.cos(angle), np.sin(2 * angle) * 0.7, np.sin(angle)], -1)
+    return (low + high) / 2 + share * (high - low) / 2 * swing
+
+
+def photograph(folder: Path, plan: dict) -> np.ndarray:
+    """Draw the frames in a browser.
+
+    Args:
+        folder: Baked folder.
+        plan: What tools/moving-picture.mjs reads.
+
+    Returns:
+        [frames, 2, height, width, 3] uint8: direct and learned light.
+    """
+    width, height = plan["size"]
+    with tempfile.TemporaryDirectory() as scratch:
+        asked, drawn = Path(scratch) / "plan.json", Path(scratch) / "frames.bin"
+        asked.write_text(json.dumps(plan))
+        script = [
+            str(ROOT / "tools/moving-picture.mjs"),
+            str((folder / "index.html").resolve()),
+            str(asked),
+            str(drawn),
+        ]
+        subprocess.run(["node", *script], check=True)
+        pixels = np.fromfile(drawn, np.uint8)
+    return pixels.reshape(len(plan["lamps"]), 2, height, width, 4)[..., :3]
+
+
+def side_by_side(pair: np.ndarray) -> Image.Image:
+    """Join two pictures and write below what each is.
+
+    Args:
+        pair: [2, height, width, 3] uint8.
+
+    Returns:
+        The picture.
+    """
+    _, height, width, _ = pair.shape
+    whole = np.full((height, 2 * width + BAR, 3), 255, np.uint8)
+    whole[:, :width], whole[:, width + BAR :] = pair
+    image = Image.fromarray(whole)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(size=max(12, height // 18))
+    for label, left in zip(LABELS, (0, width + BAR)):
+        place = (left + height // 30, height - height // 30)
+        draw.text(place, label, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
+    return image
+
+
+def write(path: Path, images: list[Image.Image], milliseconds: int) -> int:
+    """Write an animated WebP within ``MOST_BYTES``.
+
+    Args:
+        path: File to write.
+        images: Its frames.
+        milliseconds: Duration of a frame.
+
+    Returns:
+        Quality of the encoder.
+
+    Raises:
+        ValueError: Even the lowest quality is too large.
+    """
+    for quality in QUALITIES:
+        images[0].save(
+            path,
+            "WEBP",
+            save_all=True,
+            append_images=images[1:],
+            duration=milliseconds,
+            loop=0,
+            quality=quality,
+            method=4,
+        )
+        if path.stat().st_size <= MOST_BYTES:
+            return quality
+    raise ValueError(f"{path}: over {MOST_BYTES:,} bytes at quality {QUALITIES[-1]}; take fewer or smaller frames")
+
+
+def main() -> None:
+    """Make the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="folder that `make demo` wrote")
+    parser.add_argument("out", type=Path, help="animated .webp to write")
+    parser.add_argument("--size", default="440x300", help="pixels of each half")
+    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--view", type=int, default=0, help="saved view of the page")
+    parser.add_argument("--camera", help="instead of a view: x,y,z/x,y,z/degrees (eye, target, vertical field of view)")
+    parser.add_argument("--intensity", type=float, help="candela of the lamp; that of the page by default")
+    parser.add_argument("--exposure", type=float, help="fixed exposure; that of the page by default")
+    parser.add_argument("--share", type=float, default=0.8, help="share of its box in which the lamp goes around")
+    parser.add_argument("--milliseconds", type=int, default=80, help="duration of a frame")
+    given = parser.parse_args()
+    variable = lightwell.read(given.folder / "scene.glb").variables[0]
+    lamps = lamp_path(np.array(variable["low"]), np.array(variable["high"]), given.frames, given.share)
+    plan = {"size": [int(n) for n in given.size.split("x")], "view": given.view, "lamps": lamps.tolist()}
+    if given.camera:
+        eye, target, angle = given.camera.split("/")
+        plan["camera"] = [[float(v) for v in eye.split(",")], [float(v) for v in target.split(",")], float(angle)]
+    plan |= {name: value for name in ("intensity", "exposure") if (value := getattr(given, name))}
+    frames = photograph(given.folder, plan)
+    images = [side_by_side(pair) for pair in frames]
+    quality = write(given.out, images, given.milliseconds)
+    print(f"{given.out}: {len(images)} frames of {images[0].width}x{images[0].height}, quality {quality}, ", end="")
+    print(f"{given.out.stat().st_size:,} bytes")
+
+
+if __name__ == "__main__":
+    main()
