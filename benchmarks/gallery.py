@@ -49,11 +49,11 @@ GPU, all by `python benchmarks/gallery.py`. A point light roams each scene's air
 theirs is learned as a second field. The pictures are screenshots of the page: direct light of the moving lamp by the
 rasteriser, everything else learned.
 
-Error is the mean of |learned − true| / (true + 0.01) over surface points under lights that training never saw; *noise*
-is what the path-traced truth itself still has. The dark corners of a scene weigh as much as its bright ones in the
-mean, so that the median is given too.
+Error is the mean of |learned − reference| / (reference + 0.01) over surface points under lights that training never
+saw; *noise* is what the path-traced reference itself still has. The dark corners of a scene weigh as much as its
+bright ones in the mean, so that the median is given too.
 
-| scene | error | median | noise of the truth | PSNR dB | learned data | MAC per pixel | paths | trace + train |
+| scene | error | median | noise of the reference | PSNR dB | learned data | MAC per pixel | paths | trace + train |
 |---|---|---|---|---|---|---|---|---|
 """
 
@@ -110,7 +110,10 @@ def section(entry: Entry, report: dict, picture: Path) -> str:
     static = report["settings"].get("static_field")
     if static:
         error, noise = static["relative_error"], static["noise_floor"]
-        lines += ["", f"Its own lamps, learned as a still field: error {error:.1%}, noise of the truth {noise:.1%}."]
+        lines += [
+            "",
+            f"Its own lamps, learned as a still field: error {error:.1%}, noise of the reference {noise:.1%}.",
+        ]
     if report["warnings"]:
         lines += ["", "What the bake warned of:", ""]
         lines += [f"- {warning}" for warning in report["warnings"][:6]]

@@ -1,0 +1,139 @@
+"""What the documents state is what the code has: versions, limits, presets, files, variables, paths, defaults."""
+
+import dataclasses
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from lightwell.cli.interrupts import INTERRUPTED
+from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
+from lightwell.core.scene_options import BUILTINS, UNITS
+from lightwell.fields.registry import BUILT_IN, PRESETS
+from lightwell.limits import Limits
+
+from .snippets import PAGES, ROOT
+
+DOCS = ROOT / "docs"
+REFERENCE = (DOCS / "reference/command-line.md").read_text()
+# Format, as docs/reference/versions.md calls it → module that holds its VERSION.
+FORMATS = {
+    "`LIGHTWELL_neural_radiance`, the glTF extension": "lightwell.asset.records",
+    "shading graph": "lightwell.graph.serial",
+    "probe volume, `.lwp`": "lightwell.probes.file",
+    "library of spreadlets, `.lwsp`": "lightwell.lens.library",
+    "radiance cache, `.npz`": "lightwell.cache.persist",
+    "`report.json`": "lightwell.report.summary",
+    "`compare.json`": "lightwell.report.comparison",
+}
+# Folders in which a path that a document names may lie, and names of files that commands write.
+FOLDERS = (
+    "",
+    "lightwell",
+    "web",
+    "docs",
+    "lightwell/probes",
+    "lightwell/lens",
+    "benchmarks",
+    "benchmarks/results",
+    "format",
+)
+WRITTEN = {
+    *("index.html", "report.html", "report.json", "compare.html", "compare.json", "probes.html", "rebake.json"),
+    *("animation.json", "bake.json", "radiance-cache.npz", "OUT.json", "TOPIC.json", "lightwell-viewer.js"),
+}
+PATH = re.compile(r"`([\w./-]+\.(?:py|ts|tsx|mjs|md|json|js|html|npz|yml|sh))`")
+
+
+def _table(text: str, columns: int) -> list[list[str]]:
+    rows = [[cell.strip() for cell in line.strip("| \n").split(" | ")] for line in text.splitlines() if line[:1] == "|"]
+    return [row for row in rows if len(row) == columns]
+
+
+def test_versions_of_formats():
+    rows = {row[0]: row[1] for row in _table((DOCS / "reference/versions.md").read_text(), 3)[1:]}
+    assert rows == {name: str(import_module(module).VERSION) for name, module in FORMATS.items()}
+    for page, name in (("PROBES", "probe volume, `.lwp`"), ("LENS", "library of spreadlets, `.lwsp`")):
+        assert f"\nVersion {rows[name]}." in (ROOT / f"format/{page}.md").read_text()
+
+
+def test_limits_of_files():
+    text = (DOCS / "scenes.md").read_text()
+    defaults = {field.name: field.default for field in dataclasses.fields(Limits)}
+    shown = {
+        "file_bytes": "8 GiB",
+        "decoded_bytes": "2 GiB",
+        "texels": "1.2 · 10⁹",
+        "vertices": "32 · 10⁶",
+        "seconds": "300",
+    }
+    assert defaults["file_bytes"] == 8 << 30 and defaults["decoded_bytes"] == 2 << 30 and defaults["seconds"] == 300
+    assert defaults["texels"] == 1.2e9 and defaults["vertices"] == 32e6 and defaults["indices"] == 96e6
+    for name, value in shown.items():
+        (row,) = [line for line in text.splitlines() if line.startswith("|") and f"`{name}`" in line.split("|")[1]]
+        assert value in row
+    assert (defaults["nodes"], defaults["instances"], defaults["lights"]) == (500_000, 500_000, 10_000)
+
+
+def test_presets_are_in_their_tables():
+    probes, maps = ((DOCS / name).read_text() for name in ("light-probes.md", "neural-lightmaps.md"))
+    assert not [name for name in PRESETS["probes"] if f"`{name}`" not in probes]
+    assert not [name for name in PRESETS["lightmap"] if f"`{name}`" not in maps]
+
+
+def test_fields_scenes_units_and_exit_codes():
+    bake = (DOCS / "how-to/bake.md").read_text()
+    (row,) = [line for line in bake.splitlines() if line.startswith("| `--field NAME`")]
+    assert re.findall(r"`([a-z-]+)`", row.split("|")[2])[: len(BUILT_IN)] and not [
+        f for f in BUILT_IN if f"`{f}`" not in row
+    ]
+    assert f"`{next(iter(BUILT_IN))}` (default)" in row
+    scenes = (DOCS / "scenes.md").read_text()
+    assert not [name for name in BUILTINS if f"| `{name}` |" not in scenes] and "|".join(UNITS) in scenes
+    assert f"| {USAGE_ERROR} | a mistake" in REFERENCE and f"| {INTERRUPTED} | Ctrl-C" in REFERENCE
+
+
+def test_environment_variables():
+    rule = re.compile(r"\b(?:LIGHTWELL_[A-Z_]+|DRJIT_LIBLLVM_PATH)\b")
+    used = {name for path in (ROOT / "lightwell").rglob("*.py") for name in rule.findall(path.read_text())}
+    table = {row[0].strip("`") for row in _table(REFERENCE, 2) if rule.search(row[0])}
+    assert table == used
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_documents_name_exist(page):
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    missing = [
+        name
+        for name in PATH.findall(text)
+        if Path(name).name not in WRITTEN and not any((folder / name).exists() for folder in _folders(page))
+    ]
+    assert not missing
+
+
+def _folders(page: Path) -> list[Path]:
+    return [page.parent, *(ROOT / folder for folder in FOLDERS)]
+
+
+def test_functions_of_the_theory_are_in_their_files():
+    text = (DOCS / "theory.md").read_text()
+    table = text[text.index("## Where it is") : text.index("## Sources")]
+    found = re.findall(r"`([\w/]+\.py)`((?: `[\w.]+`,?)*)", table)
+    assert len(found) > 25
+    for path, names in found:
+        code = (ROOT / "lightwell" / path).read_text()
+        for name in re.findall(r"`([\w.]+)`", names):
+            assert re.search(rf"(?:def|class) {name.split('.')[-1]}\b", code), f"{path} has no {name}"
+
+
+def test_defaults_in_the_pages_of_verbs_are_those_of_the_help():
+    """A number in parentheses after an option in a table is its default."""
+    for verb in VERBS:
+        page = (DOCS / f"how-to/{verb}.md").read_text()
+        helps = {flag: action.help or "" for action in verb_parser(verb)._actions for flag in action.option_strings}
+        for flag, text in re.findall(r"^\| `(--[a-z-]+)[^`]*` \| ([^|]*) \|", page, re.MULTILINE):
+            shown = re.search(r"\((\d+)\)\s*$|\((\d+)\);", text)
+            if shown and "default" in helps.get(flag, ""):
+                number = shown[1] or shown[2]
+                assert re.search(rf"default:? {number}\b", helps[flag]), f"{verb} {flag}: {number} or '{helps[flag]}'"
