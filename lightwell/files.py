@@ -163,6 +163,33 @@ def _reason(error: BaseException) -> str:
     return " ".join(str(error).split())[:120]
 
 
+def prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> Arrays:
+    """Put arrays under a prefix.
+
+    Args:
+        prefix: First part of the names.
+        arrays: Arrays [...] by name.
+
+    Returns:
+        The arrays under ``prefix.name``.
+    """
+    return {f"{prefix}.{name}": value for name, value in arrays.items()}
+
+
+def under(prefix: str, arrays: Mapping[str, np.ndarray]) -> Arrays:
+    """Select the arrays under a prefix: the inverse of ``prefixed``.
+
+    Args:
+        prefix: First part of the names.
+        arrays: Arrays [...] by name.
+
+    Returns:
+        The arrays whose names begin with ``prefix.``, without it.
+    """
+    start = f"{prefix}."
+    return {name[len(start) :]: value for name, value in arrays.items() if name.startswith(start)}
+
+
 def flush(path: Path) -> None:
     """Wait until a file's data are on the disk.
 

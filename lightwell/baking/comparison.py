@@ -18,7 +18,6 @@ from lightwell.baking.side_by_side import aligned
 from lightwell.core.options import check
 from lightwell.core.output import BAKE_FILES, COMPARE_FILES, holds_output
 from lightwell.core.progress import Progress
-from lightwell.core.store import Store
 from lightwell.core.work import Work
 from lightwell.fields.protocol import Field, Fit, Job, Role, State
 from lightwell.fields.registry import field_names, find_field
@@ -188,14 +187,13 @@ class _Comparison:
     def _fit(self, field: Field, state: State, choice: FieldChoice) -> Fit:
         if field.shares not in self._samples:
             self._samples[field.shares] = field.sample(state, ROLE)
-        folder = self.work.part(f"fields/{choice.folder}")
-        return field.fit(state, ROLE, self._samples[field.shares], folder)
+        part = self.work.part(role=ROLE, field=choice.name)
+        return field.fit(state, ROLE, self._samples[field.shares], part)
 
     def _traced(self, state: State, fit: Fit) -> Reference:
         """The reference, traced after the first fit, because its budget and unit are known only then."""
         if self.reference is None:
             self._budget = reference_budget(self.settings, fit)
-            store = Store(self.work.part("reference"), limit=None)
             with self.work.timed("evaluate"):
                 self.reference = trace_reference(
                     state.scene,
@@ -206,7 +204,7 @@ class _Comparison:
                     self._budget,
                     self.notes,
                     self.progress,
-                    store,
+                    self.work.store,
                 )
         return self.reference
 

@@ -130,7 +130,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         traced = seconds.get("trace", 0.0)
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     with job.work.timed("write"):
-        pages = _write_files(settings, job.progress, shipped, shown)
+        pages = _write_files(settings, job, shipped, shown)
         links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
         data = replace(data, asset_bytes=size, links=links)
         report = write_report_and_page(settings.out, state, data, reference, notes)
@@ -222,7 +222,7 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     strength = max(float(again.shown.intensity.max()), 1e-30)
     color = tuple(again.shown.intensity / strength)
     size = write_asset(settings.out, state, shipped, strength, color, again.shown.light)
-    _write_files(settings, state.job.progress, shipped, again.shown)
+    _write_files(settings, state.job, shipped, again.shown)
     told = again.facts | {"bytes": size}
     write_atomically(settings.out / "rebake.json", json.dumps(told, indent=1) + "\n")
     for line in again.lines:
@@ -230,16 +230,17 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     return told
 
 
-def _write_files(settings: Reported, progress: Progress, shipped: Sequence[Shipped], shown: Shown) -> list[str]:
+def _write_files(settings: Reported, job: Job, shipped: Sequence[Shipped], shown: Shown) -> list[str]:
     """Write the files of a field beside the asset; the names of those that are pages."""
-    pages = []
+    pages: list[str] = []
+    store = job.work.store if job.work.keep else None
     for s in shipped:
-        files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, settings.keep)
+        files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, store)
         for file in files:
             file.write(settings.out / file.name)
             pages += [file.name] if file.media_type == "text/html" else []
         if s.fit.note:
-            progress.say(f"{s.role}: {s.fit.note}")
+            job.progress.say(f"{s.role}: {s.fit.note}")
     return pages
 
 

@@ -19,8 +19,7 @@ from lightwell.cache import persist, restir
 from lightwell.cache.guide import Guide
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.core.formats import Arrays
-from lightwell.files import load_arrays
-from lightwell.networks.checkpoint import prefixed, under
+from lightwell.files import load_arrays, prefixed, under
 from lightwell.networks.device import tensors
 
 if TYPE_CHECKING:

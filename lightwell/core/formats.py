@@ -50,6 +50,14 @@ class ArraysFormat:
 
     suffix = ".npz"
 
+    def __init__(self, compressed: bool = False) -> None:
+        """Create the format.
+
+        Args:
+            compressed: Compress the arrays (deflate).
+        """
+        self._save = np.savez_compressed if compressed else np.savez
+
     def write(self, path: Path, value: Mapping[str, np.ndarray]) -> None:
         """Write named arrays to an .npz file.
 
@@ -58,7 +66,7 @@ class ArraysFormat:
             value: Arrays of any shape by name.
         """
         with open(path, "wb") as stream:
-            np.savez(stream, **{name: _no_objects(name, array) for name, array in value.items()})
+            self._save(stream, **{name: _no_objects(name, array) for name, array in value.items()})
         flush(path)
 
     def read(self, path: Path) -> Arrays:
@@ -183,7 +191,7 @@ class RecordFormat(Generic[T]):
         return record_of(self._kind, ARRAYS.read(path))
 
 
-ARRAYS, COLUMNS, JSON = ArraysFormat(), ColumnsFormat(), JsonFormat()
+ARRAYS, COMPRESSED, COLUMNS, JSON = ArraysFormat(), ArraysFormat(compressed=True), ColumnsFormat(), JsonFormat()
 
 
 def arrays_of(record: Any, prefix: str = "") -> Arrays:

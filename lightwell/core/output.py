@@ -29,7 +29,7 @@ OWN_FILES = {
     ".lightwell/bake.json": "signature",
 }
 # Files that commands write; patterns of ``Path.glob``.
-BAKE_FILES = ("scene.glb", "*.html", "report.json", "rebake.json", "probes-*.lwp", "probes-*.npz")
+BAKE_FILES = ("scene.glb", "*.html", "report.json", "rebake.json", "probes-*.lwp")
 COMPARE_FILES = ("compare.html", "compare.json")
 FRAME_FILES = ("frame-*.exr", "frame-*.png", "animation.json", "exposure.txt", "radiance-cache.npz")
 

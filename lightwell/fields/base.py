@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
 
+from lightwell.files import Arrays
 from lightwell.graph import Graph
-from lightwell.networks.training import TrainingState
+from lightwell.networks.loop import Progress as Progress
+from lightwell.networks.loop import TrainingState
 from lightwell.scenes.scene import Material, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.samples import Query, Samples
 
 # The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
 UNIT_FACTOR = 4.0
-
-Progress = Callable[[TrainingState, int], None]
 
 
 @dataclass(frozen=True)
@@ -170,18 +169,20 @@ class Learner(Protocol):
             The graph.
         """
 
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically.
+    def arrays(self) -> Arrays:
+        """Return the state that a resumed training needs. An attribute ``varying``, if any, lists beginnings of the
+        names of arrays whose shape depends on the progress.
 
-        Args:
-            path: File to write.
+        Returns:
+            Arrays [...] by name.
         """
 
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint.
+    def restore(self, arrays: Arrays) -> None:
+        """Restore the state of a learner of the same settings and samples; arrays that do not fit together are a
+        ``ValueError``.
 
         Args:
-            path: File that ``save`` wrote.
+            arrays: Result of ``arrays``, names, shapes and types already compared with those of this learner.
         """
 
     @property

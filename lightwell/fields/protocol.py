@@ -19,7 +19,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from lightwell.core.progress import Progress
-from lightwell.core.work import Work
+from lightwell.core.store import Store
+from lightwell.core.work import Work, WorkPart
 from lightwell.fields.request import Request
 from lightwell.graph import Graph
 from lightwell.graph.pictures import Fallback, Picture
@@ -182,13 +183,13 @@ class Fit(Protocol):
     note: str
     """One line about ``files`` for the terminal, known once they were asked for; or nothing."""
 
-    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files that are written beside the asset.
+    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
+        """List the files that are written beside the asset, and store what an incremental bake starts from.
 
         Args:
             glb: Path of the asset.
             shown: The light under which the bake is shown first.
-            keep: Also list the files that an incremental bake starts from.
+            store: Where to keep what an incremental bake starts from; None: it is not kept.
 
         Returns:
             The files, not yet written.
@@ -228,14 +229,15 @@ class Field(Protocol):
             Samples of the field's own type.
         """
 
-    def fit(self, state: State, role: Role, samples: Any, folder: Path | None = None) -> Fit:
+    def fit(self, state: State, role: Role, samples: Any, part: WorkPart | None = None) -> Fit:
         """Fit the field to samples.
 
         Args:
             state: The prepared scene.
             role: The part of the light that the samples hold.
             samples: Samples from ``sample`` of this field, or of another with the same ``shares``.
-            folder: Folder of the checkpoints where several fields are fitted in one run; None: the field chooses it.
+            part: Part of the bake that stores checkpoints, where several fields are fitted in one run; None: the
+                field chooses it.
 
         Returns:
             The finished fit.

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, freeze, mi
-from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
+from lightwell.files import Arrays, prefixed, under
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.grouped import Runs
 from lightwell.networks.losses import LOSSES

@@ -18,8 +18,9 @@ import numpy as np
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
+from lightwell.files import Arrays, prefixed, under
 from lightwell.networks.batched import initial_batch, keep_better
-from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.grouped import Runs
 from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
 

@@ -19,8 +19,9 @@ from typing import Any, Literal
 import numpy as np
 
 from lightwell.backend import dr, freeze, mi
+from lightwell.files import Arrays, prefixed, under
 from lightwell.networks.batched import initial_batch, shaped, take_rows
-from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.device import tensor, tensors
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp

@@ -4,43 +4,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from lightwell.backend import dr, freeze, mi
-from lightwell.files import Arrays, save_arrays
-from lightwell.networks.checkpoint import counters, read_checkpoint, taking_up
+from lightwell.files import Arrays
+from lightwell.networks.loop import Progress as Progress
+from lightwell.networks.loop import TrainingSettings as TrainingSettings
+from lightwell.networks.loop import TrainingState as TrainingState
+from lightwell.networks.loop import run_steps
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.optimisers import OPTIMISERS
-from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """Settings of a training."""
-
-    loss: str = "relative2"
-    optimiser: str = "adam"
-    """'adam' or 'sgd'."""
-    rate: float = 3e-3
-    schedule: str = "cosine"
-    tau: float = REPORT_TAU
-    """Epochs after which the schedule 'report' has halved the rate."""
-    batch: int = 1 << 12
-    decay: float = 0.0
-    """L2 weight decay, added to the gradient of the weights (not of the biases)."""
-    clip: float = 1.0
-    """Largest Euclidean norm of the whole gradient; 0 turns clipping off."""
-    evaluate_every: int = 200
-    """Steps between two evaluations on the validation set."""
-    patience: int = 10
-    """Evaluations without improvement after which the training stops, at least a fifth of the schedule; 0 never stops.
-
-    While the rate is high, longer times without improvement are normal."""
-    initial_bias: float = 0.0
+from lightwell.networks.schedules import SCHEDULES
 
 
 @dataclass(frozen=True)
@@ -110,21 +87,6 @@ def rows_from(table: Any, start: Any, count: int) -> Any:
     end = rows * width
     source = dr.select(source < end, source, source - end)
     return mi.TensorXf(dr.gather(mi.Float, table.array, source), (count, width))
-
-
-@dataclass
-class TrainingState:
-    """The state that a resumed training needs besides the optimiser's arrays."""
-
-    step: int = 0
-    samples_seen: int = 0
-    best_error: float = float("inf")
-    best_step: int = 0
-    history: list[tuple[int, float, float]] = field(default_factory=list)
-    """(step, training loss since the last entry, validation error)."""
-
-
-Progress = Callable[[TrainingState, int], None]
 
 
 class Network(Protocol):
@@ -271,68 +233,45 @@ class Trainer:
         Returns:
             Whether early stopping ended the training.
         """
-        settings, state = self.settings, self.state
-        losses = []
-        while state.step < until:
-            losses.append(self.step(data, total))
-            if state.step % settings.evaluate_every and state.step != until:
-                continue
-            self._record(float(np.mean([loss.numpy() for loss in losses])), error)
-            losses = []
-            if progress:
-                progress(state, total)
-            if checkpoint:
-                checkpoint()
-            enough = max(settings.patience * settings.evaluate_every, total // 5)
-            if settings.patience and state.step - state.best_step >= enough:
-                return True
-        return False
+        losses: list[Any] = []
 
-    def _record(self, loss: float, error: Callable[[dict[str, np.ndarray]], float]) -> None:
-        parameters = self.parameters
-        value = error(parameters)
-        if not (np.isfinite(loss) and np.isfinite(value)):
-            raise RuntimeError(
-                f"train: loss {loss} and error {value} at step {self.state.step} are not finite; "
-                f"lower the learning rate (now {self.settings.rate}) or look for broken targets"
-            )
-        self.state.history.append((self.state.step, loss, value))
-        if value < self.state.best_error:
-            self.state.best_error, self.state.best_step, self.best = value, self.state.step, parameters
+        def step() -> bool:
+            losses.append(self.step(data, total))
+            return False
+
+        def evaluate() -> tuple[float, float]:
+            loss, parameters = float(np.mean([loss.numpy() for loss in losses])), self.parameters
+            losses.clear()
+            found = error(parameters)
+            if found < self.state.best_error:
+                self.best = parameters
+            return loss, found
+
+        return run_steps(self.state, self.settings, until, total, step, evaluate, progress, checkpoint)
 
     # ------------------------------------------------------------------ checkpoints
 
-    def save(self, path: Path) -> None:
-        """Write the state that a resumed training needs; the file is replaced atomically.
+    varying = ("history",)
 
-        Args:
-            path: The .npz file to write.
+    def arrays(self) -> Arrays:
+        """Return the state that a resumed training needs.
+
+        Returns:
+            Arrays [...] by name.
         """
-        save_arrays(path, self._arrays())
-
-    def _arrays(self) -> Arrays:
-        state = self.state
-        arrays: Arrays = {
-            "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
-            "best_error": np.array(state.best_error),
-            "history": np.array(state.history, np.float64).reshape(-1, 3),
-        }
+        arrays = self.state.arrays()
         for name, value in self._values.items():
             arrays[f"value.{name}"], arrays[f"best.{name}"] = np.array(value), self.best[name]
             arrays[f"first.{name}"], arrays[f"second.{name}"] = (np.array(m[name]) for m in self._moments)
         return arrays
 
-    def load(self, path: Path) -> None:
-        """Resume a training that ``save`` wrote, of the same network and settings.
+    def restore(self, arrays: Arrays) -> None:
+        """Resume a training of the same network and settings.
 
         Args:
-            path: The .npz file to read.
+            arrays: Result of ``arrays``; see ``checkpoint.restore``.
         """
-        arrays = read_checkpoint(path, self._arrays(), varying=("history",))
-        with taking_up(path):
-            step, seen, best_step, best_error, history = counters(arrays)
-        self.state = TrainingState(step, seen, best_error, best_step, history)
-        names = list(self._values)
+        self.state, names = TrainingState.of(arrays), list(self._values)
         self._values = _upload({name: arrays[f"value.{name}"] for name in names})
         self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
         self.best = {name: arrays[f"best.{name}"] for name in names}

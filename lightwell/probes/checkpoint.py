@@ -1,4 +1,4 @@
-"""Stores what an incremental bake needs of the bake before it, as one .npz file: rays, trust, records and samples.
+"""The state that an incremental bake needs of the bake before it, as named arrays: rays, trust, records and samples.
 
 The reader checks every shape, type and index against the lattice before it is used. Large arrays are float32,
 because everything that an edit does not touch keeps its bytes.
@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from lightwell.files import load_arrays, save_arrays
+from lightwell.files import Arrays, under
 from lightwell.probes import bricks
 from lightwell.probes.assemble import BrickLevel, ProbeRecords, assemble
 from lightwell.probes.bake import Geometry
@@ -28,20 +26,20 @@ from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
 VERSION = 3
-# Largest state that is read, bytes after decompression.
-MOST_BYTES = 4 << 30
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
 _ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
 
 
-def save(path: Path, lit: SolvedVolume, facts: dict[str, Any], more: dict[str, np.ndarray]) -> None:
-    """Write the state of a bake.
+def state_arrays(lit: SolvedVolume, facts: dict[str, Any], more: dict[str, np.ndarray]) -> Arrays:
+    """Collect the state of a bake.
 
     Args:
-        path: File to write.
         lit: The bake.
         facts: JSON values of the caller.
         more: Arrays of any shape of the caller, by name.
+
+    Returns:
+        Arrays of any shape by name.
     """
     arrays = {f"more.{name}": value for name, value in more.items()}
     for k, (level, found) in enumerate(zip(lit.geometry.levels, lit.geometry.records)):
@@ -70,34 +68,26 @@ def save(path: Path, lit: SolvedVolume, facts: dict[str, Any], more: dict[str, n
         "seed": lit.seed,
         "facts": facts,
     }
-    arrays["head"] = np.frombuffer(json.dumps(head).encode(), np.uint8)
-    save_arrays(path, arrays, compressed=True)
+    return arrays | {"head": np.frombuffer(json.dumps(head).encode(), np.uint8)}
 
 
-def load(path: Path) -> tuple[SolvedVolume, dict[str, Any], dict[str, np.ndarray]]:
-    """Read the state of a bake.
+def state_of(arrays: Arrays) -> tuple[SolvedVolume, dict[str, Any], dict[str, np.ndarray]]:
+    """Restore and check the state of a bake.
 
     Args:
-        path: File that ``save`` wrote.
+        arrays: Result of ``state_arrays``, arrays of any shape by name.
 
     Returns:
         The bake, and ``facts`` and ``more`` of the caller.
 
     Raises:
-        ValueError: The file is not the state of a bake; one line.
+        ValueError: The arrays are not the state of a bake; one line.
     """
-    cure = "not the state of light probes; bake again with --keep"
     try:
-        with ZipFile(path) as archive:
-            if sum(part.file_size for part in archive.infolist()) > MOST_BYTES:
-                raise ValueError("too large")
-        arrays = load_arrays(path, cure)
-        head = json.loads(arrays.pop("head").tobytes())
-        return _read(head, arrays), dict(head["facts"]), _under("more.", arrays)
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, BadZipFile, RecursionError) as error:
-        text = str(error)
-        named = text if text.startswith(str(path)) else f"{path}: {cure} ({' '.join(text.split())[:80]})"
-        raise ValueError(named) from error
+        head = json.loads(arrays["head"].tobytes())
+        return _read(head, arrays), dict(head["facts"]), under("more", arrays)
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+        raise ValueError(f"not the state of light probes ({' '.join(str(error).split())[:80]})") from error
 
 
 def _read(head: dict, arrays: dict[str, np.ndarray]) -> SolvedVolume:
@@ -111,9 +101,9 @@ def _read(head: dict, arrays: dict[str, np.ndarray]) -> SolvedVolume:
     levels, found = [], []
     parts = [(lattice, pattern(POINTS)), (bricks.fine_lattice(lattice), pattern(bricks.FINE_POINTS))]
     for k, (grid, layout) in enumerate(parts[: 1 if kept is None else 2]):
-        level = _level(_under(f"{k}.", arrays), grid, layout)
+        level = _level(under(str(k), arrays), grid, layout)
         levels.append(level)
-        found.append(_records(_under(f"{k}.", arrays), len(level.nodes), FUNCTIONS[head["function"]].parameters))
+        found.append(_records(under(str(k), arrays), len(level.nodes), FUNCTIONS[head["function"]].parameters))
     _check(np.array_equal(levels[0].nodes, np.arange(len(lattice))), "nodes")
     count = sum(len(level.nodes) for level in levels)
     _check(kept is None or (kept.table.max() < count and len(kept.inner) == count - len(lattice)), "bricks")
@@ -176,10 +166,6 @@ def _bricks(arrays: dict, lattice: ProbeLattice) -> Bricks | None:
     table = _array(arrays, "bricks.table", "i4", (None, 64))
     _check(-1 <= cell.min() and cell.max() < len(table) and table.min() >= len(lattice), "bricks")
     return Bricks(cell, table, _array(arrays, "bricks.inner", "?", (None,)))
-
-
-def _under(prefix: str, arrays: dict) -> dict[str, np.ndarray]:
-    return {name[len(prefix) :]: value for name, value in arrays.items() if name.startswith(prefix)}
 
 
 def _array(arrays: dict, name: str, kind: str, shape: tuple, cast: bool = False) -> np.ndarray:

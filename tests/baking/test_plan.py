@@ -4,10 +4,13 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lightwell.core.formats import JSON
 from lightwell.core.options import parsed
-from lightwell.core.work import Work
+from lightwell.core.store import Store
+from lightwell.core.work import Work, WorkPart
 from lightwell.fields.budget import Budget
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
@@ -67,10 +70,11 @@ def test_a_round_more():
 
 
 def test_a_plan_survives_the_disk(tmp_path):
-    plan = plan_samples(10, 0.5, None, shared=False)
-    save_plan(tmp_path / "plan.json", plan)
-    assert load_plan(tmp_path / "plan.json", SamplePlan) == plan
-    assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
+    part, plan = WorkPart(Store(tmp_path), {"role": "static"}), plan_samples(10, 0.5, None, shared=False)
+    assert load_plan(part, SamplePlan) is None
+    save_plan(part, plan)
+    assert load_plan(part, SamplePlan) == plan and load_plan(part, StepPlan) is None
+    assert load_plan(part.part(field="mlp"), SamplePlan) is None
 
 
 @dataclass(frozen=True)
@@ -83,32 +87,48 @@ class Asked:
 
 @pytest.mark.parametrize("harm", [b"", b"[]", b'{"signature"', b"\xff"])
 def test_a_damaged_manifest_begins_anew_with_a_note(tmp_path, caplog, harm):
-    (Work(Asked(tmp_path), "scene").part("static") / "fit.npz").write_bytes(b"")
-    manifest = tmp_path / ".lightwell" / "bake.json"
-    assert (Work(Asked(tmp_path, resume=True), "scene").part("static") / "fit.npz").exists()
-    manifest.write_bytes(harm)
-    assert not (Work(Asked(tmp_path, resume=True), "scene").part("static") / "fit.npz").exists()
-    assert "bake.json' is damaged and is made again" in caplog.text
-    assert Work(Asked(tmp_path, resume=True), "scene").part("static").is_dir()
+    Work(Asked(tmp_path), "scene").part(role="static").put("fit", [1], JSON)
+    resumed = lambda: Work(Asked(tmp_path, resume=True), "scene").part(role="static").find("fit", JSON)  # noqa: E731
+    assert resumed() == [1]
+    (tmp_path / ".lightwell" / "bake.json").write_bytes(harm)
+    assert resumed() is None
+    assert "bake.json' is damaged; the bake begins anew" in caplog.text
 
 
 def test_work_of_another_version_is_refused(tmp_path):
-    Work(Asked(tmp_path), "scene").part("static")
+    Work(Asked(tmp_path), "scene").part()
     manifest = tmp_path / ".lightwell" / "bake.json"
     found = json.loads(manifest.read_text())
     manifest.write_text(json.dumps(found | {"lightwell": "0.0.1", "signature": "0"}))
     with pytest.raises(ValueError, match=r"another lightwell \(0.0.1, this is .*\); .* without --resume"):
-        Work(Asked(tmp_path, resume=True), "scene").part("static")
+        Work(Asked(tmp_path, resume=True), "scene").part()
 
 
-@pytest.mark.parametrize("harm", [b"", b"[]", b'{"steps": 3, "unknown": 1}'])
-def test_a_damaged_plan_is_one_line(tmp_path, harm):
-    (tmp_path / "plan.json").write_bytes(harm)
-    with pytest.raises(ValueError, match=r"plan.json' is damaged .* start anew without --resume") as caught:
-        load_plan(tmp_path / "plan.json", StepPlan)
-    assert "\n" not in str(caught.value)
+def test_seconds_add_up_over_runs_and_an_unused_folder_is_not_made(tmp_path):
+    with Work(Asked(tmp_path), "scene").timed("train"):
+        pass
+    assert not list(tmp_path.iterdir())
+    first = Work(Asked(tmp_path), "scene")
+    first.part()
+    with first.timed("train"):
+        pass
+    again = Work(Asked(tmp_path, resume=True, keep=False), "scene")
+    again.part()
+    assert again.seconds == first.seconds
+    again.close()
+    assert not list(tmp_path.iterdir())
 
 
-def test_a_damaged_clock_starts_at_zero(tmp_path):
-    (tmp_path / "clock.json").write_bytes(b"[[3, ")
-    assert Clock(tmp_path / "clock.json").marks == [(0, 0.0)]
+@pytest.mark.parametrize("harm", [b"", b"[]", b'{"check": "", "value": {}}'])
+def test_a_damaged_plan_is_made_again_with_a_note(tmp_path, caplog, harm):
+    part = WorkPart(Store(tmp_path), {})
+    save_plan(part, StepPlan(3, 4))
+    (entry,) = part.store.entries()
+    entry.path.write_bytes(harm)
+    assert load_plan(part, StepPlan) is None and "is damaged and is made again" in caplog.text
+
+
+@pytest.mark.parametrize("marks", [np.zeros(3), np.zeros((0, 2)), np.full((1, 2), np.nan)])
+def test_a_clock_of_something_else_is_refused(marks):
+    with pytest.raises(ValueError, match="not rows of step and seconds"):
+        Clock(marks)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lightwell.baking.pipeline import bake
-from lightwell.core.work import FOLDER
+from lightwell.core.work import FOLDER, store_of
 
 from .conftest import small
 
@@ -34,11 +34,16 @@ def _start(out: Path) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, "-c", CHILD, str(ROOT), str(out), str(STEPS)], stderr=subprocess.PIPE)
 
 
-def _wait_for(path: Path, child: subprocess.Popen, seconds: float = 300) -> None:
+def _stored(out: Path, name: str) -> bool:
+    """Whether the store of a bake holds a result."""
+    return any(entry.function == name for entry in store_of(out).entries())
+
+
+def _wait_for(out: Path, name: str, child: subprocess.Popen, seconds: float = 300) -> None:
     end = time.monotonic() + seconds
-    while not path.exists():
+    while not _stored(out, name):
         assert child.poll() is None, child.stderr.read().decode()
-        assert time.monotonic() < end, f"{path} did not appear"
+        assert time.monotonic() < end, f"{name} did not appear"
         time.sleep(0.02)
 
 
@@ -52,11 +57,11 @@ def _interrupt(child: subprocess.Popen) -> None:
             continue
 
 
-@pytest.mark.parametrize("moment", ["plan.json"])
+@pytest.mark.parametrize("moment", ["plan.samples"])
 def test_killed_and_resumed(tmp_path, moment, uninterrupted):
     out = tmp_path / "out"
     child = _start(out)
-    _wait_for(out / FOLDER / "indirect" / moment, child)
+    _wait_for(out, moment, child)
     os.kill(child.pid, signal.SIGKILL)
     child.wait()
     assert not (out / "scene.glb").exists()
@@ -78,12 +83,12 @@ def test_interrupted_by_the_keyboard(tmp_path, uninterrupted):
     for attempt in range(4):
         out = tmp_path / f"out-{attempt}"
         child = _start(out)
-        _wait_for(out / FOLDER / "indirect" / "fit.npz", child)
+        _wait_for(out, "fit.checkpoint", child)
         _interrupt(child)
         # On a busy machine a short bake may be over before the signal is seen; that says nothing.
         if not (out / "scene.glb").exists():
             break
-    assert (out / FOLDER / "indirect" / "fit.npz").exists() and not (out / "scene.glb").exists()
+    assert _stored(out, "fit.checkpoint") and not (out / "scene.glb").exists()
     bake(small(out, steps=STEPS, views=1, resume=True))
     assert (out / "scene.glb").read_bytes() == uninterrupted
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_up import SETUP, smooth, unit
 
+from lightwell.core.formats import ARRAYS
 from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.surface import balanced
 from lightwell.fields.surface.cells import Cells, light_bins, signature
@@ -15,6 +16,7 @@ from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.inputs import Inputs
 from lightwell.fields.surface.lattice import Gate, VertexLattice
 from lightwell.graph import evaluate, graph_from_json, graph_to_json
+from lightwell.networks.checkpoint import restore
 from lightwell.transport.samples import Query, Samples
 
 EXPERTS, STEPS = 6, 240
@@ -224,9 +226,9 @@ def test_killed_and_resumed_ends_with_the_same_bits(tmp_path):
     steps, straight, part = 90, begin(), begin()
     straight.train(steps, steps)
     part.train(50, steps)
-    part.save(tmp_path / "fit.npz")
+    ARRAYS.write(tmp_path / "fit.npz", part.arrays())
     again = begin()
-    again.load(tmp_path / "fit.npz")
+    restore(again, ARRAYS.read(tmp_path / "fit.npz"))
     again.train(steps, steps)
     query = room(500, 7)
     assert (again.predict(query) == straight.predict(query)).all()

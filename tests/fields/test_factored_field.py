@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lightwell.core.formats import ARRAYS
 from lightwell.fields.base import FieldSetup, is_matte, query_inputs
 from lightwell.fields.surface import factored
 from lightwell.graph import evaluate
+from lightwell.networks.checkpoint import restore
 from lightwell.scenes.scene import Material
 from lightwell.transport.samples import Query, Samples
 
@@ -68,11 +70,11 @@ def test_a_resumed_fit_ends_with_the_same_bytes(tmp_path):
     whole = fitted(steps=200)
     half = fitted(steps=1)
     half.train(100, 200)
-    half.save(tmp_path / "fit.npz")
+    ARRAYS.write(tmp_path / "fit.npz", half.arrays())
     again = factored.FactoredFit(SETUP, half.preset, 0)
     again.learn_from(samples())
     again.validate_on(samples(lights=8, seed=1))
-    again.load(tmp_path / "fit.npz")
+    restore(again, ARRAYS.read(tmp_path / "fit.npz"))
     again.train(200, 200)
     for name, value in whole._trainer.parameters.items():
         assert np.array_equal(value, again._trainer.parameters[name]), name

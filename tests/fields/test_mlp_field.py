@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from lightwell.core.formats import ARRAYS
 from lightwell.fields.base import FieldSetup, query_inputs, radiance_unit
 from lightwell.fields.registry import BUILT_IN, check_preset, find_field
 from lightwell.fields.surface.mlp import PRESETS, MlpFit, MlpPreset
 from lightwell.graph import evaluate
 from lightwell.networks import TrainingSettings
+from lightwell.networks.checkpoint import restore
 from lightwell.transport.samples import Query, Samples
 
 SETUP = FieldSetup((0.0, 0.0, 0.0), 1.0, 0.5, "point")
@@ -118,11 +120,11 @@ def test_resume(tmp_path, quick):
     part.learn_from(_samples(8192, 1))
     part.validate_on(_samples(512, 2))
     part.train(50, 100)
-    part.save(tmp_path / "fit.npz")
+    ARRAYS.write(tmp_path / "fit.npz", part.arrays())
     again = MlpFit(SETUP, QUICK, 0)
     again.learn_from(_samples(8192, 1))
     again.validate_on(_samples(512, 2))
-    again.load(tmp_path / "fit.npz")
+    restore(again, ARRAYS.read(tmp_path / "fit.npz"))
     again.train(100, 100)
     query = _samples(64, 9).query
     assert (whole.predict(query) == again.predict(query)).all()

@@ -125,9 +125,14 @@ def checkpoint(path: Path) -> Any:
     """A checkpoint, taken up by a fit of the field that its name says, which goes on and predicts."""
     from fuzz_learned import fit_of
 
-    name = path.stem
-    fit = fit_of(name)
-    fit.load(path)
+    from lightwell.core.formats import ARRAYS
+    from lightwell.networks.checkpoint import restore
+
+    fit, arrays = fit_of(path.stem), ARRAYS.read(path)
+    try:
+        restore(fit, arrays)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     return [fit.state.best_error if fit.state.best_step else 0.0, vars(fit).get("_values", [])]
 
 

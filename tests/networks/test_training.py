@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from lightwell.core.formats import ARRAYS
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
-from lightwell.networks.checkpoint import counters
+from lightwell.networks.checkpoint import restore
+from lightwell.networks.loop import TrainingState
 
 ROWS, WIDTH = 4096, 6
 
@@ -55,20 +57,19 @@ def test_resumed_training_ends_with_the_same_bits(data, tmp_path, optimiser):
     settings = TrainingSettings(batch=512, evaluate_every=20, optimiser=optimiser, decay=1e-4)
     whole = _fit(data, 80, 80, _trainer(settings))
     part = _fit(data, 40, 80, _trainer(settings))
-    part.save(tmp_path / "fit.npz")
+    ARRAYS.write(tmp_path / "fit.npz", part.arrays())
     resumed = _trainer(settings)
-    resumed.load(tmp_path / "fit.npz")
+    restore(resumed, ARRAYS.read(tmp_path / "fit.npz"))
     _fit(data, 80, 80, resumed)
     assert all((whole.parameters[k] == resumed.parameters[k]).all() for k in whole.parameters)
     assert all((whole.best[k] == resumed.best[k]).all() for k in whole.best)
     assert whole.state == resumed.state
 
 
-def test_a_checkpoint_of_another_network_is_refused(data, tmp_path):
-    _fit(data, 20, 20).save(tmp_path / "fit.npz")
+def test_a_checkpoint_of_another_network_is_refused(data):
     other = Trainer(Mlp((WIDTH, 8, 3)), TrainingSettings(), 0)
     with pytest.raises(ValueError, match="the network needs"):
-        other.load(tmp_path / "fit.npz")
+        restore(other, _fit(data, 20, 20).arrays())
 
 
 def test_early_stopping_keeps_the_best_weights(data):
@@ -135,6 +136,6 @@ def test_a_set_that_grows_is_used_whole(data):
 def test_progress_that_cannot_be_is_refused(steps, best):
     arrays = {"step": np.array(steps), "history": np.zeros((0, 3)), "best_error": np.array(best)}
     with pytest.raises(ValueError, match=r"'step'|'best_error'"):
-        counters(arrays)
+        TrainingState.of(arrays)
     unmeasured = {**arrays, "step": np.array([4, 100, 0]), "best_error": np.array(np.inf)}
-    assert counters(unmeasured)[:4] == (4, 100, 0, np.inf)
+    assert TrainingState.of(unmeasured) == TrainingState(4, 100, np.inf, 0)

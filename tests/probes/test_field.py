@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lightwell.core.formats import COMPRESSED
+from lightwell.core.store import Store
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.probes.baked import BakedProbes
+from lightwell.fields.probes.baked import BakedProbes, state_key
 from lightwell.fields.probes.fit import PRESETS, ProbesFit, fit_of, solved
 from lightwell.fields.probes.options import parse_box
 from lightwell.fields.protocol import Shown
@@ -41,7 +43,7 @@ def tiny_fit(scene, variable, preset) -> ProbesFit:
 def written(fit: ProbesFit, out, light) -> str:
     """Write the files of a fit; returns its note."""
     (out / "scene.glb").write_bytes(b"glTF")
-    for file in fit.files(out / "scene.glb", Shown(np.asarray(light, float), np.ones(3)), keep=False):
+    for file in fit.files(out / "scene.glb", Shown(np.asarray(light, float), np.ones(3))):
         file.write(out / file.name)
     return fit.note
 
@@ -134,8 +136,9 @@ def answers(made: BakedProbes) -> np.ndarray:
 
 def test_an_edit_of_nothing_keeps_every_byte(moving, tmp_path):
     shown = Shown(np.array([-1.5, 1.5, 0.2]), np.ones(3))
-    moving.baked.keep(tmp_path, "indirect", shown)
-    before, found = BakedProbes.kept(tmp_path / "probes-indirect.npz")
+    store = Store(tmp_path)
+    store.put(state_key("indirect"), moving.baked.arrays(shown), COMPRESSED)
+    before, found = BakedProbes.of(store.find(state_key("indirect"), COMPRESSED))
     assert np.array_equal(found.light, shown.light)
     box = np.array([[-0.4, 0.0, -0.4], [0.4, 1.0, 0.4]])
     after, again = before.rebaked(moving.setup.scene, moving.setup.variable, box, None)
@@ -162,11 +165,8 @@ def test_an_edit_changes_what_it_touches_alone():
     assert np.array_equal(whole.records[0].params, after.lit.geometry.records[0].params)
 
 
-def test_states_of_strangers_are_refused(moving, tmp_path):
-    path = tmp_path / "probes-indirect.npz"
-    moving.baked.keep(tmp_path, "indirect", Shown(np.zeros(3), np.ones(3)))
-    with np.load(path) as file:
-        good = {name: file[name] for name in file.files}
+def test_states_of_strangers_are_refused(moving):
+    good = moving.baked.arrays(Shown(np.zeros(3), np.ones(3)))
     head = json.loads(good["head"].tobytes())
     changes = {
         "0.slot": good["0.slot"][::-1],
@@ -183,13 +183,9 @@ def test_states_of_strangers_are_refused(moving, tmp_path):
         "number": None,
     }
     for name, value in changes.items():
-        np.savez(path, **{k: v for k, v in (good | {name: value}).items() if v is not None})
         with pytest.raises(ValueError, match="not the state of light probes") as error:
-            BakedProbes.kept(path)
+            BakedProbes.of({k: v for k, v in (good | {name: value}).items() if v is not None})
         assert "\n" not in str(error.value), name
-    path.write_bytes(b"PK no archive")
-    with pytest.raises(ValueError, match="not the state of light probes"):
-        BakedProbes.kept(path)
 
 
 @pytest.mark.parametrize("text", ["", "0,0,0", "0,0,0,1,1,nan", "1,0,0,0,1,1", "a,b,c,d,e,f"])

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from lightwell.core.denoise import missing
+from lightwell.core.formats import JSON, RecordFormat
+from lightwell.core.store import Store
+from lightwell.core.work import WorkPart
 from lightwell.fields.baked import Baked
 from lightwell.fields.budget import Budget
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import atlas_facts, fallback, fitted, sample_unit, texel_facts
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions
-from lightwell.fields.lightmap.resume import kept_counts, kept_eyes, kept_light, kept_sides
 from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.size_limit import choose
@@ -38,7 +40,7 @@ from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, indirect, static
-from lightwell.transport.irradiance import irradiance
+from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.samples import SurfacePoints
 
@@ -60,6 +62,8 @@ COARSE = 1024
 RATE = 3e5
 # The validation points of an error budget: their number, seed and paths.
 VALIDATION_POINTS, VALIDATION_SEED, VALIDATION_PATHS = 4096, 0xA11D, 256
+# Formats of stored samples.
+LIGHT, VIEWS = RecordFormat(Irradiance), RecordFormat(ViewSamples)
 
 
 @dataclass
@@ -77,9 +81,12 @@ class LightmapState(State):
     facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
 
     @property
-    def folder(self) -> Path:
-        """Folder of intermediate results."""
-        return self.job.work.part("lightmap" if not self.round else f"lightmap/round-{self.round}")
+    def part(self) -> WorkPart:
+        """Part of the bake that stores the results of this round."""
+        if self.atlas is None:
+            return self.job.work.part(field="lightmap")
+        counts = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
+        return self.job.work.part(field="lightmap", **counts)
 
     @property
     def size(self) -> int:
@@ -166,13 +173,13 @@ class FittedLightmap:
         ordinary = fallback(self.chart) if self.chart else None
         return Lowered(self.map.lower(), self.map.pictures, ordinary, f"lightmap {self.role}")
 
-    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
         """List the files beside the asset: a light map has none.
 
         Args:
             glb: Path of the asset.
             shown: The light under which the bake is shown first.
-            keep: Whether an incremental bake may follow.
+            store: Where to keep what an incremental bake starts from; None: it is not kept.
 
         Returns:
             An empty list.
@@ -237,19 +244,19 @@ class LightmapField:
                 make = lambda: moving_samples(  # noqa: E731
                     state.scene, state.atlas, state.variable, state.eyes, EYE_PATHS, seed + 6
                 )
-                return kept_eyes(state.folder / "moving.npz", make)
-            keep = lambda make: kept_light(state.folder / "light.npz", make)  # noqa: E731
+                return state.part.get("lightmap.moving", make, VIEWS)
+            keep = lambda make: state.part.get("lightmap.light", make, LIGHT)  # noqa: E731
             size, mips = state.atlas.size, job.options.mips
             made = chart(state.scene, size, mips, state.paths, seed, keep=keep, atlas=state.atlas)
             stage.advance(note=f"{state.paths} paths per texel")
-            eyes = kept_eyes(state.folder / "eyes.npz", lambda: _still_samples(state, made))
+            eyes = state.part.get("lightmap.views", lambda: _still_samples(state, made), VIEWS)
             stage.advance(note=f"{state.eyes} eye samples")
         return StillSamples(made, eyes)
 
     # ------------------------------------------------------------------ fit
 
     def fit(
-        self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples, folder: Path | None = None
+        self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples, part: WorkPart | None = None
     ) -> FittedLightmap:
         """Fit the light map; with a target error, again with twice the samples until the error is reached.
 
@@ -257,7 +264,7 @@ class LightmapField:
             state: The prepared scene.
             role: The part of the light that the samples hold.
             samples: Samples from ``sample``.
-            folder: Not used: checkpoints lie in the state's own folder.
+            part: Not used: checkpoints are stored in the part of the state.
 
         Returns:
             The finished fit.
@@ -285,7 +292,9 @@ class LightmapField:
         with state.job.work.timed("train"), state.job.progress.stage(f"train {role}", 1, "") as stage:
             if role == "indirect":
                 count = max(_steps(state), 1 if state.job.request.steps else LEAST_STEPS)
-                made = moving_fit(state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count)
+                made = moving_fit(
+                    state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count, state.part
+                )
                 stage.advance()
                 return FittedLightmap(state, role, made, state.eyes * EYE_PATHS, perf_counter() - start)
             fit = _fit_still(state, samples)
@@ -324,11 +333,11 @@ def _lay_out(state: LightmapState) -> None:
     request, options = job.request, job.options
     # A variable light can reach every visible side.
     look = lit_sides if state.variable is None else seen_sides
-    sides = kept_sides(state.folder / "sides.npz", lambda: look(scene, request.seed))
+    sides = state.part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
     atlas = _atlas(scene, options, preset, sides)
     size = atlas.size
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
-    state.paths, state.eyes = kept_counts(state.folder / "counts.npz", lambda: _counts(first, state))
+    state.paths, state.eyes = state.part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
     if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.
         atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
@@ -394,7 +403,7 @@ def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
         trial = lambda p, s, n: fitted(scene, made, s, p, seed, n)  # noqa: E731
         preset = choose(limit, preset, made, samples.eyes, trial, say)
     steps = _steps(state) if preset.hidden else 0
-    fit = fitted(scene, made, samples.eyes, preset, seed, steps, folder=state.folder, size=state.size)
+    fit = fitted(scene, made, samples.eyes, preset, seed, steps, part=state.part, size=state.size)
     if preset.hidden and not fit.preset.hidden:
         say("the network was no better than none on held-out samples: the light map is plain")
     return fit

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.core.formats import ARRAYS
+from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.atlas_images import push_pull
 from lightwell.fields.lightmap.nodes import MapNodes, row_graph
 from lightwell.fields.tabulate import Tabulated
-from lightwell.files import load_arrays, save_arrays
+from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Graph
 from lightwell.graph.pictures import Picture, encode
 from lightwell.networks.atlas_texture import AtlasTexture
@@ -189,7 +191,7 @@ class LightmapFit:
         weight: np.ndarray,
         steps: int,
         progress: Callable[[int], None] | None = None,
-        folder: Path | None = None,
+        part: WorkPart | None = None,
     ) -> None:
         """Fit to samples; without a network there is nothing to train.
 
@@ -199,7 +201,8 @@ class LightmapFit:
             weight: [N] importance weights; samples with weight 0 are left out.
             steps: Number of training steps.
             progress: Called with the number of the step, every 50 steps.
-            folder: Folder of the checkpoints, one per phase of quantisation; None: the training cannot be resumed.
+            part: Part of the bake that stores a checkpoint per phase of quantisation; None: the training cannot be
+                resumed.
         """
         if not self.preset.hidden:
             return
@@ -216,27 +219,19 @@ class LightmapFit:
             self.network = self._make_network(quantiser)
             if quantiser == "frozen" and self.preset.stage:
                 self.network = replace(self.network, stage=())
-            done = None if folder is None else folder / f"{quantiser}.npz"
-            if not self._taken_up(done):
-                self._phase(data, round(until * steps), steps, progress)
-                self._leave(done)
+            make = partial(self._phase_arrays, data, round(until * steps), steps, progress)
+            self._adopt(part.part(phase=quantiser).get("lightmap.phase", make, ARRAYS) if part else make())
 
-    def _taken_up(self, path: Path | None) -> bool:
-        """Whether parameters were left by an earlier run, which are then taken."""
-        if path is None or not path.exists():
-            return False
-        arrays = load_arrays(path)
+    def _phase_arrays(self, *arguments: Any) -> Arrays:
+        """Train one phase; its last step, mean loss and parameters as arrays."""
+        self._phase(*arguments)
+        step, loss = self.history.pop()
+        return {"step": np.array(step), "loss": np.array(loss)} | prefixed("p", self._parameters)
+
+    def _adopt(self, arrays: Arrays) -> None:
+        """Take the result of ``_phase_arrays``, perhaps of an earlier run."""
         self.history.append((int(arrays["step"]), float(arrays["loss"])))
-        self._parameters = {name[2:]: value for name, value in arrays.items() if name.startswith("p.")}
-        return True
-
-    def _leave(self, path: Path | None) -> None:
-        if path is None:
-            return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        step, loss = self.history[-1]
-        parameters = {f"p.{name}": value for name, value in self._parameters.items()}
-        save_arrays(path, {"step": np.array(step), "loss": np.array(loss)} | parameters)
+        self._parameters = under("p", arrays)
 
     @property
     def levels(self) -> range:

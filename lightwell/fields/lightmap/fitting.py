@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lightwell.core.color import display
+from lightwell.core.work import WorkPart
 from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
@@ -42,7 +42,7 @@ def fitted(
     seed: int,
     steps: int,
     progress: Callable[[int], None] | None = None,
-    folder: Path | None = None,
+    part: WorkPart | None = None,
     size: int | None = None,
 ) -> LightmapFit:
     """Encode the irradiance as a picture and train the network.
@@ -55,7 +55,7 @@ def fitted(
         seed: Seed of the weights.
         steps: Number of training steps.
         progress: Called with the number of the step, every 50 steps.
-        folder: Folder of the checkpoints; None: the training cannot be resumed.
+        part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
         size: Texels along the edge of the features' atlas; None: as ``made``.
 
     Returns:
@@ -80,7 +80,7 @@ def fitted(
     start = lambda k: LightmapFit(preset, size, unit, base, direction, seed + k * START_SEED, **extra)  # noqa: E731
     if not (preset.base and preset.hidden):
         fit = start(0)
-        fit.train(samples.query, samples.radiance, samples.weight, steps, progress, folder)
+        fit.train(samples.query, samples.radiance, samples.weight, steps, progress, part)
         return fit
     held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(HELD / len(samples.weight), 0.1)
     seen, judged = samples[np.flatnonzero(~held)], samples[np.flatnonzero(held & (samples.weight > 0))]
@@ -88,7 +88,7 @@ def fitted(
     fits = []
     for k in range(starts):
         fits.append(start(k))
-        own = None if folder is None else folder / f"start{k}"
+        own = part and part.part(start=k)
         fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own)
     if not len(judged.weight):
         return fits[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import MOVING, LightmapFit
 from lightwell.fields.lightmap.trace import ViewSamples, _towards_eyes
@@ -44,7 +45,14 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
 
 
 def moving_fit(
-    scene: Scene, atlas: Atlas, variable: Variable, samples: ViewSamples, unit: float, seed: int, steps: int
+    scene: Scene,
+    atlas: Atlas,
+    variable: Variable,
+    samples: ViewSamples,
+    unit: float,
+    seed: int,
+    steps: int,
+    part: WorkPart | None = None,
 ) -> LightmapFit:
     """Train the light map of a variable light.
 
@@ -56,11 +64,12 @@ def moving_fit(
         unit: Radiance unit S.
         seed: Seed of the weights.
         steps: Number of training steps.
+        part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
 
     Returns:
         The trained light map.
     """
     setup = FieldSetup.of(scene, unit, variable.kind)
     fit = LightmapFit(MOVING, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
-    fit.train(samples.query, samples.radiance, samples.weight, steps)
+    fit.train(samples.query, samples.radiance, samples.weight, steps, part=part)
     return fit

@@ -111,7 +111,7 @@ class TriangleSides:
     """Stored: visible and lit."""
     dark: np.ndarray
     """Visible, but black in the light map: no light reaches them, or they are clear glass."""
-    faint: np.ndarray | None = None
+    faint: np.ndarray
     """Stored, but large and mostly hidden behind other geometry."""
 
 
@@ -295,7 +295,7 @@ def seen_sides(scene: Scene, seed: int) -> TriangleSides:
     """
     seen = sides_in_sight(scene, seed)
     glass = clear_glass(scene)[tables(scene).mesh_of]
-    return TriangleSides(seen & ~glass, seen & glass)
+    return TriangleSides(seen & ~glass, seen & glass, np.zeros_like(seen))
 
 
 def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:

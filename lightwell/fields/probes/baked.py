@@ -13,12 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.formats import COMPRESSED
+from lightwell.core.keys import Key, key
+from lightwell.core.store import Store
 from lightwell.fields.protocol import ExtraFile, Shown
-from lightwell.files import write_atomically
+from lightwell.files import Arrays, write_atomically
 from lightwell.graph import Graph, evaluate
 from lightwell.graph.builder import Builder
-from lightwell.probes import checkpoint as keep
 from lightwell.probes import ddgi
+from lightwell.probes.checkpoint import VERSION, state_arrays, state_of
 from lightwell.probes.code import WeightCode
 from lightwell.probes.file import encode_volume
 from lightwell.probes.light import SolvedVolume, relit
@@ -95,19 +98,19 @@ class BakedProbes:
         return (basis @ self.factors(light)) * gain
 
     def files(
-        self, role: str, glb: Path, scene: Scene, shown: Shown, keep: bool
+        self, role: str, glb: Path, scene: Scene, shown: Shown, store: Store | None
     ) -> tuple[list[ExtraFile], dict[str, float]]:
         """List the files beside the asset.
 
         ``probes-ROLE.lwp`` is for lights of three.js. ``probes-ROLE-compare.lwp`` has the baselines too;
-        ``probes.html`` shows it with the scene. With ``keep``, ``probes-ROLE.npz`` is the start of an incremental bake.
+        ``probes.html`` shows it with the scene.
 
         Args:
             role: Role of the fit.
             glb: Path of the asset.
             scene: The scene.
             shown: The light under which the bake is shown first.
-            keep: Also list the state of an incremental bake.
+            store: Where to keep what an incremental bake starts from; None: it is not kept.
 
         Returns:
             The files, and bytes per live probe by part.
@@ -124,41 +127,41 @@ class BakedProbes:
         files = [_bytes_file(f"probes-{role}.lwp", plain)]
         files += [_bytes_file(f"probes-{role}-compare.lwp", data)] if data is not plain else []
         files.append(ExtraFile("probes.html", "text/html", lambda path: write_page(path, data, glb.read_bytes())))
-        if keep:
-            state = f"probes-{role}.npz"
-            files.append(ExtraFile(state, "application/zip", lambda path: self.keep(path.parent, role, shown)))
+        if store is not None:
+            store.put(state_key(role), self.arrays(shown), COMPRESSED)
         return files, parts
 
-    def keep(self, out: Path, role: str, shown: Shown) -> None:
-        """Write ``probes-ROLE.npz``, the start of an incremental bake.
+    def arrays(self, shown: Shown) -> Arrays:
+        """Collect what an incremental bake starts from.
 
         Args:
-            out: Folder.
-            role: Role of the fit.
             shown: The light under which the bake is shown first.
+
+        Returns:
+            Arrays of any shape by name.
         """
-        facts = {"preset": self.preset, "unit": self.unit, "coding": self.coding, "role": role}
+        facts = {"preset": self.preset, "unit": self.unit, "coding": self.coding}
         more = {"mix": self.mix, "light": np.float64(shown.light), "intensity": np.float64(shown.intensity)}
         if self.code is not None:
             facts |= {"center": list(self.code.center), "half": self.code.half, "layers": len(self.code.layers)}
             for k, (w, b) in enumerate(self.code.layers):
                 more |= {f"w{k}": np.asarray(w), f"b{k}": np.asarray(b)}
-        keep.save(out / f"probes-{role}.npz", self.lit, facts, more)
+        return state_arrays(self.lit, facts, more)
 
     @staticmethod
-    def kept(path: Path) -> tuple[BakedProbes, Shown]:
-        """Read and check a file that ``keep`` wrote.
+    def of(arrays: Arrays) -> tuple[BakedProbes, Shown]:
+        """Restore and check what ``arrays`` returned.
 
         Args:
-            path: The file.
+            arrays: Arrays of any shape by name.
 
         Returns:
             The probes, and the light under which they were shown.
 
         Raises:
-            ValueError: The file does not describe baked probes.
+            ValueError: The arrays do not describe baked probes.
         """
-        lit, facts, more = keep.load(path)
+        lit, facts, more = state_of(arrays)
         try:
             states = 1 if lit.lights is None else len(lit.lights)
             mix, code = np.asarray(more["mix"], np.float64), None
@@ -170,9 +173,9 @@ class BakedProbes:
             shown = Shown(*(np.asarray(more[name], np.float64).reshape(3) for name in ("light", "intensity")))
             made = BakedProbes(lit, mix, code, float(facts["unit"]), str(facts["preset"]), str(facts["coding"]))
         except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path}: not the state of light probes; bake again with --keep") from error
+            raise ValueError("not the state of light probes") from error
         if not good or not 0 < made.unit < 1e30 or made.coding not in ("l2", "zh3"):
-            raise ValueError(f"{path}: not the state of light probes; bake again with --keep")
+            raise ValueError("not the state of light probes")
         return made, shown
 
     def rebaked(
@@ -193,6 +196,18 @@ class BakedProbes:
         """
         lit, again = relit(scene, self.lit, box, fit, variable)
         return replace(self, lit=lit), again
+
+
+def state_key(role: str) -> Key:
+    """Return the key of what an incremental bake starts from, in the store of the earlier bake.
+
+    Args:
+        role: Role of the fit.
+
+    Returns:
+        The key. It names no settings, because the store belongs to one bake.
+    """
+    return key("probes.state", VERSION, role=role)
 
 
 def mixed(light: np.ndarray, mix: np.ndarray) -> np.ndarray:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
+from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.probes.fit import PRESETS, ProbesFit, solved
 from lightwell.fields.probes.options import ProbesOptions
@@ -42,19 +42,19 @@ class ProbesField(SurfaceField):
         """
         return None if isinstance(state, RebakeState) else super().sample(state, role)
 
-    def fit(self, state: State, role: Role, samples: SurfaceSamples | None, folder: Path | None = None) -> Fit:
+    def fit(self, state: State, role: Role, samples: SurfaceSamples | None, part: WorkPart | None = None) -> Fit:
         """Solve the probes and train the light's network, or solve again the probes that a change affects.
 
         Args:
             state: The prepared scene.
             role: The part of the light that the samples hold.
             samples: Samples from ``sample``.
-            folder: Folder of the checkpoints; None: the field chooses it.
+            part: Part of the bake that stores plan and checkpoints; None: the field chooses it.
 
         Returns:
             The finished fit.
         """
-        return rebaked(state, role) if isinstance(state, RebakeState) else super().fit(state, role, samples, folder)
+        return rebaked(state, role) if isinstance(state, RebakeState) else super().fit(state, role, samples, part)
 
     def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that solves the probes' light and makes an untrained network of the light.

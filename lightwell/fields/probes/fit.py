@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.core.store import Store
 from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.probes.baked import BakedProbes, mixed, singular_mix
 from lightwell.fields.protocol import ExtraFile, Shown
+from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.graph import Graph
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
-from lightwell.networks.losses import EPSILON
-from lightwell.networks.training import TrainingState
 from lightwell.probes import ddgi, sh
 from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
@@ -150,12 +150,10 @@ def _ones_where(rows: int, columns: int, condition: Callable) -> Any:
 
 
 @dataclass
-class ProbesFit:
+class ProbesFit(NetworkFit):
     """See ``lightwell.fields.base.Learner``."""
 
-    setup: FieldSetup
     preset: ProbesPreset
-    seed: int
     solved: Solved
     """Result of ``solved`` for this set-up, preset and seed."""
     facts: dict[str, Any] = field(default_factory=dict)
@@ -169,8 +167,6 @@ class ProbesFit:
         self._basis = mixed(self._lit.solution.light, self._mix)
         sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
-        self._data: TrainingSet | None = None
-        self._validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         volume = self._lit.geometry.volume
         self.facts |= {
             "probes": int(volume.alive.sum()),
@@ -184,11 +180,6 @@ class ProbesFit:
             "weight_seconds": self._lit.geometry.seconds,
             "baselines": baselines,
         }
-
-    @property
-    def state(self) -> TrainingState:
-        """Steps, errors and history."""
-        return self._trainer.state
 
     @property
     def macs(self) -> int:
@@ -236,15 +227,10 @@ class ProbesFit:
         """
         self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
 
-    def _error(self, parameters: dict[str, np.ndarray]) -> float:
-        inputs, scale, truth = self._validation
-        found = np.maximum(self._mixed(parameters, inputs), 0) * scale
-        return float(np.mean(np.abs(found - truth) / (truth + EPSILON)))
-
-    def _mixed(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
+    def _output(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
         if self._static:
-            return inputs[:, self._code.width :]
-        return self._trainer.network.evaluate(parameters, inputs)
+            return np.maximum(inputs[:, self._code.width :], 0)
+        return np.maximum(super()._output(parameters, inputs), 0)
 
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
@@ -261,7 +247,7 @@ class ProbesFit:
             Whether early stopping ended the training.
         """
         if not self._static:
-            return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+            return super().train(until, total, progress, checkpoint)
         state = self.state
         if not state.history:
             state.best_error = self._error({})
@@ -278,8 +264,7 @@ class ProbesFit:
         Returns:
             [N, 3] radiance, reflectance included.
         """
-        mixed = self._mixed(self._trainer.best, self._rows(query))
-        return np.maximum(mixed, 0) * self.setup.unit * query.reflectance
+        return self._output(self._trainer.best, self._rows(query)) * self.setup.unit * query.reflectance
 
     @property
     def baked(self) -> BakedProbes:
@@ -311,38 +296,22 @@ class ProbesFit:
         """
         return self.baked.volume(light, intensity)
 
-    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
         """List the files beside the asset.
 
         Args:
             glb: Path of the asset.
             shown: The light under which the bake is shown first.
-            keep: Also list the state of an incremental bake.
+            store: Where to keep what an incremental bake starts from; None: it is not kept.
 
         Returns:
             The files.
         """
         role = "static" if self._static else "indirect"
-        files, in_file = self.baked.files(role, glb, self.setup.scene, shown, keep)
+        files, in_file = self.baked.files(role, glb, self.setup.scene, shown, store)
         self.facts["file_bytes_per_probe"] = in_file
         self.note = payload(self._lit.geometry.volume, self.preset.coding, in_file)
         return files
-
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically; the probes are not part of it, they are solved again from the seed.
-
-        Args:
-            path: File to write.
-        """
-        self._trainer.save(path)
-
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint.
-
-        Args:
-            path: File that ``save`` wrote.
-        """
-        self._trainer.load(path)
 
 
 def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:

@@ -14,8 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.core.formats import COMPRESSED
 from lightwell.core.options import flag_of, options_of
-from lightwell.fields.probes.baked import BakedProbes
+from lightwell.core.store import Store
+from lightwell.core.work import store_of
+from lightwell.fields.probes.baked import BakedProbes, state_key
 from lightwell.fields.probes.fit import PRESETS, fit_of, payload
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, ReBake, Role, Shown, State, Traced, Training
 from lightwell.fields.request import Request
@@ -48,9 +51,9 @@ class RebakeState(State):
         """
         old, scene = job.options.rebake, job.scene
         _check_request(job.request)
-        kept = {role: BakedProbes.kept(path) for role in ROLES if (path := old / f"probes-{role}.npz").is_file()}
-        if not kept:
-            raise ValueError(f"bake: '{old}' holds no probes to start from; bake it with --field probes --keep first")
+        kept = _kept(old)
+        # The next incremental bake may start from this one.
+        job.work.keep = True
         _check(scene, kept, old)
         return RebakeState(job, scene, declare(job.request.vary, scene), tuple(kept), before=kept)
 
@@ -113,18 +116,18 @@ class RebakedFit:
         """
         return Lowered(self.probes.lower())
 
-    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
-        """List the files beside the asset, with the state of the next incremental bake.
+    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
+        """List the files beside the asset, and store what the next incremental bake starts from.
 
         Args:
             glb: Path of the asset.
             shown: The light under which the bake is shown first.
-            keep: Not used: the state is always written.
+            store: Where to keep what the next incremental bake starts from; None: it is not kept.
 
         Returns:
             The files.
         """
-        files, in_file = self.probes.files(self.role, glb, self.scene, self.shown, keep=True)
+        files, in_file = self.probes.files(self.role, glb, self.scene, self.shown, store)
         self.note = payload(self.probes.lit.geometry.volume, self.probes.coding, in_file)
         return files
 
@@ -148,6 +151,21 @@ def rebaked(state: RebakeState, role: Role) -> RebakedFit:
         "seconds": round(perf_counter() - start, 3),
     }
     return RebakedFit(state.scene, role, after, shown, facts)
+
+
+def _kept(old: Path) -> dict[Role, tuple[BakedProbes, Shown]]:
+    """The probes of each role that the store of an earlier bake holds."""
+    stored = {role: store_of(old).find(state_key(role), COMPRESSED) for role in ROLES}
+    try:
+        kept = {role: BakedProbes.of(arrays) for role, arrays in stored.items() if arrays is not None}
+    except ValueError as error:
+        raise ValueError(f"bake: '{old}' holds {error}; bake it again with --field probes --keep") from error
+    if not kept:
+        raise ValueError(
+            f"bake: '{old}' holds no probes of this version of lightwell to start from; "
+            "bake it with --field probes --keep first"
+        )
+    return kept
 
 
 def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path) -> None:

@@ -38,11 +38,11 @@ from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.gate import append, share_facts, shares
 from lightwell.fields.surface.lattice import Gate, Split, VertexLattice
 from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit, as_radiance
+from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.networks import TrainingSettings
 from lightwell.networks.assignment import assign_cells
 from lightwell.networks.batched import BatchedSet, BatchedTrainer
-from lightwell.networks.checkpoint import Arrays, prefixed, under
 from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
 from lightwell.transport.samples import Query
 
@@ -394,7 +394,7 @@ class BalancedFit(SegmentedFit):
 
     # ------------------------------------------------------------------ checkpoints
 
-    varying = ("gate.", "best_gate.")
+    _varying = ("gate.", "best_gate.")
 
     def _arrays(self) -> Arrays:
         arrays = {"counts": np.array([self._dealt, self._scaled]), "center": self._center, "spread": self._spread}

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from time import perf_counter
 
-from lightwell.core.json_files import read_json
-from lightwell.files import write_atomically
+import numpy as np
 
 
 class Clock:
-    """Records the time of steps, in a file beside the checkpoint."""
+    """Records the time of steps."""
 
-    def __init__(self, path: Path | None = None) -> None:
-        """Continue from the times in a file.
+    def __init__(self, marks: np.ndarray | None = None) -> None:
+        """Continue from the marks of an earlier run.
 
         Args:
-            path: File of the times; None: they are not stored.
+            marks: [K, 2] step and seconds, the latest last; None: start at zero.
+
+        Raises:
+            ValueError: The marks are not rows of step and seconds.
         """
-        self._path = path
-        stored = (read_json(path, list) if path is not None else None) or [(0, 0.0)]
-        self.marks: list[tuple[int, float]] = [(step, seconds) for step, seconds in stored]
+        stored = np.zeros((1, 2)) if marks is None else marks
+        if stored.ndim != 2 or stored.shape[1] != 2 or not len(stored) or not np.isfinite(stored).all():
+            raise ValueError("the clock is not rows of step and seconds")
+        self.marks = [(int(step), float(seconds)) for step, seconds in stored]
         self._start = perf_counter() - self.marks[-1][1]
 
     @property
@@ -37,10 +38,13 @@ class Clock:
         """
         self.marks.append((step, round(self.seconds, 4)))
 
-    def save(self) -> None:
-        """Write the marks."""
-        if self._path:
-            write_atomically(self._path, json.dumps(self.marks))
+    def array(self) -> np.ndarray:
+        """Return the marks of a checkpoint.
+
+        Returns:
+            [K, 2] float64 step and seconds.
+        """
+        return np.array(self.marks, np.float64)
 
     def at(self, step: float) -> float:
         """Interpolate the time of a step linearly.

@@ -30,11 +30,11 @@ from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.gate import append, choose, entropy, lower_choice, share_facts, shares, softmax
 from lightwell.fields.surface.inputs import Inputs, Kind
 from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
+from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Builder
 from lightwell.networks import Mlp, TrainingSettings
 from lightwell.networks.autoencoder import GateTraining, TiedAutoencoder
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
-from lightwell.networks.checkpoint import Arrays, prefixed, under
 from lightwell.networks.grouped import sort_into_runs
 from lightwell.networks.mixture import EXPERTS, GATE, MixtureSet, MixtureTrainer
 from lightwell.transport.samples import Query

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack
@@ -24,8 +22,6 @@ from lightwell.networks import Trainer, TrainingSettings
 from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.light_major import LightMajorSet, light_runs
-from lightwell.networks.losses import EPSILON
-from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part.
@@ -70,17 +66,12 @@ PRESETS: dict[str, FactoredPreset] = {
 
 
 @dataclass
-class FactoredFit:
+class FactoredFit(NetworkFit):
     """See ``lightwell.fields.base.Learner``."""
 
-    setup: FieldSetup
     preset: FactoredPreset
-    seed: int
     network: FactoredNetwork = field(init=False)
     _inputs: Tabulated = field(init=False)
-    _trainer: Trainer = field(init=False)
-    _data: LightMajorSet | None = None
-    _validation: tuple[Any, ...] | None = None
 
     def __post_init__(self) -> None:
         b = open_builder()
@@ -100,11 +91,6 @@ class FactoredFit:
         return grid_point(b, self.setup, LIFT / self.preset.grid.layout[-1].cells), local_features(b, self.setup), frame
 
     @property
-    def state(self) -> TrainingState:
-        """Steps, errors and history of the training."""
-        return self._trainer.state
-
-    @property
     def macs(self) -> int:
         """Multiply-accumulates per pixel; without table reads and the part that runs once per frame."""
         head = self.network.head_sizes
@@ -119,10 +105,6 @@ class FactoredFit:
         table = self._inputs(query)
         frame = table["frame"][::run] if "frame" in table else np.zeros((len(query) // run, 1), np.float32)
         return table["point"], table["pixel"], frame
-
-    def _modulation(self, query: Query) -> np.ndarray:
-        """[N, 3] factor between the network's output and radiance."""
-        return self.setup.unit * query.reflectance
 
     def learn_from(self, samples: Samples) -> None:
         """Set the training samples, ordered by light; whole lights are put in random order.
@@ -140,65 +122,6 @@ class FactoredFit:
         self._data = LightMajorSet.from_numpy(
             *self._rows(shuffled.query), np.where(finite[:, None], target, 0), weight / max(weight.mean(), 1e-12)
         )
-
-    def validate_on(self, samples: Samples) -> None:
-        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
-
-        Args:
-            samples: Path-traced samples.
-        """
-        scale = self._modulation(samples.query) / self.setup.unit
-        self._validation = (self._rows(samples.query), scale, samples.radiance / self.setup.unit)
-
-    def _error(self, parameters: dict[str, np.ndarray]) -> float:
-        inputs, scale, truth = self._validation
-        prediction = self.network.evaluate(parameters, inputs) * scale
-        return float(np.mean(np.abs(prediction - truth) / (truth + EPSILON)))
-
-    # ------------------------------------------------------------------ fit
-
-    def train(
-        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
-    ) -> bool:
-        """Train; ``learn_from`` and ``validate_on`` come first.
-
-        Args:
-            until: Step to train to.
-            total: Steps of the schedule.
-            progress: Called with the state and ``total`` after each evaluation.
-            checkpoint: Called when a checkpoint is due.
-
-        Returns:
-            Whether early stopping ended the training.
-        """
-        return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
-
-    def predict(self, query: Query) -> np.ndarray:
-        """Predict radiance with the best weights so far, before they are quantised.
-
-        Args:
-            query: N queries.
-
-        Returns:
-            [N, 3] radiance, reflectance included.
-        """
-        return self.network.evaluate(self._trainer.best, self._rows(query)) * self._modulation(query)
-
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically.
-
-        Args:
-            path: File to write.
-        """
-        self._trainer.save(path)
-
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint.
-
-        Args:
-            path: File that ``save`` wrote.
-        """
-        self._trainer.load(path)
 
     # ------------------------------------------------------------------ lower
 

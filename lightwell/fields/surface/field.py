@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.core.store import Store
+from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.no_options import NoOptions
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
@@ -61,19 +63,19 @@ class SurfaceFit:
         """
         return Lowered(self.learner.lower())
 
-    def files(self, glb: Path, shown: Shown, keep: bool) -> list[ExtraFile]:
+    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
         """List the files beside the asset: those of the learner, if it has any.
 
         Args:
             glb: Path of the asset.
             shown: The light under which the bake is shown first.
-            keep: Also list what an incremental bake starts from.
+            store: Where to keep what an incremental bake starts from; None: it is not kept.
 
         Returns:
             The files.
         """
         more = getattr(self.learner, "files", None)
-        return more(glb, shown, keep) if more else []
+        return more(glb, shown, store) if more else []
 
 
 class SurfaceField:
@@ -134,19 +136,19 @@ class SurfaceField:
         """
         return surface_samples(state, role)
 
-    def fit(self, state: State, role: Role, samples: SurfaceSamples, folder: Path | None = None) -> SurfaceFit:
+    def fit(self, state: State, role: Role, samples: SurfaceSamples, part: WorkPart | None = None) -> SurfaceFit:
         """Train, trace more samples where the error is large, and continue training.
 
         Args:
             state: The prepared scene.
             role: The part of the light that the samples hold.
             samples: Samples from ``sample``.
-            folder: Folder of the checkpoints; None: that of the role.
+            part: Part of the bake that stores plan and checkpoints; None: that of the role.
 
         Returns:
             The finished fit.
         """
-        training = SurfaceTraining(state, role, samples, self.starter(state), folder)
+        training = SurfaceTraining(state, role, samples, self.starter(state), part)
         learner = training.run()
         return SurfaceFit(state.scene, learner, samples.unit, training.traced, training.plan, training.summary(learner))
 

@@ -23,10 +23,11 @@ from lightwell.fields.surface.experts import PRESETS as EXPERTS_PRESETS
 from lightwell.fields.surface.experts import ExpertsPreset, GatedFit
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.gate import share_facts, softmax
+from lightwell.files import Arrays, prefixed, under
 from lightwell.networks import LOSSES, TrainingSettings
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
 from lightwell.networks.capacity import assign_within
-from lightwell.networks.checkpoint import Arrays, check_like, prefixed, under
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.device import tensor
 from lightwell.networks.grouped import Runs, sort_into_runs
 
@@ -210,7 +211,7 @@ class HardMixtureFit(GatedFit):
 
     # ------------------------------------------------------------------ checkpoints
 
-    varying = ("assigning.",)
+    _varying = ("assigning.",)
 
     def _arrays(self) -> Arrays:
         arrays = prefixed("best", self._best) | prefixed("gate", self.gate_weights)

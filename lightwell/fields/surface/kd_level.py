@@ -13,9 +13,10 @@ import numpy as np
 
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.partition import Partition
+from lightwell.files import Arrays, prefixed, under
 from lightwell.networks import Mlp
 from lightwell.networks.batched import BatchedSet, BatchedTrainer
-from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under
+from lightwell.networks.checkpoint import check_rows
 from lightwell.networks.grouped import GroupedRows, Runs, sort_into_runs
 from lightwell.networks.levenberg import LevenbergMarquardt
 

@@ -24,10 +24,11 @@ from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.kd_level import HELD_OUT, WHOLE, KdLevel, Rule, is_trained
 from lightwell.fields.surface.partition import Partition
 from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
+from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Builder
 from lightwell.networks import TrainingSettings
 from lightwell.networks.batched import BatchedTrainer, initial_batch
-from lightwell.networks.checkpoint import Arrays, check_rows, prefixed, under
+from lightwell.networks.checkpoint import check_rows
 from lightwell.networks.levenberg import LevenbergMarquardt
 from lightwell.transport.samples import Query
 
@@ -338,7 +339,7 @@ class KdFit(SegmentedFit):
             "leaves_by_status": {name: int(n) for name, n in zip(STATUS, states) if n},
         }
 
-    varying = ("errors", "status", "declined", "weights.", "partition.", "level.")
+    _varying = ("errors", "status", "declined", "weights.", "partition.", "level.")
 
     def _arrays(self) -> Arrays:
         arrays = {"errors": self._errors, "status": self._status, "declined": self._declined}

@@ -19,9 +19,9 @@ from scipy.ndimage import distance_transform_edt, uniform_filter
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.features import open_builder
 from lightwell.fields.tabulate import Tabulated
+from lightwell.files import Arrays
 from lightwell.graph import Builder, pack
 from lightwell.graph.buffers import UINT8_STEPS
-from lightwell.networks.checkpoint import Arrays
 from lightwell.transport.samples import Query
 
 # Distance from the surface at which a point is looked up, in steps of the lattice. With the vertices in the middle of

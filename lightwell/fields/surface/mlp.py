@@ -6,21 +6,17 @@ network learns the light alone; its exponential output cannot be negative and ho
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import FeatureOctaves, encoded_features, open_builder, raw_features
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Graph, quantise
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
-from lightwell.networks.losses import EPSILON
-from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
 
 _DEFAULT_OCTAVES = FeatureOctaves()
@@ -83,19 +79,14 @@ PRESETS: dict[str, MlpPreset] = {
 
 
 @dataclass
-class MlpFit:
+class MlpFit(NetworkFit):
     """See ``lightwell.fields.base.Learner``."""
 
-    setup: FieldSetup
     preset: MlpPreset
-    seed: int
-    _trainer: Trainer = field(init=False)
     # Pixel features first, then those of the frame.
     _features: Tabulated = field(init=False)
     # How many of the features depend on the pixel.
     _pixel_width: int = field(init=False)
-    _data: TrainingSet | None = None
-    _validation: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def __post_init__(self) -> None:
         b = open_builder()
@@ -114,11 +105,6 @@ class MlpFit:
         return pixel + frame, []
 
     @property
-    def state(self) -> TrainingState:
-        """Steps, errors and history of the training."""
-        return self._trainer.state
-
-    @property
     def macs(self) -> int:
         """Multiply-accumulates per pixel; what depends on the light alone is evaluated once per frame."""
         mlp = self._trainer.network
@@ -126,7 +112,7 @@ class MlpFit:
 
     # ------------------------------------------------------------------ data
 
-    def _feature_rows(self, query: Query) -> np.ndarray:
+    def _rows(self, query: Query) -> np.ndarray:
         """[N, F] features."""
         return self._features(query)["features"]
 
@@ -142,69 +128,8 @@ class MlpFit:
         """
         order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))
         target = samples.radiance / self._modulation(samples.query)
-        features = self._feature_rows(samples.query[order])
+        features = self._rows(samples.query[order])
         self._data = TrainingSet.from_numpy(features, target[order], np.asarray(samples.weight)[order])
-
-    def validate_on(self, samples: Samples) -> None:
-        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
-
-        Args:
-            samples: Path-traced samples.
-        """
-        features = self._feature_rows(samples.query)
-        scale = self._modulation(samples.query) / self.setup.unit
-        self._validation = (features, scale, samples.radiance / self.setup.unit)
-
-    def _error(self, parameters: dict[str, np.ndarray]) -> float:
-        features, scale, truth = self._validation
-        prediction = self._trainer.network.evaluate(parameters, features) * scale
-        return float(np.mean(np.abs(prediction - truth) / (truth + EPSILON)))
-
-    # ------------------------------------------------------------------ fit
-
-    def train(
-        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
-    ) -> bool:
-        """Train; ``learn_from`` and ``validate_on`` come first.
-
-        Args:
-            until: Step to train to.
-            total: Steps of the schedule.
-            progress: Called with the state and ``total`` after each evaluation.
-            checkpoint: Called when a checkpoint is due.
-
-        Returns:
-            Whether early stopping ended the training.
-        """
-        return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
-
-    def predict(self, query: Query) -> np.ndarray:
-        """Predict radiance with the best weights so far, before they are quantised.
-
-        Args:
-            query: N queries.
-
-        Returns:
-            [N, 3] radiance, reflectance included.
-        """
-        output = self._trainer.network.evaluate(self._trainer.best, self._feature_rows(query))
-        return output * self._modulation(query)
-
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically.
-
-        Args:
-            path: File to write.
-        """
-        self._trainer.save(path)
-
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint.
-
-        Args:
-            path: File that ``save`` wrote.
-        """
-        self._trainer.load(path)
 
     # ------------------------------------------------------------------ lower
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.networks.checkpoint import Arrays
+from lightwell.files import Arrays
 
 
 @dataclass

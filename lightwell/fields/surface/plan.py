@@ -6,12 +6,11 @@ and resumed bake ends with the same bytes.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import TypeVar
 
-from lightwell.files import write_atomically
+from lightwell.core.formats import JSON
+from lightwell.core.work import WorkPart
 
 # Share of a round's seconds that goes into tracing; the rest trains. Small networks are short of samples, not of steps:
 # four times the samples lower the error by a fifth, twice the steps change nothing (Cornell box). Where several fields
@@ -103,33 +102,29 @@ def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> St
 
 
 TrainingPlan = TypeVar("TrainingPlan", SamplePlan, StepPlan)
+# Names of the stored plans.
+_NAMES = {SamplePlan: "plan.samples", StepPlan: "plan.steps"}
 
 
-def save_plan(path: Path, plan: SamplePlan | StepPlan) -> None:
-    """Write a plan atomically.
+def save_plan(part: WorkPart, plan: SamplePlan | StepPlan) -> None:
+    """Store a plan in place of the present one.
 
     Args:
-        path: File to write.
+        part: Part of the bake that it belongs to.
         plan: The plan.
     """
-    write_atomically(path, json.dumps(asdict(plan)))
+    part.put(_NAMES[type(plan)], asdict(plan), JSON)
 
 
-def load_plan(path: Path, kind: type[TrainingPlan]) -> TrainingPlan:
-    """Read a plan that ``save_plan`` wrote.
+def load_plan(part: WorkPart, kind: type[TrainingPlan]) -> TrainingPlan | None:
+    """Read the stored plan.
 
     Args:
-        path: The file.
+        part: Part of the bake that it belongs to.
         kind: Class of the plan.
 
     Returns:
-        The plan.
-
-    Raises:
-        ValueError: The file is damaged, or of another version; one line.
+        The plan; None where there is none or it is damaged, which the log notes.
     """
-    try:
-        return kind(**json.loads(path.read_text()))
-    except (ValueError, TypeError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise ValueError(f"bake: '{path}' is damaged ({reason}); start anew without --resume") from error
+    found = part.find(_NAMES[kind], JSON)
+    return None if found is None else kind(**found)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,11 @@ from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import FeatureOctaves, open_builder
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.inputs import Inputs, Kind
-from lightwell.files import Arrays, save_arrays
+from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.networks import Mlp, TrainingSettings
-from lightwell.networks.checkpoint import counters, prefixed, read_checkpoint, taking_up, under
 from lightwell.networks.grouped import GroupedRows
-from lightwell.networks.training import TrainingState
+from lightwell.networks.loop import TrainingState, run_steps
 from lightwell.transport.samples import Query, Samples
 
 # Arrays of ``state_arrays`` whose shape or width of text depends on how far the training was.
@@ -114,7 +112,7 @@ class SegmentedFit:
         raise NotImplementedError
 
     def _step(self, total: int) -> bool:
-        """One step of ``total``; returns whether nothing is left to do."""
+        """Do one step of ``total``; return whether nothing is left to do."""
         raise NotImplementedError
 
     def _look(self) -> tuple[float, float]:
@@ -126,7 +124,7 @@ class SegmentedFit:
         raise NotImplementedError
 
     # Beginnings of the names of arrays whose shape depends on how far the training was; ``_restore`` checks them.
-    varying: tuple[str, ...] = ()
+    _varying: tuple[str, ...] = ()
 
     def _restore(self, arrays: Arrays) -> None:
         """Restore the result of ``_arrays``; ``ValueError`` or ``KeyError`` where it does not fit together."""
@@ -195,34 +193,8 @@ class SegmentedFit:
         Returns:
             Whether early stopping ended the training.
         """
-        settings, state = self.preset.training, self.state
-        while state.step < until:
-            finished = self._step(total)
-            if finished and state.history and state.history[-1][0] == state.step:
-                return True  # nothing has happened since the last look: it was resumed after its end
-            state.step += 1
-            if not finished and state.step % settings.evaluate_every and state.step != until:
-                continue
-            self._record(*self._look())
-            if progress:
-                progress(state, total)
-            if checkpoint:
-                checkpoint()
-            enough = max(settings.patience * settings.evaluate_every, total // 5)
-            if finished or (settings.patience and state.step - state.best_step >= enough):
-                return True
-        return False
-
-    def _record(self, loss: float, error: float) -> None:
-        state = self.state
-        if not (np.isfinite(loss) and np.isfinite(error)):
-            raise RuntimeError(
-                f"train: loss {loss} and error {error} at step {state.step} are not finite; "
-                f"lower the learning rate (now {self.preset.training.rate}) or look for broken targets"
-            )
-        state.history.append((state.step, loss, error))
-        if error < state.best_error:
-            state.best_error, state.best_step = error, state.step
+        step = lambda: self._step(total)  # noqa: E731
+        return run_steps(self.state, self.preset.training, until, total, step, self._look, progress, checkpoint)
 
     def predict(self, query: Query) -> np.ndarray:
         """Predict radiance with the best weights so far, before they are quantised.
@@ -260,28 +232,27 @@ class SegmentedFit:
 
     # ------------------------------------------------------------------ checkpoints
 
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically.
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Beginnings of the names of arrays whose shape depends on how far the training was."""
+        return (*STATE_VARYING, *(f"field.{name}" for name in self._varying))
 
-        Args:
-            path: File to write.
+    def arrays(self) -> Arrays:
+        """Return the state that a resumed training needs.
+
+        Returns:
+            Arrays [...] by name.
         """
-        save_arrays(path, self._all_arrays())
-
-    def _all_arrays(self) -> Arrays:
         return state_arrays(self.state, self.facts) | prefixed("field", self._arrays())
 
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint of the same field, preset and samples.
+    def restore(self, arrays: Arrays) -> None:
+        """Restore the state of a fit of the same field, preset and samples.
 
         Args:
-            path: File that ``save`` wrote.
+            arrays: Result of ``arrays``.
         """
-        varying = tuple(f"field.{name}" for name in self.varying)
-        arrays = read_checkpoint(path, self._all_arrays(), varying=(*STATE_VARYING, *varying))
-        with taking_up(path):
-            state, facts = state_of(arrays)
-            self._restore(under("field", arrays))
+        state, facts = state_of(arrays)
+        self._restore(under("field", arrays))
         self.state = state
         self.facts |= facts
         self._rearrange()
@@ -314,12 +285,7 @@ def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:
     Returns:
         Arrays by name.
     """
-    return {
-        "step": np.array([state.step, state.samples_seen, state.best_step], np.int64),
-        "best_error": np.array(state.best_error),
-        "history": np.array(state.history, np.float64).reshape(-1, 3),
-        "facts": np.array(json.dumps(facts)),
-    }
+    return state.arrays() | {"facts": np.array(json.dumps(facts))}
 
 
 def state_of(arrays: Arrays) -> tuple[TrainingState, dict[str, Any]]:
@@ -335,11 +301,11 @@ def state_of(arrays: Arrays) -> tuple[TrainingState, dict[str, Any]]:
     Raises:
         ValueError: The arrays do not describe a training.
     """
-    step, seen, best_step, best_error, history = counters(arrays)
+    state = TrainingState.of(arrays)
     try:
         facts = json.loads(str(arrays["facts"]))
     except RecursionError as error:
         raise ValueError("'facts' is nested too deeply") from error
     if not isinstance(facts, dict):
         raise ValueError("'facts' is not a JSON object")
-    return TrainingState(step, seen, best_error, best_step, history), facts
+    return state, facts

@@ -7,10 +7,11 @@ import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
+from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
+from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
 from lightwell.fields.protocol import Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
@@ -25,7 +26,8 @@ from lightwell.fields.surface.plan import (
     save_plan,
 )
 from lightwell.fields.surface.tracing import TracedShards, trace_shards, validation_samples
-from lightwell.networks.training import TrainingState
+from lightwell.networks.checkpoint import restore
+from lightwell.networks.loop import TrainingState
 from lightwell.transport import Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
@@ -45,6 +47,8 @@ STATIC_SHARE = 0.4
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
 # of this many places.
 PATIENCE, PLACES = 1.25, 40
+# Names of a stored checkpoint and, inside it, of the times of the steps.
+CHECKPOINT, CLOCK = "fit.checkpoint", "clock"
 
 
 @dataclass(frozen=True)
@@ -83,21 +87,22 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     Returns:
         The samples.
     """
-    request, path = state.job.request, _folder(state, role) / "plan.json"
+    request, part = state.job.request, state.job.work.part(role=role)
+    plan = load_plan(part, SamplePlan)
     fewest = FEWEST_GATHERED if role == "indirect" else FEWEST_SHARDS
-    count = load_plan(path, SamplePlan).shards if path.exists() else request.shards or fewest
-    if not path.exists():
+    count = plan.shards if plan else request.shards or fewest
+    if plan is None:
         # Without a plan the shards must be timed, so that those of a bake that was killed are of no use.
-        shutil.rmtree(path.parent / "uniform", ignore_errors=True)
+        shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     make = _maker(state, role)
     traced = _trace(state, role, "uniform", count, make, f"trace {role}")
     unit = radiance_unit(traced.samples)
-    if not path.exists():
+    if plan is None:
         cost = max(traced.seconds_per_shard, 1e-3)
         seconds = role_seconds(state, role) - getattr(make, "seconds", 0.0)
         plan = plan_samples(seconds, cost, request.shards, state.job.shared)
-        save_plan(path, replace(plan, shards=max(plan.shards, count)))
-    plan = load_plan(path, SamplePlan)
+        plan = replace(plan, shards=max(plan.shards, count))
+        save_plan(part, plan)
     if plan.shards > count:
         traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
         unit = radiance_unit(traced.samples)
@@ -118,10 +123,6 @@ def _maker(state: State, role: Role) -> Callable:
     return GatheredShards(state.scene, state.variable, shards, GatherSize.of(expected, shards))
 
 
-def _folder(state: State, role: Role) -> Path:
-    return state.job.work.part(role)
-
-
 def _shards(state: State, role: Role) -> ShardSettings:
     request = state.job.request
     # Both roles share the seed but not the numbers.
@@ -131,7 +132,7 @@ def _shards(state: State, role: Role) -> ShardSettings:
 
 def _trace(state: State, role: Role, name: str, count: int, make: Callable, title: str) -> TracedShards:
     """Write the shards that are missing and read them all."""
-    folder, shards = _folder(state, role) / name, _shards(state, role)
+    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, role)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
         return trace_shards(state.scene, state.variable, shards, folder, count, make, stage)
 
@@ -145,7 +146,7 @@ class SurfaceTraining:
         role: Role,
         samples: SurfaceSamples,
         start: Callable[[FieldSetup, int], Learner],
-        folder: Path | None = None,
+        part: WorkPart | None = None,
     ) -> None:
         """Set up a training.
 
@@ -154,10 +155,11 @@ class SurfaceTraining:
             role: The role.
             samples: Its samples.
             start: Makes an untrained learner from set-up and seed.
-            folder: Folder of the checkpoints; None: that of the role.
+            part: Part of the bake that stores plan and checkpoints; None: that of the role.
         """
         self.state, self.role, self.samples = state, role, samples
-        self.folder = folder or _folder(state, role)
+        self._samples_part = state.job.work.part(role=role)
+        self._part = (part or self._samples_part).part(shards=samples.plan.shards)
         self.cut = False
         """Whether the time ran out before the planned steps."""
         self.adaptive = Traced()
@@ -173,19 +175,12 @@ class SurfaceTraining:
         Returns:
             The trained learner.
         """
-        checkpoint, marks = self.folder / "fit.npz", self.folder / "clock.json"
         self._plan = self._planned()
-        if not checkpoint.exists():
-            marks.unlink(missing_ok=True)
-        # The clock counts what a learner makes of the samples before it trains.
-        self.clock = Clock(marks)
-        learner = self._prepared()
-        if checkpoint.exists():
-            learner.load(checkpoint)
+        learner = self._resumed()
         if self.state.job.shared:
-            self._within_time(learner, checkpoint)
+            self._within_time(learner)
         else:
-            self._rounds(learner, checkpoint)
+            self._rounds(learner)
         self._seconds = self.clock.seconds
         return learner
 
@@ -212,6 +207,23 @@ class SurfaceTraining:
         curve = [(self.clock.at(step), error) for step, _, error in learner.state.history]
         return Training(self._seconds, learner.state.step, curve, self.cut)
 
+    def _resumed(self) -> Learner:
+        """The learner with its samples, at the last checkpoint where there is one."""
+        # The clock counts what a learner makes of the samples before it trains.
+        self.clock = Clock()
+        found = self._part.find(CHECKPOINT, ARRAYS)
+        if found is None:
+            return self._prepared()
+        try:
+            self.clock = Clock(found.pop(CLOCK, None))
+            learner = self._prepared()
+            restore(learner, found)
+        except ValueError as error:
+            self.state.job.progress.say(f"[yellow]{self.role}: trained anew:[/] {error}")
+            self.clock = Clock()
+            return self._prepared()
+        return learner
+
     def _prepared(self) -> Learner:
         state, samples = self.state, self.samples
         light = "static" if self.role == "static" else state.variable.kind
@@ -226,12 +238,13 @@ class SurfaceTraining:
 
     def _planned(self) -> StepPlan:
         """The plan for the budget, measured once; fixed counts where the settings give them."""
-        request, path = self.state.job.request, self.folder / "steps.json"
-        if not path.exists():
+        request, plan = self.state.job.request, load_plan(self._part, StepPlan)
+        if plan is None:
             with self.state.job.work.timed("plan"):
                 cost = 0.0 if request.steps else self._seconds_per_step()
-                save_plan(path, plan_steps(self._seconds_left(), cost, request.steps))
-        return load_plan(path, StepPlan)
+                plan = plan_steps(self._seconds_left(), cost, request.steps)
+            save_plan(self._part, plan)
+        return plan
 
     def _seconds_left(self) -> float:
         """Seconds that tracing leaves for training."""
@@ -251,19 +264,19 @@ class SurfaceTraining:
 
     # ------------------------------------------------------------------ train
 
-    def _rounds(self, learner: Learner, checkpoint: Path) -> None:
+    def _rounds(self, learner: Learner) -> None:
         """Train to the adaptive stage and after it; with an error budget, in rounds until the error is reached."""
         budget = self.state.job.request.budget
-        self._train(learner, self._plan.first_steps, checkpoint)
+        self._train(learner, self._plan.first_steps)
         for _ in range(budget.rounds if budget.error else 1):
             if self._sample_plan.adaptive_shards:
                 learner.learn_from(join([self.samples.training, self._adaptive(learner)]))
-            self._train(learner, self._plan.steps, checkpoint)
+            self._train(learner, self._plan.steps)
             if budget.error is None or learner.state.best_error <= budget.error:
                 return
             self._sample_plan, self._plan = self._sample_plan.extended(), self._plan.extended()
-            save_plan(self.folder / "plan.json", self._sample_plan)
-            save_plan(self.folder / "steps.json", self._plan)
+            save_plan(self._samples_part, self._sample_plan)
+            save_plan(self._part, self._plan)
         self.state.job.progress.say(
             f"[yellow]{self.role}: {learner.state.best_error:.1%} after {budget.rounds} rounds, "
             f"asked for {budget.error:.1%}"
@@ -277,21 +290,21 @@ class SurfaceTraining:
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
         return traced.samples
 
-    def _train(self, learner: Learner, until: int, checkpoint: Path) -> bool:
+    def _train(self, learner: Learner, until: int) -> bool:
         if learner.state.step >= until:
             return False
         job = self.state.job
         with job.work.timed("train"), job.progress.stage(self._title, until, "steps") as stage:
-            look, save = self._watch(learner, checkpoint, stage)
+            look, save = self._watch(learner, stage)
             return learner.train(until, self._plan.steps, look, checkpoint=save)
 
-    def _within_time(self, learner: Learner, checkpoint: Path) -> None:
+    def _within_time(self, learner: Learner) -> None:
         """Train to the planned steps, to the learner's own end, or until the time has run out."""
         steps, timed = self._plan.steps, not self.state.job.request.steps
         deadline = PATIENCE * self._seconds_left()
         place = max(-(-steps // PLACES), 1) if timed else steps
         with self.state.job.progress.stage(self._title, steps, "steps") as stage:
-            look, save = self._watch(learner, checkpoint, stage)
+            look, save = self._watch(learner, stage)
             while learner.state.step < steps:
                 # Something is learned however slow the machine is.
                 self.cut = timed and learner.state.step > 0 and self.clock.seconds > deadline
@@ -304,7 +317,7 @@ class SurfaceTraining:
                 if stopped or learner.state.step == before:
                     return
 
-    def _watch(self, learner: Learner, checkpoint: Path, stage: ProgressStage) -> tuple[Callable, Callable]:
+    def _watch(self, learner: Learner, stage: ProgressStage) -> tuple[Callable, Callable]:
         """Return the callbacks of a training for each evaluation and for checkpoints."""
 
         def look(state: TrainingState, _: int) -> None:
@@ -312,7 +325,6 @@ class SurfaceTraining:
             stage.move_to(state.step, f"error {state.best_error:.1%}")
 
         def save() -> None:
-            learner.save(checkpoint)
-            self.clock.save()
+            self._part.put(CHECKPOINT, {**learner.arrays(), CLOCK: self.clock.array()}, ARRAYS)
 
         return look, save

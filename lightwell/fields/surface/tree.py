@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,8 @@ from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.inputs import Inputs, Kind
 from lightwell.fields.surface.partition import check_nodes, walk
 from lightwell.fields.surface.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
-from lightwell.files import Arrays, save_arrays
+from lightwell.files import Arrays
 from lightwell.graph import Graph, quantise
-from lightwell.networks.checkpoint import read_checkpoint, taking_up
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
@@ -190,34 +188,31 @@ class TreeFit:
 
     # ------------------------------------------------------------------ checkpoints
 
-    def save(self, path: Path) -> None:
-        """Write a checkpoint atomically.
+    varying = (*STATE_VARYING, "nodes", "values")
 
-        Args:
-            path: File to write.
+    def arrays(self) -> Arrays:
+        """Return the state of the fit.
+
+        Returns:
+            Arrays [...] by name.
         """
-        save_arrays(path, self._arrays())
-
-    def _arrays(self) -> Arrays:
         tree = {"nodes": self._nodes, "values": self._values, "depth": np.array(self._depth)}
         return state_arrays(self.state, self.facts) | tree | {"grown": np.array(self._grown)}
 
-    def load(self, path: Path) -> None:
-        """Continue from a checkpoint.
+    def restore(self, arrays: Arrays) -> None:
+        """Restore the state of a fit of the same preset and samples.
 
         Args:
-            path: File that ``save`` wrote.
+            arrays: Result of ``arrays``.
 
         Raises:
-            ValueError: The file does not describe a tree of this field.
+            ValueError: The arrays do not describe a tree of this field.
         """
-        arrays = read_checkpoint(path, self._arrays(), varying=(*STATE_VARYING, "nodes", "values"))
-        with taking_up(path):
-            state, facts = state_of(arrays)
-            nodes, values, depth = arrays["nodes"], arrays["values"], int(arrays["depth"])
-            if values.dtype != np.float32 or values.ndim != 2 or values.shape[1] != 3:
-                raise ValueError("'values' is not a colour for each leaf")
-            check_nodes(nodes, len(values), self.inputs.width, depth)
+        state, facts = state_of(arrays)
+        nodes, values, depth = arrays["nodes"], arrays["values"], int(arrays["depth"])
+        if values.dtype != np.float32 or values.ndim != 2 or values.shape[1] != 3:
+            raise ValueError("'values' is not a colour for each leaf")
+        check_nodes(nodes, len(values), self.inputs.width, depth)
         self.state = state
         self.facts |= facts
         self._nodes, self._values, self._depth, self._grown = nodes, values, depth, bool(arrays["grown"])

@@ -1,0 +1,146 @@
+"""The training loop that all fits share: steps, evaluations, early stopping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lightwell.files import Arrays
+from lightwell.networks.schedules import REPORT_TAU
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Settings of a training."""
+
+    loss: str = "relative2"
+    optimiser: str = "adam"
+    """'adam' or 'sgd'."""
+    rate: float = 3e-3
+    schedule: str = "cosine"
+    tau: float = REPORT_TAU
+    """Epochs after which the schedule 'report' has halved the rate."""
+    batch: int = 1 << 12
+    decay: float = 0.0
+    """L2 weight decay, added to the gradient of the weights (not of the biases)."""
+    clip: float = 1.0
+    """Largest Euclidean norm of the whole gradient; 0 turns clipping off."""
+    evaluate_every: int = 200
+    """Steps between two evaluations on the validation set."""
+    patience: int = 10
+    """Evaluations without improvement after which the training stops, at least a fifth of the schedule; 0 never stops.
+
+    While the rate is high, longer times without improvement are normal."""
+    initial_bias: float = 0.0
+
+
+@dataclass
+class TrainingState:
+    """The state that a resumed training needs besides the optimiser's arrays."""
+
+    step: int = 0
+    samples_seen: int = 0
+    best_error: float = float("inf")
+    best_step: int = 0
+    history: list[tuple[int, float, float]] = field(default_factory=list)
+    """(step, training loss since the last entry, validation error)."""
+
+    def arrays(self) -> Arrays:
+        """Return the arrays of a checkpoint.
+
+        Returns:
+            Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3].
+        """
+        return {
+            "step": np.array([self.step, self.samples_seen, self.best_step], np.int64),
+            "best_error": np.array(self.best_error),
+            "history": np.array(self.history, np.float64).reshape(-1, 3),
+        }
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> TrainingState:
+        """Restore the state from the arrays of a checkpoint.
+
+        Args:
+            arrays: Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3]. A missing name is a
+                ``KeyError``.
+
+        Returns:
+            The state.
+
+        Raises:
+            ValueError: An array has the wrong shape or holds impossible values.
+        """
+        steps, history = arrays["step"], arrays["history"]
+        if steps.shape != (3,) or steps.dtype.kind not in "iu" or (steps < 0).any():
+            raise ValueError("'step' is not three counts")
+        if history.ndim != 2 or history.shape[1] != 3 or not np.isfinite(history).all():
+            raise ValueError("'history' is not rows of step, loss and error")
+        step, seen, best_step = (int(v) for v in steps)
+        best = float(arrays["best_error"])
+        # Infinity before the first evaluation; afterwards an error.
+        if not best >= 0 or (best_step and not math.isfinite(best)):
+            raise ValueError(f"'best_error' is {best}, the best step {best_step}")
+        return TrainingState(step, seen, best, best_step, [(int(s), float(a), float(b)) for s, a, b in history])
+
+
+Progress = Callable[[TrainingState, int], None]
+
+
+def run_steps(
+    state: TrainingState,
+    settings: TrainingSettings,
+    until: int,
+    total: int,
+    step: Callable[[], bool],
+    evaluate: Callable[[], tuple[float, float]],
+    progress: Progress | None = None,
+    checkpoint: Callable[[], None] | None = None,
+) -> bool:
+    """Train up to a step of a schedule, until nothing is left to do, or until early stopping.
+
+    Args:
+        state: State of the training; changed.
+        settings: Intervals and patience.
+        until: Step to stop at.
+        total: Steps of the whole schedule, ≥ ``until``.
+        step: Does one step; returns whether nothing is left to do.
+        evaluate: Returns the training loss since the last evaluation and the validation error; it keeps the weights
+            of an error below ``state.best_error``.
+        progress: Called with (state, total) after each evaluation.
+        checkpoint: Called after each evaluation.
+
+    Returns:
+        Whether the training ended before ``until``.
+
+    Raises:
+        RuntimeError: Loss or error is not finite.
+    """
+    while state.step < until:
+        before = state.step
+        finished = step()
+        if finished and state.history and state.history[-1][0] == before:
+            return True  # Nothing has happened since the last evaluation: it was resumed after its end.
+        state.step = before + 1
+        if not finished and state.step % settings.evaluate_every and state.step != until:
+            continue
+        loss, error = evaluate()
+        if not (np.isfinite(loss) and np.isfinite(error)):
+            raise RuntimeError(
+                f"train: loss {loss} and error {error} at step {state.step} are not finite; "
+                f"lower the learning rate (now {settings.rate}) or look for broken targets"
+            )
+        state.history.append((state.step, loss, error))
+        if error < state.best_error:
+            state.best_error, state.best_step = error, state.step
+        if progress:
+            progress(state, total)
+        if checkpoint:
+            checkpoint()
+        enough = max(settings.patience * settings.evaluate_every, total // 5)
+        if finished or (settings.patience and state.step - state.best_step >= enough):
+            return True
+    return False
