@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, WEB = ROOT / "lightwell", ROOT / "web"
 # Bars of the issue "One bake pipeline, a public Python API, plain language".
 MOST_LINES, MOST_LONG_FUNCTIONS, LONG_FUNCTION, LONG_FILE = 27_300, 10, 40, 400
+LONG_CLASS, MOST_MEMBERS = 250, 15
 # Options of pydoclint: Google style, types stand in the signature, private functions are free.
 PYDOCLINT = (
     "--style=google",
@@ -57,6 +58,8 @@ class Findings:
     untyped: list[str] = field(default_factory=list)
     long_functions: list[str] = field(default_factory=list)
     long_files: list[str] = field(default_factory=list)
+    long_classes: list[str] = field(default_factory=list)
+    wide_classes: list[str] = field(default_factory=list)
     circles: list[str] = field(default_factory=list)
     web_circles: list[str] = field(default_factory=list)
 
@@ -114,6 +117,8 @@ def read_python(found: Findings) -> None:
         length = text.count("\n") - sum(_docstring_lines(node) for node in ast.walk(tree) if hasattr(node, "body"))
         if length > LONG_FILE:
             found.long_files.append(f"{name} ({length})")
+        for node in (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)):
+            _read_class(found, node, f"{name}:{node.lineno} {node.name}")
         for function, node, public in functions(tree):
             where = f"{name}:{node.lineno} {function}"
             if node.end_lineno - node.lineno + 1 - _docstring_lines(node) > LONG_FUNCTION:
@@ -123,6 +128,39 @@ def read_python(found: Findings) -> None:
                 _read_public(found, node, where)
     found.circles = circles(python_imports())
     found.undocumented = pydoclint()
+
+
+def _read_class(found: Findings, node: ast.ClassDef, where: str) -> None:
+    length = node.end_lineno - node.lineno + 1 - _docstring_lines(node)
+    length -= sum(_docstring_lines(method) for _, method, _ in functions(node))
+    if length > LONG_CLASS:
+        found.long_classes.append(f"{where} ({length})")
+    if len(members := public_members(node)) > MOST_MEMBERS:
+        found.wide_classes.append(f"{where} ({len(members)})")
+
+
+def public_members(node: ast.ClassDef) -> set[str]:
+    """List the public attributes, properties and methods of a class that it does not inherit.
+
+    Fields of a record count as one: what it is made from is read in one place, and settings are many by nature.
+
+    Args:
+        node: The class.
+
+    Returns:
+        Their names; ``fields`` for those of a record.
+    """
+    names = {method.name for method in node.body if isinstance(method, (ast.FunctionDef, ast.AsyncFunctionDef))}
+    record = any("dataclass" in ast.unparse(decorator) for decorator in node.decorator_list)
+    if any(isinstance(n, ast.AnnAssign) for n in node.body):
+        fields = {n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
+        names |= {"fields"} if record else fields
+    for n in ast.walk(node):
+        targets = n.targets if isinstance(n, ast.Assign) else [n.target] if isinstance(n, ast.AnnAssign) else []
+        flat = [t for target in targets for t in (target.elts if isinstance(target, ast.Tuple) else [target])]
+        own = (t for t in flat if isinstance(t, ast.Attribute) and isinstance(t.value, ast.Name))
+        names |= {t.attr for t in own if t.value.id == "self"}
+    return {name for name in names if not name.startswith("_")}
 
 
 def _read_public(found: Findings, node: ast.FunctionDef, where: str) -> None:
@@ -286,6 +324,13 @@ def rows(found: Findings, quick: bool) -> list[Row]:
             "functions",
         ),
         at_most(f"code: files over {LONG_FILE} lines, docstrings apart", 0, len(found.long_files), "files"),
+        at_most(f"code: classes over {LONG_CLASS} lines, docstrings apart", 0, len(found.long_classes), "classes"),
+        at_most(
+            f"code: classes over {MOST_MEMBERS} public members (the fields of a record count as one)",
+            0,
+            len(found.wide_classes),
+            "classes",
+        ),
     ]
     if quick:
         return result
@@ -310,7 +355,7 @@ def main() -> None:
     read_python(found)
     found.web_circles = circles(web_imports())
     if arguments.list:
-        for title in ("circles", "web_circles", "long_functions", "long_files", "untyped", "shapeless", "undocumented"):
+        for title in (name for name, value in vars(found).items() if isinstance(value, list)):
             for place in getattr(found, title):
                 print(f"{title}: {place}")
     publish("architecture", rows(found, arguments.quick), arguments.quick)

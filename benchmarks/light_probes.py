@@ -3,7 +3,7 @@
 python benchmarks/light_probes.py                    every figure; writes results/light_probes.json (half an hour); goes
                                                      on where it was stopped (trials are kept in out/light_probes)
 python benchmarks/light_probes.py --quick            a smoke run; writes nothing
-python benchmarks/light_probes.py --only s1-5,time   parts: scenes of lightwell.probes.leak_scenes (s1-5-lamps: the
+python benchmarks/light_probes.py --only s1-5,time   parts: scenes of tools/leak_scenes.py (s1-5-lamps: the
                                                      light straight from the lamps counts, too), two-rooms, zdm2,
                                                      godot-room, veach-ajar, memory, time, browser, weights, rebake
 python benchmarks/light_probes.py --offsets 2        fewer lattice offsets (8 by default)
@@ -22,11 +22,12 @@ from time import perf_counter, process_time
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
+from leak_scenes import SCENES, LeakScene
 from probe_trial import BUDGET, Queries, mean, queries, trial
 from rows import Row, at_least, at_most, chosen, publish, without_bar
 
-from lightwell.probes.leak_scenes import SCENES, LeakScene
 from lightwell.probes.metrics import Scores, score
 from lightwell.probes.samples import ProbeSampling
 
@@ -45,7 +46,7 @@ TRIALS = ROOT / "out/light_probes"
 NET_OFFSETS, NET_STEPS = 1, 1500
 LAMPS = "-lamps"
 # Modules that no trial asks.
-UNASKED = ("generator", "file", "keep", "page", "device", "lower", "code", "leak_scenes", "mlp", "product", "refine")
+UNASKED = ("generator", "file", "keep", "page", "lower", "code", "mlp", "product", "refine")
 
 
 def _leak_scene(name: str) -> tuple[LeakScene, bool] | None:

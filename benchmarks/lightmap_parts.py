@@ -16,7 +16,9 @@ from lightwell.fields.lightmap import fit as lightmap
 from lightwell.fields.lightmap.fit import PRESETS
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.nodes import stored
-from lightwell.fields.lightmap.trace import chart, eye_samples, lit_scene, seen_sides
+from lightwell.fields.lightmap.sides import lit_scene, seen_sides
+from lightwell.fields.lightmap.trace import chart
+from lightwell.fields.lightmap.views import eye_samples
 from lightwell.graph.pictures import decoded, encode, seen_from_afar
 from lightwell.scenes import load
 

@@ -21,18 +21,11 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, sample_unit
 from lightwell.fields.lightmap.seams import SHARE, seam_gap, seam_samples
+from lightwell.fields.lightmap.sides import TriangleSides, clear_glass, lit_scene, lit_sides
 from lightwell.fields.lightmap.size_limit import CODECS
 from lightwell.fields.lightmap.square import roomy_atlas
-from lightwell.fields.lightmap.trace import (
-    AtlasIrradiance,
-    TriangleSides,
-    ViewSamples,
-    chart,
-    clear_glass,
-    eye_samples,
-    lit_scene,
-    lit_sides,
-)
+from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
+from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.report.picture_metrics import flip
 from lightwell.report.records import ViewComparison
 from lightwell.scenes import load

@@ -5,9 +5,10 @@ from __future__ import annotations
 from time import perf_counter
 
 import numpy as np
+import probe_device as device
 
 from lightwell.backend import dr, mi
-from lightwell.probes import ddgi, device
+from lightwell.probes import ddgi
 from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.volume import OPEN, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS

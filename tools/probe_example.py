@@ -18,13 +18,13 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests/probes"))
 
+from leak_scenes import two_rooms  # noqa: E402
 from test_lattice_and_query import bricked, made_up, queries  # noqa: E402
 from test_volume_files import moments  # noqa: E402
 
 from lightwell.probes import ddgi, sh  # noqa: E402
 from lightwell.probes.bake import bake_geometry  # noqa: E402
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines, write  # noqa: E402
-from lightwell.probes.leak_scenes import two_rooms  # noqa: E402
 from lightwell.probes.light import light_volume, refined  # noqa: E402
 from lightwell.probes.samples import ProbeSampling  # noqa: E402
 from lightwell.probes.volume import DROPPED, query  # noqa: E402

@@ -16,11 +16,11 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from leak_scenes import WHITE, _block, _finish, _kit
 
 from lightwell.probes.assemble import close_points
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.generator import FILE, Generator, fit_with, load, run
-from lightwell.probes.leak_scenes import WHITE, _block, _finish, _kit
 from lightwell.probes.pattern import pattern
 from lightwell.probes.support import cube_valid
 from lightwell.probes.volume import WEIGHTED

@@ -170,8 +170,7 @@ class Learner(Protocol):
         """
 
     def arrays(self) -> Arrays:
-        """Return the state that a resumed training needs. An attribute ``varying``, if any, lists beginnings of the
-        names of arrays whose shape depends on the progress.
+        """Return the state that a resumed training needs.
 
         Returns:
             Arrays [...] by name.
@@ -182,7 +181,7 @@ class Learner(Protocol):
         ``ValueError``.
 
         Args:
-            arrays: Result of ``arrays``, names, shapes and types already compared with those of this learner.
+            arrays: Result of ``arrays``, perhaps of a learner of other settings.
         """
 
     @property

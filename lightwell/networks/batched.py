@@ -19,10 +19,10 @@ from lightwell.files import Arrays, prefixed, under
 from lightwell.networks.checkpoint import check_like
 from lightwell.networks.device import integers, tensor, tensors
 from lightwell.networks.grouped import Runs
+from lightwell.networks.loop import learning_rate
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
 from lightwell.networks.optimisers import OPTIMISERS
-from lightwell.networks.schedules import SCHEDULES
 from lightwell.networks.training import TrainingSettings
 
 # Memory that one launch may take, bytes: more networks are trained in several launches per step.
@@ -160,11 +160,8 @@ class BatchedTrainer:
 
     def _rates(self, count: np.ndarray, total: int) -> np.ndarray:
         """Compute the learning rate of each network, [E]: an epoch is one pass through its own rows."""
-        settings = self.settings
-        epoch = self.steps * settings.batch / np.maximum(count, 1)
-        rate = SCHEDULES[settings.schedule](settings.rate, self.steps / max(total, 1), epoch, settings.tau)
-        _, corrected = OPTIMISERS[settings.optimiser]
-        return corrected(np.broadcast_to(rate, count.shape), self.steps + 1)
+        epoch = self.steps * self.settings.batch / np.maximum(count, 1)
+        return np.broadcast_to(learning_rate(self.settings, self.steps, total, epoch), count.shape)
 
     def step(self, data: BatchedSet, total: int) -> list[Any]:
         """Do one optimiser step of all networks.

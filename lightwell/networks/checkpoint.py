@@ -14,8 +14,7 @@ UNMEASURED = ("best_error", "errors", "least", "round_error", "history")
 
 
 class Restorable(Protocol):
-    """A fit whose state can be stored and restored. Its attribute ``varying``, if any, lists beginnings of the names of
-    arrays whose shape depends on the progress of the training; the fit checks them itself."""
+    """A fit whose state can be stored and restored."""
 
     def arrays(self) -> Arrays:
         """Return the state that a resumed training needs.
@@ -25,7 +24,8 @@ class Restorable(Protocol):
         """
 
     def restore(self, arrays: Arrays) -> None:
-        """Restore the state of a fit of the same field, settings and samples.
+        """Restore the state of a fit of the same field, settings and samples; other arrays are a ``ValueError`` or a
+        ``KeyError``.
 
         Args:
             arrays: Result of ``arrays``.
@@ -42,9 +42,7 @@ def restore(fit: Restorable, arrays: Arrays) -> None:
     Raises:
         ValueError: The arrays are not those of such a fit, or hold numbers that are not finite; one line.
     """
-    varying = tuple(getattr(fit, "varying", ())) or ("/",)
     try:
-        check_like(arrays, {name: value for name, value in fit.arrays().items() if not name.startswith(varying)})
         for name, value in arrays.items():
             if value.dtype.kind not in "biufU":
                 raise ValueError(f"'{name}' holds {value.dtype}")
@@ -55,17 +53,20 @@ def restore(fit: Restorable, arrays: Arrays) -> None:
         raise ValueError(f"the checkpoint does not fit ({' '.join(str(error).split())[:200]})") from error
 
 
-def check_like(arrays: Mapping[str, np.ndarray], like: Mapping[str, np.ndarray]) -> None:
+def check_like(arrays: Mapping[str, np.ndarray], like: Mapping[str, np.ndarray], varying: tuple[str, ...] = ()) -> None:
     """Check that arrays have the names, shapes and types of others.
 
     Args:
         arrays: Arrays [...] to check, by name; further names are allowed.
         like: Expected arrays [...] by name.
+        varying: Beginnings of the names of arrays whose shape depends on the progress of the training; not checked.
 
     Raises:
         ValueError: An array is missing or has another shape or type.
     """
     for name, value in like.items():
+        if varying and name.startswith(varying):
+            continue
         found = arrays.get(name)
         if found is None or found.shape != np.shape(value):
             shape = None if found is None else found.shape

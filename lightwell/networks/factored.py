@@ -19,7 +19,14 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.hashgrid import HashGrid
-from lightwell.networks.mlp import ACTIVATIONS, glorot
+from lightwell.networks.mlp import (
+    ACTIVATIONS,
+    activations_of,
+    apply_layers,
+    evaluate_network,
+    glorot,
+    initial_layers,
+)
 
 # Initial scale of the light network's contribution to the layer, relative to the layer's bias: small, so that training
 # starts from one layer for all lights.
@@ -56,6 +63,11 @@ class FactoredNetwork:
         """Widths of the head, H first."""
         return (*self.hidden, 3)
 
+    @property
+    def head_activations(self) -> tuple[str, ...]:
+        """Activation of each layer of the head."""
+        return activations_of(len(self.hidden), self.activation, self.output)
+
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
         """Draw initial weights as Glorot & Bengio 2010; biases are constant.
 
@@ -70,13 +82,10 @@ class FactoredNetwork:
         first = glorot(rng, self.grid.width + self.pixel, self.hidden[0])
         start = np.concatenate([first[: self.grid.width].ravel(), np.full(self.hidden[0], bias, np.float32)])
         parameters = {"grid": self.grid.initial(rng), "pixel_w": first[self.grid.width :], "emit_b": start[None]}
-        for k, (a, b) in enumerate(zip(self.light_sizes, self.light_sizes[1:])):
-            parameters |= {f"light_w{k}": glorot(rng, a, b), f"light_b{k}": np.full((1, b), bias, np.float32)}
+        parameters |= initial_layers(rng, self.light_sizes, bias, prefix="light_")
         if self.frame:
             parameters["emit_w"] = EMITTED_SCALE * glorot(rng, self.light_sizes[-1], self.emitted)
-        for k, (a, b) in enumerate(zip(self.head_sizes, self.head_sizes[1:])):
-            parameters |= {f"w{k}": glorot(rng, a, b), f"b{k}": np.full((1, b), bias, np.float32)}
-        return parameters
+        return parameters | initial_layers(rng, self.head_sizes, bias)
 
     def __call__(self, parameters: Mapping[str, Any], inputs: tuple[Any, Any, Any]) -> Any:
         """Map (grid points [B, 3], pixel inputs [B, G], frame inputs [K, F]) to [B, 3], differentiably.
@@ -93,25 +102,26 @@ class FactoredNetwork:
         u = dr.reshape(self.grid(parameters["grid"], points), (lights, rows // lights, self.grid.width))
         x = dr.matmul(u, weights) + dr.matmul(_ones(lights, rows // lights, 1), bias)
         x = act(dr.reshape(x, (rows, units)) + dr.matmul(pixel, parameters["pixel_w"]))
-        last = len(self.head_sizes) - 2
-        for k in range(last + 1):
-            x = dr.matmul(x, parameters[f"w{k}"]) + dr.matmul(_ones(rows, 1), parameters[f"b{k}"])
-            x = ACTIVATIONS[self.output](x) if k == last else act(x)
-        return x
+        return apply_layers(parameters, x, self.head_activations)
 
     def decayed(self, values: Mapping[str, Any], gradients: dict[str, Any]) -> dict[str, Any]:
-        """Gradients with those of the penalties on the size of weights added."""
+        """Add the gradients of the penalties on the size of weights.
+
+        Args:
+            values: Parameters by name.
+            gradients: Gradients of the loss by name.
+
+        Returns:
+            Gradients by name.
+        """
         return gradients | {"grid": self.grid.decayed(values["grid"], gradients["grid"])}
 
     def _emit(self, parameters: Mapping[str, Any], frame: Any) -> Any:
         """Compute the emitted layers [K, emitted] of all lights; without a light, one layer for all."""
         if not self.frame:
             return parameters["emit_b"]
-        ones, x = _ones(frame.shape[0], 1), frame
-        for k in range(len(self.light_sizes) - 1):
-            x = dr.matmul(x, parameters[f"light_w{k}"]) + dr.matmul(ones, parameters[f"light_b{k}"])
-            x = ACTIVATIONS[self.activation](x)
-        return dr.matmul(x, parameters["emit_w"]) + dr.matmul(ones, parameters["emit_b"])
+        x = apply_layers(parameters, frame, (self.activation,) * len(self.light_hidden), prefix="light_")
+        return dr.matmul(x, parameters["emit_w"]) + dr.matmul(_ones(frame.shape[0], 1), parameters["emit_b"])
 
     def evaluate(self, parameters: Mapping[str, np.ndarray], inputs: tuple[np.ndarray, ...]) -> np.ndarray:
         """Evaluate the network on NumPy arrays, without gradients.
@@ -123,9 +133,7 @@ class FactoredNetwork:
         Returns:
             [B, 3] outputs.
         """
-        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
-        with dr.suspend_grad():
-            return np.array(self(tensors, tuple(mi.TensorXf(np.ascontiguousarray(x, np.float32)) for x in inputs)))
+        return evaluate_network(self, parameters, inputs)
 
 
 def _ones(*shape: int) -> Any:

@@ -82,8 +82,14 @@ class HashGrid:
         return rng.uniform(-bound, bound, (self.entries, self.channels)).astype(np.float32)
 
     def even(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The table divided by the largest magnitude of each level and channel, so that one step of storage suits all,
-        and these magnitudes [L · C]."""
+        """Divide the table by the largest magnitude of each level and channel, so that one step of storage suits all.
+
+        Args:
+            table: [entries, C] table.
+
+        Returns:
+            [entries, C] divided table, and these magnitudes [L · C].
+        """
         values, steps = np.array(table, np.float32), []
         for lattice in self.layout:
             level = values[lattice.offset : lattice.offset + lattice.entries]
@@ -139,7 +145,15 @@ class HashGrid:
         return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.entries, self.channels))
 
     def decayed(self, table: Any, gradient: Any) -> Any:
-        """[entries, C] gradient with that of Σ decay · mean square of a level added."""
+        """Add the gradient of the penalty Σ decay · mean square of a level.
+
+        Args:
+            table: [entries, C] tensor.
+            gradient: [entries, C] gradient of the loss.
+
+        Returns:
+            [entries, C] sum of both gradients.
+        """
         if not any(self.decay):
             return gradient
         entry = dr.arange(mi.UInt32, self.entries * self.channels) // self.channels

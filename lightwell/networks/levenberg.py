@@ -19,10 +19,11 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from lightwell.files import Arrays, prefixed, under
+from lightwell.graph.ops.activate import FUNCTIONS
 from lightwell.networks.batched import initial_batch, keep_better
 from lightwell.networks.checkpoint import check_like
 from lightwell.networks.grouped import Runs
-from lightwell.networks.mlp import EXP_HIGH, EXP_LOW, Mlp
+from lightwell.networks.mlp import Mlp
 
 # A step takes P² numbers and P³ operations per network: above this P a gradient method is the better choice.
 MOST_WEIGHTS = 1000
@@ -37,13 +38,13 @@ ROWS_AT_ONCE = 4096
 # unchanged.
 LEAST_DIAGONAL = 1e-9
 
-# Activation → (function, its derivative written in the function's value).
-_ACTIVATIONS = {
-    "identity": (lambda z: z, lambda a: np.ones_like(a)),
-    "tanh": (np.tanh, lambda a: 1 - a * a),
-    "sigmoid": (lambda z: 1 / (1 + np.exp(-z)), lambda a: a * (1 - a)),
-    "relu": (lambda z: np.maximum(z, 0), lambda a: (a > 0).astype(a.dtype)),
-    "exp": (lambda z: np.exp(np.clip(z, EXP_LOW, EXP_HIGH)), lambda a: a),
+# Derivatives of activations, written in the function's value.
+_DERIVATIVES = {
+    "identity": np.ones_like,
+    "tanh": lambda a: 1 - a * a,
+    "sigmoid": lambda a: a * (1 - a),
+    "relu": lambda a: (a > 0).astype(a.dtype),
+    "exp": lambda a: a,
 }
 
 
@@ -71,9 +72,8 @@ class LevenbergMarquardt:
         weights = sum(a * b + b for a, b in zip(mlp.sizes, mlp.sizes[1:]))
         if weights > MOST_WEIGHTS:
             raise ValueError(f"levenberg: {weights} weights are too many; use 'adam' above {MOST_WEIGHTS}")
-        used = {mlp.output} | ({mlp.activation} if mlp.layers > 1 else set())
-        for name in used - set(_ACTIVATIONS):
-            raise ValueError(f"levenberg: no derivative of '{name}'; choose one of {', '.join(_ACTIVATIONS)}")
+        for name in set(mlp.activations) - set(_DERIVATIVES):
+            raise ValueError(f"levenberg: no derivative of '{name}'; choose one of {', '.join(_DERIVATIVES)}")
         self.mlp = mlp
         start = initial_batch(mlp, seeds) if initial is None else initial
         self.parameters = {name: np.array(value, np.float32) for name, value in start.items()}
@@ -174,10 +174,8 @@ def forward(mlp: Mlp, weights: Mapping[str, np.ndarray], x: np.ndarray) -> list[
         Values of the layers, input first, [n, width] each.
     """
     values = [x]
-    for k in range(mlp.layers):
-        function, _ = _ACTIVATIONS[mlp.activation if k + 1 < mlp.layers else mlp.output]
-        with np.errstate(over="ignore"):
-            values.append(function(values[-1] @ weights[f"w{k}"] + weights[f"b{k}"]))
+    for k, activation in enumerate(mlp.activations):
+        values.append(FUNCTIONS[activation].numpy(values[-1] @ weights[f"w{k}"] + weights[f"b{k}"]))
     return values
 
 
@@ -193,7 +191,7 @@ def jacobian(mlp: Mlp, weights: Mapping[str, np.ndarray], values: list[np.ndarra
         [C, n, P]; P runs over w0, b0, w1, … row-major.
     """
     count, outputs = values[-1].shape
-    _, derivative = _ACTIVATIONS[mlp.output]
+    derivative = _DERIVATIVES[mlp.output]
     # δ [C, n, width]: derivative of output c by the sums that enter layer k.
     delta = np.zeros((outputs, count, outputs), np.float32)
     for c in range(outputs):
@@ -203,8 +201,7 @@ def jacobian(mlp: Mlp, weights: Mapping[str, np.ndarray], values: list[np.ndarra
         by_weight = values[k][None, :, :, None] * delta[:, :, None, :]
         blocks[:0] = [by_weight.reshape(outputs, count, -1), delta]
         if k:
-            _, derivative = _ACTIVATIONS[mlp.activation]
-            delta = (delta @ weights[f"w{k}"].T) * derivative(values[k])
+            delta = (delta @ weights[f"w{k}"].T) * _DERIVATIVES[mlp.activation](values[k])
     return np.concatenate(blocks, axis=2)
 
 

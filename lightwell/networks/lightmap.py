@@ -19,7 +19,14 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.atlas_texture import STEPS, AtlasTexture
-from lightwell.networks.mlp import ACTIVATIONS, glorot
+from lightwell.networks.mlp import (
+    ACTIVATIONS,
+    activations_of,
+    apply_layers,
+    evaluate_network,
+    glorot,
+    initial_layers,
+)
 
 # Columns of a row before its inputs: uv, base, gain of the second term, g, and the place of the environment map.
 PLACE, BASE, GAIN, GLOSS, MIRROR = slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 9), slice(9, 11)
@@ -110,8 +117,7 @@ class LightmapNetwork:
             made[f"t{k}"] = (START + START_NOISE * rng.standard_normal(shape)).astype(np.float32)
         for k, (a, b) in enumerate(zip(self.stage_sizes, self.stage_sizes[1:])):
             made |= {f"s{k}": _sine_weights(rng, a, b, k), f"c{k}": np.zeros((1, b), np.float32)}
-        for k, (a, b) in enumerate(zip(self.surface_sizes, self.surface_sizes[1:])):
-            made |= {f"u{k}": glorot(rng, a, b), f"v{k}": np.zeros((1, b), np.float32)}
+        made |= initial_layers(rng, self.surface_sizes, names="uv")
         last = len(self.sizes) - 2
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
             weights = _sine_weights(rng, a, b, k) if self.siren else glorot(rng, a, b)
@@ -149,10 +155,8 @@ class LightmapNetwork:
         Returns:
             [B, channels] decoded features.
         """
-        x, ones = about, dr.full(mi.TensorXf, 1, (about.shape[0], 1))
-        for k in range(len(self.surface_sizes) - 1):
-            x = dr.matmul(x, parameters[f"u{k}"]) + dr.matmul(ones, parameters[f"v{k}"])
-            x = ACTIVATIONS["relu"](x) if k + 2 < len(self.surface_sizes) else FEATURE_HIGH * dr.tanh(x)
+        layers = len(self.surface_sizes) - 1
+        x = FEATURE_HIGH * apply_layers(parameters, about, activations_of(layers, "relu", "tanh"), "uv")
         if not self.rounded:
             return x
         step = (FEATURE_HIGH - FEATURE_LOW) / STEPS
@@ -214,9 +218,7 @@ class LightmapNetwork:
         Returns:
             [B, 3] radiance in unit S.
         """
-        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
-        with dr.suspend_grad():
-            return np.array(self(tensors, mi.TensorXf(np.ascontiguousarray(rows, np.float32))))
+        return evaluate_network(self, parameters, rows)
 
 
 def _sine_weights(rng: np.random.Generator, inputs: int, outputs: int, layer: int) -> np.ndarray:

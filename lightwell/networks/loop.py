@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from lightwell.files import Arrays
-from lightwell.networks.schedules import REPORT_TAU
+from lightwell.networks.optimisers import OPTIMISERS
+from lightwell.networks.schedules import REPORT_TAU, SCHEDULES
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,36 @@ class TrainingSettings:
 
     While the rate is high, longer times without improvement are normal."""
     initial_bias: float = 0.0
+
+
+def learning_rate(settings: TrainingSettings, step: int, total: int, epoch: Any) -> Any:
+    """Compute the learning rate of a step, with the bias correction of the optimiser.
+
+    Args:
+        settings: Rate, schedule and optimiser.
+        step: Steps done.
+        total: Steps of the whole schedule.
+        epoch: Passes through the samples so far; a number or [E].
+
+    Returns:
+        The rate, a number; [E] where the schedule depends on an epoch that is an array.
+    """
+    rate = SCHEDULES[settings.schedule](settings.rate, step / max(total, 1), epoch, settings.tau)
+    return OPTIMISERS[settings.optimiser][1](rate, step + 1)
+
+
+# The 2013 report on mixtures of experts: relative L1, μ = 0.5 · 50 / (50 + epoch), decay 1e-4, biases 0.25. It gives no
+# batch size.
+REPORT_TRAINING = TrainingSettings(
+    loss="relative",
+    optimiser="sgd",
+    rate=0.5,
+    schedule="report",
+    batch=128,
+    decay=1e-4,
+    initial_bias=0.25,
+    evaluate_every=200,
+)
 
 
 @dataclass

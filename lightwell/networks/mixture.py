@@ -23,10 +23,10 @@ from lightwell.files import Arrays, prefixed, under
 from lightwell.networks.batched import initial_batch, shaped, take_rows
 from lightwell.networks.checkpoint import check_like
 from lightwell.networks.device import tensor, tensors
+from lightwell.networks.loop import learning_rate
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.mlp import Mlp
 from lightwell.networks.optimisers import OPTIMISERS
-from lightwell.networks.schedules import SCHEDULES
 from lightwell.networks.training import TrainingSettings
 
 Estimator = Literal["joint", "multinomial"]
@@ -106,11 +106,8 @@ class MixtureTrainer:
         batch = min(settings.batch, rows)
         epoch, position = divmod(self.steps, max(rows // batch, 1))
         phase = np.random.default_rng((self.seed, epoch)).integers(rows)
-        rate = SCHEDULES[settings.schedule](
-            settings.rate, self.steps / max(total, 1), self.steps * batch / rows, settings.tau
-        )
+        rate = learning_rate(settings, self.steps, total, self.steps * batch / rows)
         self.steps += 1
-        rate = OPTIMISERS[settings.optimiser][1](rate, self.steps)
         start = dr.opaque(mi.UInt32, int(phase + position * batch) % rows)
         table = (data.features, data.gate_features, data.target, data.weight)
         step = recorded_step(self.expert, self.gate, self.estimator, settings, batch, rows)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
-
-# Bounds of the argument of the exponential output: e^6 = 403 units is brighter than any target in the training set.
-EXP_LOW, EXP_HIGH = -12.0, 6.0
+from lightwell.graph.ops.activate import EXP_HIGH, EXP_LOW
 
 
 def _silu(x: Any) -> Any:
@@ -51,6 +50,83 @@ def glorot(rng: np.random.Generator, inputs: int, outputs: int) -> np.ndarray:
     return rng.uniform(-bound, bound, (inputs, outputs)).astype(np.float32)
 
 
+def initial_layers(
+    rng: np.random.Generator, sizes: Sequence[int], bias: float = 0.0, names: str = "wb", prefix: str = ""
+) -> dict[str, np.ndarray]:
+    """Draw initial weights of layers as ``glorot``; biases are constant.
+
+    Args:
+        rng: Random generator.
+        sizes: Widths, input first, output last.
+        bias: Initial value of the biases.
+        names: Letters of weights and biases.
+        prefix: First part of the names.
+
+    Returns:
+        ``w0 [in, out], b0 [1, out], w1 …``, float32.
+    """
+    parameters: dict[str, np.ndarray] = {}
+    for k, (inputs, outputs) in enumerate(pairwise(sizes)):
+        parameters[f"{prefix}{names[0]}{k}"] = glorot(rng, inputs, outputs)
+        parameters[f"{prefix}{names[1]}{k}"] = np.full((1, outputs), bias, np.float32)
+    return parameters
+
+
+def apply_layers(
+    parameters: Mapping[str, Any], x: Any, activations: Sequence[str], names: str = "wb", prefix: str = ""
+) -> Any:
+    """Apply layers to a batch, differentiably.
+
+    Args:
+        parameters: Tensors as ``initial_layers`` names them, or with one more axis E in front: E networks at once.
+        x: Tensor [B, in], or [E, B, in].
+        activations: Activation of each layer.
+        names: Letters of weights and biases.
+        prefix: First part of the names.
+
+    Returns:
+        Tensor [B, out], or [E, B, out].
+    """
+    # The bias enters as a product, because the gradient of a product sums in a fixed order and that of a broadcast
+    # does not: the same seed must give the same weights.
+    ones = dr.full(mi.TensorXf, 1, (*x.shape[:-1], 1))
+    for k, activation in enumerate(activations):
+        weights, bias = (parameters[f"{prefix}{name}{k}"] for name in names)
+        x = ACTIVATIONS[activation](dr.matmul(x, weights) + dr.matmul(ones, bias))
+    return x
+
+
+def activations_of(layers: int, inside: str, last: str) -> tuple[str, ...]:
+    """List the activation of each layer.
+
+    Args:
+        layers: Number of layers.
+        inside: Activation of all layers but the last.
+        last: Activation of the last layer.
+
+    Returns:
+        Names of activations.
+    """
+    return (inside,) * (layers - 1) + (last,)
+
+
+def evaluate_network(network: Callable[..., Any], parameters: Mapping[str, np.ndarray], inputs: Any) -> np.ndarray:
+    """Evaluate a network on NumPy arrays, without gradients: for validation sets, not for inner loops.
+
+    Args:
+        network: Function of tensors by name and of its inputs.
+        parameters: Arrays [...] by name.
+        inputs: Array [B, in] or a tuple of arrays.
+
+    Returns:
+        [B, out] outputs.
+    """
+    upload = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
+    values = {name: mi.TensorXf(value) for name, value in parameters.items()}
+    with dr.suspend_grad():
+        return np.array(network(values, tuple(map(upload, inputs)) if isinstance(inputs, tuple) else upload(inputs)))
+
+
 @dataclass(frozen=True)
 class Mlp:
     """A multi-layer perceptron with one activation inside and one at the end.
@@ -69,9 +145,14 @@ class Mlp:
         return len(self.sizes) - 1
 
     @property
+    def activations(self) -> tuple[str, ...]:
+        """Activation of each layer."""
+        return activations_of(self.layers, self.activation, self.output)
+
+    @property
     def macs(self) -> int:
         """Multiply-accumulates per evaluation."""
-        return sum(a * b for a, b in zip(self.sizes, self.sizes[1:]))
+        return sum(a * b for a, b in pairwise(self.sizes))
 
     def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
         """Draw initial weights as ``glorot``; biases are constant.
@@ -83,25 +164,14 @@ class Mlp:
         Returns:
             Parameters by name, float32.
         """
-        rng = np.random.default_rng(seed)
-        parameters: dict[str, np.ndarray] = {}
-        for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
-            parameters[f"w{k}"] = glorot(rng, a, b)
-            parameters[f"b{k}"] = np.full((1, b), bias, np.float32)
-        return parameters
+        return initial_layers(np.random.default_rng(seed), self.sizes, bias)
 
     def __call__(self, parameters: Mapping[str, Any], x: Any) -> Any:
         """Map a tensor [B, in] to a tensor [B, out], differentiably.
 
         With one more axis E in front of ``x`` and of all parameters: E networks at once.
         """
-        # The bias enters as a product, because the gradient of a product sums in a fixed order and that of a broadcast
-        # does not: the same seed must give the same weights.
-        ones = dr.full(mi.TensorXf, 1, (*x.shape[:-1], 1))
-        for k in range(self.layers):
-            x = dr.matmul(x, parameters[f"w{k}"]) + dr.matmul(ones, parameters[f"b{k}"])
-            x = ACTIVATIONS[self.activation if k + 1 < self.layers else self.output](x)
-        return x
+        return apply_layers(parameters, x, self.activations)
 
     def evaluate(self, parameters: Mapping[str, np.ndarray], x: np.ndarray) -> np.ndarray:
         """Evaluate the network on NumPy arrays, without gradients: for validation sets, not for inner loops.
@@ -113,6 +183,4 @@ class Mlp:
         Returns:
             [B, out] outputs.
         """
-        tensors = {name: mi.TensorXf(value) for name, value in parameters.items()}
-        with dr.suspend_grad():
-            return np.array(self(tensors, mi.TensorXf(np.ascontiguousarray(x, np.float32))))
+        return evaluate_network(self, parameters, x)

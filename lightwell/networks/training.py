@@ -11,13 +11,13 @@ import numpy as np
 
 from lightwell.backend import dr, freeze, mi
 from lightwell.files import Arrays
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.loop import Progress as Progress
 from lightwell.networks.loop import TrainingSettings as TrainingSettings
 from lightwell.networks.loop import TrainingState as TrainingState
-from lightwell.networks.loop import run_steps
+from lightwell.networks.loop import learning_rate, run_steps
 from lightwell.networks.losses import LOSSES
 from lightwell.networks.optimisers import OPTIMISERS
-from lightwell.networks.schedules import SCHEDULES
 
 
 @dataclass(frozen=True)
@@ -196,14 +196,11 @@ class Trainer:
         Returns:
             The loss, an array of width 1 on the device.
         """
-        epoch = self.state.samples_seen / len(data)
-        schedule = SCHEDULES[self.settings.schedule]
-        rate = schedule(self.settings.rate, self.state.step / max(total, 1), epoch, self.settings.tau)
-        _, corrected = OPTIMISERS[self.settings.optimiser]
+        rate = learning_rate(self.settings, self.state.step, total, self.state.samples_seen / len(data))
         start = dr.opaque(mi.UInt32, self._next_start(data))
         self.state.step += 1
-        rate = dr.opaque(mi.Float, corrected(rate, self.state.step))
         step = frozen_step(self.network, self.settings, self._batch(data), len(data))
+        rate = dr.opaque(mi.Float, rate)
         self._values, self._moments, loss = step(self._values, self._moments, data, start, rate)
         dr.eval(self._values, self._moments, loss)
         self.state.samples_seen += self._batch(data)
@@ -251,8 +248,6 @@ class Trainer:
 
     # ------------------------------------------------------------------ checkpoints
 
-    varying = ("history",)
-
     def arrays(self) -> Arrays:
         """Return the state that a resumed training needs.
 
@@ -271,6 +266,7 @@ class Trainer:
         Args:
             arrays: Result of ``arrays``; see ``checkpoint.restore``.
         """
+        check_like(arrays, self.arrays(), ("history",))
         self.state, names = TrainingState.of(arrays), list(self._values)
         self._values = _upload({name: arrays[f"value.{name}"] for name in names})
         self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.graph import Builder, evaluate
+from lightwell.graph.layers import add_layers
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,8 @@ class WeightCode:
         Returns:
             Name of the node with the K factors.
         """
-        x = self.encoding(b)
-        for k, (weights, bias) in enumerate(self.layers):
-            x = b.linear(x, weights, bias, per_frame=True)
-            if k + 1 < len(self.layers):
-                x = b.activate(x, "silu", per_frame=True)
-        return x
+        activations = ("silu",) * (len(self.layers) - 1) + (None,)
+        return add_layers(b, self.encoding(b), self.layers, activations, per_frame=True)
 
     def features(self, light: np.ndarray) -> np.ndarray:
         """Compute the encoding of light positions.

@@ -83,18 +83,7 @@ def encode_volume(
     """
     if coding not in LIGHT:
         raise ValueError(f"probes: no coding '{coding}', expected l2 or zh3")
-    weighted, cells = volume.row[volume.state == WEIGHTED], encode_fallbacks(volume)
-    sections = {
-        "kinds": encode_kinds(volume),
-        "octants": np.ascontiguousarray(volume.octant[weighted], "<u8").view("<u4").reshape(-1, 2),
-        "weights": encode_weights(volume.function, volume.params[weighted]),
-        "light": _light(volume.light[volume.alive] / unit, coding),
-        "cells": cells[0],
-        "fallbacks": cells[1],
-        "bricks": encode_bricks(volume),
-    }
-    if baselines is not None:
-        sections |= {"traced": _light(baselines.light / unit, coding), "moments": moment_rows(baselines)}
+    sections = _sections(volume, coding, unit, baselines)
     places, words = {}, 0
     for name, rows in sections.items():
         places[name] = [words, len(rows)]
@@ -119,6 +108,23 @@ def encode_volume(
     live = max(int(volume.alive.sum()), 1)
     parts = {name: rows.nbytes / live for name, rows in sections.items()}
     return MAGIC + struct.pack("<I", len(text)) + text + payload, parts
+
+
+def _sections(volume: ProbeVolume, coding: str, unit: float, baselines: Moments | None) -> dict[str, np.ndarray]:
+    """Rows of each section, in the order of the file."""
+    weighted, cells = volume.row[volume.state == WEIGHTED], encode_fallbacks(volume)
+    sections = {
+        "kinds": encode_kinds(volume),
+        "octants": np.ascontiguousarray(volume.octant[weighted], "<u8").view("<u4").reshape(-1, 2),
+        "weights": encode_weights(volume.function, volume.params[weighted]),
+        "light": _light(volume.light[volume.alive] / unit, coding),
+        "cells": cells[0],
+        "fallbacks": cells[1],
+        "bricks": encode_bricks(volume),
+    }
+    if baselines is not None:
+        sections |= {"traced": _light(baselines.light / unit, coding), "moments": moment_rows(baselines)}
+    return sections
 
 
 def _light(light: np.ndarray, coding: str) -> np.ndarray:

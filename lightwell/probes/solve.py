@@ -142,11 +142,24 @@ def solve(
     if free is not None:
         before = (held if states else held[None]).astype(np.float64)
         fixed = a[:, np.flatnonzero(~free)] @ np.moveaxis(before[:, ~free], 0, 1).reshape(int((~free).sum()), -1)
-    ties = _ties(columns)
     prior = np.moveaxis(start[:, live].astype(np.float64), 0, 1).reshape(len(live), -1)
     right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1) - fixed
-    measure = _Measure(goal.mean(axis=0))
-    mean_of = lambda x: x.reshape(len(x), len(start), 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
+    best, residual, errors = _reweighted(columns, right, prior, fixed, goal, passes)
+    light = np.zeros((len(start), len(volume.state), 9, 3), np.float32)
+    if free is not None:
+        light[:, ~free] = before[:, ~free]
+    light[:, live] = np.moveaxis(best.reshape(len(live), len(start), 9, 3), 1, 0)
+    every = np.ones(len(good))
+    every[good] = residual
+    return Solution(light if states else light[0], ~good, tuple(errors), every)
+
+
+def _reweighted(
+    columns: csc_matrix, right: np.ndarray, prior: np.ndarray, fixed: np.ndarray, goal: np.ndarray, passes: int
+) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Iteratively reweighted solves for [P', 27 S] light: best pass, its residuals [I], errors of all passes."""
+    states, measure, ties = len(goal), _Measure(goal.mean(axis=0)), _ties(columns)
+    mean_of = lambda x: x.reshape(len(x), states, 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
     predict = lambda x: columns @ mean_of(x) + mean_of(fixed)  # noqa: E731
     # Start at the traced light: a first pass without weights would move away from a good solution.
     predicted = predict(prior)
@@ -160,13 +173,7 @@ def solve(
         if errors[-1] <= min(errors):
             best, residual = found, measure.residual(predicted)
         omega = measure.omega(predicted)
-    light = np.zeros((len(start), len(volume.state), 9, 3), np.float32)
-    if free is not None:
-        light[:, ~free] = before[:, ~free]
-    light[:, live] = np.moveaxis(best.reshape(len(live), len(start), 9, 3), 1, 0)
-    every = np.ones(len(good))
-    every[good] = residual
-    return Solution(light if states else light[0], ~good, tuple(errors), every)
+    return best, residual, errors
 
 
 def relative_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -110,17 +110,17 @@ def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
 
 
 def test_small_charts_get_a_larger_square(monkeypatch):
-    from lightwell.fields.lightmap import square, trace
+    from lightwell.fields.lightmap import sides, square
     from lightwell.scenes import load
 
-    scene, _ = trace.lit_scene(load("cornell"))
-    sides = trace.lit_sides(scene, 0)
+    scene, _ = sides.lit_scene(load("cornell"))
+    stored = sides.lit_sides(scene, 0)
     sizes = {}
     for bar in (0.0, 1.0):
         monkeypatch.setattr(square, "ROOMY", bar)
-        sizes[bar] = square.roomy_atlas(scene, 64, 0, sides).size
+        sizes[bar] = square.roomy_atlas(scene, 64, 0, stored).size
     monkeypatch.setattr(square, "MOST_ROOMY", 64)
-    assert sizes == {0.0: 64, 1.0: 128} and square.roomy_atlas(scene, 64, 0, sides).size == 64
+    assert sizes == {0.0: 64, 1.0: 128} and square.roomy_atlas(scene, 64, 0, stored).size == 64
 
 
 @pytest.fixture
@@ -185,13 +185,13 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
     """By samples that training never saw; too few steps for two starts are one."""
-    from lightwell.fields.lightmap import fitting, trace
+    from lightwell.fields.lightmap import fitting, sides, trace, views
     from lightwell.fields.lightmap.fit import PRESETS
     from lightwell.scenes import load
 
-    scene, _ = trace.lit_scene(load("cornell"))
+    scene, _ = sides.lit_scene(load("cornell"))
     made = trace.chart(scene, 64, 0, 4, 0)
-    eyes = trace.eye_samples(scene, made, 1 << 12, 4, 5, made.image)
+    eyes = views.eye_samples(scene, made, 1 << 12, 4, 5, made.image)
     monkeypatch.setattr(fitting, "ENOUGH_STEPS", 10)
     monkeypatch.setattr(fitting, "HELD", 400)
     errors = {0: 0.3, fitting.START_SEED: 0.1, 2 * fitting.START_SEED: 0.2}

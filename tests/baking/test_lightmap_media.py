@@ -7,7 +7,8 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.fields.lightmap.media import media_meshes, volumetric
-from lightwell.fields.lightmap.trace import chart, eye_samples
+from lightwell.fields.lightmap.trace import chart
+from lightwell.fields.lightmap.views import eye_samples
 from lightwell.scenes import load
 from lightwell.transport.radiance import static
 from lightwell.transport.surface import draw_surface

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from lightwell.fields.lightmap.trace import faint_sides, narrow
+from lightwell.fields.lightmap.sides import faint_sides
+from lightwell.fields.lightmap.trace import narrow
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.scene import Material, Mesh
 from lightwell.transport.texels import Texels

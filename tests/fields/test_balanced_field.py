@@ -92,7 +92,7 @@ def alone(fit, query: Query) -> np.ndarray:
     """[N, 3] prediction of the first expert by itself, as hard gates have it."""
     split = fit.gate(query)
     split = replace(split, share=np.zeros_like(split.share))
-    return fit._blended(fit.inputs.rows(query), split, fit.weights) * SETUP.unit * query.reflectance
+    return fit._blended(fit._inputs.rows(query), split, fit.weights) * SETUP.unit * query.reflectance
 
 
 def largest(steps: np.ndarray) -> float:

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from leak_scenes import two_rooms
 
 from lightwell.probes import ddgi, rays, sh
 from lightwell.probes.bake import bake_geometry, rebake, with_bricks
 from lightwell.probes.diffusion import diffuse, sweeps
 from lightwell.probes.fallbacks import fallbacks, sealed, spread
-from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
 from lightwell.probes.samples import ProbeSampling, _times, rows

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from leak_scenes import two_rooms
 
 from lightwell.core.formats import COMPRESSED
 from lightwell.core.store import Store
@@ -17,7 +18,6 @@ from lightwell.graph import evaluate
 from lightwell.probes import generator
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.file import decode_volume, encode_volume, read, read_baselines
-from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.volume import query
 from lightwell.scenes import load

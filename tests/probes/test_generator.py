@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from leak_scenes import two_rooms
 
 from lightwell.graph.ops.activate import LEAK
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.generator import FILE, Generator, fit_with, load, run
-from lightwell.probes.leak_scenes import two_rooms
 from lightwell.probes.page import PLACE, write_page
 from lightwell.probes.pattern import pattern
 from lightwell.probes.support import cube_valid

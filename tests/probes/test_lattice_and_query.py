@@ -204,8 +204,9 @@ def test_a_spacing_that_is_no_length_is_refused(spacing):
 @pytest.mark.parametrize("function", list(FUNCTIONS))
 @pytest.mark.parametrize("make", [made_up, bricked])
 def test_the_device_query_means_the_same(function, make):
+    import probe_device as device
+
     from lightwell.backend import mi
-    from lightwell.probes import device
 
     volume = make(function)
     x, n = queries(1500)
@@ -217,8 +218,10 @@ def test_the_device_query_means_the_same(function, make):
 
 
 def test_the_baseline_of_distance_moments_means_the_same_on_the_device():
+    import probe_device as device
+
     from lightwell.backend import mi
-    from lightwell.probes import ddgi, device
+    from lightwell.probes import ddgi
 
     rng, count = np.random.default_rng(3), len(LATTICE)
     mean = rng.random((count, ddgi.SIDE, ddgi.SIDE)) * 0.7

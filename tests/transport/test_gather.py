@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from lightwell.fields.lightmap.trace import chart, corrected, matte
+from lightwell.fields.lightmap.sides import matte
+from lightwell.fields.lightmap.trace import chart
+from lightwell.fields.lightmap.views import corrected
 from lightwell.scenes import load
 from lightwell.scenes.default_light import under_sky
 from lightwell.transport.gather import KnownIrradiance, gathered, settled

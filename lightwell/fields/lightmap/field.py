@@ -21,18 +21,11 @@ from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions
 from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
 from lightwell.fields.lightmap.seams import seam_samples
+from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
 from lightwell.fields.lightmap.square import roomy_atlas
-from lightwell.fields.lightmap.trace import (
-    AtlasIrradiance,
-    TriangleSides,
-    ViewSamples,
-    chart,
-    eye_samples,
-    lit_scene,
-    lit_sides,
-    seen_sides,
-)
+from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
+from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
 from lightwell.networks.losses import EPSILON
 from lightwell.scenes.atlas import Atlas, build, charted_meshes

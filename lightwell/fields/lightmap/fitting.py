@@ -14,7 +14,8 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import stored
-from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples, direction_image, mask_image, reduced
+from lightwell.fields.lightmap.trace import AtlasIrradiance, direction_image, mask_image, reduced
+from lightwell.fields.lightmap.views import ViewSamples
 from lightwell.graph.pictures import Fallback, Picture, encode
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.normal_maps import relief
@@ -82,6 +83,18 @@ def fitted(
         fit = start(0)
         fit.train(samples.query, samples.radiance, samples.weight, steps, progress, part)
         return fit
+    return _best_start(start, samples, seed, steps, progress, part)
+
+
+def _best_start(
+    start: Callable[[int], LightmapFit],
+    samples: ViewSamples,
+    seed: int,
+    steps: int,
+    progress: Callable[[int], None] | None,
+    part: WorkPart | None,
+) -> LightmapFit:
+    """The best of several trainings, and of no network, on held-out samples."""
     held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(HELD / len(samples.weight), 0.1)
     seen, judged = samples[np.flatnonzero(~held)], samples[np.flatnonzero(held & (samples.weight > 0))]
     starts = int(np.clip(steps // ENOUGH_STEPS, 1, STARTS)) if len(judged.weight) else 1
@@ -92,7 +105,7 @@ def fitted(
         fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own)
     if not len(judged.weight):
         return fits[0]
-    plain = replace(fits[0], preset=replace(PRESETS["plain"], base=preset.base), direction=None)
+    plain = replace(fits[0], preset=replace(PRESETS["plain"], base=fits[0].preset.base), direction=None)
     return min([*fits, plain], key=lambda fit: shown_error(fit, judged))
 
 

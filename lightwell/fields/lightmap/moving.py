@@ -7,7 +7,7 @@ import numpy as np
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import MOVING, LightmapFit
-from lightwell.fields.lightmap.trace import ViewSamples, _towards_eyes
+from lightwell.fields.lightmap.views import ViewSamples, towards_eyes
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
@@ -35,7 +35,7 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
         The samples, for a unit light; those that are not finite have weight 0.
     """
     draw = draw_surface(scene, count, seed, floor=64)
-    points = _towards_eyes(scene, draw.points, seed)
+    points = towards_eyes(scene, draw.points, seed)
     lights = sample_lights(scene, variable, -(-count // POINTS_PER_LIGHT), seed)
     light = lights.repeat(POINTS_PER_LIGHT, axis=0)[: len(points)]
     a, b = indirect(scene, points, light, variable, paths, seed)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples, corrected, matte
+from lightwell.fields.lightmap.sides import matte
+from lightwell.fields.lightmap.trace import AtlasIrradiance
+from lightwell.fields.lightmap.views import ViewSamples, corrected, joined
 from lightwell.scenes.atlas_seams import Seams, seams
 from lightwell.scenes.scene import Scene
 from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
@@ -94,11 +96,8 @@ def seam_samples(
     a, b = corrected(scene, made.atlas, pairs.one, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     queries = [query_of_lightmap(scene, made.atlas, points) for points in (pairs.one, pairs.two)]
-    query = LightmapQuery(
-        **{n: np.concatenate([getattr(q, n) for q in queries]) for n in LightmapQuery.__dataclass_fields__}
-    )
     twice = lambda v: np.concatenate([v, v])  # noqa: E731
-    return ViewSamples(query, *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
+    return ViewSamples(joined(queries), *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
 
 
 def seam_gap(

@@ -11,7 +11,8 @@ from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import restored
-from lightwell.fields.lightmap.trace import AtlasIrradiance, ViewSamples
+from lightwell.fields.lightmap.trace import AtlasIrradiance
+from lightwell.fields.lightmap.views import ViewSamples
 
 # Steps of a trial, its training samples and its held-out samples.
 TRIAL_STEPS, TRIAL_ROWS, JUDGED_ROWS = 300, 1 << 17, 1 << 14

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lightwell.fields.lightmap.trace import TriangleSides
+from lightwell.fields.lightmap.sides import TriangleSides
 from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.scene import Scene
 

@@ -20,12 +20,12 @@ from lightwell.core.store import Store
 from lightwell.core.work import store_of
 from lightwell.fields.probes.baked import BakedProbes, state_key
 from lightwell.fields.probes.fit import PRESETS, fit_of, payload
-from lightwell.fields.protocol import ExtraFile, Job, Lowered, ReBake, Role, Shown, State, Traced, Training
+from lightwell.fields.protocol import ExtraFile, Fit, Job, ReBake, Role, Shown, State, Traced, Training
 from lightwell.fields.request import Request
+from lightwell.fields.surface.field import SurfaceFit
+from lightwell.graph import Graph
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
-from lightwell.transport.queries import make_query
-from lightwell.transport.samples import Query, SurfacePoints
 
 ROLES: tuple[Role, ...] = ("indirect", "static")
 
@@ -40,14 +40,13 @@ class RebakeState(State):
     def of(job: Job) -> RebakeState:
         """Read the probes of an earlier bake.
 
+        A folder without probes, or with those of another scene, is a ``ValueError``.
+
         Args:
             job: Scene and settings.
 
         Returns:
             The prepared scene.
-
-        Raises:
-            ValueError: The folder holds no probes, or the scene is not a changed version of theirs.
         """
         old, scene = job.options.rebake, job.scene
         _check_request(job.request)
@@ -57,7 +56,7 @@ class RebakeState(State):
         _check(scene, kept, old)
         return RebakeState(job, scene, declare(job.request.vary, scene), tuple(kept), before=kept)
 
-    def finished(self, fits: Mapping[Role, RebakedFit]) -> ReBake:
+    def finished(self, fits: Mapping[Role, Fit]) -> ReBake:
         """Return the summary of the incremental bake.
 
         Args:
@@ -78,50 +77,30 @@ class RebakeState(State):
 
 
 @dataclass
-class RebakedFit:
-    """The probes after a change of the scene; see ``lightwell.fields.protocol.Fit``."""
+class RebakedProbes:
+    """The probes after a change of the scene, in the place of a learner."""
 
     scene: Scene
     role: Role
     probes: BakedProbes
     shown: Shown
     facts: dict[str, Any]
-    traced: Traced = field(default_factory=Traced)
-    plan: dict[str, Any] = field(default_factory=dict)
-    training: Training = field(default_factory=Training)
     note: str = ""
 
-    @property
-    def unit(self) -> float:
-        """Radiance unit S."""
-        return self.probes.unit
-
-    def query(self, points: SurfacePoints, light: np.ndarray) -> Query:
-        """Return the inputs of the graph at surface points.
-
-        Args:
-            points: N surface points.
-            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
-
-        Returns:
-            N queries.
-        """
-        return make_query(self.scene, points, light)
-
-    def lower(self) -> Lowered:
-        """Return the shading graph that is written.
+    def lower(self) -> Graph:
+        """Return the shading graph.
 
         Returns:
             The graph.
         """
-        return Lowered(self.probes.lower())
+        return self.probes.lower()
 
     def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
         """List the files beside the asset, and store what the next incremental bake starts from.
 
         Args:
             glb: Path of the asset.
-            shown: The light under which the bake is shown first.
+            shown: Not used: the light is that of the earlier bake.
             store: Where to keep what the next incremental bake starts from; None: it is not kept.
 
         Returns:
@@ -132,7 +111,7 @@ class RebakedFit:
         return files
 
 
-def rebaked(state: RebakeState, role: Role) -> RebakedFit:
+def rebaked(state: RebakeState, role: Role) -> SurfaceFit:
     """Solve again the probes that the changed box affects.
 
     Args:
@@ -150,7 +129,8 @@ def rebaked(state: RebakeState, role: Role) -> RebakedFit:
         "solved_again": len(again),
         "seconds": round(perf_counter() - start, 3),
     }
-    return RebakedFit(state.scene, role, after, shown, facts)
+    probes = RebakedProbes(state.scene, role, after, shown, facts)
+    return SurfaceFit(state.scene, probes, after.unit, Traced(), {}, Training())
 
 
 def _kept(old: Path) -> dict[Role, tuple[BakedProbes, Shown]]:

@@ -37,9 +37,11 @@ from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.gate import append, share_facts, shares
 from lightwell.fields.surface.lattice import Gate, Split, VertexLattice
-from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit, as_radiance
+from lightwell.fields.surface.lowering import as_radiance, graph_layers
+from lightwell.fields.surface.segmented import NetworkPreset, SegmentedFit
 from lightwell.files import Arrays, prefixed, under
-from lightwell.graph import Buffer, Builder, Graph, pack
+from lightwell.graph import Graph, pack
+from lightwell.graph.layers import Layer, add_layers
 from lightwell.networks import TrainingSettings
 from lightwell.networks.assignment import assign_cells
 from lightwell.networks.batched import BatchedSet, BatchedTrainer
@@ -112,7 +114,7 @@ class BalancedFit(SegmentedFit):
         self._dealt = self._scaled = 0
         # The gate by which the experts are trained now; mean and spread [M, F] of each one's inputs.
         self._gate: Gate | None = None
-        self._center = np.zeros((preset.experts, self.inputs.width), np.float32)
+        self._center = np.zeros((preset.experts, self._inputs.width), np.float32)
         self._spread = np.ones_like(self._center)
         # Gate and weights with the least validation error.
         self._best_gate: Gate | None = None
@@ -156,16 +158,8 @@ class BalancedFit(SegmentedFit):
         """
         return self.gate(query).first
 
-    def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
-        """Evaluate the experts and blend their outputs.
-
-        Args:
-            examples: N samples.
-            weights: Weights by name, [M, …]; None: the best so far.
-
-        Returns:
-            [N, 3] outputs in unit S.
-        """
+    def _outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
+        """[N, 3] outputs in unit S, blended; weights: None for the best so far."""
         return self._blended(examples.features, self.gate(examples.query), weights or self.weights)
 
     def predict(self, query: Query) -> np.ndarray:
@@ -177,8 +171,8 @@ class BalancedFit(SegmentedFit):
         Returns:
             [N, 3] radiance, reflectance included.
         """
-        scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
-        return self._blended(self.inputs.rows(query), self.gate(query), self.weights) * scale
+        scale = self._setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
+        return self._blended(self._inputs.rows(query), self.gate(query), self.weights) * scale
 
     def _blended(self, features: np.ndarray, split: Split, weights: dict[str, np.ndarray]) -> np.ndarray:
         out = GroupedRows(features, split.first, self.preset.experts).evaluate(self.mlp, weights)
@@ -213,12 +207,12 @@ class BalancedFit(SegmentedFit):
     def _deal(self) -> None:
         """Assign every cell to an expert: initially by k-means, later by the measured error per expert."""
         preset, examples = self.preset, self._dealing
-        lattice = self._gate.lattice if self._gate else VertexLattice.around(self.setup, examples.query, preset.cells)
+        lattice = self._gate.lattice if self._gate else VertexLattice.around(self._setup, examples.query, preset.cells)
         cells = Cells.of(lattice, examples)
         limits = preset.floor / preset.experts, preset.cap / preset.experts
         if self._gate is None:
             points = describe(cells, examples)
-            looks = balanced_means(points, cells.weight, preset.experts, limits, self.seed)
+            looks = balanced_means(points, cells.weight, preset.experts, limits, self._seed)
             price = 1.0 - np.eye(preset.experts)[looks]
         else:
             price = self._prices(cells, examples)
@@ -249,7 +243,7 @@ class BalancedFit(SegmentedFit):
 
     def _prices(self, cells: Cells, examples: Examples) -> np.ndarray:
         """[K, M] cost of each cell per expert: noise-corrected squared error, plus neighbours of other experts."""
-        rows = cells.pick(PRICED_SAMPLES, self.seed + self._dealt)
+        rows = cells.pick(PRICED_SAMPLES, self._seed + self._dealt)
         part, weights = examples.take(rows), self._folded()
         of_sample, price = cells.of_sample[rows], np.empty((len(cells), self.preset.experts))
         count = np.bincount(of_sample, minlength=len(cells))
@@ -292,7 +286,7 @@ class BalancedFit(SegmentedFit):
         split = self._gate(examples.query)
         row = np.concatenate([np.arange(len(examples)), split.band])
         group = np.concatenate([split.first, split.second[split.band]])
-        order, runs = sort_into_runs(group, experts, (self.seed, len(examples), self._dealt))
+        order, runs = sort_into_runs(group, experts, (self._seed, len(examples), self._dealt))
         row = row[order]
         features = examples.features[row]
         if self._scaled < self._dealt:
@@ -335,7 +329,7 @@ class BalancedFit(SegmentedFit):
         return False
 
     def _look(self) -> tuple[float, float]:
-        validation, weights = self.validation, self._folded()
+        validation, weights = self._validation, self._folded()
         if self._watched is None:
             self._watched = self._gate(validation.query)
         each = validation.relative_error(self._blended(validation.features, self._watched, weights))
@@ -370,27 +364,21 @@ class BalancedFit(SegmentedFit):
             The graph.
         """
         b = open_builder()
-        x, top = self.inputs.node(b), self.gate.node(b)
+        x, top = self._inputs.node(b), self.gate.node(b)
         first, second, share = (b.slice(top, k, 1) for k in range(3))
-        layers = [self._packed(k) for k in range(self.mlp.layers)]
-        blend = b.blend(share, *(self._expert(b, x, index, layers) for index in (first, second)))
-        radiance = as_radiance(b, blend, self.preset.demodulated, self.setup.unit)
+        layers = self._packed()
+        blend = b.blend(share, *(add_layers(b, x, layers, self.mlp.activations, index) for index in (first, second)))
+        radiance = as_radiance(b, blend, self.preset.demodulated, self._setup.unit)
         return b.build(radiance=radiance, segment=first, overlap=share, second=second)
 
-    def _packed(self, k: int) -> tuple[Buffer, Buffer]:
-        """Weights [M, out, in] and biases [M, out] of a layer as they are stored; both experts of a pixel read them.
+    def _packed(self) -> list[Layer]:
+        """Layers as they are stored; both experts of a pixel read the same buffers.
 
         The first layer's biases stay float32: they hold the offset of the inputs, which is large beside their spread.
         """
-        weight, bias = self.weights[f"w{k}"].transpose(0, 2, 1), self.weights[f"b{k}"][:, 0]
-        return pack(weight, self.preset.storage), pack(bias, "float16" if k else "float32")
-
-    def _expert(self, b: Builder, x: str, index: str, layers: list[tuple[Buffer, Buffer]]) -> str:
-        """Add the network of expert ``index`` to a graph."""
-        for k, (weight, bias) in enumerate(layers):
-            x = b.linear(x, weight, bias, index)
-            x = b.activate(x, self.mlp.activation if k + 1 < len(layers) else self.mlp.output)
-        return x
+        kinds = (("float16" if k else "float32") for k in range(self.mlp.layers))
+        layers = graph_layers(self.weights, range(self.mlp.layers))
+        return [(pack(weight, self.preset.storage), pack(bias, kind)) for (weight, bias), kind in zip(layers, kinds)]
 
     # ------------------------------------------------------------------ checkpoints
 

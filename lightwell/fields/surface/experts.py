@@ -36,6 +36,7 @@ from lightwell.networks import Mlp, TrainingSettings
 from lightwell.networks.autoencoder import GateTraining, TiedAutoencoder
 from lightwell.networks.batched import BatchedSet, BatchedTrainer, initial_batch
 from lightwell.networks.grouped import sort_into_runs
+from lightwell.networks.loop import REPORT_TRAINING
 from lightwell.networks.mixture import EXPERTS, GATE, MixtureSet, MixtureTrainer
 from lightwell.transport.samples import Query
 
@@ -61,19 +62,8 @@ class ExpertsPreset(NetworkPreset):
     should count for more."""
 
 
-# The report's text: relative L1, μ = 0.5 · 50 / (50 + epoch), decay 1e-4, biases 0.25. It gives no batch size.
-_REPORT_TRAINING = TrainingSettings(
-    loss="relative",
-    optimiser="sgd",
-    rate=0.5,
-    schedule="report",
-    batch=128,
-    decay=1e-4,
-    initial_bias=0.25,
-    evaluate_every=200,
-)
 _REPORT = ExpertsPreset(
-    _REPORT_TRAINING, "raw", demodulated=False, activation="tanh", output="sigmoid", gate_inputs="raw"
+    REPORT_TRAINING, "raw", demodulated=False, activation="tanh", output="sigmoid", gate_inputs="raw"
 )
 
 PRESETS: dict[str, ExpertsPreset] = {
@@ -84,11 +74,11 @@ PRESETS: dict[str, ExpertsPreset] = {
         gate_training=GateTraining(batch=128, most_updates=4000),
     ),
     "report": _REPORT,
-    "report-joint": replace(_REPORT, gater="joint", training=replace(_REPORT_TRAINING, batch=512)),
-    "report-multinomial": replace(_REPORT, gater="multinomial", training=replace(_REPORT_TRAINING, batch=512)),
+    "report-joint": replace(_REPORT, gater="joint", training=replace(REPORT_TRAINING, batch=512)),
+    "report-multinomial": replace(_REPORT, gater="multinomial", training=replace(REPORT_TRAINING, batch=512)),
     # The report's code differs from its text: ReLU, batches of 16, decay 1e-6. There a batch is shared by the experts,
     # and its first sample goes to all of them; here every expert has batches of its own.
-    "report-code": replace(_REPORT, activation="relu", training=replace(_REPORT_TRAINING, batch=16, decay=1e-6)),
+    "report-code": replace(_REPORT, activation="relu", training=replace(REPORT_TRAINING, batch=16, decay=1e-6)),
     "report-border-boost": replace(_REPORT, border_weight=2.0),
 }
 
@@ -181,7 +171,7 @@ class CodedFit(GatedFit):
 
     def _learn_gate(self) -> None:
         rows = self.gate_inputs.rows(self.examples.query)
-        code, history = self._coder.train(rows, self.preset.gate_training, self.seed)
+        code, history = self._coder.train(rows, self.preset.gate_training, self._seed)
         self.gate_weights = {
             f"{kind}{k}": code[f"{kind}{k}"].reshape(shape).astype(np.float32)
             for k, (a, b) in enumerate(zip(self.gate.sizes, self.gate.sizes[1:]))
@@ -206,7 +196,7 @@ class CodedFit(GatedFit):
         weight = examples.weight
         if self.preset.border_weight != 1.0:
             weight = weight * np.where(self._border(rows), self.preset.border_weight, 1.0)
-        order, runs = sort_into_runs(expert, self.preset.experts, (self.seed, len(examples)))
+        order, runs = sort_into_runs(expert, self.preset.experts, (self._seed, len(examples)))
         self._data = BatchedSet.from_numpy(examples.features[order], examples.target[order], weight[order], runs)
 
     # ------------------------------------------------------------------ fit
@@ -221,11 +211,11 @@ class CodedFit(GatedFit):
         return False
 
     def _look(self) -> tuple[float, float]:
-        validation, experts = self.validation, self.preset.experts
+        validation, experts = self._validation, self.preset.experts
         if self._owner is None:
             self._owner = self.segment(validation.query)
         count = np.bincount(self._owner, minlength=experts)
-        error = validation.relative_error(self.outputs(validation, self._trainer.parameters))
+        error = validation.relative_error(self._outputs(validation, self._trainer.parameters))
         with np.errstate(invalid="ignore", divide="ignore"):
             each = np.bincount(self._owner, error, experts) / count
         # Experts without validation samples keep their latest weights.
@@ -274,7 +264,7 @@ class JointFit(GatedFit):
 
     def _arrange(self) -> None:
         examples = self.examples
-        order = np.random.default_rng((self.seed, len(examples))).permutation(len(examples))
+        order = np.random.default_rng((self._seed, len(examples))).permutation(len(examples))
         gated = self.gate_inputs.rows(examples.query)
         weight = examples.weight / examples.weight.mean()
         columns = (examples.features, gated, examples.target, weight)
@@ -288,7 +278,7 @@ class JointFit(GatedFit):
         return False
 
     def _look(self) -> tuple[float, float]:
-        validation = self.validation
+        validation = self._validation
         if self._gate_rows is None:
             self._gate_rows = self.gate_inputs.rows(validation.query)
         now = self._trainer.parameters
@@ -296,7 +286,7 @@ class JointFit(GatedFit):
         self._best, self.gate_weights = now[EXPERTS], {name: value[0] for name, value in now[GATE].items()}
         z = self.gate.evaluate(self.gate_weights, self._gate_rows)
         self._describe(softmax(z), gate_gradient_variance=self._trainer.gradient_variance())
-        error = self.validation_error()
+        error = self._validation_error()
         if error >= self.state.best_error:
             self._best, self.gate_weights = kept
         else:

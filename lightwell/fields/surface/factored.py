@@ -14,10 +14,12 @@ import numpy as np
 
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Builder, Graph, pack
+from lightwell.graph.layers import add_layers
 from lightwell.networks import Trainer, TrainingSettings
 from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
@@ -140,10 +142,8 @@ class FactoredFit(NetworkFit):
         small = lambda values: pack(values, self.preset.storage)  # noqa: E731
         x = b.linear(b.concat(*pixel), small(weights["pixel_w"].T), small(np.zeros(self.network.hidden[0])))
         x = b.activate(b.add(x, self._emitted(b, u, frame, small, steps)), act)
-        last = len(self.network.head_sizes) - 2
-        for k in range(last + 1):
-            x = b.linear(x, small(weights[f"w{k}"].T), small(weights[f"b{k}"][0]))
-            x = b.activate(x, self.network.output if k == last else act)
+        head = graph_layers(weights, range(len(self.network.hidden)), small)
+        x = add_layers(b, x, head, self.network.head_activations)
         return b.build(radiance=b.scale(x, self.setup.unit))
 
     def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable, steps: np.ndarray) -> str:
@@ -158,9 +158,9 @@ class FactoredFit(NetworkFit):
             layer = weights["emit_b"][0][rows] * scale
             return b.linear(u, small(layer[: width * units].reshape(units, width)), small(layer[width * units :]))
         x = b.concat(*frame, per_frame=True)
-        for k in range(len(self.preset.light_hidden)):
-            x = b.linear(x, small(weights[f"light_w{k}"].T), small(weights[f"light_b{k}"][0]), per_frame=True)
-            x = b.activate(x, self.network.activation, per_frame=True)
+        hidden = len(self.preset.light_hidden)
+        layers = graph_layers(weights, range(hidden), small, prefix="light_")
+        x = add_layers(b, x, layers, (self.network.activation,) * hidden, per_frame=True)
         emit, bias = weights["emit_w"].T[rows] * scale[:, None], weights["emit_b"][0][rows] * scale
         large = lambda values: pack(values, self.preset.table_storage)  # noqa: E731
         matrix = b.linear(x, large(emit[: width * units]), small(bias[: width * units]), per_frame=True)

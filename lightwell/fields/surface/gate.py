@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.fields.surface.lowering import graph_layers
 from lightwell.graph import Builder
+from lightwell.graph.layers import add_layers
 from lightwell.networks import Mlp
 
 # An expert with less than this share of an equal share of the samples counts as dead.
@@ -39,10 +41,8 @@ def lower_choice(b: Builder, gate: Mlp, weights: dict[str, np.ndarray], x: str) 
     Returns:
         Name of the node with the expert's number, width 1.
     """
-    for k in range(gate.layers):
-        x = b.linear(x, weights[f"w{k}"].T, weights[f"b{k}"][0])
-        x = b.activate(x, gate.activation) if k + 1 < gate.layers else x
-    return b.slice(b.top2(x), 0, 1)
+    activations = (gate.activation,) * (gate.layers - 1) + (None,)
+    return b.slice(b.top2(add_layers(b, x, graph_layers(weights, range(gate.layers)), activations)), 0, 1)
 
 
 def shares(segment: np.ndarray, experts: int) -> np.ndarray:

@@ -103,10 +103,10 @@ class HardMixtureFit(GatedFit):
 
     @property
     def _expert_seeds(self) -> np.ndarray:
-        return self.seed * 1000 + np.arange(self.preset.experts)
+        return self._seed * 1000 + np.arange(self.preset.experts)
 
     def _gate_trainer(self, weights: dict[str, np.ndarray]) -> BatchedTrainer:
-        return BatchedTrainer(self.gate, self.preset.gate_settings, [self.seed + GATE_SEED], weights)
+        return BatchedTrainer(self.gate, self.preset.gate_settings, [self._seed + GATE_SEED], weights)
 
     @property
     def weights(self) -> dict[str, np.ndarray]:
@@ -120,7 +120,7 @@ class HardMixtureFit(GatedFit):
     # ------------------------------------------------------------------ samples
 
     def _rows(self, kind: str) -> np.ndarray:
-        """[N, G] gate inputs of 'examples' or 'validation'."""
+        """[N, G] gate inputs of 'examples' or '_validation'."""
         if kind not in self._gate_rows:
             self._gate_rows[kind] = self.gate_inputs.rows(getattr(self, kind).query)
         return self._gate_rows[kind]
@@ -129,14 +129,14 @@ class HardMixtureFit(GatedFit):
         """[n] expert of each training sample."""
         count, experts = len(self.examples), self.preset.experts
         if self._assigning is None:
-            return np.random.default_rng((self.seed, count)).permutation(count) % experts
+            return np.random.default_rng((self._seed, count)).permutation(count) % experts
         preference = softmax(self.gate.evaluate(self._assigning, self._rows("examples")))
         return assign_within(preference, int(np.ceil(count / experts * (1 + self.preset.margin))))
 
     def _arrange_experts(self) -> None:
         examples, expert = self.examples, self._assignment()
         self.facts |= share_facts(expert, self.preset.experts)
-        order, runs = sort_into_runs(expert, self.preset.experts, (self.seed, len(examples)))
+        order, runs = sort_into_runs(expert, self.preset.experts, (self._seed, len(examples)))
         columns = (examples.features, examples.target, examples.weight)
         self._expert_data = BatchedSet.from_numpy(*(column[order] for column in columns), runs)
 
@@ -149,7 +149,7 @@ class HardMixtureFit(GatedFit):
         for e in range(self.preset.experts):
             output = self.mlp.evaluate({name: value[e] for name, value in frozen.items()}, examples.features)
             losses[:, e] = np.array(loss(tensor(output), target)).mean(axis=1)
-        order = np.random.default_rng((self.seed, count)).permutation(count)
+        order = np.random.default_rng((self._seed, count)).permutation(count)
         columns = (self._rows("examples"), losses / max(losses.mean(), 1e-12), examples.weight)
         runs = Runs(np.array([0]), np.array([count]))
         self._gate_data = BatchedSet.from_numpy(*(column[order] for column in columns), runs)
@@ -198,7 +198,7 @@ class HardMixtureFit(GatedFit):
         kept = self._best, self.gate_weights
         self._best = self._experts.parameters
         self.gate_weights = {name: value[0] for name, value in self._gate.parameters.items()}
-        error = self.validation_error()
+        error = self._validation_error()
         if error >= self.state.best_error:
             self._best, self.gate_weights = kept
         return error
@@ -206,7 +206,7 @@ class HardMixtureFit(GatedFit):
     def _look(self) -> tuple[float, float]:
         error = self._keep()
         gate = {name: value[0] for name, value in self._gate.parameters.items()}
-        self._describe(softmax(self.gate.evaluate(gate, self._rows("validation"))))
+        self._describe(softmax(self.gate.evaluate(gate, self._rows("_validation"))))
         return error, error
 
     # ------------------------------------------------------------------ checkpoints

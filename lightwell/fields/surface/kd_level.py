@@ -144,7 +144,7 @@ class KdLevel:
 
     # ------------------------------------------------------------------ samples
 
-    def members(self, partition: Partition, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _members(self, partition: Partition, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the candidates that samples belong to.
 
         Args:
@@ -179,7 +179,7 @@ class KdLevel:
         """
         if self._data is not None:
             return
-        row, candidate = self.members(partition, np.asarray(examples.query.position, np.float32))
+        row, candidate = self._members(partition, np.asarray(examples.query.position, np.float32))
         used = thinned(row, candidate, len(self))
         row, candidate = row[used], candidate[used]
         trained = is_trained(examples)[row]

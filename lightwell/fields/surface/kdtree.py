@@ -14,7 +14,7 @@ Notation: L leaves, E candidates (halves of leaves that are being split).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ from lightwell.networks import TrainingSettings
 from lightwell.networks.batched import BatchedTrainer, initial_batch
 from lightwell.networks.checkpoint import check_rows
 from lightwell.networks.levenberg import LevenbergMarquardt
+from lightwell.networks.loop import REPORT_TRAINING
 from lightwell.transport.samples import Query
 
 # Status of a leaf: above the goal and to be split; at the goal; or finally above it, because it has too few samples, is
@@ -72,24 +73,18 @@ class KdPreset(NetworkPreset):
     """Random weights are U(±this) instead of Glorot's."""
 
 
-_REPORT_TRAINING = TrainingSettings(
-    loss="relative",
-    optimiser="sgd",
-    rate=0.5,
-    schedule="report",
-    batch=128,
-    decay=1e-4,
-    initial_bias=0.25,
-    evaluate_every=100,
-    patience=0,
-)
-
 PRESETS: dict[str, KdPreset] = {
     # Local geometry as inputs, demodulated, halves start from their parent's weights, noise cannot force a split.
     "default": KdPreset(TrainingSettings(rate=1e-2, batch=256, evaluate_every=50, patience=0), inherit=True),
     # The networks of the 2013 report in Ren's tree, with its rule as published.
     "report": KdPreset(
-        _REPORT_TRAINING, "raw", demodulated=False, activation="tanh", output="sigmoid", rule="raw", axes="cycle"
+        replace(REPORT_TRAINING, evaluate_every=100, patience=0),
+        "raw",
+        demodulated=False,
+        activation="tanh",
+        output="sigmoid",
+        rule="raw",
+        axes="cycle",
     ),
     # Ren: 15 inputs, 563 weights, linear output, full-batch Levenberg–Marquardt on about ten samples per weight,
     # weights U[−1, 1]. Which three numbers describe the surface there is not known; here they are the reflectance.
@@ -198,7 +193,7 @@ class KdFit(SegmentedFit):
         if self._level is None and not self._begin_level():
             return True
         level = self._level
-        level.arrange(self.partition, self.examples, self.seed, self.preset.most_rows)
+        level.arrange(self.partition, self.examples, self._seed, self.preset.most_rows)
         steps = self._steps_of(level)
         level.step(steps)
         self.state.samples_seen += len(level) * self.preset.training.batch
@@ -214,7 +209,7 @@ class KdFit(SegmentedFit):
         self.state.best_error = np.inf
         if self._described != self._levels:
             self._describe()
-        error = self.validation_error()
+        error = self._validation_error()
         trained = self._errors[np.isfinite(self._errors[:, 0]), 0]
         return float(trained.mean()) if len(trained) else error, error
 
@@ -244,7 +239,7 @@ class KdFit(SegmentedFit):
 
     def _trainer(self, count: int, parent: np.ndarray | None = None) -> BatchedTrainer | LevenbergMarquardt:
         """For so many candidates; parent [E]: the leaves from which they start."""
-        seeds = self.seed * SEED_STEP + self._levels * LEVEL_STEP + np.arange(count)
+        seeds = self._seed * SEED_STEP + self._levels * LEVEL_STEP + np.arange(count)
         inherit = self.preset.inherit and self._levels > 0 and parent is not None
         initial = {k: v[parent] for k, v in self._weights.items()} if inherit else self._initial(seeds)
         if self.preset.optimiser == "lm":

@@ -13,10 +13,13 @@ import numpy as np
 
 from lightwell.fields.features import FeatureOctaves, encoded_features, open_builder, raw_features
 from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.surface.lowering import as_radiance, graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Graph, quantise
+from lightwell.graph.layers import add_layers
 from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks.loop import REPORT_TRAINING
 from lightwell.transport.samples import Query, Samples
 
 _DEFAULT_OCTAVES = FeatureOctaves()
@@ -42,18 +45,8 @@ class MlpPreset:
     """Type of the stored weights."""
 
 
-# The report: tanh inside, sigmoid out, relative L1, μ = 0.5 · 50 / (50 + epoch), decay 1e-4, biases 0.25. Its text does
-# not give a batch size.
-_REPORT_TRAINING = TrainingSettings(
-    loss="relative",
-    optimiser="sgd",
-    rate=0.5,
-    schedule="report",
-    batch=512,
-    decay=1e-4,
-    initial_bias=0.25,
-    evaluate_every=500,
-)
+# The report's text does not give a batch size.
+_REPORT_TRAINING = replace(REPORT_TRAINING, batch=512, evaluate_every=500)
 
 
 def _report(hidden: tuple[int, int]) -> MlpPreset:
@@ -142,16 +135,12 @@ class MlpFit(NetworkFit):
         """
         b = open_builder()
         pixel, frame = self._feature_nodes(b)
-        weights = self._trainer.best
-        x = self._first_layer(b, pixel, frame, weights)
-        layers = self._trainer.network.layers
-        for k in range(layers):
-            if k:
-                x = b.linear(x, weights[f"w{k}"].T, weights[f"b{k}"][0])
-            x = b.activate(x, self.preset.activation if k + 1 < layers else self.preset.output)
-        if not self.preset.demodulated:
-            x = b.multiply(x, b.reciprocal("reflectance", 1e-9))
-        return quantise(b.build(radiance=b.scale(x, self.setup.unit)), self.preset.storage)
+        weights, mlp = self._trainer.best, self._trainer.network
+        x = b.activate(self._first_layer(b, pixel, frame, weights), mlp.activations[0])
+        x = add_layers(b, x, graph_layers(weights, range(1, mlp.layers)), mlp.activations[1:])
+        return quantise(
+            b.build(radiance=as_radiance(b, x, self.preset.demodulated, self.setup.unit)), self.preset.storage
+        )
 
     def _first_layer(self, b: Any, pixel: list[str], frame: list[str], weights: dict[str, np.ndarray]) -> str:
         split, w, bias = self._pixel_width, weights["w0"], weights["b0"][0]

@@ -30,8 +30,6 @@ class NetworkFit:
     # Inputs, factors and radiance in unit S of the held-out samples.
     _validation: tuple[Any, np.ndarray, np.ndarray] | None = field(default=None, init=False)
 
-    varying = Trainer.varying
-
     def _rows(self, query: Query) -> Any:
         """Inputs of the network for N queries."""
         raise NotImplementedError

@@ -16,17 +16,18 @@ from lightwell.fields.base import FieldSetup, Progress
 from lightwell.fields.features import FeatureOctaves, open_builder
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.inputs import Inputs, Kind
+from lightwell.fields.surface.lowering import as_radiance, graph_layers
 from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Builder, Graph, quantise
+from lightwell.graph.layers import add_layers
 from lightwell.networks import Mlp, TrainingSettings
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.grouped import GroupedRows
 from lightwell.networks.loop import TrainingState, run_steps
 from lightwell.transport.samples import Query, Samples
 
 # Arrays of ``state_arrays`` whose shape or width of text depends on how far the training was.
 STATE_VARYING = ("history", "facts")
-# Keeps 1/reflectance finite where the learned value is radiance.
-REFLECTANCE_FLOOR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ class SegmentedFit:
             preset: Settings.
             seed: Seed of the weights.
         """
-        self.setup, self.preset, self.seed = setup, preset, seed
-        self.inputs = Inputs(setup, preset.inputs, preset.octaves)
-        self.mlp = Mlp((self.inputs.width, *preset.hidden, 3), preset.activation, preset.output)
+        self._setup, self.preset, self._seed = setup, preset, seed
+        self._inputs = Inputs(setup, preset.inputs, preset.octaves)
+        self.mlp = Mlp((self._inputs.width, *preset.hidden, 3), preset.activation, preset.output)
         self.state = TrainingState()
         self.facts: dict[str, Any] = {}
         self.examples: Examples | None = None
-        self.validation: Examples | None = None
+        self._validation: Examples | None = None
 
     # ------------------------------------------------------------------ what a subclass gives
 
@@ -141,7 +142,7 @@ class SegmentedFit:
         Args:
             samples: Path-traced samples.
         """
-        self.examples = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
+        self.examples = Examples.of(samples, self._setup, self._inputs, self.preset.demodulated)
         self.facts["dropped_samples"] = self.examples.dropped
         self._rearrange()
 
@@ -151,31 +152,19 @@ class SegmentedFit:
         Args:
             samples: Path-traced samples.
         """
-        self.validation = Examples.of(samples, self.setup, self.inputs, self.preset.demodulated)
+        self._validation = Examples.of(samples, self._setup, self._inputs, self.preset.demodulated)
         self._rearrange()
 
-    def outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
-        """Evaluate the network of each sample's segment.
-
-        Args:
-            examples: N samples.
-            weights: Weights by name, [E, …]; None: the best so far.
-
-        Returns:
-            [N, 3] outputs in unit S.
-        """
+    def _outputs(self, examples: Examples, weights: dict[str, np.ndarray] | None = None) -> np.ndarray:
+        """[N, 3] outputs in unit S of the network of each sample's segment; weights: None for the best so far."""
         weights = weights or self.weights
         segments = len(next(iter(weights.values())))
         rows = GroupedRows(examples.features, self.segment(examples.query), segments)
         return rows.evaluate(self.mlp, weights)
 
-    def validation_error(self) -> float:
-        """Compute the mean relative error on the validation samples.
-
-        Returns:
-            The error; 0.1 is 10 %.
-        """
-        return float(self.validation.relative_error(self.outputs(self.validation)).mean())
+    def _validation_error(self) -> float:
+        """Mean relative error on the validation samples."""
+        return float(self._validation.relative_error(self._outputs(self._validation)).mean())
 
     # ------------------------------------------------------------------ fit
 
@@ -206,8 +195,8 @@ class SegmentedFit:
             [N, 3] radiance, reflectance included.
         """
         weights = self.weights
-        rows = GroupedRows(self.inputs.rows(query), self.segment(query), len(next(iter(weights.values()))))
-        scale = self.setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
+        rows = GroupedRows(self._inputs.rows(query), self.segment(query), len(next(iter(weights.values()))))
+        scale = self._setup.unit * (query.reflectance if self.preset.demodulated else 1.0)
         return rows.evaluate(self.mlp, weights) * scale
 
     # ------------------------------------------------------------------ lower
@@ -219,23 +208,14 @@ class SegmentedFit:
             The graph.
         """
         b = open_builder()
-        x = self.inputs.node(b)
+        x = self._inputs.node(b)
         segment = self._lower_segment(b, x)
-        weights = self.weights
-        for k in range(self.mlp.layers):
-            x = b.linear(x, weights[f"w{k}"].transpose(0, 2, 1), weights[f"b{k}"][:, 0], segment)
-            x = b.activate(x, self.mlp.activation if k + 1 < self.mlp.layers else self.mlp.output)
-        return quantise(b.build(radiance=self._radiance(b, x), segment=segment), self.preset.storage)
-
-    def _radiance(self, b: Builder, x: str) -> str:
-        return as_radiance(b, x, self.preset.demodulated, self.setup.unit)
+        layers = graph_layers(self.weights, range(self.mlp.layers))
+        x = add_layers(b, x, layers, self.mlp.activations, segment)
+        radiance = as_radiance(b, x, self.preset.demodulated, self._setup.unit)
+        return quantise(b.build(radiance=radiance, segment=segment), self.preset.storage)
 
     # ------------------------------------------------------------------ checkpoints
-
-    @property
-    def varying(self) -> tuple[str, ...]:
-        """Beginnings of the names of arrays whose shape depends on how far the training was."""
-        return (*STATE_VARYING, *(f"field.{name}" for name in self._varying))
 
     def arrays(self) -> Arrays:
         """Return the state that a resumed training needs.
@@ -251,28 +231,12 @@ class SegmentedFit:
         Args:
             arrays: Result of ``arrays``.
         """
+        check_like(arrays, self.arrays(), (*STATE_VARYING, *(f"field.{name}" for name in self._varying)))
         state, facts = state_of(arrays)
         self._restore(under("field", arrays))
         self.state = state
         self.facts |= facts
         self._rearrange()
-
-
-def as_radiance(b: Builder, x: str, demodulated: bool, unit: float) -> str:
-    """Convert a network's output to the output of the graph: radiance divided by the reflectance.
-
-    Args:
-        b: Graph to add nodes to.
-        x: Name of the node with the network's output, width 3.
-        demodulated: Whether the network's targets were divided by the reflectance.
-        unit: Radiance unit S.
-
-    Returns:
-        Name of the new node, width 3.
-    """
-    if not demodulated:
-        x = b.multiply(x, b.reciprocal("reflectance", REFLECTANCE_FLOOR))
-    return b.scale(x, unit)
 
 
 def state_arrays(state: TrainingState, facts: dict[str, Any]) -> Arrays:

@@ -18,10 +18,12 @@ from lightwell.fields.features import open_builder
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.inputs import Inputs, Kind
+from lightwell.fields.surface.lowering import as_radiance
 from lightwell.fields.surface.partition import check_nodes, walk
-from lightwell.fields.surface.segmented import STATE_VARYING, as_radiance, state_arrays, state_of
+from lightwell.fields.surface.segmented import STATE_VARYING, state_arrays, state_of
 from lightwell.files import Arrays
 from lightwell.graph import Graph, quantise
+from lightwell.networks.checkpoint import check_like
 from lightwell.networks.losses import EPSILON
 from lightwell.networks.training import TrainingState
 from lightwell.transport.samples import Query, Samples
@@ -188,8 +190,6 @@ class TreeFit:
 
     # ------------------------------------------------------------------ checkpoints
 
-    varying = (*STATE_VARYING, "nodes", "values")
-
     def arrays(self) -> Arrays:
         """Return the state of the fit.
 
@@ -208,6 +208,7 @@ class TreeFit:
         Raises:
             ValueError: The arrays do not describe a tree of this field.
         """
+        check_like(arrays, self.arrays(), (*STATE_VARYING, "nodes", "values"))
         state, facts = state_of(arrays)
         nodes, values, depth = arrays["nodes"], arrays["values"], int(arrays["depth"])
         if values.dtype != np.float32 or values.ndim != 2 or values.shape[1] != 3:

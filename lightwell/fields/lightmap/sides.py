@@ -1,0 +1,276 @@
+"""Which sides of triangles a light map stores: those that can be seen and receive light.
+
+K sides, M meshes, T triangles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.fields.base import is_matte
+from lightwell.scenes.default_light import under_sky, with_lamp
+from lightwell.scenes.placing import initial_light, sample_cameras
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import declare
+from lightwell.transport.interactions import upload
+from lightwell.transport.irradiance import irradiance
+from lightwell.transport.point_rejection import _escape_share, reject
+from lightwell.transport.queries import frames
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.tables import shape_index, shape_lookup, tables
+from lightwell.transport.visible import side_points, visible_sides
+
+# A scene is open to daylight if more than this share of rays leaves it.
+OPEN = 0.005
+# A side counts as lit when its brightest point has this share of the mean light; paths per point of the search.
+DARK, DARK_PATHS = 1e-4, (8, 64, 512)
+# Points of this search over the whole scene; each side gets two at least.
+LOOKS = 1 << 16
+# The same for sides that were not visible so far.
+VISIBILITY_RAYS = 1 << 16
+# Rays from free air that search for sides: in all directions, and towards each side that was not found yet.
+VIEW_RAYS, AIMED = 1 << 20, 16
+# Sides of more than this share of all area are faint if less than this share of so many points on them is visible.
+LARGE, LITTLE, RAYS_PER_SIDE = 1e-3, 0.1, 64
+
+
+@dataclass(frozen=True)
+class TriangleSides:
+    """[2, T] bool each: the sides of triangles that a light map stores."""
+
+    lit: np.ndarray
+    """Stored: visible and lit."""
+    dark: np.ndarray
+    """Visible, but black in the light map: no light reaches them, or they are clear glass."""
+    faint: np.ndarray
+    """Stored, but large and mostly hidden behind other geometry."""
+
+
+def lit_scene(scene: Scene) -> tuple[Scene, str]:
+    """Add a light to a scene that has none: a sky where daylight can enter, else a lamp.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        The lit scene, and one line about the light; empty where the scene is unchanged.
+    """
+    if scene.has_static_light:
+        return scene, ""
+    if _escape_share(scene) > OPEN:
+        return under_sky(scene), "the scene has no light of its own: it stands under a white sky"
+    variable = declare((), scene)
+    place = initial_light(scene, variable, (scene.cameras or sample_cameras(scene, variable, 1, 0))[0])
+    where = ", ".join(f"{c:.2f}" for c in place)
+    return with_lamp(scene, place), f"the scene has no light of its own: a lamp hangs at ({where})"
+
+
+def lit_sides(scene: Scene, seed: int) -> TriangleSides:
+    """Find the sides of triangles that can be seen and receive light, and those that can be seen and are dark.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        The sides.
+    """
+    seen = sides_in_sight(scene, seed)
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    side, triangle = np.nonzero(seen & ~glass)
+    area = tables(scene).area[triangle]
+    brightest, least = np.zeros(len(side)), 0.0
+    for k, paths in enumerate(DARK_PATHS):
+        # A few paths find the light of most sides; the others are traced again with more paths.
+        rows = np.flatnonzero(brightest <= least)
+        if not len(rows):
+            break
+        points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
+        found = irradiance(scene, points, paths, seed + k).mean.mean(axis=1)
+        np.maximum.at(brightest, rows[row], np.nan_to_num(found))
+        least = DARK * np.average(brightest, weights=area)
+    bright = brightest > least
+    lit = np.zeros_like(seen)
+    lit[side[bright], triangle[bright]] = True
+    return TriangleSides(lit, seen & ~lit, faint_sides(scene, lit, seed))
+
+
+def seen_sides(scene: Scene, seed: int) -> TriangleSides:
+    """Find all sides that can be seen; those of clear glass are not stored.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        The sides.
+    """
+    seen = sides_in_sight(scene, seed)
+    glass = clear_glass(scene)[tables(scene).mesh_of]
+    return TriangleSides(seen & ~glass, seen & glass, np.zeros_like(seen))
+
+
+def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
+    """Find the large sides of which only a small part is visible.
+
+    Args:
+        scene: T triangles.
+        lit: [2, T] bool sides that are stored.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, T] bool.
+    """
+    area = tables(scene).area
+    side, triangle = np.nonzero(lit & (area > LARGE * (lit * area).sum()))
+    faint = np.zeros_like(lit)
+    if len(side):
+        row = np.repeat(np.arange(len(side)), RAYS_PER_SIDE)
+        u, v = np.random.default_rng([seed, 0xFA17]).random((2, len(row)))
+        place = np.stack([np.sqrt(u) * (1 - v), np.sqrt(u) * v], axis=1).astype(np.float32)
+        seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed)
+        few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * RAYS_PER_SIDE
+        faint[side[few], triangle[few]] = True
+    return faint
+
+
+def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
+    """Find the sides of which some point can be seen, even a narrow strip behind other geometry.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, T] bool.
+    """
+    seen = visible_sides(scene, seed) | met_sides(scene, seed)
+    side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
+        seen |= met_sides(scene, seed + 1, side, triangle)
+        side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    if len(side):
+        points, row = spread(scene, side, triangle, VISIBILITY_RAYS, seed)
+        found = row[reject(scene, points, seed=seed)]
+        seen[side[found], triangle[found]] = True
+    return seen
+
+
+def met_sides(
+    scene: Scene, seed: int, side: np.ndarray | None = None, triangle: np.ndarray | None = None
+) -> np.ndarray:
+    """Find the sides that rays from free air hit, in all directions or towards given sides.
+
+    Of two coincident faces, the one that rays hit counts.
+
+    Args:
+        scene: T triangles.
+        seed: Seed of the sampler.
+        side: [K] side, 0 or 1, of each target; None: all directions.
+        triangle: [K] triangle of each target; None: all directions.
+
+    Returns:
+        [2, T] bool.
+    """
+    rng = np.random.default_rng([seed, 0x6A2E])
+    places = free_places(scene, rng)
+    if len(scene.cameras):
+        places = np.concatenate([places, np.float32([c.position for c in scene.cameras])])
+    if side is None:
+        origin, d = places[rng.integers(len(places), size=VIEW_RAYS)], rng.normal(size=(VIEW_RAYS, 3))
+    else:
+        rows = rng.permutation(np.repeat(np.arange(len(side)), AIMED))[:VIEW_RAYS]
+        root, v = np.sqrt(rng.random(len(rows))), rng.random(len(rows))
+        place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+        position, _, flat = frames(scene, points := side_points(scene, triangle[rows], side[rows], place))
+        eye = places[rng.integers(len(places), size=len(points))]
+        facing = ((eye - position) * flat).sum(axis=1) * np.where(side[rows] == 0, 1, -1) > 0
+        origin, d = eye[facing], (position - eye)[facing]
+    return _met(scene, origin, d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12))
+
+
+def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """[2, T] bool: sides that rays [N, 3] hit."""
+    t = tables(scene)
+    found = np.zeros((2, len(t.area)), bool)
+    if not len(origin):
+        return found
+    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
+    pi = scene.mi.ray_intersect_preliminary(ray)
+    si = pi.compute_surface_interaction(ray, mi.RayFlags.Minimal)
+    hit, back = pi.is_valid(), dr.dot(si.n, ray.d) > 0
+    mesh, triangle = shape_index(shape_lookup(scene), pi.shape), pi.prim_index
+    dr.eval(hit, back, mesh, triangle)
+    hit, mesh = np.array(hit, bool), np.array(mesh)
+    found[np.array(back, bool)[hit].astype(int), t.first[mesh[hit]] + np.array(triangle)[hit]] = True
+    return found
+
+
+def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Sample points in the free air, in the half of it that is farther from surfaces.
+
+    Args:
+        scene: The scene.
+        rng: Random generator.
+
+    Returns:
+        [K, 3] float32 positions, metres.
+    """
+    from lightwell.scenes.free_air import free_air
+
+    low, high = scene.bounds
+    places = low + (high - low) * rng.random((4096, 3))
+    distance = free_air(scene).distance(places)
+    return places[distance > np.quantile(distance, 0.5)].astype(np.float32)
+
+
+def spread(
+    scene: Scene, side: np.ndarray, triangle: np.ndarray, count: int, seed: int
+) -> tuple[SurfacePoints, np.ndarray]:
+    """Sample random points on sides of triangles, at least two on each and more on larger ones.
+
+    Args:
+        scene: T triangles.
+        side: [K] side, 0 or 1.
+        triangle: [K] triangle.
+        count: Number of points over all sides, about.
+        seed: Seed of the sampler.
+
+    Returns:
+        P surface points, and [P] int row of each in ``side``.
+    """
+    area = tables(scene).area[triangle]
+    looks = np.clip(count * area / max(area.sum(), 1e-30), 2, count).astype(np.int64)
+    row = np.repeat(np.arange(len(side)), looks)
+    u, v = np.random.default_rng([seed, 0x51DE]).random((2, len(row)))
+    root = np.sqrt(u)
+    place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
+    return side_points(scene, triangle[row], side[row], place), row
+
+
+def matte(scene: Scene) -> np.ndarray:
+    """Find the meshes whose radiance is view-independent.
+
+    Args:
+        scene: M meshes.
+
+    Returns:
+        [M] bool.
+    """
+    return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
+
+
+def clear_glass(scene: Scene) -> np.ndarray:
+    """Find the transmissive meshes with a lobe too narrow for a light map; the rasteriser draws them.
+
+    Args:
+        scene: M meshes.
+
+    Returns:
+        [M] bool.
+    """
+    materials = [scene.materials[mesh.material] for mesh in scene.meshes]
+    return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)

@@ -1,0 +1,181 @@
+"""Samples of radiance that leaves surfaces towards views.
+
+n texels along the edge of the atlas, N samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.fields.lightmap.media import media_meshes, volumetric
+from lightwell.fields.lightmap.sides import clear_glass, free_places, matte
+from lightwell.fields.lightmap.trace import AtlasIrradiance, diffuse_albedo
+from lightwell.scenes.atlas import NOWHERE, Atlas
+from lightwell.scenes.normal_maps import relief
+from lightwell.scenes.scene import Scene
+from lightwell.transport.gather import KnownIrradiance, gathered
+from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
+from lightwell.transport.queries import frames
+from lightwell.transport.radiance import static
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.surface import SurfaceDraw, draw_surface
+
+# Points of a scene without glossy surfaces.
+FEW_EYES = 1 << 12
+# Paths through media are noisier: so many times more of them.
+MEDIA_PATHS = 4
+# Shares of view directions: towards likely camera positions, the rest as ``draw_surface`` distributes them.
+TOWARDS_EYES = 0.5
+
+
+@dataclass(frozen=True)
+class ViewSamples:
+    """N surface points with views, and the radiance that leaves them."""
+
+    query: LightmapQuery
+    half_a: np.ndarray
+    half_b: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """[N, 3] mean of both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+    def __getitem__(self, rows: np.ndarray) -> ViewSamples:
+        """Select rows."""
+        return ViewSamples(self.query[rows], self.half_a[rows], self.half_b[rows], self.weight[rows])
+
+    def __add__(self, other: ViewSamples) -> ViewSamples:
+        """Concatenate; the weights of the second are relative to the mean of the first."""
+        halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
+        weight = np.concatenate([self.weight, other.weight * self.weight.mean()])
+        return ViewSamples(joined([self.query, other.query]), *halves, weight)
+
+
+def joined(queries: Sequence[LightmapQuery]) -> LightmapQuery:
+    """Concatenate queries.
+
+    Args:
+        queries: One or more queries.
+
+    Returns:
+        All rows, in order.
+    """
+    names = LightmapQuery.__dataclass_fields__
+    return LightmapQuery(**{n: np.concatenate([getattr(q, n) for q in queries]) for n in names})
+
+
+def eye_samples(
+    scene: Scene, made: AtlasIrradiance, count: int, paths: int, seed: int, known: np.ndarray | None
+) -> ViewSamples:
+    """Sample points on glossy surfaces, half of them visible from likely camera positions, and trace their radiance.
+
+    A Lambertian surface needs none, because its radiance follows from the irradiance. Where all surfaces are
+    Lambertian, a few points of all surfaces are sampled.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        count: Number of points.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+        known: [n, n, 3] irradiance / π of the atlas, at which paths end; None: paths are traced to their ends.
+
+    Returns:
+        The samples.
+    """
+    wanted = ~matte(scene) & ~clear_glass(scene)
+    draw = _drawn(scene, wanted, count, seed)
+    points = towards_eyes(scene, draw.points, seed)
+    if media_meshes(scene).any():
+        a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
+    elif known is None:
+        a, b = static(scene, points, paths, seed)
+    else:
+        a, b = corrected(scene, made.atlas, points, known, paths, seed)
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    query = query_of_lightmap(scene, made.atlas, points)
+    good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
+    weight = np.where(good, draw.weight, 0).astype(np.float32)
+    return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
+    """``count`` points on the meshes [M] that are wanted; a few on all meshes where none of them is visible."""
+    if wanted.any():
+        try:
+            return draw_surface(scene, count, seed, floor=64, only=wanted)
+        except ValueError:
+            pass
+    return draw_surface(scene, FEW_EYES, seed, floor=64)
+
+
+def corrected(
+    scene: Scene, atlas: Atlas, points: SurfacePoints, known: np.ndarray, paths: int, seed: int
+) -> np.ndarray:
+    """Trace radiance by final gather, with its diffuse part replaced by the light map's.
+
+    Args:
+        scene: The scene.
+        atlas: Its atlas.
+        points: N surface points.
+        known: [n, n, 3] irradiance / π of the atlas.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        [2, N, 3] radiance, two independent half means.
+    """
+    light, seen = gathered(scene, points, KnownIrradiance.of(scene, atlas, known, matte(scene)), paths, seed)
+    query = query_of_lightmap(scene, atlas, points)
+    color = diffuse_albedo(query)
+    # E' is that of normals without relief, and directions below a bent horizon are never drawn.
+    stored = (query.uv1 != NOWHERE).any(axis=1, keepdims=True) & ~relief(scene)[points.shape, None]
+    return light + np.where(stored, color * (bilinear(known, query.uv1) - seen), 0)
+
+
+def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Read an image bilinearly, as the graph's op ``texture`` does.
+
+    Args:
+        image: [n, n, C] image.
+        uv: [N, 2] texture coordinates in [0, 1].
+
+    Returns:
+        [N, C] values.
+    """
+    n = image.shape[0]
+    at = np.clip(uv * np.float32(n) - np.float32(0.5), 0, n - 1)
+    low = at.astype(np.int64)
+    high, t = np.minimum(low + 1, n - 1), (at - low)[..., None].astype(np.float32)
+    upper = image[low[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[low[:, 1], high[:, 0]] * t[:, 0]
+    lower = image[high[:, 1], low[:, 0]] * (1 - t[:, 0]) + image[high[:, 1], high[:, 0]] * t[:, 0]
+    return upper * (1 - t[:, 1]) + lower * t[:, 1]
+
+
+def towards_eyes(scene: Scene, points: SurfacePoints, seed: int) -> SurfacePoints:
+    """Turn a share of the views towards free places that the surface faces.
+
+    Occlusion is not tested: what lies behind another surface is seen through a door, or never.
+
+    Args:
+        scene: The scene.
+        points: N surface points with views.
+        seed: Seed of the sampler.
+
+    Returns:
+        The points with their views.
+    """
+    rng = np.random.default_rng([seed, 0xE7E])
+    places = free_places(scene, rng)
+    position, _, flat = frames(scene, points)
+    flat = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
+    eye = places[rng.integers(len(places), size=len(points))] - position
+    eye /= np.maximum(np.linalg.norm(eye, axis=1, keepdims=True), 1e-9)
+    turned = (rng.random(len(points)) < TOWARDS_EYES) & ((eye * flat).sum(axis=1) > 0.05)
+    view = np.where(turned[:, None], eye, points.view).astype(np.float32)
+    return SurfacePoints(points.shape, points.triangle, points.barycentric, view)
