@@ -7,6 +7,7 @@ keep their noise, and every bake says so.
 from __future__ import annotations
 
 import importlib.util
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -55,7 +56,7 @@ def denoise(
         import mitsuba_oidn as oidn
     except ImportError:
         raise ValueError(f"denoise: {MISSING}") from None
-    as_image = lambda image: np.ascontiguousarray(image, np.float32)  # noqa: E731
+    as_image = partial(np.ascontiguousarray, dtype=np.float32)
     noisy = as_image(color)
     guides = {name: as_image(image) for name, image in (("albedo", albedo), ("normal", normal)) if image is not None}
     clean = np.asarray(oidn.denoise(noisy, hdr=True, filter=filter, **guides), np.float32)

@@ -6,10 +6,10 @@ Every format detects damage when it reads: .npz by the check sums of its members
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, get_type_hints
+from typing import Any, Generic, Protocol, TypeVar, cast, get_type_hints
 
 import numpy as np
 
@@ -56,9 +56,9 @@ class ArraysFormat:
         Args:
             compressed: Compress the arrays (deflate).
         """
-        self._save = np.savez_compressed if compressed else np.savez
+        self._save: Callable[..., None] = np.savez_compressed if compressed else np.savez
 
-    def write(self, path: Path, value: Mapping[str, np.ndarray]) -> None:
+    def write(self, path: Path, value: Arrays) -> None:
         """Write named arrays to an .npz file.
 
         Args:
@@ -86,7 +86,7 @@ class ColumnsFormat:
 
     suffix = ".columns"
 
-    def write(self, path: Path, value: Mapping[str, np.ndarray]) -> None:
+    def write(self, path: Path, value: Arrays) -> None:
         """Write named arrays to a folder of .npy files.
 
         Args:
@@ -228,11 +228,11 @@ def record_of(kind: type[T], arrays: Mapping[str, np.ndarray], prefix: str = "")
     Raises:
         ValueError: A field without a default is missing.
     """
-    hints, values = get_type_hints(kind), {}
+    hints, values = get_type_hints(kind), dict[str, Any]()
     for field in fields(kind):  # type: ignore[arg-type]
         name, hint = prefix + field.name, hints[field.name]
         if is_dataclass(hint):
-            values[field.name] = record_of(hint, arrays, f"{name}.")
+            values[field.name] = record_of(cast(type, hint), arrays, f"{name}.")
         elif name in arrays:
             values[field.name] = arrays[name]
     try:
@@ -249,7 +249,7 @@ def _no_objects(name: str, array: np.ndarray) -> np.ndarray:
 
 
 def _column(path: Path, kind: str, shape: list[int], check: str) -> np.ndarray:
-    array = np.load(path, mmap_mode="r" if np.prod(shape) else None, allow_pickle=False)
+    array: np.ndarray = np.load(path, mmap_mode="r" if np.prod(shape) else None, allow_pickle=False)
     if array.dtype.str != kind or list(array.shape) != shape or array_digest(array) != check:
         raise ValueError(f"{path}: the check sum does not match")
     return array

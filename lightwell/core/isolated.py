@@ -20,7 +20,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -154,7 +154,7 @@ def _cause(code: int, error: BaseException) -> str:
 # ---------------------------------------------------------------------- messages
 
 
-def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray], error: str = "") -> None:
+def send(stream: IO[bytes], arrays: Mapping[str, np.ndarray], error: str = "") -> None:
     """Write a message: the length of a JSON description, the description, the bytes of every array.
 
     Args:
@@ -178,7 +178,7 @@ def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray], error: str = "") ->
     stream.flush()
 
 
-def receive(stream: BinaryIO, most_bytes: int) -> Arrays:
+def receive(stream: IO[bytes], most_bytes: int) -> Arrays:
     """Read a message that ``send`` has written.
 
     A stream that ends inside the message raises ``EOFError``.
@@ -209,18 +209,18 @@ def receive(stream: BinaryIO, most_bytes: int) -> Arrays:
             raise ValueError("sent an answer that is too large")
         arrays[name] = np.empty(shape, dtype)
         if arrays[name].nbytes:
-            _fill(stream, memoryview(arrays[name].reshape(-1).view(np.uint8)))
+            _fill(stream, arrays[name].reshape(-1).view(np.uint8).data)
     return arrays
 
 
-def _exactly(stream: BinaryIO, count: int) -> bytes:
+def _exactly(stream: IO[bytes], count: int) -> bytes:
     data = stream.read(count)
     if len(data) < count:
         raise EOFError("the stream has ended")
     return data
 
 
-def _fill(stream: BinaryIO, target: memoryview) -> None:
+def _fill(stream: IO[bytes], target: memoryview) -> None:
     """Read into all of ``target``."""
     at = 0
     while at < len(target):
@@ -262,7 +262,7 @@ def serve(function: str, memory: str) -> None:
     os._exit(code)
 
 
-def _requests(stream: BinaryIO) -> Iterator[Arrays]:
+def _requests(stream: IO[bytes]) -> Iterator[Arrays]:
     """Yield requests until the stream ends; they come from the parent process, so their size is not limited."""
     while True:
         try:

@@ -52,7 +52,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return dataclasses.field(default=default, metadata={_KEY: Option(help, **more)})
 
 
-def options_of(kind: type) -> dict[str, tuple[dataclasses.Field, Option]]:
+def options_of(kind: type) -> dict[str, tuple[dataclasses.Field[Any], Option]]:
     """List the options of a dataclass in their order.
 
     Args:
@@ -144,7 +144,7 @@ def made(
     Raises:
         ValueError: An option is unknown (the message names the choices that have it, or the nearest name).
     """
-    known = {f.name for f in dataclasses.fields(kind)}
+    known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     for name in given:
         if name in known:
             continue
@@ -160,8 +160,8 @@ def made(
         raise ValueError(f"{verb}: there is no option {flag} of the {choice} '{chosen}'; {cure}")
     readers = options_of(kind)
     values = {
-        name: parsed(verb, flag_of(name, readers[name][1]), value, readers[name][1].parse)
-        if isinstance(value, str) and name in readers and readers[name][1].parse
+        name: parsed(verb, flag_of(name, readers[name][1]), value, parse)
+        if isinstance(value, str) and name in readers and (parse := readers[name][1].parse)
         else value
         for name, value in given.items()
     }

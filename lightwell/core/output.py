@@ -158,7 +158,7 @@ def _lock(out: Path, command: str) -> Iterator[None]:
         ) from error
     try:
         since = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
-        holder = {"generator": f"lightwell {lightwell.__version__}", "command": command}
+        holder: dict[str, Any] = {"generator": f"lightwell {lightwell.__version__}", "command": command}
         holder |= {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
         write_atomically(out / HOLDER, json.dumps(holder))
         yield

@@ -113,4 +113,4 @@ class SceneOptions:
 class LimitOptions:
     """Limits on what an asset may request."""
 
-    limits: Limits = SceneOptions.__dataclass_fields__["limits"]
+    limits: Limits = SceneOptions.__dataclass_fields__["limits"]  # type: ignore[assignment]

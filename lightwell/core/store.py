@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from filelock import FileLock
 
@@ -41,8 +41,6 @@ CUT_TO = 0.9
 ABANDONED = 24 * 3600.0
 # Endings of files that are being written, and of locks.
 PART, LOCK = ".part", ".lock"
-# Marks an absent entry, since None is a valid value.
-ABSENT = object()
 
 
 def default_folder() -> Path:
@@ -107,7 +105,7 @@ class Store:
         # Bytes of all entries that this process knows of; None: not counted yet.
         self._bytes: int | None = None
 
-    def get(self, key: Key, make: Callable[[], T], format: Format[T] = ARRAYS) -> T:
+    def get(self, key: Key, make: Callable[[], T], format: Format[T] = ARRAYS) -> T:  # type: ignore[assignment]
         """Return the result of a key; make and store it if it is absent.
 
         A damaged entry is made again, with a warning in the log. A folder that cannot be written is an ``OSError``
@@ -122,16 +120,16 @@ class Store:
             The result as the format reads it, also when it was just made.
         """
         path = self._path(key, format)
-        if (found := _read(path, format)) is not ABSENT:
-            return found
+        if found := _read(path, format):
+            return found[0]
         with self._locked(path):
             # Another process may have made it while this one waited.
-            if (found := _read(path, format)) is not ABSENT:
-                return found
+            if found := _read(path, format):
+                return found[0]
             self._write(path, make(), format)
             return format.read(path)
 
-    def find(self, key: Key, format: Format[T] = ARRAYS) -> T | None:
+    def find(self, key: Key, format: Format[T] = ARRAYS) -> T | None:  # type: ignore[assignment]
         """Return the result of a key, if the store has it.
 
         Args:
@@ -142,9 +140,9 @@ class Store:
             The result, or None when it is absent or damaged.
         """
         found = _read(self._path(key, format), format)
-        return None if found is ABSENT else found
+        return found[0] if found else None
 
-    def put(self, key: Key, value: T, format: Format[T] = ARRAYS) -> None:
+    def put(self, key: Key, value: T, format: Format[T] = ARRAYS) -> None:  # type: ignore[assignment]
         """Store a value, replacing the present one, such as the next checkpoint of a training.
 
         A folder that cannot be written is an ``OSError`` whose message names the cure.
@@ -156,7 +154,7 @@ class Store:
         """
         self._write(self._path(key, format), value, format)
 
-    def update(self, key: Key, change: Callable[[T | None], T], format: Format[T] = ARRAYS) -> None:
+    def update(self, key: Key, change: Callable[[T | None], T], format: Format[T] = ARRAYS) -> None:  # type: ignore[assignment]
         """Change the value of a key while other processes that want to change it wait.
 
         A folder that cannot be written is an ``OSError`` whose message names the cure.
@@ -169,9 +167,9 @@ class Store:
         path = self._path(key, format)
         with self._locked(path):
             found = _read(path, format)
-            self._write(path, change(None if found is ABSENT else found), format)
+            self._write(path, change(found[0] if found else None), format)
 
-    def remove(self, key: Key, format: Format[T] = ARRAYS) -> None:
+    def remove(self, key: Key, format: Format[T] = ARRAYS) -> None:  # type: ignore[assignment]
         """Remove the entry of a key, if it exists.
 
         Args:
@@ -282,22 +280,22 @@ class Store:
             lock.release()
 
 
-def _read(path: Path, format: Format[T]) -> Any:
-    """The entry, or ABSENT; a damaged one is removed, with a warning in the log."""
+def _read(path: Path, format: Format[T]) -> tuple[T] | None:
+    """The entry, or None; a damaged one is removed, with a warning in the log."""
     try:
         value = format.read(path)
     except FileNotFoundError:
-        return ABSENT
+        return None
     except (*DAMAGED, AttributeError, RecursionError) as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         LOG.warning("store: '%s' is damaged and is made again (%s)", path, reason)
         _delete(path)
-        return ABSENT
+        return None
     try:
         os.utime(path)
     except OSError:
         pass  # A store that cannot be written can still be read.
-    return value
+    return (value,)
 
 
 def _rename(temporary: Path, path: Path) -> None:

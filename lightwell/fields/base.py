@@ -59,7 +59,7 @@ class FieldSetup:
         Returns:
             The set-up.
         """
-        center, size = (tuple(float(c) for c in v) for v in (scene.center, scene.bounds[1] - scene.bounds[0]))
+        center, size = _triple(scene.center), _triple(scene.bounds[1] - scene.bounds[0])
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable)
 
@@ -92,8 +92,12 @@ def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
     half_extent = 0.5 * float(size.max())
     if half_extent >= setup.half_extent:
         return setup
-    as_tuple = lambda v: tuple(float(c) for c in v)  # noqa: E731
-    return replace(setup, center=as_tuple(center), half_extent=half_extent, size=as_tuple(size))
+    return replace(setup, center=_triple(center), half_extent=half_extent, size=_triple(size))
+
+
+def _triple(v: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(c) for c in v)
+    return x, y, z
 
 
 # Index of refraction up to which a surface without metal or coat counts as purely diffuse.
@@ -120,8 +124,13 @@ class Learner(Protocol):
     samples.
     """
 
-    macs: int
-    """Multiply-accumulates per pixel of the result."""
+    @property
+    def macs(self) -> int:
+        """Return the multiply-accumulates per pixel of the result.
+
+        Returns:
+            Number of multiply-accumulates.
+        """
 
     def learn_from(self, samples: Samples) -> None:
         """Set the training samples; later calls replace them.
@@ -223,6 +232,6 @@ def query_inputs(query: Query) -> dict[str, np.ndarray]:
     Returns:
         [N, C] float32 arrays by name of the input.
     """
-    names = ("position", "normal", "view", "light", "reflectance", "roughness", "metallic")
-    names += ("uv1", "shading_normal") if hasattr(query, "uv1") else ()
+    names = ["position", "normal", "view", "light", "reflectance", "roughness", "metallic"]
+    names += ["uv1", "shading_normal"] if hasattr(query, "uv1") else []
     return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}

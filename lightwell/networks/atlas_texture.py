@@ -7,6 +7,7 @@ mip chain the texture is read at a reduced resolution: means of 2^m x 2^m texels
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -125,7 +126,7 @@ class AtlasTexture:
         dr.eval(moved)
         return moved
 
-    def _corners(self, places: Any):
+    def _corners(self, places: Any) -> Iterator[tuple[Any, Any]]:
         """Yield (texel, weight) of the four texels around each place."""
         lane = dr.arange(mi.UInt32, places.shape[0])
         low, high, fraction = [], [], []

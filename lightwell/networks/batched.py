@@ -63,7 +63,7 @@ class BatchedSet:
         return BatchedSet(tensor(features), tensor(target), tensor(scaled[:, None]), runs)
 
 
-def initial_batch(mlp: Mlp, seeds: Sequence[int], bias: float = 0.0) -> dict[str, np.ndarray]:
+def initial_batch(mlp: Mlp, seeds: Sequence[int] | np.ndarray, bias: float = 0.0) -> dict[str, np.ndarray]:
     """Draw initial weights of one network per seed, the same as ``mlp.initial`` of each.
 
     Args:
@@ -99,7 +99,7 @@ class BatchedTrainer:
         self,
         mlp: Mlp,
         settings: TrainingSettings,
-        seeds: Sequence[int],
+        seeds: Sequence[int] | np.ndarray,
         initial: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Prepare a training.

@@ -22,7 +22,7 @@ def _aligned(array: np.ndarray, kind: type) -> np.ndarray:
     array = np.asarray(array, kind)
     memory = np.empty(array.nbytes + ALIGNMENT, np.uint8)
     begin = -memory.ctypes.data % ALIGNMENT
-    copy = memory[begin : begin + array.nbytes].view(kind).reshape(array.shape)
+    copy: np.ndarray = memory[begin : begin + array.nbytes].view(kind).reshape(array.shape)
     copy[...] = array
     return copy
 

@@ -6,6 +6,7 @@ The layout is that of the shading graph's ``hashgrid`` op (format/FORMAT.md). No
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -162,7 +163,7 @@ class HashGrid:
             factor = dr.select(entry >= lattice.offset, 2 * weight / (lattice.entries * self.channels), factor)
         return mi.TensorXf(gradient.array + factor * table.array, gradient.shape)
 
-    def _corners(self, points: Any):
+    def _corners(self, points: Any) -> Iterator[tuple[Any, Any]]:
         """Yield (entry, weight) of the eight vertices around each (point, level)."""
         lane = dr.arange(mi.UInt32, points.shape[0] * self.levels)
         point = lane // self.levels

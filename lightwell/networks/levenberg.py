@@ -54,7 +54,7 @@ class LevenbergMarquardt:
     def __init__(
         self,
         mlp: Mlp,
-        seeds: Sequence[int],
+        seeds: Sequence[int] | np.ndarray,
         damping: float = INITIAL_DAMPING,
         initial: Mapping[str, np.ndarray] | None = None,
     ) -> None:

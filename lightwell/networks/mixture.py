@@ -191,7 +191,7 @@ def recorded_step(
     """
     experts, update = gate.sizes[-1], OPTIMISERS[settings.optimiser][0]
 
-    def step(values, moments, sums, squares, table, start, rate, stream):
+    def step(values: Any, moments: Any, sums: Any, squares: Any, table: Any, start: Any, rate: Any, stream: Any) -> Any:
         features, gate_features, target, weight = table
         own = _run(start, batch, rows)
         # Every expert evaluates the whole batch.

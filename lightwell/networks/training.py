@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -92,6 +92,9 @@ def rows_from(table: Any, start: Any, count: int) -> Any:
 class Network(Protocol):
     """A network that can be trained; hashable, because recorded steps are kept by network."""
 
+    def __hash__(self) -> int:
+        """Hash by value."""
+
     def initial(self, seed: int, bias: float) -> dict[str, np.ndarray]:
         """Draw initial parameters.
 
@@ -103,15 +106,19 @@ class Network(Protocol):
             Parameters by name.
         """
 
-    def __call__(self, parameters: Mapping[str, Any], inputs: Any) -> Any:
+    def __call__(self, parameters: Mapping[str, Any], inputs: Any, /) -> Any:
         """Map the inputs of a batch, as ``TrainingData.rows`` returns them, to a tensor [B, 3]."""
+
+
+N = TypeVar("N", bound=Network)
 
 
 class TrainingData(Protocol):
     """Rows on the device in random order, such as ``TrainingSet``."""
 
-    grain: int
-    """Rows that stay together: batches start and end at multiples of it, and it divides the number of rows."""
+    @property
+    def grain(self) -> int:
+        """Rows that stay together: batches start and end at multiples of it, and it divides the number of rows."""
 
     def rows(self, start: Any, count: int) -> tuple[Any, Any, Any]:
         """Read a batch of neighbouring rows, cyclic.
@@ -128,13 +135,13 @@ class TrainingData(Protocol):
         """Number of rows."""
 
 
-class Trainer:
+class Trainer(Generic[N]):
     """Fits a network to rows such as a ``TrainingSet``; the same seed and plan give the same weights.
 
     The parameters with the smallest validation error so far are kept in ``best``.
     """
 
-    def __init__(self, network: Network, settings: TrainingSettings, seed: int) -> None:
+    def __init__(self, network: N, settings: TrainingSettings, seed: int) -> None:
         """Prepare a training.
 
         Args:
@@ -149,7 +156,7 @@ class Trainer:
         self._values = _upload(self.best)
         self._moments = tuple(_upload({k: np.zeros_like(v) for k, v in self.best.items()}) for _ in range(2))
         # First rows of the current epoch's batches, and which epoch and set length they belong to.
-        self._starts: np.ndarray | None = None
+        self._starts = np.zeros(0, np.int64)
         self._starts_key: tuple[int, int] = (-1, -1)
 
     @property

@@ -148,10 +148,10 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit: Fit | None = No
     fallback = volume.fallback.copy()
     fallback[wide] = fallbacks(coarse, found[0].state, first, wide)
     table: Bricks | None = volume.bricks
-    made = assemble(coarse, volume.function, found[0], fallback, (found[1], table) if table is not None else None)
-    made = replace(made, light=np.where(made.alive[:, None, None], volume.light, 0), offset=volume.offset)
+    whole = assemble(coarse, volume.function, found[0], fallback, (found[1], table) if table is not None else None)
+    whole = replace(whole, light=np.where(whole.alive[:, None, None], volume.light, 0), offset=volume.offset)
     again = np.concatenate([r + (len(volume.lattice) if k else 0) for k, r in enumerate(rows)])
-    return Geometry(made, tuple(levels), tuple(found), first, {"rebake": perf_counter() - clock}), again
+    return Geometry(whole, tuple(levels), tuple(found), first, {"rebake": perf_counter() - clock}), again
 
 
 def _again(scene: Scene, level: BrickLevel, box: np.ndarray) -> tuple[BrickLevel, np.ndarray]:

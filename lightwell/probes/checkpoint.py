@@ -18,7 +18,7 @@ from lightwell.probes.assemble import BrickLevel, ProbeRecords, assemble
 from lightwell.probes.bake import Geometry
 from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.light import SolvedVolume
-from lightwell.probes.pattern import POINTS, pattern
+from lightwell.probes.pattern import POINTS, Pattern, pattern
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.solve import Solution, SolveRows
 from lightwell.probes.support import CLOSE, Support
@@ -90,7 +90,7 @@ def state_of(arrays: Arrays) -> tuple[SolvedVolume, dict[str, Any], dict[str, np
         raise ValueError(f"not the state of light probes ({' '.join(str(error).split())[:80]})") from error
 
 
-def _read(head: dict, arrays: dict[str, np.ndarray]) -> SolvedVolume:
+def _read(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> SolvedVolume:
     _check(head["version"] == VERSION and head["function"] in FUNCTIONS, "version or weights")
     shape = tuple(int(n) for n in head["shape"])
     _check(len(shape) == 3 and min(shape) >= 2 and max(shape) <= 1 << 12, "shape")
@@ -114,7 +114,7 @@ def _read(head: dict, arrays: dict[str, np.ndarray]) -> SolvedVolume:
     return _lit(head, arrays, geometry, count)
 
 
-def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> SolvedVolume:
+def _lit(head: dict[str, Any], arrays: dict[str, Any], geometry: Geometry, count: int) -> SolvedVolume:
     lights = _array(arrays, "lights", "f4", (None, 3)) if "lights" in arrays else None
     states = () if lights is None else (len(lights),)
     total = len(arrays["number"])
@@ -135,7 +135,7 @@ def _lit(head: dict, arrays: dict, geometry: Geometry, count: int) -> SolvedVolu
     return SolvedVolume(geometry, start, SolveRows(**values), number, solution, effort, int(head["seed"]), lights)
 
 
-def _level(arrays: dict, lattice: ProbeLattice, layout) -> BrickLevel:
+def _level(arrays: dict[str, Any], lattice: ProbeLattice, layout: Pattern) -> BrickLevel:
     slot = _array(arrays, "slot", "i4", (lattice.cell_count,))
     rows = int((slot >= 0).sum())
     _check(np.array_equal(slot[slot >= 0], np.arange(rows)), "cells")
@@ -151,7 +151,7 @@ def _level(arrays: dict, lattice: ProbeLattice, layout) -> BrickLevel:
     return BrickLevel(support, chosen, _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE)))
 
 
-def _records(arrays: dict, nodes: int, parameters: int) -> ProbeRecords:
+def _records(arrays: dict[str, Any], nodes: int, parameters: int) -> ProbeRecords:
     state = _array(arrays, "state", "u1", (nodes,))
     count = int((state == WEIGHTED).sum())
     _check(state.max(initial=0) <= WEIGHTED, "states")
@@ -159,7 +159,7 @@ def _records(arrays: dict, nodes: int, parameters: int) -> ProbeRecords:
     return ProbeRecords(state, params, _array(arrays, "octant", "u8", (count,)))
 
 
-def _bricks(arrays: dict, lattice: ProbeLattice) -> Bricks | None:
+def _bricks(arrays: dict[str, Any], lattice: ProbeLattice) -> Bricks | None:
     if "bricks.cell" not in arrays:
         return None
     cell = _array(arrays, "bricks.cell", "i4", (lattice.cell_count,))
@@ -168,7 +168,7 @@ def _bricks(arrays: dict, lattice: ProbeLattice) -> Bricks | None:
     return Bricks(cell, table, _array(arrays, "bricks.inner", "?", (None,)))
 
 
-def _array(arrays: dict, name: str, kind: str, shape: tuple, cast: bool = False) -> np.ndarray:
+def _array(arrays: dict[str, Any], name: str, kind: str, shape: tuple[Any, ...], cast: bool = False) -> np.ndarray:
     """An array of a type and shape (None: any length), finite; with ``cast`` the size of its numbers may differ."""
     value = arrays[name]
     same = value.dtype == np.dtype(kind) or (cast and value.dtype.kind == np.dtype(kind).kind)

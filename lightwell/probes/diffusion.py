@@ -11,6 +11,8 @@ above and is the reference in tests. Notation: B cubes, Q points of a cube, M ed
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
@@ -67,7 +69,7 @@ def diffuse(
     return rho
 
 
-def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.ndarray | None):
+def _active(pattern: Pattern, sees: np.ndarray, edges: np.ndarray, likeness: np.ndarray | None) -> Any:
     """Ends (flat indices) and weights of the free edges with an end that the probe does not see."""
     first, second, _, number = pattern.cube_edges.T
     cube, m = np.nonzero(edges & ~(sees[:, first] & sees[:, second]))

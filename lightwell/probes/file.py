@@ -11,6 +11,7 @@ import json
 import os
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,9 @@ BYTES_PER_NODE = 4 * (9 * 3 + 8)
 BRIGHTEST = 6e4
 
 
-def write(volume: ProbeVolume, path: str | os.PathLike, coding: str = "zh3", unit: float = 1.0) -> dict[str, float]:
+def write(
+    volume: ProbeVolume, path: str | os.PathLike[str], coding: str = "zh3", unit: float = 1.0
+) -> dict[str, float]:
     """Write a volume to a file.
 
     Args:
@@ -141,7 +144,7 @@ def _light(light: np.ndarray, coding: str) -> np.ndarray:
     return np.concatenate([half.view("<u4"), np.ascontiguousarray(code).view("<u4")], axis=1)
 
 
-def read(path: str | os.PathLike, limits: Limits | None = None) -> ProbeVolume:
+def read(path: str | os.PathLike[str], limits: Limits | None = None) -> ProbeVolume:
     """Read a volume from a file.
 
     Args:
@@ -215,7 +218,7 @@ def _decode_volume(data: bytes, name: str, limits: Limits) -> ProbeVolume:
     )
 
 
-def read_baselines(path: str | os.PathLike) -> Moments | None:
+def read_baselines(path: str | os.PathLike[str]) -> Moments | None:
     """Read the traced light and the distance moments of a file.
 
     A damaged file is a ``ValueError``, as for ``read``.
@@ -262,20 +265,20 @@ def _check(good: bool, name: str, expected: str) -> None:
         raise ValueError(f"{name}: damaged, expected {expected}; bake it again")
 
 
-def _number(header: dict, key: str, name: str, low: float = 1e-30, high: float = 1e30) -> float:
+def _number(header: dict[str, Any], key: str, name: str, low: float = 1e-30, high: float = 1e30) -> float:
     value = header.get(key)
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
     _check(good, name, f"{key} from {low:g} to {high:g}")
     return float(value)
 
 
-def _coding(header: dict, name: str) -> str:
+def _coding(header: dict[str, Any], name: str) -> str:
     coding = header.get("coding")
     _check(isinstance(coding, str) and coding in LIGHT, name, f"a coding of {', '.join(LIGHT)}")
     return str(coding)
 
 
-def _lattice(header: dict, name: str) -> ProbeLattice:
+def _lattice(header: dict[str, Any], name: str) -> ProbeLattice:
     origin, shape = header.get("origin"), header.get("shape")
     good = isinstance(origin, list) and len(origin) == 3 and all(isinstance(v, (int, float)) for v in origin)
     _check(good and all(abs(v) < 1e9 for v in origin), name, "an origin of three numbers")
@@ -284,7 +287,9 @@ def _lattice(header: dict, name: str) -> ProbeLattice:
     return ProbeLattice(np.array(origin), _number(header, "spacing", name, 1e-6, 1e6), tuple(shape))
 
 
-def _section(header: dict, words: np.ndarray, section: str, width: int, name: str, kind: str = "<u4") -> np.ndarray:
+def _section(
+    header: dict[str, Any], words: np.ndarray, section: str, width: int, name: str, kind: str = "<u4"
+) -> np.ndarray:
     """[rows, width] numbers of a section."""
     sections = header.get("sections")
     place = sections.get(section) if isinstance(sections, dict) else None

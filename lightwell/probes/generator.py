@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def load(path: Path = FILE) -> Generator | None:
     return Generator(arrays["mean"], components, networks)
 
 
-def _count(arrays: dict, name: str) -> int:
+def _count(arrays: dict[str, Any], name: str) -> int:
     return sum(key.rsplit(".", 1)[0] == name for key in arrays if "." in key)
 
 

@@ -67,7 +67,8 @@ class ProbeLattice:
     @property
     def cells(self) -> tuple[int, int, int]:
         """Cells along x, y, z."""
-        return tuple(n - 1 for n in self.shape)
+        x, y, z = self.shape
+        return x - 1, y - 1, z - 1
 
     @property
     def cell_count(self) -> int:
@@ -163,7 +164,7 @@ class ProbeLattice:
         return node, hat(u), u
 
 
-def _grid(shape) -> np.ndarray:
+def _grid(shape: tuple[int, int, int]) -> np.ndarray:
     """[prod(shape), 3] integer coordinates, x fastest."""
     nx, ny, nz = shape
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")

@@ -70,7 +70,9 @@ def lower(
     return b.build(radiance=radiance, trust=b.scale(z, 1.0))
 
 
-def _with_bricks(b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f: str, coarse) -> tuple[str, str]:
+def _with_bricks(
+    b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f: str, coarse: tuple[str, str]
+) -> tuple[str, str]:
     """N and Z of the lattice and of the cell's brick, blended by m."""
     brick = b.nearest(place, b.buffer(tables.bricks, "bricks"))
     low = b.nearest(f, b.buffer(_fine_cells(), "fine.cells"))
@@ -82,10 +84,20 @@ def _with_bricks(b: Builder, volume: ProbeVolume, tables: _Tables, place: str, f
     smooth = b.multiply(b.multiply(t, t), b.affine(t, [-2.0], [3.0]))
     m = b.multiply(smooth, inner)
     rest = b.affine(m, [-1.0], [1.0])
-    return tuple(b.add(b.multiply(rest, a), b.multiply(m, c)) for a, c in zip(coarse, (fine, z)))
+    n, total = (b.add(b.multiply(rest, a), b.multiply(m, c)) for a, c in zip(coarse, (fine, z)))
+    return n, total
 
 
-def _sum(b: Builder, volume: ProbeVolume, tables: _Tables, low: str, f: str, shape, nodes: str, base=None) -> tuple:
+def _sum(
+    b: Builder,
+    volume: ProbeVolume,
+    tables: _Tables,
+    low: str,
+    f: str,
+    shape: tuple[int, int, int],
+    nodes: str,
+    base: str | None = None,
+) -> tuple[str, str]:
     """N and Z over the eight corners of a lattice of ``shape``; with ``base``, the first node of a brick, also the
     interpolated flag of inner nodes."""
     nx, ny, _ = shape
@@ -170,7 +182,7 @@ class _Tables:
     """[2 Cz, 2 Cy, 2 Cx, 1] index of the light's record of the fallback probe."""
     blocks: Buffer | None
     octants: Buffer | None
-    layers: tuple = ()
+    layers: tuple[np.ndarray, ...] = ()
     smooth: Buffer | None = None
     """Atlas of the second grid of a product field."""
     bricks: np.ndarray | None = None
@@ -216,7 +228,7 @@ def _atlas(count: int) -> tuple[np.ndarray, tuple[int, int, int]]:
     return np.stack([k % side, k // side % side, k // side**2], axis=1), (side, side, depth)
 
 
-def _scatter(values: np.ndarray, places: np.ndarray, shape, side: int) -> np.ndarray:
+def _scatter(values: np.ndarray, places: np.ndarray, shape: tuple[int, ...], side: int) -> np.ndarray:
     """[D, H, W, 1] atlas of blocks [count, side³]."""
     nx, ny, nz = shape
     out = np.zeros((nz, side, ny, side, nx, side), values.dtype)
@@ -225,7 +237,7 @@ def _scatter(values: np.ndarray, places: np.ndarray, shape, side: int) -> np.nda
     return out.reshape(nz * side, ny * side, nx * side, 1)
 
 
-def _octants(volume: ProbeVolume, places: np.ndarray, shape) -> Buffer | None:
+def _octants(volume: ProbeVolume, places: np.ndarray, shape: tuple[int, ...]) -> Buffer | None:
     """The masks as an atlas of 4³ bytes; None where all are full."""
     bits = volume.octant[:, None] >> np.arange(64, dtype=np.uint64) & np.uint64(1)
     if bits.all():
@@ -234,7 +246,7 @@ def _octants(volume: ProbeVolume, places: np.ndarray, shape) -> Buffer | None:
     return Buffer(_scatter(values, places, shape, 4), "uint8", np.float32(1))
 
 
-def _layers(f: TinyMlp, params: np.ndarray) -> tuple:
+def _layers(f: TinyMlp, params: np.ndarray) -> tuple[np.ndarray, ...]:
     """Weights and biases of all records; the first two are constants."""
     constant = np.zeros((2, params.shape[1]), np.float32)
     constant[:, -1] = (-1, 2)

@@ -11,7 +11,7 @@ from lightwell.files import write_atomically
 PLACE = "<!--lightwell-probes-->"
 
 
-def write_page(path: str | os.PathLike, volume: bytes, glb: bytes, shell: str | None = None) -> None:
+def write_page(path: str | os.PathLike[str], volume: bytes, glb: bytes, shell: str | None = None) -> None:
     """Write the page of a volume and its scene.
 
     Args:

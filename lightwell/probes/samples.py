@@ -75,7 +75,8 @@ def places(
         place = support.points(cells)[row, point]
         number = SAMPLE_STREAM * (k + 1) + cells[row] * valid.shape[1] + point
         found.append((place, number, lattice.cell_number(lattice.locate(place)[0]), cells[row] + (k << 40)))
-    return tuple(np.concatenate(part) for part in zip(*found))
+    a, b, c, d = (np.concatenate(part) for part in zip(*found))
+    return a, b, c, d
 
 
 def rows(

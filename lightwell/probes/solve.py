@@ -224,7 +224,9 @@ def _ties(columns: csc_matrix) -> csc_matrix:
     return overlap.tocsc()
 
 
-def _weighted(columns: csc_matrix, omega: np.ndarray, right: np.ndarray, prior: np.ndarray, ties) -> np.ndarray:
+def _weighted(
+    columns: csc_matrix, omega: np.ndarray, right: np.ndarray, prior: np.ndarray, ties: csc_matrix
+) -> np.ndarray:
     """[P', 27 S] minimiser for given ω."""
     omega = omega / max(float(omega.mean()), 1e-30)
     weighted = diags(omega) @ columns

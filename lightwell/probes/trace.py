@@ -6,6 +6,7 @@ Notation: N points; one lane is one path; each point has two independent halves 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def _launch(scene: Scene, place, normal, streams, settings, span, variable, ligh
     return np.stack([np.array(dr.block_sum(c, half)) for c in columns], axis=1).reshape(count, 2, 30)
 
 
-def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) -> list:
+def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) -> list[Any]:
     """30 numbers of one path: nine harmonics and the cosine, times three colours."""
     totals = [mi.Float(0)] * 30
     at = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
@@ -144,7 +145,7 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
     return _added(totals, d, n, L / UNIFORM)
 
 
-def _added(totals: list, d, n, L) -> list:
+def _added(totals: list[Any], d, n, L) -> list[Any]:
     """Totals plus radiance L from direction d."""
     L = dr.select(dr.all(dr.isfinite(L)), L, 0)
     factors = [*sh_components(d.x, d.y, d.z, 3), dr.maximum(dr.dot(n, d), 0)]

@@ -6,6 +6,8 @@ Notation: n texels along each edge, C channels.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
@@ -85,7 +87,7 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     return out
 
 
-def _rectangles(chart: np.ndarray, reach: int):
+def _rectangles(chart: np.ndarray, reach: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
     """(rows, columns, [h, w] texels of the chart) of every chart that is large enough."""
     from scipy.ndimage import find_objects
 

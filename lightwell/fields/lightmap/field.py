@@ -64,7 +64,7 @@ class LightmapState(State):
     """A scene with its atlas."""
 
     preset: LightmapPreset = PRESETS["default"]
-    atlas: Atlas | None = None
+    atlas: Atlas = field(init=False)
     paths: int = 0
     """Paths per texel."""
     eyes: int = 0
@@ -76,8 +76,6 @@ class LightmapState(State):
     @property
     def part(self) -> WorkPart:
         """Part of the bake that stores the results of this round."""
-        if self.atlas is None:
-            return self.job.work.part(field="lightmap")
         counts = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
         return self.job.work.part(field="lightmap", **counts)
 
@@ -203,7 +201,7 @@ class LightmapField:
         request, preset = job.request, PRESETS[job.request.preset]
         scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
         variable = declare(request.vary, scene) if request.vary else None
-        roles = ("static",) if request.static and scene.has_static_light and not job.shared else ()
+        roles: tuple[Role, ...] = ("static",) if request.static and scene.has_static_light and not job.shared else ()
         roles += () if variable is None else ("indirect",)
         _check(job, roles)
         if variable is not None:
@@ -326,11 +324,12 @@ def _lay_out(state: LightmapState) -> None:
     request, options = job.request, job.options
     # A variable light can reach every visible side.
     look = lit_sides if state.variable is None else seen_sides
-    sides = state.part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
+    part = job.work.part(field="lightmap")
+    sides = part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
     atlas = _atlas(scene, options, preset, sides)
     size = atlas.size
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
-    state.paths, state.eyes = state.part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
+    state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
     if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.
         atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)

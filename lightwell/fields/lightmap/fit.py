@@ -270,7 +270,7 @@ class LightmapFit:
             raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
         self.history.append((until, loss))
 
-    def _lay_out(self, rows) -> None:
+    def _lay_out(self, rows: Any) -> None:
         """Store the features of the sine layers as a texture: means of the rows [N, …] that lie in each texel."""
         if "t0" in self._parameters:
             return

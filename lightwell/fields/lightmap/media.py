@@ -69,18 +69,18 @@ def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tu
 WITH_MEDIA = Derived[Any]("bake.scene_with_media")
 
 
-def _with_media(scene: Scene):
+def _with_media(scene: Scene) -> Any:
     """The Mitsuba scene of the file, media and all, loaded once."""
     return scene.cache.get(WITH_MEDIA, lambda: _whole(scene))
 
 
-def _whole(scene: Scene):
+def _whole(scene: Scene) -> Any:
     if scene.whole is None:
         raise ValueError(f"transport: scene '{scene.name}' has no media; load a Mitsuba file")
     return scene.whole()
 
 
-def _mean(geometry, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:
+def _mean(geometry: Any, origin: np.ndarray, direction: np.ndarray, paths: int, seed: int) -> np.ndarray:
     """[N, 3] mean radiance of rays; a path that is not finite counts as 0."""
     count = len(origin) * paths
     row = dr.arange(mi.UInt32, count) // paths

@@ -51,9 +51,9 @@ class ViewSamples:
 
     def __add__(self, other: ViewSamples) -> ViewSamples:
         """Concatenate; the weights of the second are relative to the mean of the first."""
-        halves = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
+        a, b = (np.concatenate([getattr(s, n) for s in (self, other)]) for n in ("half_a", "half_b"))
         weight = np.concatenate([self.weight, other.weight * self.weight.mean()])
-        return ViewSamples(joined([self.query, other.query]), *halves, weight)
+        return ViewSamples(joined([self.query, other.query]), a, b, weight)
 
 
 def joined(queries: Sequence[LightmapQuery]) -> LightmapQuery:

@@ -6,7 +6,6 @@ Notation: P nodes, F fine probes, S states, K bases.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +27,7 @@ from lightwell.probes.light import SolvedVolume, relit
 from lightwell.probes.lower import lower
 from lightwell.probes.page import write_page
 from lightwell.probes.volume import ProbeVolume
+from lightwell.probes.weights import Fit
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
@@ -93,7 +93,7 @@ class BakedProbes:
         """
         return self.lit.geometry.volume.lit(self._under(self.basis, light, intensity))
 
-    def _under(self, basis: np.ndarray, light, intensity) -> np.ndarray:
+    def _under(self, basis: np.ndarray, light: np.ndarray | None, intensity: np.ndarray | float) -> np.ndarray:
         gain = np.ones(3) if self.code is None else np.broadcast_to(intensity, 3)
         return (basis @ self.factors(light)) * gain
 
@@ -179,7 +179,7 @@ class BakedProbes:
         return made, shown
 
     def rebaked(
-        self, scene: Scene, variable: Variable, box: np.ndarray, fit: Callable | None
+        self, scene: Scene, variable: Variable, box: np.ndarray, fit: Fit | None
     ) -> tuple[BakedProbes, np.ndarray]:
         """Solve again the probes that a change of the scene affects.
 

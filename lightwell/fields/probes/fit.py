@@ -33,6 +33,7 @@ from lightwell.probes.generator import fit_with
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.volume import ProbeVolume, coefficients
+from lightwell.probes.weights import Fit
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.samples import Query, Samples
@@ -51,7 +52,7 @@ STATE_SEED = 7919
 
 
 GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
-Solved = tuple[SolvedVolume, np.ndarray, dict]
+Solved = tuple[SolvedVolume, np.ndarray, dict[str, Any]]
 LIGHT = Derived[Solved]("probes.light", most=4)
 
 
@@ -143,7 +144,7 @@ class CodeNetwork:
         return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
 
 
-def _ones_where(rows: int, columns: int, condition: Callable) -> Any:
+def _ones_where(rows: int, columns: int, condition: Callable[[Any, Any], Any]) -> Any:
     """[rows, columns] tensor of ones where a condition on (row, column) holds."""
     index = dr.arange(mi.UInt32, rows * columns)
     return mi.TensorXf(dr.select(condition(index // columns, index % columns), mi.Float(1), 0), (rows, columns))
@@ -342,7 +343,7 @@ def _geometry(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) ->
     return setup.scene.cache.get(GEOMETRY, make, arguments)
 
 
-def fit_of(preset: ProbesPreset) -> Callable | None:
+def fit_of(preset: ProbesPreset) -> Fit | None:
     """Return the function that fits interpolation weights.
 
     Args:

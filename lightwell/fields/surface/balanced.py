@@ -120,7 +120,7 @@ class BalancedFit(SegmentedFit):
         self._best_gate: Gate | None = None
         self._best = self._trainer.parameters
         # Computed from the samples when needed: training set; how the validation samples are split.
-        self._data: BatchedSet | None = None
+        self._data: Any = None
         self._watched: Split | None = None
 
     @property

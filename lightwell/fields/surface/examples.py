@@ -57,11 +57,11 @@ class Examples:
             )
         kept = samples[row]
         scale = kept.query.reflectance if demodulated else np.ones((len(row), 3))
-        halves = (np.asarray(half / setup.unit, np.float32) for half in (kept.half_a, kept.half_b))
+        a, b = (np.asarray(half / setup.unit, np.float32) for half in (kept.half_a, kept.half_b))
         weight = np.asarray(kept.weight, np.float32)
         features = inputs.rows(kept.query)
         dropped = int((~finite).sum())
-        return Examples(kept.query, features, np.asarray(scale, np.float32), *halves, weight, row, dropped)
+        return Examples(kept.query, features, np.asarray(scale, np.float32), a, b, weight, row, dropped)
 
     def __len__(self) -> int:
         return len(self.row)

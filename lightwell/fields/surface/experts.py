@@ -156,7 +156,7 @@ class CodedFit(GatedFit):
         self._trainer = BatchedTrainer(self.mlp, preset.training, seeds)
         self._gated = False
         # Computed from the samples when needed: training set; validation's expert of each row.
-        self._data: BatchedSet | None = None
+        self._data: Any = None
         self._owner: np.ndarray | None = None
 
     @property
@@ -251,7 +251,7 @@ class JointFit(GatedFit):
         super().__init__(setup, preset, seed)
         self._trainer = MixtureTrainer(self.mlp, self.gate, preset.gater, preset.training, seed * EXPERT_SEED)
         self._best = initial_batch(self.mlp, seed * EXPERT_SEED + np.arange(preset.experts))
-        self._data: MixtureSet | None = None
+        self._data: Any = None
         self._gate_rows: np.ndarray | None = None
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +19,7 @@ from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
-from lightwell.graph import Builder, Graph, pack
+from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.graph.layers import add_layers
 from lightwell.networks import Trainer, TrainingSettings
 from lightwell.networks.factored import FactoredNetwork
@@ -139,14 +140,16 @@ class FactoredFit(NetworkFit):
         values, steps = grid.even(weights["grid"])
         table = pack(values, self.preset.table_storage, per_row=False)
         u = b.hashgrid(point, table, grid.levels, grid.base, grid.growth, grid.entries_log2)
-        small = lambda values: pack(values, self.preset.storage)  # noqa: E731
+        small = partial(pack, type=self.preset.storage)
         x = b.linear(b.concat(*pixel), small(weights["pixel_w"].T), small(np.zeros(self.network.hidden[0])))
         x = b.activate(b.add(x, self._emitted(b, u, frame, small, steps)), act)
         head = graph_layers(weights, range(len(self.network.hidden)), small)
         x = add_layers(b, x, head, self.network.head_activations)
         return b.build(radiance=b.scale(x, self.setup.unit))
 
-    def _emitted(self, b: Builder, u: str, frame: list[str], small: Callable, steps: np.ndarray) -> str:
+    def _emitted(
+        self, b: Builder, u: str, frame: list[str], small: Callable[[np.ndarray], Buffer], steps: np.ndarray
+    ) -> str:
         """W u + b of the layer that depends on the light (constant without one); u is divided by ``steps`` [U]."""
         weights, units, width = self._trainer.best, self.network.hidden[0], self.network.grid.width
         # The graph's matrices are [out, in] row by row; training emits [in, out], then the bias.
@@ -162,7 +165,7 @@ class FactoredFit(NetworkFit):
         layers = graph_layers(weights, range(hidden), small, prefix="light_")
         x = add_layers(b, x, layers, (self.network.activation,) * hidden, per_frame=True)
         emit, bias = weights["emit_w"].T[rows] * scale[:, None], weights["emit_b"][0][rows] * scale
-        large = lambda values: pack(values, self.preset.table_storage)  # noqa: E731
+        large = partial(pack, type=self.preset.table_storage)
         matrix = b.linear(x, large(emit[: width * units]), small(bias[: width * units]), per_frame=True)
         offset = b.linear(x, large(emit[width * units :]), small(bias[width * units :]), per_frame=True)
         return b.add(b.matvec(matrix, u, units), offset)

@@ -99,7 +99,7 @@ def share_facts(segment: np.ndarray, experts: int) -> dict[str, Any]:
     return {"experts": experts, "share": [round(float(s), 4) for s in share], "dead": dead.tolist()}
 
 
-def append(curves: dict[str, list], **values: Any) -> None:
+def append(curves: dict[str, list[Any]], **values: Any) -> None:
     """Append a point to each named curve.
 
     Args:

@@ -93,8 +93,8 @@ class HardMixtureFit(GatedFit):
         # The gate by which samples are assigned; none in the first round, which is random.
         self._assigning: dict[str, np.ndarray] | None = None
         # Computed from the samples when needed: the experts' rows, the gate's rows, features of the gate.
-        self._expert_data: BatchedSet | None = None
-        self._gate_data: BatchedSet | None = None
+        self._expert_data: Any = None
+        self._gate_data: Any = None
         self._gate_rows: dict[str, np.ndarray] = {}
 
     @property
@@ -137,8 +137,8 @@ class HardMixtureFit(GatedFit):
         examples, expert = self.examples, self._assignment()
         self.facts |= share_facts(expert, self.preset.experts)
         order, runs = sort_into_runs(expert, self.preset.experts, (self._seed, len(examples)))
-        columns = (examples.features, examples.target, examples.weight)
-        self._expert_data = BatchedSet.from_numpy(*(column[order] for column in columns), runs)
+        features, target, weight = examples.features[order], examples.target[order], examples.weight[order]
+        self._expert_data = BatchedSet.from_numpy(features, target, weight, runs)
 
     def _arrange_gate(self) -> None:
         """Training data of the gate: its inputs, and the loss of every frozen expert on every sample."""
@@ -150,9 +150,9 @@ class HardMixtureFit(GatedFit):
             output = self.mlp.evaluate({name: value[e] for name, value in frozen.items()}, examples.features)
             losses[:, e] = np.array(loss(tensor(output), target)).mean(axis=1)
         order = np.random.default_rng((self._seed, count)).permutation(count)
-        columns = (self._rows("examples"), losses / max(losses.mean(), 1e-12), examples.weight)
-        runs = Runs(np.array([0]), np.array([count]))
-        self._gate_data = BatchedSet.from_numpy(*(column[order] for column in columns), runs)
+        losses, runs = losses / max(losses.mean(), 1e-12), Runs(np.array([0]), np.array([count]))
+        rows = self._rows("examples")[order]
+        self._gate_data = BatchedSet.from_numpy(rows, losses[order], examples.weight[order], runs)
 
     # ------------------------------------------------------------------ fit
 

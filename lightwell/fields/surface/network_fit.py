@@ -25,10 +25,10 @@ class NetworkFit:
     setup: FieldSetup
     preset: Any
     seed: int
-    _trainer: Trainer = field(init=False)
-    _data: TrainingData | None = field(default=None, init=False)
+    _trainer: Trainer[Any] = field(init=False)
+    _data: TrainingData = field(init=False)
     # Inputs, factors and radiance in unit S of the held-out samples.
-    _validation: tuple[Any, np.ndarray, np.ndarray] | None = field(default=None, init=False)
+    _validation: tuple[Any, np.ndarray, np.ndarray] = field(init=False)
 
     def _rows(self, query: Query) -> Any:
         """Inputs of the network for N queries."""

@@ -34,13 +34,13 @@ class Partition:
         Returns:
             The partition.
         """
-        box = (np.asarray(c, np.float32).reshape(1, 3) for c in (low, high))
-        return Partition(np.zeros((0, 4), np.float32), *box, np.zeros(1, np.int64))
+        low, high = (np.asarray(c, np.float32).reshape(1, 3) for c in (low, high))
+        return Partition(np.zeros((0, 4), np.float32), low, high, np.zeros(1, np.int64))
 
     def __len__(self) -> int:
         return len(self.depth)
 
-    def middle(self, leaf: np.ndarray) -> np.ndarray:
+    def middle(self, leaf: np.ndarray | int) -> np.ndarray:
         """Return the centres of leaves, where they would be split.
 
         Args:

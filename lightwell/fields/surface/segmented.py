@@ -65,8 +65,9 @@ class SegmentedFit:
         self.mlp = Mlp((self._inputs.width, *preset.hidden, 3), preset.activation, preset.output)
         self.state = TrainingState()
         self.facts: dict[str, Any] = {}
-        self.examples: Examples | None = None
-        self._validation: Examples | None = None
+        # Set by ``learn_from`` and ``validate_on``.
+        self.examples: Examples
+        self._validation: Examples
 
     # ------------------------------------------------------------------ what a subclass gives
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -14,7 +13,7 @@ from lightwell.scenes.variables import Variable
 from lightwell.transport import PathReport, Samples
 from lightwell.transport.collect import collect
 from lightwell.transport.seen import draw_seen
-from lightwell.transport.shards import ShardSettings, generate, load_samples
+from lightwell.transport.shards import Make, ShardSettings, generate, load_samples
 
 # Stream of the validation set of early stopping; never shared with training or evaluation.
 VALIDATION_SEED = 0xA11D
@@ -42,7 +41,7 @@ def trace_shards(
     shards: ShardSettings,
     folder: Path,
     count: int,
-    make: Callable | None,
+    make: Make | None,
     stage: ProgressStage,
 ) -> TracedShards:
     """Write the shards that a folder lacks, and read all of them.
@@ -68,8 +67,9 @@ def trace_shards(
         rate = shards.size * shards.paths / max(cost, 1e-9) / 1e6
         stage.move_to(index, "on disk" if cost < ON_DISK else f"{rate:.2f} M paths/s")
 
-    options = {"settings": shards, "make": make}
-    report = generate(scene, variable, None, folder, count, shards.paths, shards.seed, ready, **options)
+    report = generate(
+        scene, variable, None, folder, count, shards.paths, shards.seed, ready, settings=shards, make=make
+    )
     return TracedShards(load_samples(folder, scene, shards=count), report, cost)
 
 
@@ -90,5 +90,6 @@ def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: b
     lights = sample_lights(scene, variable, VALIDATION_LIGHTS, seed).repeat(
         VALIDATION_POINTS // VALIDATION_LIGHTS, axis=0
     )
-    options = {"weight": draw.weight, "own_light": own_light}
-    return collect(scene, variable, draw.points, lights, VALIDATION_PATHS, seed, **options)
+    return collect(
+        scene, variable, draw.points, lights, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light
+    )

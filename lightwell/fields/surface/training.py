@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
+from typing import Any
 
 from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
@@ -27,12 +28,12 @@ from lightwell.fields.surface.plan import (
 )
 from lightwell.fields.surface.tracing import TracedShards, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
-from lightwell.networks.loop import TrainingState
+from lightwell.networks.loop import Progress, TrainingState
 from lightwell.transport import Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import TRACED_EVERY, GatheredShards, GatherSize
-from lightwell.transport.shards import ShardSettings, make_shard
+from lightwell.transport.shards import Make, ShardSettings, make_shard
 
 # Seconds that a shard is expected to take, for the size of what is gathered before the first one.
 SECONDS_PER_SHARD = 3.0
@@ -110,11 +111,11 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     # Of gathered samples only one in so many is path-traced, as the reference is.
     share = 1 / TRACED_EVERY if role == "indirect" else 1.0
     rate = share * _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
-    cost = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
-    return SurfaceSamples(traced.samples, validation, unit, plan, cost)
+    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
+    return SurfaceSamples(traced.samples, validation, unit, plan, spent)
 
 
-def _maker(state: State, role: Role) -> Callable:
+def _maker(state: State, role: Role) -> Make:
     """Return the function that makes shards: gathered for a declared light, path-traced for the scene's emitters."""
     if role == "static":
         return partial(make_shard, own_light=True)
@@ -130,7 +131,7 @@ def _shards(state: State, role: Role) -> ShardSettings:
     return ShardSettings(paths=request.paths, seed=seed, lights=request.lights_per_shard)
 
 
-def _trace(state: State, role: Role, name: str, count: int, make: Callable, title: str) -> TracedShards:
+def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str) -> TracedShards:
     """Write the shards that are missing and read them all."""
     folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, role)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
@@ -185,7 +186,7 @@ class SurfaceTraining:
         return learner
 
     @property
-    def plan(self) -> dict:
+    def plan(self) -> dict[str, Any]:
         """The plan as it was carried out."""
         return asdict(self._sample_plan) | asdict(self._plan)
 
@@ -317,7 +318,7 @@ class SurfaceTraining:
                 if stopped or learner.state.step == before:
                     return
 
-    def _watch(self, learner: Learner, stage: ProgressStage) -> tuple[Callable, Callable]:
+    def _watch(self, learner: Learner, stage: ProgressStage) -> tuple[Progress, Callable[[], None]]:
         """Return the callbacks of a training for each evaluation and for checkpoints."""
 
         def look(state: TrainingState, _: int) -> None:

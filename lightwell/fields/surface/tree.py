@@ -75,8 +75,9 @@ class TreeFit:
         self._nodes = np.array([[0, 0, -1, -1]], np.float32)
         self._values = np.zeros((1, 3), np.float32)
         self._depth = 1
-        self._examples: Examples | None = None
-        self._validation: Examples | None = None
+        # Set by ``learn_from`` and ``validate_on``.
+        self._examples: Examples
+        self._validation: Examples
         self._grown = False
 
     # ------------------------------------------------------------------ data

@@ -7,6 +7,7 @@ with the hat bounded from below. This form exists for comparison.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class UnweightedTrilinear:
     inner: WeightFunction
     """Function that holds the parameters."""
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "inner":
             raise AttributeError(name)
         return getattr(self.inner, name)

@@ -71,12 +71,17 @@ def padded(size: int, *arrays: np.ndarray) -> list[np.ndarray]:
 class WeightFunction(Protocol):
     """A representation of ρ(u), the trust of a probe in its cube, with few parameters."""
 
-    name: str
-    """Name with its sizes."""
-    parameters: int
-    """C, the number of parameters."""
-    stored: int
-    """Bytes of a record."""
+    @property
+    def name(self) -> str:
+        """Name with its sizes."""
+
+    @property
+    def parameters(self) -> int:
+        """C, the number of parameters."""
+
+    @property
+    def stored(self) -> int:
+        """Bytes of a record."""
 
     def raw(self, params: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Evaluate one probe at one place per row, before the clip.

@@ -64,7 +64,18 @@ def refine(
     return out
 
 
-def _batch(function: WeightFunction, params, target, weight, layout, steps, rate, points, seed, close) -> np.ndarray:
+def _batch(
+    function: WeightFunction,
+    params: np.ndarray,
+    target: np.ndarray,
+    weight: np.ndarray,
+    layout: Pattern,
+    steps: int,
+    rate: float,
+    points: int,
+    seed: int,
+    close: Close | None,
+) -> np.ndarray:
     rng = np.random.default_rng(seed)
     mean, square = np.zeros_like(params), np.zeros_like(params)
     order, used = rng.permutation(len(layout.u)), 0
@@ -89,7 +100,9 @@ def _batch(function: WeightFunction, params, target, weight, layout, steps, rate
     return params
 
 
-def _loss(function: WeightFunction, params, target, weight, u) -> tuple[np.ndarray, State]:
+def _loss(
+    function: WeightFunction, params: np.ndarray, target: np.ndarray, weight: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, State]:
     """Derivative of the weighted squared error by each value, and the state of the function."""
     value, state = function.values(params, u)
     inner = (value - np.float32(THRESHOLD)) * np.float32(1 / (1 - THRESHOLD))

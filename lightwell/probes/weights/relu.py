@@ -187,11 +187,19 @@ class ReluField:
         for begin in range(0, len(out), BATCH):
             rows = slice(begin, begin + BATCH)
             near = close and close.part(rows, BATCH)
-            parts = padded(BATCH, target[rows], weight[rows], first[rows])
-            out[rows] = self._newton(*parts, layout, near, steps)[: len(out[rows])]
+            t, w, grid = padded(BATCH, target[rows], weight[rows], first[rows])
+            out[rows] = self._newton(t, w, grid, layout, near, steps)[: len(out[rows])]
         return out
 
-    def _newton(self, target, weight, grid, layout: Pattern, close: Close | None, steps: int) -> np.ndarray:
+    def _newton(
+        self,
+        target: np.ndarray,
+        weight: np.ndarray,
+        grid: np.ndarray,
+        layout: Pattern,
+        close: Close | None,
+        steps: int,
+    ) -> np.ndarray:
         """Newton's method on the active points with a line search, because whole steps can cycle."""
         problem = _Hinge(self, target, weight, layout, close)
         going = np.ones(len(grid), bool)
@@ -235,7 +243,9 @@ def turned(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
 class _Hinge:
     """Σ w h(tri(G, u) - goal)² with h one-sided where values beyond the clip are free, and a penalty on the range."""
 
-    def __init__(self, field: ReluField, target, weight, layout: Pattern, close: Close | None) -> None:
+    def __init__(
+        self, field: ReluField, target: np.ndarray, weight: np.ndarray, layout: Pattern, close: Close | None
+    ) -> None:
         self.basis, self.pairs = _operators(field.side, layout)
         self.parts = [_Points(target, weight)]
         self.own = None
