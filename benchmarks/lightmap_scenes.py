@@ -20,7 +20,7 @@ from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, sample_unit
-from lightwell.fields.lightmap.seams import SHARE, seam_gap, seam_samples
+from lightwell.fields.lightmap.seams import SHARE, seam_pairs, seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, clear_glass, lit_scene, lit_sides
 from lightwell.fields.lightmap.size_limit import CODECS
 from lightwell.fields.lightmap.square import roomy_atlas
@@ -443,6 +443,16 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
     return [at_least(what, 0.9, found, "", note)]
 
 
+def _seam_gap(traced: Traced, field: Baked, unit: float) -> float:
+    """Mean difference |L₁ − L₂| across seams where light is continuous, relative to the mean of both."""
+    pairs = seam_pairs(traced.scene, traced.made, 1 << 13, 11)
+    if pairs is None:
+        return 0.0
+    sides = (query_of_lightmap(traced.scene, traced.made.atlas, points) for points in (pairs.one, pairs.two))
+    one, two = (field(query) / unit for query in sides)
+    return float(np.abs(one - two).mean() / max(0.5 * (one + two).mean(), 1e-9))
+
+
 def seam_rows(name: str, traced: Traced, fit: LightmapFit, preset: LightmapPreset) -> list[Row]:
     """What samples on seams do to the step across them."""
     if traced.eyes is traced.without_seams or not fit.preset.hidden:
@@ -450,7 +460,7 @@ def seam_rows(name: str, traced: Traced, fit: LightmapFit, preset: LightmapPrese
     # One start each is enough to see what the samples do.
     steps = traced.effort.steps // STARTS
     other = fitted(traced.scene, traced.made, traced.without_seams, preset, 0, steps)
-    gaps = [seam_gap(traced.scene, traced.made, Baked(f.lower()), f.unit, 11) for f in (fit, other)]
+    gaps = [_seam_gap(traced, Baked(f.lower()), f.unit) for f in (fit, other)]
     note = f"mean step over mean light {gaps[0]:.4f}, without samples on seams {gaps[1]:.4f}"
     return [
         at_most(

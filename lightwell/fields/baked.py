@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from lightwell.backend import dr, mi
-from lightwell.fields.base import query_inputs
-from lightwell.graph import Compiled, Graph, compile
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Graph
 from lightwell.transport.samples import Query
 
 
@@ -22,11 +19,11 @@ class Baked:
             graph: Shading graph with an output ``radiance`` that is divided by the reflectance.
         """
         self.graph = graph
-        self._compiled: Compiled = compile(graph)
+        self._table = Tabulated(graph)
 
     def __call__(self, query: Query) -> np.ndarray:
         """[N, 3] radiance for a unit light."""
-        return self._outputs(query, ("radiance",))["radiance"] * query.reflectance
+        return self._table(query, "radiance")["radiance"] * query.reflectance
 
     @property
     def segmented(self) -> bool:
@@ -42,17 +39,7 @@ class Baked:
         Returns:
             [N] int64 index of the first expert, and [N] float32 share of the second one, in [0, 0.5].
         """
-        names = tuple(name for name in ("segment", "overlap") if name in self.graph.outputs)
-        found = {name: value[:, 0] for name, value in self._outputs(query, names).items()}
+        names = (name for name in ("segment", "overlap") if name in self.graph.outputs)
+        found = {name: value[:, 0] for name, value in self._table(query, *names).items()}
         index = np.rint(found["segment"]).astype(np.int64)
         return index, found.get("overlap", np.zeros(len(query), np.float32))
-
-    def _outputs(self, query: Query, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Name → [N, C] of some outputs of the graph."""
-        inputs = query_inputs(query)
-        columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in inputs[name].T] for name in self.graph.inputs}
-        outputs = self._compiled(columns)
-        wanted = [outputs[name] for name in names]
-        dr.eval(wanted)
-        rows = lambda channels: [np.broadcast_to(np.array(c), len(query)) for c in channels]  # noqa: E731
-        return {name: np.stack(rows(channels), axis=1) for name, channels in zip(names, wanted)}

@@ -36,13 +36,16 @@ class Tabulated:
         """
         return self.graph.widths[self.graph.outputs[output]]
 
-    def __call__(self, query: Query) -> dict[str, np.ndarray]:
-        """Output name → [N, C] float32."""
-        out = {name: np.empty((len(query), self.width(name)), np.float32) for name in self.graph.outputs}
+    def __call__(self, query: Query, *names: str) -> dict[str, np.ndarray]:
+        """Output name → [N, C] float32; of the outputs with these names, or of all."""
+        names = names or tuple(self.graph.outputs)
+        out = {name: np.empty((len(query), self.width(name)), np.float32) for name in names}
         for begin in range(0, len(query), ROWS_AT_ONCE):
             part = query[begin : begin + ROWS_AT_ONCE]
-            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in v.T] for name, v in query_inputs(part).items()}
-            values = self._compiled(columns)
+            inputs = query_inputs(part)
+            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in inputs[name].T] for name in self.graph.inputs}
+            outputs = self._compiled(columns)
+            values = {name: outputs[name] for name in names}
             dr.eval(values)
             for name, found in values.items():
                 for k, column in enumerate(found):

@@ -107,35 +107,3 @@ def _conjugate_gradients(matrix: csr_matrix, right: np.ndarray, first: np.ndarra
         before, rz = rz, total(r * z)
         p = np.where(spread(going), z + spread(rz / np.where(before != 0, before, 1)) * p, p)
     return x
-
-
-def sweeps(
-    pattern: Pattern, sees: np.ndarray, edges: np.ndarray, reach: float = REACH, count: int = 1500
-) -> np.ndarray:
-    """Compute ``diffuse`` by plain iteration, one cube at a time; slow, the reference in tests.
-
-    Args:
-        pattern: Points and edges of a cube.
-        sees: [B, Q] bool: valid points that the probe sees.
-        edges: [B, M] bool: edges whose ends are valid and see each other.
-        reach: Distance ℓ over which diffused trust falls by a factor of e, units of the spacing.
-        count: Number of iterations.
-
-    Returns:
-        [B, Q] float64 trust in [0, 1].
-    """
-    out = np.zeros(sees.shape)
-    first, second, _, number = pattern.cube_edges.T
-    for cube, (seen, open_) in enumerate(zip(sees, edges)):
-        i, j, w = first[open_], second[open_], pattern.weights()[number[open_]]
-        rho, degree = seen.astype(float), np.zeros(len(seen))
-        np.add.at(degree, i, w)
-        np.add.at(degree, j, w)
-        for _ in range(count):
-            total = np.zeros(len(seen))
-            np.add.at(total, i, w * rho[j])
-            np.add.at(total, j, w * rho[i])
-            mean = np.divide(total, degree, out=np.zeros_like(total), where=degree > 0)
-            rho = np.where(seen, 1.0, mean / (1 + pattern.decay(reach)))
-        out[cube] = np.where(rho < LEAST, 0, rho)
-    return out

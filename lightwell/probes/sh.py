@@ -150,18 +150,3 @@ def from_zh3(z: np.ndarray) -> np.ndarray:
     y = basis(axis(z).reshape(-1, 3))[:, 4:].reshape(*z.shape[:-2], 5)
     band = np.sqrt(4 * np.pi / 5) * y[..., :, None] * z[..., 4:5, :]
     return np.concatenate([z[..., :4, :], band], axis=-2)
-
-
-def evaluate_zh3(z: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """Evaluate irradiance from ZH3 coefficients, without the five harmonics of band 2.
-
-    Args:
-        z: [N, 5, 3] ZH3 coefficients.
-        n: [N, 3] unit normals.
-
-    Returns:
-        [N, 3] irradiance.
-    """
-    low = np.einsum("nk,nkc->nc", basis(n)[:, :4], z[:, :4])
-    cosine = (axis(z) * n).sum(axis=1, keepdims=True)
-    return low + z[:, 4] * np.sqrt(5 / (4 * np.pi)) * (3 * cosine**2 - 1) / 2

@@ -8,7 +8,7 @@ from leak_scenes import two_rooms
 
 from lightwell.probes import ddgi, rays, sh
 from lightwell.probes.bake import bake_geometry, rebake, with_bricks
-from lightwell.probes.diffusion import diffuse, sweeps
+from lightwell.probes.diffusion import LEAST, REACH, diffuse
 from lightwell.probes.fallbacks import fallbacks, sealed, spread
 from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
@@ -40,6 +40,25 @@ def test_segments_stop_at_a_wall_of_a_centimetre():
     thin = two_rooms(0.01)
     a, b = np.float32([[-0.5, 1, 1], [-0.5, 1, 1]]), np.float32([[0.5, 1, 1], [-0.1, 1, 1]])
     assert rays.free(thin.scene, a, b).tolist() == [False, True]
+
+
+def sweeps(pattern, sees, edges, count, reach=REACH):
+    """``diffuse`` by plain iteration, one cube at a time: [B, Q] trust."""
+    out = np.zeros(sees.shape)
+    first, second, _, number = pattern.cube_edges.T
+    for cube, (seen, open_) in enumerate(zip(sees, edges)):
+        i, j, w = first[open_], second[open_], pattern.weights()[number[open_]]
+        rho, degree = seen.astype(float), np.zeros(len(seen))
+        np.add.at(degree, i, w)
+        np.add.at(degree, j, w)
+        for _ in range(count):
+            total = np.zeros(len(seen))
+            np.add.at(total, i, w * rho[j])
+            np.add.at(total, j, w * rho[i])
+            mean = np.divide(total, degree, out=np.zeros_like(total), where=degree > 0)
+            rho = np.where(seen, 1.0, mean / (1 + pattern.decay(reach)))
+        out[cube] = np.where(rho < LEAST, 0, rho)
+    return out
 
 
 def test_diffusion_solves_what_the_sweeps_approach(rooms, baked):

@@ -11,6 +11,13 @@ def delta(direction) -> np.ndarray:
     return (y * sh.TO_IRRADIANCE)[:, None] * np.ones(3)
 
 
+def evaluate_zh3(z, n):
+    """Irradiance from ZH3 coefficients, without the five harmonics of band 2."""
+    low = np.einsum("nk,nkc->nc", sh.basis(n)[:, :4], z[:, :4])
+    cosine = (sh.axis(z) * n).sum(axis=1, keepdims=True)
+    return low + z[:, 4] * np.sqrt(5 / (4 * np.pi)) * (3 * cosine**2 - 1) / 2
+
+
 def test_constant_radiance_gives_pi():
     e = np.zeros((9, 3))
     e[0] = np.sqrt(4 * np.pi) * sh.COSINE[0]
@@ -28,14 +35,14 @@ def test_zh3_is_exact_for_one_light():
     n = sh.directions(100)
     assert np.allclose(sh.axis(e), d)
     assert np.allclose(sh.from_zh3(sh.zh3(e)), e, atol=1e-12)
-    assert np.allclose(sh.evaluate_zh3(np.broadcast_to(sh.zh3(e), (100, 5, 3)), n), sh.evaluate(e, n), atol=1e-12)
+    assert np.allclose(evaluate_zh3(np.broadcast_to(sh.zh3(e), (100, 5, 3)), n), sh.evaluate(e, n), atol=1e-12)
 
 
 def test_zh3_evaluates_as_its_nine_harmonics():
     e = np.random.default_rng(0).normal(size=(30, 9, 3))
     n = sh.directions(30)
     z = sh.zh3(e)
-    assert np.allclose(sh.evaluate_zh3(z, n), sh.evaluate(sh.from_zh3(z), n), atol=1e-12)
+    assert np.allclose(evaluate_zh3(z, n), sh.evaluate(sh.from_zh3(z), n), atol=1e-12)
 
 
 def test_deringing_is_as_small_as_it_can_be_and_shared_by_states():

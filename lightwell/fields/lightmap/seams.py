@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import ViewSamples, corrected, joined
 from lightwell.scenes.atlas_seams import Seams, seams
 from lightwell.scenes.scene import Scene
-from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
+from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
@@ -98,31 +97,3 @@ def seam_samples(
     queries = [query_of_lightmap(scene, made.atlas, points) for points in (pairs.one, pairs.two)]
     twice = lambda v: np.concatenate([v, v])  # noqa: E731
     return ViewSamples(joined(queries), *(twice(np.nan_to_num(v)) for v in (a, b)), twice(good.astype(np.float32)))
-
-
-def seam_gap(
-    scene: Scene,
-    made: AtlasIrradiance,
-    field: Callable[[LightmapQuery], np.ndarray],
-    unit: float,
-    seed: int,
-    count: int = 1 << 13,
-) -> float:
-    """Measure the mean difference |L₁ − L₂| across seams, relative to the mean of both, where light is continuous.
-
-    Args:
-        scene: The scene.
-        made: Atlas and irradiance.
-        field: Returns [N, 3] radiance of N queries.
-        unit: Radiance unit S.
-        seed: Seed of the sampler.
-        count: Number of points.
-
-    Returns:
-        The relative difference; 0 where no such seam exists.
-    """
-    pairs = seam_pairs(scene, made, count, seed)
-    if pairs is None:
-        return 0.0
-    one, two = (field(query_of_lightmap(scene, made.atlas, points)) / unit for points in (pairs.one, pairs.two))
-    return float(np.abs(one - two).mean() / max(0.5 * (one + two).mean(), 1e-9))
