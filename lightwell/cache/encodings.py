@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.graph.ops.hashgrid import PRIMES, HashGridLevel
+from lightwell.graph.ops.hashgrid import HashGridLevel, drjit_vertices
 
 OCTAVES = 12
 BLOBS = 4
@@ -106,23 +106,9 @@ def hash_lookup(layout: list[HashGridLevel], table: mi.Float, packets: int, at: 
     clamped = [dr.clip(coordinate, 0, 1) for coordinate in at]
     out: list[Any] = []
     for level in layout:
-        scaled = [coordinate * level.cells for coordinate in clamped]
-        low = [dr.minimum(mi.UInt32(a), level.cells - 1) for a in scaled]
-        fraction = [a - mi.Float(i) for a, i in zip(scaled, low)]
         total = [mi.Vector4f(0)] * packets
-        side = level.cells + 1
-        for corner in range(8):
-            upper = [corner >> axis & 1 for axis in range(3)]
-            x, y, z = (i + u for i, u in zip(low, upper))
-            if level.dense:
-                entry = x + side * (y + side * z)
-            else:
-                entry = (x ^ y * mi.UInt32(PRIMES[1]) ^ z * mi.UInt32(PRIMES[2])) & (level.entries - 1)
-            weight = mi.Float(1)
-            for f, u in zip(fraction, upper):
-                weight = weight * (f if u else 1 - f)
-            entry = (entry + level.offset) * packets
-            rows = [dr.gather(mi.Vector4f, table, entry + k) for k in range(packets)]
+        for entry, weight in drjit_vertices(level, clamped):
+            rows = [dr.gather(mi.Vector4f, table, entry * packets + k) for k in range(packets)]
             total = [dr.fma(weight, row, t) for row, t in zip(rows, total)]
         for packet in total:
             out += list(packet)

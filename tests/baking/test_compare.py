@@ -160,6 +160,7 @@ def test_other_fields_join_a_kept_comparison(tmp_path):
     assert again["trace_seconds"] == pytest.approx(first["trace_seconds"], abs=1.0)
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(tmp_path, compared):
     """kill -9 after the first field: it is not trained again, and the end is that of a comparison never killed."""
     child = subprocess.Popen([sys.executable, "-c", CHILD, str(ROOT), str(tmp_path)], stderr=subprocess.PIPE)
@@ -192,7 +193,7 @@ def test_interrupted_by_the_keyboard(tmp_path, capsys, monkeypatch):
 
 def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
     failing(monkeypatch, "report-20", RuntimeError("train: loss nan at step 3 is not finite"))
-    numbers = compare_fields(small(tmp_path, views=1))
+    numbers = compare_fields(small(tmp_path, views=1, view_size=(24, 16), shards=1, lights_per_shard=8))
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]
     assert "not finite" in numbers["failed"]["mlp:report-20"]
     assert "mlp:report-20 failed" in (tmp_path / "compare.html").read_text()
@@ -200,7 +201,8 @@ def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
 
 def test_a_time_budget_becomes_steps(tmp_path):
     """Without --steps the time decides; every field gets as much of it, and at least a few steps."""
-    settings = small(tmp_path, steps=None, budget=Budget(2.0), fields=parse_fields("mlp:small"), views=1)
+    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8}
+    settings = small(tmp_path, steps=None, budget=Budget(2.0), fields=parse_fields("mlp:small"), **few)
     numbers = compare_fields(settings)
     (field,) = numbers["fields"]
     # On a busy machine two seconds are few steps.

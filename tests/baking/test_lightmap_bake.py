@@ -83,6 +83,7 @@ def _light_of(out):
     return next((entry for entry in store_of(out).entries() if entry.function == "lightmap.light"), None)
 
 
+@pytest.mark.slow
 def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
     """kill -9 as soon as the light at the texels is kept; what was traced is not traced again."""
     program = (

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,6 +101,34 @@ def _entry(level: HashGridLevel, vertex: np.ndarray) -> np.ndarray:
     )
 
 
+def drjit_vertices(level: HashGridLevel, clamped: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+    """Find the eight vertices around points on the device.
+
+    Args:
+        level: Level of the grid.
+        clamped: Three coordinates in [0, 1], [N] each.
+
+    Yields:
+        Entry of a vertex in the table of all levels, and its trilinear weight, [N] each.
+    """
+    from lightwell.backend import dr, mi
+
+    at = [coordinate * level.cells for coordinate in clamped]
+    low = [dr.minimum(mi.UInt32(a), level.cells - 1) for a in at]
+    fraction = [a - mi.Float(i) for a, i in zip(at, low)]
+    for corner in range(8):
+        upper = [corner >> axis & 1 for axis in range(3)]
+        x, y, z = (i + u for i, u in zip(low, upper))
+        if level.dense:
+            entry = x + (level.cells + 1) * (y + (level.cells + 1) * z)
+        else:
+            entry = (x ^ y * mi.UInt32(PRIMES[1]) ^ z * mi.UInt32(PRIMES[2])) & (level.entries - 1)
+        weight = mi.Float(1)
+        for f, u in zip(fraction, upper):
+            weight *= f if u else 1 - f
+        yield entry + level.offset, weight
+
+
 def _drjit_hashgrid(use: Use, p):
     from lightwell.backend import dr, mi
 
@@ -106,21 +136,9 @@ def _drjit_hashgrid(use: Use, p):
     clamped = [dr.clip(coordinate, 0, 1) for coordinate in p]
     out = []
     for level in _levels(use):
-        at = [coordinate * level.cells for coordinate in clamped]
-        low = [dr.minimum(mi.UInt32(a), level.cells - 1) for a in at]
-        fraction = [a - mi.Float(i) for a, i in zip(at, low)]
         total = [mi.Float(0)] * channels
-        for corner in range(8):
-            upper = [corner >> axis & 1 for axis in range(3)]
-            x, y, z = (i + u for i, u in zip(low, upper))
-            if level.dense:
-                entry = x + (level.cells + 1) * (y + (level.cells + 1) * z)
-            else:
-                entry = (x ^ y * mi.UInt32(PRIMES[1]) ^ z * mi.UInt32(PRIMES[2])) & (level.entries - 1)
-            weight = mi.Float(1)
-            for f, u in zip(fraction, upper):
-                weight *= f if u else 1 - f
-            values = gather_row(use.state["table"], entry + level.offset, channels)
+        for entry, weight in drjit_vertices(level, clamped):
+            values = gather_row(use.state["table"], entry, channels)
             total = [t + weight * v for t, v in zip(total, values)]
         out += total
     return out
