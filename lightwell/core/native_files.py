@@ -23,10 +23,17 @@ COLORS = ("Y", "YA", "RGB", "RGBA", "XYZ", "XYZA")
 
 
 def answer(request: Arrays) -> Arrays:
-    """Read the file ``path`` as ``kind``: 'picture', 'serialized' (to ``out``, a PLY) or 'measured' (only tried).
+    """Read a file.
+
+    Args:
+        request: ``path`` of the file and its ``kind``: 'picture', 'serialized' (``index``; written to ``out``, a PLY)
+            or 'measured' (``plugin``; only tried); texts and numbers as arrays of shape [].
 
     Returns:
         For a picture ``pixels`` [height, width, channels] and ``srgb``, whether they are encoded; else nothing.
+
+    Raises:
+        ValueError: The kind is unknown.
     """
     mi = _mitsuba()
     kind, path = str(request["kind"]), str(request["path"])

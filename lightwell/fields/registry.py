@@ -98,7 +98,8 @@ def find_field(name: str) -> Field:
     if name in BUILT_IN:
         return import_module(BUILT_IN[name]).FIELD
     if name not in _added():
-        raise unknown_field(name)
+        error = unknown_field(name)
+        raise error
     return _loaded(name)
 
 

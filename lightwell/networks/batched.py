@@ -68,7 +68,7 @@ def initial_batch(mlp: Mlp, seeds: Sequence[int] | np.ndarray, bias: float = 0.0
 
     Args:
         mlp: Shape of the networks.
-        seeds: E seeds.
+        seeds: [E] seeds.
         bias: Initial value of the biases.
 
     Returns:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from leak_scenes import two_rooms
 
+from lightwell.cli import main
 from lightwell.core.formats import COMPRESSED
 from lightwell.core.store import Store
 from lightwell.fields.base import FieldSetup
@@ -186,6 +187,13 @@ def test_states_of_strangers_are_refused(moving):
         with pytest.raises(ValueError, match="not the state of light probes") as error:
             BakedProbes.of({k: v for k, v in (good | {name: value}).items() if v is not None})
         assert "\n" not in str(error.value), name
+
+
+def test_a_folder_without_probes_is_refused(tmp_path, capsys):
+    given = ["--field", "probes", "--rebake", str(tmp_path), "--box=-1,0,-1,1,1,1"]
+    assert main(["bake", "two-rooms", "-o", str(tmp_path / "out"), *given]) == 2
+    text = capsys.readouterr().err
+    assert "holds no probes of this version of lightwell" in text and text.count("\n") == 1
 
 
 @pytest.mark.parametrize("text", ["", "0,0,0", "0,0,0,1,1,nan", "1,0,0,0,1,1", "a,b,c,d,e,f"])
