@@ -104,7 +104,7 @@ class FreeAir:
         Returns:
             [K] each: whether a surface was hit, whether on a solid's back face, distance (inf: none) and shape number.
         """
-        ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(directions)))
+        ray = mi.Ray3f(mi.Point3f(_columns(origins)), _columns(directions))
         si = self._scene.ray_intersect(ray)
         valid = si.is_valid()
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
@@ -127,7 +127,7 @@ class FreeAir:
         """
         way = targets - origins
         length = np.linalg.norm(way, axis=1)
-        ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(way / length[:, None])))
+        ray = mi.Ray3f(mi.Point3f(_columns(origins)), _columns(way / length[:, None]))
         ray.maxt = mi.Float(np.maximum(length - slack, 0).astype(np.float32))
         return np.array(self._scene.ray_test(ray))
 
@@ -218,9 +218,11 @@ def _segment_distance(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray
     return np.linalg.norm(p - a - t[..., None] * along, axis=-1)
 
 
-def _columns(vectors: np.ndarray) -> np.ndarray:
-    """Transpose [K, 3] to contiguous float32 [3, K]."""
-    return np.ascontiguousarray(np.asarray(vectors).T, dtype=np.float32)
+def _columns(vectors: np.ndarray) -> mi.Vector3f:
+    """Upload [K, 3] vectors; evaluated, so that the kernels that read them are the same for every K."""
+    columns = mi.Vector3f(np.ascontiguousarray(np.asarray(vectors).T, dtype=np.float32))
+    dr.eval(columns)
+    return columns
 
 
 def _surface_points(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -62,7 +62,11 @@ def upload(kind: Any, array: np.ndarray) -> Any:
     Returns:
         A vector of type ``kind`` with N lanes, single precision.
     """
-    return kind(np.ascontiguousarray(np.asarray(array, np.float32).T))
+    rows = kind(np.ascontiguousarray(np.asarray(array, np.float32).T))
+    # Left to the kernels that use them, the offsets of the columns would be constants there: each kernel would be
+    # compiled anew for every N.
+    dr.eval(rows)
+    return rows
 
 
 def interaction(scene: Scene, points: SurfacePoints) -> mi.SurfaceInteraction3f:

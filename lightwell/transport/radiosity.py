@@ -87,8 +87,7 @@ class Radiosity:
         """[K] whether nothing stands between places [K, 3]."""
         way = np.asarray(b - a, np.float32)
         length = np.linalg.norm(way, axis=1)
-        columns = lambda x: np.ascontiguousarray(np.asarray(x, np.float32).T)  # noqa: E731
-        ray = mi.Ray3f(mi.Point3f(columns(a)), mi.Vector3f(columns(way / np.maximum(length, 1e-20)[:, None])))
+        ray = mi.Ray3f(upload(mi.Point3f, a), upload(mi.Vector3f, way / np.maximum(length, 1e-20)[:, None]))
         ray.maxt = mi.Float(length)
         return ~np.array(self.scene.mi.ray_test(ray)) | (length < 1e-6 * self.scene.extent)
 
@@ -293,8 +292,7 @@ def _gather_ray(scene, si, rng, first):
 
 def _free_ray(scene, origin: np.ndarray, direction: np.ndarray, seed: int, stream: int):
     """The same for rays [R, 3] that begin in the air, times π: irradiance per irradiance."""
-    columns = lambda a: np.ascontiguousarray(np.asarray(a, np.float32).T)  # noqa: E731
-    ray = mi.Ray3f(mi.Point3f(columns(origin)), mi.Vector3f(columns(direction)))
+    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
     lane = dr.arange(mi.UInt32, len(origin)) + dr.opaque(mi.UInt32, stream)
     rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(1))
     weight, p, n = _end(scene, ray, mi.Spectrum(1), rng)

@@ -18,6 +18,7 @@ from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.scenes.viewpoints import camera_frame
 from lightwell.transport.camera import first_surface
+from lightwell.transport.interactions import upload
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import SurfaceDraw, draw_surface
 from lightwell.transport.tables import shape_index, shape_lookup
@@ -127,8 +128,7 @@ def trace_rays(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> Surfa
     Returns:
         The points that were met, viewed from the origins.
     """
-    columns = lambda a: np.ascontiguousarray(np.asarray(a, np.float32).T)  # noqa: E731
-    ray = mi.Ray3f(mi.Point3f(columns(origin)), mi.Vector3f(columns(direction)))
+    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
     pi, ray = first_surface(scene.mi, ray)
     hit = pi.is_valid()
     shape = dr.select(hit, shape_index(shape_lookup(scene), pi.shape), 0)
