@@ -7,16 +7,18 @@ from typing import Any
 from lightwell.backend import mi
 
 
-def check_variant() -> None:
-    """Check the Mitsuba variant: training needs derivatives, kernels need arrays, the network needs RGB.
+def check_variant(variant: str | None) -> None:
+    """Check a Mitsuba variant: training needs derivatives, kernels need arrays, the network needs RGB.
+
+    Args:
+        variant: Name of the active variant; None: none is active.
 
     Raises:
-        ValueError: The active variant is not ``llvm_ad_rgb`` or ``cuda_ad_rgb``.
+        ValueError: The variant is not ``llvm_ad_rgb`` or ``cuda_ad_rgb``.
     """
-    variant = mi.variant() or "none"
-    if not variant.endswith("_ad_rgb"):
+    if variant is None or not variant.endswith("_ad_rgb"):
         raise ValueError(
-            f"nrc: the Mitsuba variant is '{variant}', lightwell_nrc needs llvm_ad_rgb or cuda_ad_rgb; "
+            f"nrc: the Mitsuba variant is '{variant or 'none'}', lightwell_nrc needs llvm_ad_rgb or cuda_ad_rgb; "
             "call mitsuba.set_variant('llvm_ad_rgb') before importing lightwell.cache"
         )
 

@@ -16,7 +16,7 @@ from lightwell.cache.reservoir_history import ReservoirHistory
 from lightwell.cache.settings import CacheSettings, settings_of
 from lightwell.cache.still_training import WORTH, train_still
 
-check_variant()
+check_variant(mi.variant())
 
 
 class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):

@@ -61,21 +61,63 @@ class Visitor(Protocol[State]):
     """What a kind of path does at its vertices; ``state`` holds its loop variables."""
 
     def meet(self, state: State, path: CachePath, Le: mi.Spectrum, weight: mi.Float) -> None:
-        """Add emission ``Le`` [N] that the ray found, with its weight against light sampling [N]."""
+        """Add emission that the rays found.
 
-    def arrive(
-        self, state: State, path: CachePath, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool
-    ) -> Arrival:  # fmt: skip
-        """Decide which paths continue."""
+        Args:
+            state: Loop variables of the visitor.
+            path: The paths.
+            Le: [N] radiance.
+            weight: [N] weight against light sampling.
+        """
+
+    def arrive(self, state: State, path: CachePath, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool) -> Arrival:
+        """Decide which paths continue from the vertices that they have reached.
+
+        Args:
+            state: Loop variables of the visitor.
+            path: The paths.
+            sampler: Source of random numbers.
+            si: [N] surface interactions.
+            bsdf: [N] their BSDFs.
+            smooth: [N] whether a BSDF has a component that is not a delta function.
+
+        Returns:
+            Which paths continue.
+        """
+        ...
 
     def open(self, state: State, path: CachePath, at: Arrival, alive: mi.Float) -> None:
-        """Begin at a vertex that paths leave; ``alive`` [N]: probability with which the guide's roulette kept them."""
+        """Begin at vertices that paths will leave, after the guide's roulette.
+
+        Args:
+            state: Loop variables of the visitor.
+            path: The paths; the roulette is compensated in their throughput.
+            at: Which paths continue.
+            alive: [N] probability with which the roulette kept them.
+        """
 
     def bounce(self, state: State, path: CachePath, at: Arrival, si: Any, bounce: Bounce, smooth: mi.Bool) -> None:
-        """Add the light sampled at the vertex."""
+        """Add the light sampled at vertices.
+
+        Args:
+            state: Loop variables of the visitor.
+            path: The paths.
+            at: Which paths continue.
+            si: [N] surface interactions.
+            bounce: Sampled light and directions.
+            smooth: [N] whether a BSDF has a component that is not a delta function.
+        """
 
     def leave(self, state: State, path: CachePath, at: Arrival, left: mi.Bool, factor: mi.Float) -> None:
-        """Note that paths left a vertex (``left``), and that those which survive are weighted by ``factor`` [N]."""
+        """Note that paths have left a vertex.
+
+        Args:
+            state: Loop variables of the visitor.
+            path: The paths.
+            at: Which paths continue.
+            left: [N] whether a vertex was left.
+            factor: [N] factor that compensates Russian roulette in the throughput; it is applied afterwards.
+        """
 
 
 @dr.syntax

@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.reservoir_merge import DEPTH, NORMAL, first_hit, merge
 
-# Neighbours and radius of spatial reuse (passes x neighbours: biased 2 x 5 as one pass of 5, unbiased 1 x 3), pixels.
+# Neighbours of spatial reuse (passes x neighbours: biased 2 x 5 as one pass of 5, unbiased 1 x 3).
 NEIGHBOURS = {"biased": 5, "unbiased": 3}
-RADIUS = 30.0
-# Neighbours whose surfaces differ by more are not used: relative depth; cosine between normals (25 degrees).
-DEPTH, NORMAL = 0.1, 0.906
 # Largest candidate count of a temporal reservoir over the number of new candidates.
 HISTORY = 20.0
 
@@ -40,6 +38,72 @@ class Reservoirs:
         """Distance and normal of the surface; t = 0: no surface."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0, 0, 1)
         """Camera ray, from which the surface is computed again."""
+
+    def copy(self) -> Reservoirs:
+        """Copy the sample, see ``Reservoir``.
+
+        Returns:
+            Reservoirs with the same sample.
+        """
+        out = Reservoirs()
+        out.u = mi.Point2f(self.u)
+        return out
+
+    def take(self, other: Reservoirs, taken: mi.Bool) -> None:
+        """Replace the sample, see ``Reservoir``.
+
+        Args:
+            other: Reservoirs with the new samples.
+            taken: [N] where they are taken.
+        """
+        self.u = dr.select(taken, other.u, self.u)
+
+    def target(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> mi.Float:
+        """Evaluate the target function, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] luminance of ``contribution``, ≥ 0.
+        """
+        return target(scene, si, bsdf, self.u, active)
+
+    def moved(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
+        """Evaluate the target function at another first hit; there is no Jacobian, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] target function p, and p W.
+        """
+        p = target(scene, si, bsdf, self.u, active)
+        return p, p * self.W
+
+    def possible(self, scene: Any, ray: Any, active: mi.Bool) -> mi.Bool:
+        """Test whether first hits could have generated the sample with a weight above 0, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            ray: [N] camera rays.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] mask.
+        """
+        si, bsdf, usable = first_hit(scene, ray, active)
+        active = active & usable
+        p = target(scene, si, bsdf, self.u, active)
+        _, ds = contribution(scene, si, bsdf, self.u, active & (p > 0))
+        hidden = scene.ray_test(si.spawn_ray_to(ds.p), active & (p > 0))
+        return active & (p > 0) & ~hidden
 
 
 def contribution(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool) -> tuple[Any, Any]:
@@ -76,22 +140,6 @@ def target(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool) -> mi
     """
     value, _ = contribution(scene, si, bsdf, u, active)
     return dr.maximum(mi.luminance(value), 0)
-
-
-def first_hit(scene: Any, ray: Any, active: mi.Bool | bool = True) -> tuple[Any, Any, mi.Bool]:
-    """Intersect camera rays with the scene.
-
-    Args:
-        scene: Mitsuba scene.
-        ray: [N] camera rays.
-        active: [N] mask of the active lanes.
-
-    Returns:
-        Surface interactions, BSDFs, and mask of the surfaces with a component that is not a delta function [N].
-    """
-    si = scene.ray_intersect(ray, mi.RayFlags.All, True, mi.Bool(active))
-    bsdf = si.bsdf(ray)
-    return si, bsdf, si.is_valid() & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
 
 @dr.syntax
@@ -185,16 +233,11 @@ def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoi
     return dr.gather(Reservoirs, before, mi.UInt32(y) * width + mi.UInt32(x), seen), seen
 
 
-@dr.syntax
 def shade(
     scene: Any, ray: Any, sampler: Any, held: Reservoirs, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
     count: int, unbiased: bool,
 ) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
     """Compute the direct light at the first hits after spatial reuse of neighbours' reservoirs.
-
-    Biased merging divides by all candidates and is too dark where neighbours could not have generated the sample.
-    Unbiased merging divides by the candidates of those that could: their target function, with visibility, is evaluated
-    again.
 
     Args:
         scene: Mitsuba scene.
@@ -205,73 +248,14 @@ def shade(
         height: Image height, pixels.
         spp: Samples per pixel of this pass.
         count: Neighbours, ≥ 0.
-        unbiased: Whether merging is unbiased.
+        unbiased: Whether merging is unbiased, see ``merge``.
 
     Returns:
         Radiance [N], 0 where there are no reservoirs; weights W [N] and candidate counts M [N] after merging.
     """
-    N = dr.width(held.W)
-    lane = dr.arange(mi.UInt32, N)
-    pixel, s = lane // spp, lane % spp
-    at = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-    si, bsdf, usable = first_hit(scene, ray)
-    angle, offset_r = sampler.next_1d() * dr.two_pi, sampler.next_1d()
-
-    u, M = mi.Point2f(held.u), mi.Float(held.M)  # Copies: the next pass reuses ``held``.
-    p = target(scene, si, bsdf, u, usable)
-    total = p * held.W * held.M
-    best = p
-    k = mi.UInt32(0)
-    while dr.hint(k < count, label="lightwell nrc neighbours"):
-        i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-        other = dr.gather(Reservoirs, held, i, usable)
-        alike = usable & _alike(other, si, i != lane)
-        p = target(scene, si, bsdf, other.u, alike)
-        w = dr.select(alike, p * other.W * other.M, 0)
-        total += w
-        M += dr.select(alike, other.M, 0)
-        taken = sampler.next_1d() * total < w
-        u = dr.select(taken, other.u, u)
-        best = dr.select(taken, p, best)
-        k += 1
-    if dr.hint(unbiased, mode="scalar"):
-        M = dr.select(_possible(scene, held.o, held.d, u, usable), held.M, 0)
-        k = mi.UInt32(0)
-        while dr.hint(k < count, label="lightwell nrc possible"):
-            i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-            other = dr.gather(Reservoirs, held, i, usable)
-            alike = usable & _alike(other, si, i != lane)
-            M += dr.select(_possible(scene, other.o, other.d, u, alike), other.M, 0)
-            k += 1
-    W = dr.select((best > 0) & (M > 0), total / (M * best), 0)
-    value, ds = contribution(scene, si, bsdf, u, usable & (W > 0))
+    hit = si, bsdf, usable = first_hit(scene, ray)
+    kept, W, M = merge(scene, hit, sampler, held, (width, height, spp), count, unbiased)
+    value, ds = contribution(scene, si, bsdf, kept.u, usable & (W > 0))
     hidden = scene.ray_test(si.spawn_ray_to(ds.p), usable & (W > 0))
     L = dr.select(usable & ~hidden, value * W, 0)
     return dr.select(dr.all(dr.isfinite(L)), L, 0), W, M
-
-
-def _neighbour(at, angle, radius, k, count, width, height):
-    """Return the pixel index of the k-th neighbour: golden-angle spiral in a disc, mirrored at the image border."""
-    r = dr.sqrt((mi.Float(k) + 0.25 + 0.75 * radius) / count) * RADIUS
-    turn = angle + mi.Float(k) * 2.399963
-    x, y = at.x + r * dr.cos(turn), at.y + r * dr.sin(turn)
-    w, h = mi.Float(width), mi.Float(height)
-    x, y = dr.abs(x), dr.abs(y)
-    x = dr.clip(dr.select(x > w - 1, 2 * (w - 1) - x, x), 0, w - 1)
-    y = dr.clip(dr.select(y > h - 1, 2 * (h - 1) - y, y), 0, h - 1)
-    return mi.UInt32(dr.round(x)) + mi.UInt32(dr.round(y)) * width
-
-
-def _alike(other: Reservoirs, si: Any, elsewhere: mi.Bool) -> mi.Bool:
-    """Test whether a neighbour's surface has a similar depth and normal."""
-    return elsewhere & (other.t > 0) & (dr.abs(other.t / si.t - 1) < DEPTH) & (dr.dot(other.n, si.n) > NORMAL)
-
-
-def _possible(scene, o, d, u, active) -> mi.Bool:
-    """Test whether the first hit of a camera ray could have generated sample u with a weight above 0."""
-    si, bsdf, usable = first_hit(scene, mi.Ray3f(o, d), active)
-    active = active & usable
-    p = target(scene, si, bsdf, u, active)
-    _, ds = contribution(scene, si, bsdf, u, active & (p > 0))
-    hidden = scene.ray_test(si.spawn_ray_to(ds.p), active & (p > 0))
-    return active & (p > 0) & ~hidden

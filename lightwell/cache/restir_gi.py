@@ -18,8 +18,8 @@ from lightwell.cache.bounces import EMITTERS
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.path_loop import CachePath
 from lightwell.cache.render_paths import render_path
-from lightwell.cache.restir import _alike, _neighbour, first_hit
-from lightwell.transport.path_state import sample_light
+from lightwell.cache.reservoir_merge import first_hit, merge
+from lightwell.transport.path_state import is_delta, sample_light
 
 
 class ReservoirSample:
@@ -40,6 +40,75 @@ class ReservoirSample:
         """First hit: position, distance from the camera (0: no hit), normal."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0, 0, 1)
         """Camera ray."""
+
+    def copy(self) -> ReservoirSample:
+        """Copy the sample, see ``Reservoir``.
+
+        Returns:
+            Reservoirs with the same secondary points.
+        """
+        out = ReservoirSample()
+        out.x, out.ns, out.L = mi.Point3f(self.x), mi.Vector3f(self.ns), mi.Color3f(self.L)
+        return out
+
+    def take(self, other: ReservoirSample, taken: mi.Bool) -> None:
+        """Replace the sample, see ``Reservoir``.
+
+        Args:
+            other: Reservoirs with the new samples.
+            taken: [N] where they are taken.
+        """
+        self.x, self.ns = dr.select(taken, other.x, self.x), dr.select(taken, other.ns, self.ns)
+        self.L = dr.select(taken, other.L, self.L)
+
+    def target(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> mi.Float:
+        """Evaluate the target function, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] luminance of ``reached``.
+        """
+        return mi.luminance(reached(si, bsdf, self, active & (self.W > 0))[0])
+
+    def moved(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
+        """Evaluate the target function at another first hit, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] target function p, and p W times the Jacobian.
+        """
+        value, cosine, distance2 = reached(si, bsdf, self, active & (self.W > 0))
+        p = mi.luminance(value)
+        back = self.p - self.x
+        cosine_j = dr.dot(self.ns, back) * dr.rsqrt(dr.maximum(dr.squared_norm(back), 1e-20))
+        jacobian = cosine / cosine_j * dr.squared_norm(back) / distance2
+        return p, dr.select((p > 0) & (cosine_j > 0), p * self.W * jacobian, 0)
+
+    def possible(self, scene: Any, ray: Any, active: mi.Bool) -> mi.Bool:
+        """Test whether first hits could have sampled the secondary points, see ``Reservoir``.
+
+        Args:
+            scene: Mitsuba scene.
+            ray: [N] camera rays.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] mask.
+        """
+        si, bsdf, usable = first_hit(scene, ray, active)
+        active = active & usable
+        value, _, _ = reached(si, bsdf, self, active)
+        return visible(scene, si, self.x, active & (mi.luminance(value) > 0))
 
 
 def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
@@ -81,7 +150,7 @@ def choose(
     rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
     sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
     path = CachePath()
-    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    delta = is_delta(sample)
     path.leave(si, sample.wo, mi.Float(sample.pdf), mi.Spectrum(1), mi.Float(1), delta)
     path.active = usable & (dr.max(weight) > 0)
     path.depth = mi.UInt32(1)
@@ -101,48 +170,31 @@ def choose(
     out = ReservoirSample()
     out.x, out.L = mi.Point3f(behind.p), mi.Color3f(dr.select(shared, L, 0))
     n = mi.Vector3f(behind.n)
-    out.ns = dr.select(dr.dot(n, walk_direction(si, behind)) > 0, -n, n)
+    out.ns = dr.select(dr.dot(n, dr.normalize(behind.p - si.p)) > 0, -n, n)
     out.W, out.M = dr.select(shared, dr.rcp(sample.pdf), 0), dr.select(usable, mi.Float(1), 0)
     out.p, out.t, out.n = mi.Point3f(si.p), dr.select(usable, si.t, 0), mi.Vector3f(si.n)
     out.o, out.d = mi.Point3f(ray.o), mi.Vector3f(ray.d)
     return out, dr.select(dr.all(dr.isfinite(rest)), rest, 0), usable
 
 
-def walk_direction(si: Any, behind: Any) -> mi.Vector3f:
-    """Compute the direction from the first hit to the secondary point.
-
-    Args:
-        si: Surface interactions of the first hits.
-        behind: Surface interactions of the secondary points.
-
-    Returns:
-        [N] unit directions.
-    """
-    return dr.normalize(behind.p - si.p)
-
-
-def reached(
-    si: Any, bsdf: Any, x: mi.Point3f, ns: mi.Vector3f, L: mi.Color3f, active: mi.Bool
-) -> tuple[Any, mi.Float, mi.Float]:
-    """Evaluate the light from a secondary point at a first hit, without visibility.
+def reached(si: Any, bsdf: Any, held: ReservoirSample, active: mi.Bool) -> tuple[Any, mi.Float, mi.Float]:
+    """Evaluate the light from secondary points at first hits, without visibility.
 
     Args:
         si: Surface interactions of the first hits.
         bsdf: Their BSDFs.
-        x: [N] secondary points, metres.
-        ns: [N] unit normals there.
-        L: [N] radiance that leaves them.
+        held: Secondary points and the radiance that leaves them.
         active: [N] mask of the active lanes.
 
     Returns:
         BSDF * L [N], cosine at the secondary point [N] and squared distance [N].
     """
-    offset = x - si.p
+    offset = held.x - si.p
     distance2 = dr.squared_norm(offset)
     direction = offset * dr.rsqrt(dr.maximum(distance2, 1e-20))
-    cosine = -dr.dot(ns, direction)
+    cosine = -dr.dot(held.ns, direction)
     active = active & (cosine > 0) & (distance2 > 0)
-    value = bsdf.eval(mi.BSDFContext(), si, si.to_local(direction), active) * L
+    value = bsdf.eval(mi.BSDFContext(), si, si.to_local(direction), active) * held.L
     return dr.select(active & dr.all(dr.isfinite(value)), value, 0), cosine, distance2
 
 
@@ -161,7 +213,6 @@ def visible(scene: Any, si: Any, x: mi.Point3f, active: mi.Bool) -> mi.Bool:
     return active & ~scene.ray_test(si.spawn_ray_to(x), active)
 
 
-@dr.syntax
 def shade(
     scene: Any, ray: Any, sampler: Any, held: ReservoirSample, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
     count: int, unbiased: bool,
@@ -177,57 +228,13 @@ def shade(
         height: Image height, pixels.
         spp: Samples per pixel of this pass.
         count: Neighbours, ≥ 0.
-        unbiased: Whether merging is unbiased, see ``restir.shade``.
+        unbiased: Whether merging is unbiased, see ``merge``.
 
     Returns:
         Radiance [N], weights W [N] and candidate counts M [N] after merging.
     """
-    lane = dr.arange(mi.UInt32, dr.width(held.W))
-    pixel, s = lane // spp, lane % spp
-    at = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-    si, bsdf, usable = first_hit(scene, ray)
-    angle, offset_r = sampler.next_1d() * dr.two_pi, sampler.next_1d()
-
-    x, ns, L, M = mi.Point3f(held.x), mi.Vector3f(held.ns), mi.Color3f(held.L), mi.Float(held.M)
-    value, cosine, distance2 = reached(si, bsdf, x, ns, L, usable & (held.W > 0))
-    best = mi.luminance(value)
-    total = best * held.W * held.M
-    k = mi.UInt32(0)
-    while dr.hint(k < count, label="lightwell nrc bounced neighbours"):
-        i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-        other = dr.gather(ReservoirSample, held, i, usable)
-        alike = usable & _alike(other, si, i != lane)
-        value, cosine, distance2 = reached(si, bsdf, other.x, other.ns, other.L, alike & (other.W > 0))
-        p = mi.luminance(value)
-        back = other.p - other.x
-        cosine_j = dr.dot(other.ns, back) * dr.rsqrt(dr.maximum(dr.squared_norm(back), 1e-20))
-        jacobian = cosine / cosine_j * dr.squared_norm(back) / distance2
-        w = dr.select((p > 0) & (cosine_j > 0), p * other.W * jacobian * other.M, 0)
-        w = dr.select(dr.isfinite(w), w, 0)
-        total += w
-        M += dr.select(alike, other.M, 0)
-        taken = sampler.next_1d() * total < w
-        x, ns, L = dr.select(taken, other.x, x), dr.select(taken, other.ns, ns), dr.select(taken, other.L, L)
-        best = dr.select(taken, p, best)
-        k += 1
-    if dr.hint(unbiased, mode="scalar"):
-        M = dr.select(_possible(scene, held.o, held.d, x, ns, L, usable), held.M, 0)
-        k = mi.UInt32(0)
-        while dr.hint(k < count, label="lightwell nrc bounced possible"):
-            i = _neighbour(at, angle, offset_r, k, count, width, height) * spp + s
-            other = dr.gather(ReservoirSample, held, i, usable)
-            alike = usable & _alike(other, si, i != lane)
-            M += dr.select(_possible(scene, other.o, other.d, x, ns, L, alike), other.M, 0)
-            k += 1
-    W = dr.select((best > 0) & (M > 0), total / (M * best), 0)
-    value, _, _ = reached(si, bsdf, x, ns, L, usable & (W > 0))
-    out = dr.select(visible(scene, si, x, usable & (W > 0)), value * W, 0)
+    hit = si, bsdf, usable = first_hit(scene, ray)
+    kept, W, M = merge(scene, hit, sampler, held, (width, height, spp), count, unbiased)
+    value, _, _ = reached(si, bsdf, kept, usable & (W > 0))
+    out = dr.select(visible(scene, si, kept.x, usable & (W > 0)), value * W, 0)
     return dr.select(dr.all(dr.isfinite(out)), out, 0), W, M
-
-
-def _possible(scene, o, d, x, ns, L, active) -> mi.Bool:
-    """Test whether the first hit of a camera ray could have sampled the secondary point."""
-    si, bsdf, usable = first_hit(scene, mi.Ray3f(o, d), active)
-    active = active & usable
-    value, _, _ = reached(si, bsdf, x, ns, L, active)
-    return visible(scene, si, x, active & (mi.luminance(value) > 0))

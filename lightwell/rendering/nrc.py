@@ -80,6 +80,9 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
 
     Returns:
         Facts about the picture; JSON values.
+
+    Raises:
+        ValueError: Output variables are asked for, and the scene has no camera.
     """
     check_picture_name(settings.out, "render")
     film = Film(settings)

@@ -16,7 +16,7 @@ from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_state import PathState, sample_light
+from lightwell.transport.path_state import PathState, is_delta, sample_light
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
@@ -193,9 +193,7 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
 
     Returns the radiance, and the estimate of E' with the same directions: f cos / p replaced by cos / (π p).
     """
-    ctx = mi.BSDFContext()
-    L, E, first_weight, diffuse_weight, path = _first_vertex(ctx, scene, si, source, rng, *first[:2])
-    delta_first = mi.Bool(path.prev_delta)
+    L, E, first_weight, diffuse_weight, path = _first_vertex(scene, si, source, rng, *first[:2])
     arriving = mi.Spectrum(0)  # Radiance from the sampled direction
 
     while dr.hint(path.active, label="lightwell gather"):
@@ -220,29 +218,28 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         lamp = sample_light(scene, si, source, next_2d(rng), goes & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
         v = next_2d(rng)
         value, pdf, sample, weight = bsdf.eval_pdf_sample(
-            ctx, si, si.to_local(lamp.direction), rng.next_float32(), v, goes
+            mi.BSDFContext(), si, si.to_local(lamp.direction), rng.next_float32(), v, goes
         )
         arriving += dr.select(lamp.seen, path.β * lamp.mis(pdf) * value * lamp.weight, 0)
 
         # ------------------- Loop variables and stopping criterion -------------------
 
-        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, delta)
+        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, is_delta(sample))
         factor, alive = path.roulette(rr_depth, rng.next_float32())
         path.β *= factor
         path.active = goes & alive
         path.depth += 1
 
-    return L + first_weight * arriving, E + dr.select(delta_first, 0, diffuse_weight) * arriving
+    return L + first_weight * arriving, E + diffuse_weight * arriving
 
 
-def _first_vertex(ctx, scene, si, source, rng, lobe, direction):
+def _first_vertex(scene, si, source, rng, lobe, direction):
     """Sample the emitters at the query point, and the direction in which the path leaves.
 
     Returns direct light (radiance and E'), the weights of the light from the sampled direction (for radiance, and
     cos / (π p) for E'), and the path, whose throughput begins after the query point.
     """
-    bsdf = si.bsdf()
+    ctx, bsdf = mi.BSDFContext(), si.bsdf()
     stopped = coverage(si, bsdf)
     facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
     lamp = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
@@ -253,8 +250,7 @@ def _first_vertex(ctx, scene, si, source, rng, lobe, direction):
     sample, weight = bsdf.sample(ctx, si, lobe * stopped, direction)
     cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
     diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * stopped / sample.pdf, 0)
-    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     path = PathState()
-    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), mi.Spectrum(1), mi.Float(sample.eta), delta)
+    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), mi.Spectrum(1), mi.Float(sample.eta), is_delta(sample))
     path.depth, path.active = mi.UInt32(1), dr.max(weight) != 0
-    return lit * value / stopped, E, weight, diffuse_weight, path
+    return lit * value / stopped, E, weight, dr.select(path.prev_delta, 0, diffuse_weight), path

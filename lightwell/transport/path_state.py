@@ -44,6 +44,18 @@ def interaction_at(si: mi.SurfaceInteraction3f) -> mi.Interaction3f:
     return mi.Interaction3f(si.t, si.time, si.wavelengths, si.p, si.n)
 
 
+def is_delta(sample: mi.BSDFSample3f) -> mi.Bool:
+    """Test whether directions were sampled from delta components.
+
+    Args:
+        sample: [N] BSDF samples.
+
+    Returns:
+        [N] mask.
+    """
+    return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+
+
 @dataclass
 class LightSample:
     """Direction to a light at each vertex. It is not a loop variable."""

@@ -24,7 +24,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_state import PathState, power_heuristic, sample_light
+from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, Source, declared
 from lightwell.transport.tables import tables
@@ -118,16 +118,12 @@ def _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
 
         # ------------------- Loop variables and stopping criterion -------------------
 
-        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, _is_delta(sample))
+        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, is_delta(sample))
         factor, alive = path.roulette(rr_depth, rng.next_float32())
         path.β *= factor
         path.active = goes & alive
         path.depth += 1
     return L
-
-
-def _is_delta(sample) -> mi.Bool:
-    return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
 
 
 def _ray_densities(path, si, connections):
@@ -151,7 +147,7 @@ def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, conn
     # Lobes come in the order covered, seen through.
     sample, β = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, direction)
     path = PathState()
-    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), β, mi.Float(sample.eta), _is_delta(sample))
+    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), β, mi.Float(sample.eta), is_delta(sample))
     path.depth, path.active = mi.UInt32(1), dr.max(path.β) != 0
     return L, z, path
 

@@ -3,6 +3,8 @@
 from lightwell.backend import mi
 
 T = mi.ScalarTransform4f
+# A small network, trained on every pixel.
+SMALL = {"levels": 3, "entries_log2": 10, "batch": 1024, "steps": 2, "train_fraction_max": 1.0, "max_vertices": 6}
 
 
 def sensor(size=24, origin=(0, 0, 0), target=(0, 0, 1), spp=1, fov=60, rfilter="box"):

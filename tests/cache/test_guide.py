@@ -8,9 +8,8 @@ from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.guide import BINS, FACES, SIDE, Guide, bin_of, direction_of, key_of
 from lightwell.cache.guide_table import LONGEST, GuideTable, on_device, tree_of
 
-from .scenes import furnace, room
+from .scenes import SMALL, furnace, room
 
-SMALL = {"levels": 3, "entries_log2": 10, "batch": 1024, "steps": 2, "train_fraction_max": 1.0, "max_vertices": 6}
 UNIT = np.array([[0.0, 0, 0], [1, 1, 1]])
 
 

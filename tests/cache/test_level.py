@@ -20,9 +20,7 @@ from lightwell.cache.brightness_correction import (
 from lightwell.cache.features import Vertex
 from lightwell.cache.image_passes import limit_caustics
 
-from .scenes import room
-
-SMALL = {"levels": 3, "entries_log2": 10, "batch": 1024, "steps": 2, "train_fraction_max": 1.0, "max_vertices": 6}
+from .scenes import SMALL, room
 
 
 def vertices(p, n):

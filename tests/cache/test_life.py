@@ -8,9 +8,7 @@ from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.change_detection import ChangeDetector
 from lightwell.cache.settings import VIEWS
 
-from .scenes import room, sensor
-
-SMALL = {"levels": 3, "entries_log2": 10, "batch": 1024, "steps": 2, "train_fraction_max": 1.0, "max_vertices": 6}
+from .scenes import SMALL, room, sensor
 
 
 @pytest.fixture(scope="module")

@@ -55,6 +55,7 @@ class InterruptAt:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     first = subprocess.Popen(_command(folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -72,8 +73,15 @@ def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
     assert not (folder / ".lightwell.lock").exists()
 
 
-@pytest.mark.parametrize("options", [{"guide": "always"}, {"first_hit": "restir-di"}, {"replay": 0.2}])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"first_hit": "restir-di", "replay": 0.2},
+        pytest.param({"guide": "always"}, marks=pytest.mark.slow),
+        pytest.param({"first_hit": "restir-di"}, marks=pytest.mark.slow),
+        pytest.param({"replay": 0.2}, marks=pytest.mark.slow),
+    ],
+)
 def test_all_that_a_frame_depends_on_is_in_the_checkpoint(tmp_path, options):
     """Stopped after the second frame of five; guide, reservoirs and the pool of rays are more than weights."""
     _sequence(tmp_path / "whole", 5, **options)
