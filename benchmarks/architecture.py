@@ -41,6 +41,8 @@ PYDOCLINT = (
     "--skip-checking-private-functions=True",
     "--ignore-private-args=True",
 )
+# Functions of the public API document the errors that reach the caller, most of which are raised further below.
+FACADE = "lightwell/api.py"
 # Annotations of arrays, whose docstring entry must give a shape such as [N, 3].
 ARRAY = re.compile(r"ndarray|TensorXf|\bArray\b")
 SHAPE = re.compile(r"\[[^\]]*\]|scalar|any shape|shape of|same shape|like ``")
@@ -194,8 +196,10 @@ def pydoclint() -> list[str]:
     for line in (text.stdout + text.stderr).splitlines():
         if line.startswith("lightwell/"):
             name = line.strip()
-        elif match := re.match(r"\s+(\d+): DOC\d+: \w+ `([\w.]+)`", line):
-            found.append(f"{name}:{match[1]} {match[2]}")
+        elif match := re.match(r"\s+(\d+): (DOC\d+): \w+ `([\w.]+)`", line):
+            if name == FACADE and match[2] in ("DOC502", "DOC503"):
+                continue
+            found.append(f"{name}:{match[1]} {match[3]}")
     return sorted({place for place in found if not re.search(r"[ .]_(?!_init__)", place)})
 
 

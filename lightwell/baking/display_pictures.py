@@ -60,8 +60,19 @@ def reference_picture(
         [H, W, 3] float32 linear radiance.
     """
     width, height = (PICTURE_SCALE * edge for edge in view_size)
-    options = {"intensity": intensity, "color": color, "with_static": with_static}
-    picture = total_image(scene, camera, light, variable, width, height, spp, seed, **options)
+    picture = total_image(
+        scene,
+        camera,
+        light,
+        variable,
+        width,
+        height,
+        spp,
+        seed,
+        intensity=intensity,
+        color=color,
+        with_static=with_static,
+    )
     return picture if missing() else denoise(picture, *guide_images(scene, camera, width, height))
 
 

@@ -6,9 +6,10 @@ queries of the points, because the inputs of fields differ.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,7 +31,8 @@ from lightwell.transport.camera import gbuffer
 
 # Version; to be increased when the same arguments give other samples than before.
 VERSION = 1
-NO_LIGHT = np.zeros(3, np.float32)
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -133,33 +135,32 @@ def trace_reference(
         The reference. What a store holds is not traced again.
     """
     seed, size = settings.seed, settings.view_size
+    made_from = {"scene": scene.digest, "variable": variable, "roles": list(roles), "budget": budget, "seed": seed}
 
-    def kept(name, kind, make, **more):
+    def kept(what: str, name: str, kind: type[T], make: Callable[[], T], **more: Any) -> T | None:
         if store is None:
-            return make()
-        made_from = {"scene": scene.digest, "variable": variable, "roles": list(roles), "budget": budget, "seed": seed}
-        return store.get(key(f"reference.{name}", VERSION, **made_from, **more), make, RecordFormat(kind))
+            return notes.attempt(what, make, None)
+        of = key(f"reference.{name}", VERSION, **made_from, **more)
+        return notes.attempt(what, partial(store.get, of, make, RecordFormat(kind)), None)
 
-    with progress.stage("reference", settings.views + 2 + (variable is not None), "held-out lights and views") as bar:
+    with progress.stage("reference", settings.views + 3, "held-out lights and views") as bar:
         stage = stage or choose_stage(scene, variable, units, settings)
-        points = {}
+        points: dict[str, PointReference] = {}
+        views: list[ViewReference | None] = []
+        make: Callable[[], Any]
         for role in roles:
-            trace = partial(trace_points, scene, variable, role, budget, seed)
-            make = partial(kept, f"points-{role}", PointReference, trace)
-            if found := notes.attempt(f"the score at surface points ({role})", make, None):
+            make = partial(trace_points, scene, variable, role, budget, seed)
+            if found := kept(f"the score at surface points ({role})", f"points-{role}", PointReference, make):
                 points[role] = found
         bar.advance()
-        sweep = None
-        if "indirect" in roles:
-            make = partial(kept, "sweep", SweepReference, partial(trace_sweep, scene, variable, budget, seed))
-            sweep = notes.attempt("the error along the path of the light", make, None)
-            bar.advance()
-        views = []
+        make = partial(trace_sweep, scene, variable, budget, seed)
+        with_sweep = variable is not None and "indirect" in roles
+        sweep = kept("the error along the path of the light", "sweep", SweepReference, make) if with_sweep else None
+        bar.advance()
         for k, (camera, light) in enumerate(stage.views):
-            more = (roles, size, budget.pixel_paths, stage.intensity)
-            trace = partial(trace_view, scene, variable, camera, light, *more)
-            make = partial(kept, "view", ViewReference, trace, view=k, of=settings.views, size=list(size))
-            views.append(notes.attempt(f"the score of {view_name(camera, k)}", make, None))
+            make = partial(trace_view, scene, variable, camera, light, roles, size, budget.pixel_paths, stage.intensity)
+            more = {"view": k, "of": settings.views, "size": list(size)}
+            views.append(kept(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
             bar.advance()
         pictures = _page_views(scene, variable, stage, size, budget.picture_spp, "static" in roles, notes)
         display = _display_views(scene, stage, views, size, notes)

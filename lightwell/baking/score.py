@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,7 +22,7 @@ from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.core.denoise import missing
 from lightwell.doctor import versions
 from lightwell.fields.protocol import Fit, State
-from lightwell.report.records import ReportData, ViewComparison
+from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
@@ -73,26 +73,16 @@ def score(
     Returns:
         The content of a report, without the size of the asset.
     """
-    scene = state.scene
-    # The headline field: that of the variable light, or the only one.
-    first = next((s for s in shipped if s.role == "indirect"), shipped[0])
-    ordered = [first, *(s for s in shipped if s is not first)]
-    names = evaluate.object_names(scene)
-    points = {
-        s.role: evaluate.compare_points(reference.points[s.role], s, names)
-        for s in ordered
-        if s.role in reference.points
-    }
+    # The headline is that of the variable light, or of the only field.
+    first, *others = ordered = sorted(shipped, key=lambda s: s.role != "indirect")
+    names, traced = evaluate.object_names(state.scene), reference.points
+    points = {s.role: evaluate.compare_points(traced[s.role], s, names) for s in ordered if s.role in traced}
     views = _compare_views(state, reference, ordered, settings.view_size, names, notes)
-    sweep = [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first)
-    for s in ordered[1:]:
-        if s.role in points:
-            scores = point_scores(points[s.role], s.fit.unit)
-            facts[f"{s.role}_field"] = {k: scores[k] for k in ("relative_error", "noise_floor", "energy_ratio")}
+    facts |= _of_roles(others, points)
     quality, judged = _judge(state, settings, reference, budget, ordered, notes)
     paths = sum(s.fit.traced.paths for s in shipped)
     return ReportData(
-        scene=scene.name,
+        scene=state.scene.name,
         field=field,
         preset=state.job.request.preset,
         seed=settings.seed,
@@ -105,13 +95,20 @@ def score(
         versions=versions(),
         settings=facts,
         training=first.fit.training.curve,
-        sweep=sweep,
+        sweep=[] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first),
         warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
     )
+
+
+def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:
+    """Errors of the fields beside the headline."""
+    scores = {s.role: point_scores(points[s.role], s.fit.unit) for s in shipped if s.role in points}
+    keys = ("relative_error", "noise_floor", "energy_ratio")
+    return {f"{role}_field": {key: found[key] for key in keys} for role, found in scores.items()}
 
 
 def _compare_views(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -19,22 +19,10 @@ LOG = logging.getLogger("lightwell")
 REDRAW_SECONDS = 0.2
 
 
-class Bars(Protocol):
-    """A display of progress bars, as ``rich.progress.Progress`` is one."""
-
-    def update(self, task: TaskID, **changes: Any) -> None:
-        """Change a bar.
-
-        Args:
-            task: Identifier of the bar.
-            **changes: ``advance`` or ``completed`` in steps, and ``note``.
-        """
-
-
 class ProgressStage:
     """One progress bar with a note behind it."""
 
-    def __init__(self, bars: Bars | None, task: TaskID) -> None:
+    def __init__(self, bars: RichProgress | NotebookBar | None, task: TaskID) -> None:
         """Wrap a bar.
 
         Args:
@@ -51,7 +39,7 @@ class ProgressStage:
             note: Text behind the bar; None keeps the present one.
         """
         if self._bars:
-            extra = {} if note is None else {"note": note}
+            extra: dict[str, Any] = {} if note is None else {"note": note}
             self._bars.update(self._task, advance=steps, **extra)
 
     def move_to(self, completed: float, note: str | None = None) -> None:
@@ -62,7 +50,7 @@ class ProgressStage:
             note: Text behind the bar; None keeps the present one.
         """
         if self._bars:
-            extra = {} if note is None else {"note": note}
+            extra: dict[str, Any] = {} if note is None else {"note": note}
             self._bars.update(self._task, completed=completed, **extra)
 
 
@@ -79,24 +67,30 @@ class NotebookBar:
         """
         from IPython.display import HTML, display
 
-        self._html, self._begin, self._shown = HTML, perf_counter(), 0.0
-        self._values = {"title": title, "total": total, "done": 0.0, "note": note, "seconds": 0.0}
-        self._handle = display(self._page(), display_id=True)
+        show: Callable[..., Any] = display
+        self._html: Callable[..., Any] = HTML
+        self._begin, self._shown = perf_counter(), 0.0
+        self._values: dict[str, Any] = {"title": title, "total": total, "done": 0.0, "note": note, "seconds": 0.0}
+        self._handle = show(self._page(), display_id=True)
 
     def _page(self) -> Any:
         from lightwell.core.notebook import TEMPLATES
 
         return self._html(TEMPLATES.render("bar.html", **self._values))
 
-    def update(self, task: TaskID, **changes: Any) -> None:
+    def update(
+        self, task: TaskID, /, *, completed: float | None = None, advance: float | None = None, **fields: Any
+    ) -> None:
         """Move the bar; it is drawn anew a few times a second.
 
         Args:
             task: Not used: there is one bar.
-            **changes: ``advance`` or ``completed`` in steps, and ``note``.
+            completed: Steps that were done since the start; None: as ``advance`` says.
+            advance: Steps that were done since the last call.
+            **fields: ``note``, the text behind the bar.
         """
-        done = changes.get("completed", self._values["done"] + changes.get("advance", 0))
-        self._values |= {"done": done, "note": changes.get("note", self._values["note"])}
+        done = self._values["done"] + (advance or 0) if completed is None else completed
+        self._values |= {"done": done, **fields}
         now = perf_counter()
         if now - self._shown >= REDRAW_SECONDS or done >= self._values["total"]:
             self._shown = now

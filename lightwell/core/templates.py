@@ -20,9 +20,13 @@ class Templates:
             folder: Folder with the templates.
             filters: Functions that the templates call with ``value | name``.
         """
-        loader = FileSystemLoader(folder)
-        options = {"trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
-        self._environment = Environment(loader=loader, autoescape=True, **options)
+        self._environment = Environment(
+            loader=FileSystemLoader(folder),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
         self._environment.filters |= dict(filters or {})
 
     def render(self, name: str, **values: Any) -> Markup:

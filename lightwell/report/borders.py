@@ -46,7 +46,7 @@ def border_band(regions: np.ndarray, width: int = BORDER_WIDTH) -> np.ndarray:
         edge[there] |= differs
     if not edge.any():
         return edge
-    return (distance_transform_edt(~edge) < width) & surface
+    return np.asarray(distance_transform_edt(~edge) < width) & surface
 
 
 def border_error(f: np.ndarray, y: np.ndarray, regions: np.ndarray) -> BorderError | None:

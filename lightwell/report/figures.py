@@ -69,7 +69,7 @@ def bytes_of(values: np.ndarray) -> np.ndarray:
     Returns:
         uint8, same shape.
     """
-    return np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(values, 0, 1) * 255), np.uint8)
 
 
 def shown(radiance: np.ndarray) -> np.ndarray:
@@ -95,7 +95,8 @@ def log_difference(f: np.ndarray, y: np.ndarray) -> np.ndarray:
         Log-difference [height, width].
     """
     difference = np.abs(np.asarray(f, np.float64) - y).mean(axis=-1)
-    return np.log10((difference + DIFFERENCE_FLOOR) / (np.maximum(y, 0).mean(axis=-1) + SHADOW))
+    relative: np.ndarray = (difference + DIFFERENCE_FLOOR) / (np.maximum(y, 0).mean(axis=-1) + SHADOW)
+    return np.asarray(np.log10(relative))
 
 
 def colour_map(values: np.ndarray) -> np.ndarray:
@@ -109,7 +110,7 @@ def colour_map(values: np.ndarray) -> np.ndarray:
     """
     steps = np.linspace(0, 1, len(INFERNO))
     channels = [np.interp(values, steps, [c[k] for c in INFERNO]) for k in range(3)]
-    return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+    return np.asarray(np.rint(np.stack(channels, axis=-1)), np.uint8)
 
 
 def difference(f: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -195,7 +196,7 @@ def magnification(view: ViewComparison) -> int:
     Returns:
         Pixels of a picture per scored pixel.
     """
-    return view.shown.reference.shape[0] // view.half_a.shape[0]
+    return int(view.shown.reference.shape[0] // view.half_a.shape[0])
 
 
 def place_pictures(view: ViewComparison, unit: float, row: int, column: int, size: int) -> dict[str, str]:

@@ -90,7 +90,8 @@ def relative_errors(f: np.ndarray, y: np.ndarray) -> np.ndarray:
         Error of every point [...].
     """
     f, y = checked(prediction=f, reference=y)
-    return (np.abs(f - y) / (y + SHADOW)).mean(axis=-1)
+    errors: np.ndarray = (np.abs(f - y) / (y + SHADOW)).mean(axis=-1)
+    return errors
 
 
 def relative_error(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> ErrorSpread:
@@ -231,7 +232,17 @@ def per_object(
 
 
 def checked(**arrays: np.ndarray) -> list[np.ndarray]:
-    """Return the arrays as float64, all of one shape [..., 3], finite and not empty."""
+    """Check that arrays belong together.
+
+    Args:
+        **arrays: Arrays [..., 3] by the names that messages use.
+
+    Returns:
+        The arrays as float64.
+
+    Raises:
+        ValueError: Shapes differ or are not [..., 3] with at least one point, or a number is NaN or infinite.
+    """
     checked = {name: np.asarray(array, np.float64) for name, array in arrays.items()}
     shapes = {name: array.shape for name, array in checked.items()}
     if len(set(shapes.values())) > 1:
@@ -246,7 +257,18 @@ def checked(**arrays: np.ndarray) -> list[np.ndarray]:
 
 
 def weights_of(values: np.ndarray, weight: np.ndarray | None) -> np.ndarray:
-    """Return weights [N], all ones when None."""
+    """Check weights.
+
+    Args:
+        values: What is weighted, [...] N numbers in all.
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        Weights [N] float64.
+
+    Raises:
+        ValueError: There are not N weights, one is negative or not finite, or all are 0.
+    """
     if weight is None:
         return np.ones(values.size)
     weight = np.asarray(weight, np.float64).reshape(-1)

@@ -59,12 +59,11 @@ def mottle(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> Mottle:
     if bright <= 0:
         return Mottle(NOTHING, NOTHING, 0)
     shadow = MOTTLE_SHADOW * bright
-    logarithm = lambda x: np.log(np.maximum(x, 0) + shadow)  # noqa: E731
-    within = lambda x: np.var(x, axis=1, ddof=1)  # noqa: E731
-    noise = within(logarithm(a) - logarithm(b)) / 4
-    error = within(logarithm(f) - logarithm(y)) - noise
+    log_f, log_a, log_b, log_y = (np.log(np.maximum(x, 0) + shadow) for x in (f, a, b, y))
+    noise = np.var(log_a - log_b, axis=1, ddof=1) / 4
+    error = np.var(log_f - log_y, axis=1, ddof=1) - noise
     lit = y.mean(axis=1) > LIT_SHARE * bright
-    smooth = lit & (within(logarithm(y)) - noise < SMOOTH_SPREAD**2)
+    smooth = lit & (np.var(log_y, axis=1, ddof=1) - noise < SMOOTH_SPREAD**2)
     return Mottle(_over(smooth, error, noise, y.shape[1]), _over(lit, error, noise, y.shape[1]), int(smooth.sum()))
 
 

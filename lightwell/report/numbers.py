@@ -156,7 +156,8 @@ def plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Real):
-        return digits(float(value)) if value % 1 else grouped(int(value))
+        number = float(value)
+        return digits(number) if number % 1 else grouped(int(number))
     if isinstance(value, Mapping):
         return ", ".join(f"{_words(key)} {plain(entry)}" for key, entry in value.items()) or "–"
     if isinstance(value, Sequence) and not isinstance(value, str):

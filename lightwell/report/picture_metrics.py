@@ -6,7 +6,7 @@ Notation as in ``lightwell.report.metrics``; pictures are [height, width, 3] rad
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import flip_evaluator
@@ -136,7 +136,8 @@ def ssim(f: np.ndarray, y: np.ndarray) -> float:
     if f.ndim != 3 or min(f.shape[:2]) < SSIM_WINDOW:
         raise ValueError(f"report: SSIM needs pictures of at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, got {f.shape}")
     options = {"gaussian_weights": True, "sigma": SSIM_SIGMA, "use_sample_covariance": False}
-    return float(structural_similarity(display(f), display(y), data_range=1.0, channel_axis=-1, **options))
+    similarity: Callable[..., float] = structural_similarity
+    return float(similarity(display(f), display(y), data_range=1.0, channel_axis=-1, **options))
 
 
 def flip(f: np.ndarray, y: np.ndarray) -> float:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class ViewComparison:
     @property
     def reference(self) -> np.ndarray:
         """[height, width, 3] mean of both halves."""
-        return 0.5 * (np.asarray(self.half_a, np.float64) + self.half_b)
+        return np.asarray(0.5 * (np.asarray(self.half_a, np.float64) + self.half_b))
 
     @property
     def shown(self) -> ViewPicture:
@@ -115,7 +116,7 @@ class ReportData:
     paths_per_second: float
     versions: dict[str, str]
     """Versions of the software that computed this, by name."""
-    settings: dict[str, object] = field(default_factory=dict)
+    settings: dict[str, object] = dataclasses.field(default_factory=dict)
     """All settings of the bake; JSON values."""
     training: Sequence[tuple[float, float]] = ()
     """(seconds, relative error on validation samples)."""
@@ -126,7 +127,7 @@ class ReportData:
     warnings: Sequence[str] = ()
     licences: Sequence[str] = ()
     """One line for each work that the asset contains: title, author, licence."""
-    facts: dict[str, object] = field(default_factory=dict)
+    facts: dict[str, object] = dataclasses.field(default_factory=dict)
     """Facts that the representation reports: numbers, histograms, curves over training; JSON values."""
     compressed_bytes: int | None = None
     """``bytes`` compressed by zlib."""

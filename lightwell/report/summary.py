@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -169,17 +169,26 @@ def worst_places(views: Sequence[ViewComparison]) -> list[dict[str, Any]]:
     found = []
     for k, view in enumerate(views):
         unit = view_unit(view)
-        pictures = (np.asarray(x, np.float64) / unit for x in (view.prediction, view.half_a, view.half_b))
-        tiles = sorted(picture_metrics.tile_errors(*pictures), key=lambda tile: -tile.error)
-        found += [(k, tile) for tile in tiles[:WORST_IN_A_VIEW] if tile.error > 0]
+        f, a, b = (np.asarray(x, np.float64) / unit for x in (view.prediction, view.half_a, view.half_b))
+        found += [(k, tile) for tile in _apart(picture_metrics.tile_errors(f, a, b))]
     found.sort(key=lambda item: -item[1].error)
     return [_place(k, views[k], tile) for k, tile in found[:WORST_PLACES]]
+
+
+def _apart(tiles: Iterable[TileError]) -> list[TileError]:
+    """The worst tiles of a view that do not touch each other."""
+    chosen: list[TileError] = []
+    for tile in sorted(tiles, key=lambda tile: -tile.error):
+        near = [max(abs(tile.row - other.row), abs(tile.column - other.column)) <= TILE for other in chosen]
+        if tile.error > 0 and not any(near) and len(chosen) < WORST_IN_A_VIEW:
+            chosen.append(tile)
+    return chosen
 
 
 def _place(number: int, view: ViewComparison, tile: TileError) -> dict[str, Any]:
     window = np.s_[tile.row : tile.row + TILE, tile.column : tile.column + TILE]
     light = [float(np.asarray(x, np.float64)[window].mean()) for x in (view.prediction, view.reference)]
-    place = {
+    place: dict[str, Any] = {
         "view": number,
         "row": tile.row,
         "column": tile.column,

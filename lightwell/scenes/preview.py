@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.core.color import srgb_bytes
-from lightwell.scenes.scene import Camera, Scene
+
+if TYPE_CHECKING:
+    from lightwell.scenes.scene import Scene
 
 # Rays per pixel along each axis, share of the colour that surfaces seen edge-on keep, and colour where no surface is.
 SUBPIXELS, AMBIENT, BACKGROUND = 2, 0.25, 0.02
 # A scene without a camera is seen from outside, from this direction, by so many times its size.
 FROM, DISTANCE, FOV_Y = (0.55, 0.45, 0.7), 1.7, 40.0
+
+
+class _Eye(NamedTuple):
+    position: np.ndarray
+    target: np.ndarray
+    up: tuple[float, float, float]
+    fov_y: float
 
 
 def preview(scene: Scene, width: int = 400, height: int = 250) -> np.ndarray:
@@ -25,10 +36,9 @@ def preview(scene: Scene, width: int = 400, height: int = 250) -> np.ndarray:
     Returns:
         [height, width, 3] uint8 sRGB.
     """
-    camera = scene.cameras[0] if scene.cameras else _outside(scene)
+    eye = _eye(scene)
     size = (SUBPIXELS * height, SUBPIXELS * width)
-    origin, directions = _rays(camera, *size)
-    ray = mi.Ray3f(mi.Point3f(*(float(c) for c in origin)), mi.Vector3f(*directions.T))
+    ray = mi.Ray3f(mi.Point3f(*(float(c) for c in eye.position)), mi.Vector3f(*_directions(eye, *size).T))
     si = scene.mi.ray_intersect(ray)
     facing = dr.abs(dr.dot(si.sh_frame.n, ray.d))
     color = si.bsdf().eval_diffuse_reflectance(si) * (AMBIENT + (1 - AMBIENT) * facing)
@@ -37,20 +47,24 @@ def preview(scene: Scene, width: int = 400, height: int = 250) -> np.ndarray:
     return srgb_bytes(tiles.mean(axis=(1, 3)))
 
 
-def _outside(scene: Scene) -> Camera:
+def _eye(scene: Scene) -> _Eye:
+    """The first camera of a scene, or a place outside from which all of it is seen."""
+    if scene.cameras:
+        camera = scene.cameras[0]
+        return _Eye(np.asarray(camera.position), np.asarray(camera.target), camera.up, camera.fov_y)
     away = np.asarray(FROM) / np.linalg.norm(FROM) * DISTANCE * np.linalg.norm(np.diff(scene.bounds, axis=0))
-    return Camera(tuple(scene.center + away), tuple(scene.center), fov_y=FOV_Y)
+    return _Eye(scene.center + away, scene.center, (0.0, 1.0, 0.0), FOV_Y)
 
 
-def _rays(camera: Camera, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Origin [3] and unit directions [N, 3] float32 through the pixel centres, first row at the top."""
-    forward = np.subtract(camera.target, camera.position, dtype=np.float64)
+def _directions(eye: _Eye, height: int, width: int) -> np.ndarray:
+    """Unit directions [N, 3] float32 through the pixel centres, first row at the top."""
+    forward = np.subtract(eye.target, eye.position, dtype=np.float64)
     forward /= np.linalg.norm(forward)
-    right = np.cross(forward, camera.up)
+    right = np.cross(forward, eye.up)
     right /= np.linalg.norm(right)
-    half = np.tan(np.radians(camera.fov_y) / 2)
+    half = np.tan(np.radians(eye.fov_y) / 2)
     y, x = np.mgrid[height - 1 : -height : -2, 1 - width : width : 2]
     across = x.reshape(-1, 1) / height * half * right + y.reshape(-1, 1) / height * half * np.cross(right, forward)
     directions = forward + across
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.asarray(camera.position), directions.astype(np.float32)
+    return np.asarray(directions, np.float32)
