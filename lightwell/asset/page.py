@@ -50,6 +50,7 @@ def write_page(
     exposure: float = 1.0,
     report: Mapping[str, Any] | None = None,
     viewer: str | None = None,
+    links: Mapping[str, str] | None = None,
 ) -> int:
     """Write the viewer page as one self-contained HTML file.
 
@@ -62,6 +63,7 @@ def write_page(
         exposure: Factor on radiance before tone mapping, > 0.
         report: Content of report.json; None when there is no report.
         viewer: HTML of the viewer; None for the one that is built into the package.
+        links: Text → relative path of pages beside this one; None: there is none.
 
     Returns:
         Number of bytes written.
@@ -81,6 +83,7 @@ def write_page(
         "home": camera_json(home),
         "views": [view_json(view) for view in views],
         "report": dict(report or {}),
+        "links": [{"href": href, "text": text} for text, href in (links or {}).items()],
     }
     before, after = _titled(shell, title).split(PLACEHOLDER)
     return write_atomically(path, (before + _scripts(glb, page) + after).encode())

@@ -211,6 +211,7 @@ def write_report_and_page(
         "glb": (out / "scene.glb").read_bytes(),
         "home": reference.stage.views[0][0],
         "report": written.numbers,
+        "links": {"report": "report.html"} | {link.text: link.href for link in data.links if link is not PAGE},
     }
     pictures = {"views": reference.pictures, "exposure": exposure(reference.pictures)}
     if not notes.attempt("the pictures of the page", lambda: write_page(out / "index.html", **page, **pictures), 0):

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from importlib.resources import files
+from pathlib import Path
 
+from lightwell.core.templates import Templates
 from lightwell.files import write_atomically
 
+TEMPLATES = Templates(Path(__file__).parent / "templates")
 PLACE = "<!--lightwell-probes-->"
 
 
 def write_page(path: str | os.PathLike[str], volume: bytes, glb: bytes, shell: str | None = None) -> None:
-    """Write the page of a volume and its scene.
+    """Write the page of a volume and its scene, with links to the scene's page and report beside it.
 
     Args:
         path: File to write.
@@ -26,9 +29,5 @@ def write_page(path: str | os.PathLike[str], volume: bytes, glb: bytes, shell: s
     shell = files("lightwell").joinpath("viewer/probes.html").read_text("utf-8") if shell is None else shell
     if shell.count(PLACE) != 1:
         raise RuntimeError(f"probes: the page must contain {PLACE} once, found {shell.count(PLACE)}")
-    kind = "application/octet-stream;base64"
-    parts = {"lightwell-volume": volume, "lightwell-scene": glb}
-    data = "".join(
-        f'<script type="{kind}" id="{name}">{b64encode(part).decode()}</script>' for name, part in parts.items()
-    )
-    write_atomically(path, shell.replace(PLACE, data))
+    parts = {"lightwell-volume": b64encode(volume).decode(), "lightwell-scene": b64encode(glb).decode()}
+    write_atomically(path, shell.replace(PLACE, TEMPLATES.render("data.html", parts=parts)))

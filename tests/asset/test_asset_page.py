@@ -27,13 +27,15 @@ def view(name="corner"):
 
 def test_page_holds_everything(tmp_path):
     path = tmp_path / "index.html"
-    size = write_page(path, title="A & B", glb=b"glTF\x00\xff", home=HOME, views=[view()], exposure=2, viewer=SHELL)
+    options = {"home": HOME, "views": [view()], "exposure": 2, "viewer": SHELL, "links": {"report": "report.html"}}
+    size = write_page(path, title="A & B", glb=b"glTF\x00\xff", **options)
     assert size == path.stat().st_size
     assert "<title>A &amp; B</title>" in path.read_text() and PLACEHOLDER not in path.read_text()
     found = scripts(path)
     assert base64.b64decode(found["lightwell-asset"]) == b"glTF\x00\xff"
     page = json.loads(found["lightwell-page"])
     assert page["home"] == {"position": [0, 1, 3], "target": [0, 0.5, 0], "up": [0, 1, 0], "fov_y": 45}
+    assert page["links"] == [{"href": "report.html", "text": "report"}]
     assert page["exposure"] == 2 and page["report"] == {} and page["views"][0]["light"] == [0.1, 0.2, 0.3]
 
 

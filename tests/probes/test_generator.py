@@ -84,5 +84,6 @@ def test_the_page_holds_the_volume_and_the_scene(tmp_path):
     write_page(tmp_path / "p.html", b"volume", b"scene")
     text = (tmp_path / "p.html").read_text()
     assert PLACE not in text and "dm9sdW1l" in text and "c2NlbmU=" in text
+    assert 'href="index.html"' in text and 'href="report.html"' in text
     with pytest.raises(RuntimeError, match="must contain"):
         write_page(tmp_path / "p.html", b"", b"", shell="<html></html>")

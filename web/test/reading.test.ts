@@ -122,6 +122,7 @@ it("a picture equals itself", () => {
 
 it("page data that makes no sense is dropped", () => {
   const page = readPageData({
+    links: [{ href: "report.html", text: "report" }, { href: "javascript:alert(1)", text: "no" }, { href: "a.html" }],
     title: 3,
     exposure: -1,
     home: { position: [0, 0] },
@@ -134,6 +135,7 @@ it("page data that makes no sense is dropped", () => {
     home: null,
     views: [],
     report: { psnr_db: 30, seconds: 9 },
+    links: [{ href: "report.html", text: "report" }],
   });
 });
 

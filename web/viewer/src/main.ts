@@ -51,6 +51,7 @@ function addControls(viewer: Viewer): void {
   viewer.on("loaded", () => {
     heading.textContent = viewer.title;
     document.title = `${viewer.title} · lightwell`;
+    links.replaceChildren(...viewer.page.links.map(({ href, text }) => el("a", { href }, text)));
   });
   viewer.on("lamps", () => {
     const points = [...viewer.lamps.keys()].filter((index) => viewer.lamps[index]!.variable.kind === "point");
@@ -60,7 +61,8 @@ function addControls(viewer: Viewer): void {
   viewer.on("frame", () => {
     for (const handle of handles) handle.update();
   });
-  const header = el("header", {}, heading, el("span", { class: "wordmark" }, "lightwell"));
+  const links = el("nav", { class: "links" });
+  const header = el("header", {}, heading, el("span", { class: "wordmark" }, "lightwell"), links);
   const bottom = el("footer", {}, ...createLegends(viewer), createModeBar(viewer), createViewsStrip(viewer));
   root.append(lamps, createSplitHandle(viewer), header, bottom, panel, help.element);
   panel.prepend(help.button);

@@ -32,9 +32,17 @@ export interface PageData {
   readonly views: readonly ViewData[];
   /** What the bake measured: the numbers of its report by name; `seconds` is the whole bake. */
   readonly report: Readonly<Record<string, number>>;
+  /** Pages beside this one. */
+  readonly links: readonly PageLink[];
 }
 
-export const EMPTY_PAGE: PageData = { title: "", exposure: null, home: null, views: [], report: {} };
+export interface PageLink {
+  /** Path relative to the page. */
+  readonly href: string;
+  readonly text: string;
+}
+
+export const EMPTY_PAGE: PageData = { title: "", exposure: null, home: null, views: [], report: {}, links: [] };
 
 const MAX_VIEWS = 64;
 const MAX_SIDE = 4096;
@@ -49,7 +57,14 @@ export function readPageData(value: unknown): PageData {
     home: readCamera(value.home),
     views: Array.isArray(value.views) ? value.views.slice(0, MAX_VIEWS).flatMap(readView) : [],
     report: readReport(value.report),
+    links: Array.isArray(value.links) ? value.links.flatMap(readLink) : [],
   };
+}
+
+function readLink(value: unknown): PageLink[] {
+  if (!isRecord(value) || typeof value.href !== "string" || typeof value.text !== "string") return [];
+  // Relative paths of pages only.
+  return /^[\w./-]+\.html$/.test(value.href) ? [{ href: value.href, text: value.text.slice(0, 40) }] : [];
 }
 
 function readView(value: unknown, index: number): ViewData[] {
