@@ -7,8 +7,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from lightwell.report import summary, write_report
+from lightwell.report import ViewComparison, summary, write_report
 from lightwell.report.picture_metrics import MAX_PSNR_DB
+from lightwell.report.records import PageLink, ViewSurfaces
 
 KEYS = {
     *("relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse", "energy_ratio"),
@@ -76,8 +77,8 @@ def test_page_is_well_formed_and_self_contained(page):
     assert checker.sources and all(source.startswith("data:") for source in checker.sources)
     assert "http" not in page and "@import" not in page
     assert len(set(checker.ids)) == len(checker.ids) and "{{" not in page
-    # The icon, four panels for the view with regions, three for the other, two pictures of each of two worst places.
-    assert len(checker.sources) == 1 + 4 + 3 + 2 * 2
+    # The icon, four panels for the view with regions, three for the other, two pictures of the worst place.
+    assert len(checker.sources) == 1 + 4 + 3 + 2
 
 
 def test_every_text_is_escaped(page):
@@ -116,3 +117,43 @@ def test_nan_writes_nothing(tmp_path, data):
     with pytest.raises(TypeError, match="settings and versions must be plain JSON values"):
         write_report(tmp_path / "out", replace(data, settings={"a": object()}))
     assert not (tmp_path / "out").exists()
+
+
+def test_the_worst_place_is_named_and_shown(tmp_path, data):
+    """The prediction is a third too dark in one tile of a large picture."""
+    y = np.full((64, 96, 3), 0.5)
+    f = y.copy()
+    f[32:48, 48:64] /= 1.5
+    surfaces = ViewSurfaces(np.ones((64, 96), int), np.full((64, 96, 3), (1.0, 2.0, -3.0)), ("floor", "wall <b>"))
+    written = write_report(tmp_path, replace(data, views=[ViewComparison("hall", f, y, y, surfaces=surfaces)]))
+    (place,) = written.numbers["worst_places"]
+    assert (place["row"], place["column"], place["object"], place["position"]) == (32, 48, "wall <b>", [1, 2, -3])
+    assert place["energy_ratio"] == pytest.approx(1 / 1.5)
+    page = written.html.read_text("utf-8")
+    assert "33.3\u202f% too dark on average" in page and "at (1.00, 2.00, -3.00) m" in page and "wall &lt;b&gt;" in page
+
+
+def test_a_second_bake_shows_the_figures_of_the_first(tmp_path, data):
+    first = write_report(tmp_path, replace(data, bytes=90_000))
+    assert first.numbers["previous"] is None and "before:" not in first.html.read_text("utf-8")
+    second = write_report(tmp_path, data)
+    assert second.numbers["previous"]["bytes"] == 90_000 and "previous" not in second.numbers["previous"]
+    assert "before: 90.0\u202fkB" in second.html.read_text("utf-8")
+    assert write_report(tmp_path, replace(data, scene="another")).numbers["previous"] is None
+
+
+def test_what_the_noise_hides_is_said(tmp_path, data):
+    quality = {"psnr_db": 41.0, "flip": 0.05, "flip_direct": 0.3, "mottle": None, "mottle_lit": None, "leak": 0.001}
+    quality["bounds"] = {"mottle": 0.07, "psnr_db": 41.0}
+    written = write_report(tmp_path, replace(data, quality=quality))
+    page = written.html.read_text("utf-8")
+    assert "not measurable (reference noise)" in page and "At most 0.0700" in page and "≥\u202f41.0\u202fdB" in page
+    assert written.numbers["quality"]["mottle"] is None
+
+
+def test_settings_are_text_and_pages_are_linked(tmp_path, data):
+    settings = {"light": {"kind": "point", "low": [0, 1.5]}, "plans": {}, "fixed": None}
+    data = replace(data, settings=settings, links=(PageLink("index.html", "open the scene"),))
+    page = write_report(tmp_path, data).html.read_text("utf-8")
+    assert "light, low</td><td>0, 1.50" in page and "{" not in page.split("<body>")[1]
+    assert '<a href="index.html">open the scene</a>' in page
