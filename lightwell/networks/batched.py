@@ -285,7 +285,8 @@ def recorded_step(mlp: Mlp, settings: TrainingSettings, networks: int, rows: int
     batch = settings.batch
 
     def step(values: Any, moments: Any, table: Any, runs: Any, rate: Any) -> tuple[Any, Any, Any]:
-        row, weight = _batch_rows(*runs, batch)
+        first, count, start = runs
+        row, weight = _batch_rows(first, count, start, batch)
         x, y, w = (take_rows(a, row, (networks, batch)) for a in table)
         values = {name: mi.TensorXf(value) for name, value in values.items()}
         dr.enable_grad(values)

@@ -9,6 +9,7 @@ L live probes, B bricks, K mixing factors of a relightable volume.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -97,7 +98,7 @@ def _sum(
     shape: tuple[int, int, int],
     nodes: str,
     base: str | None = None,
-) -> tuple[str, str]:
+) -> tuple[Any, ...]:
     """N and Z over the eight corners of a lattice of ``shape``; with ``base``, the first node of a brick, also the
     interpolated flag of inner nodes."""
     nx, ny, _ = shape
@@ -182,7 +183,7 @@ class _Tables:
     """[2 Cz, 2 Cy, 2 Cx, 1] index of the light's record of the fallback probe."""
     blocks: Buffer | None
     octants: Buffer | None
-    layers: tuple[np.ndarray, ...] = ()
+    layers: tuple[Buffer, ...] = ()
     smooth: Buffer | None = None
     """Atlas of the second grid of a product field."""
     bricks: np.ndarray | None = None
@@ -199,17 +200,18 @@ class _Tables:
         weights = np.where(volume.state == WEIGHTED, 2 + volume.row, np.where(volume.state == OPEN, 1, 0))
         places, shape = _atlas(2 + len(volume.params))
         f = core(FUNCTIONS[volume.function])
-        blocks, layers, smooth, side = None, (), None, getattr(f, "side", getattr(f, "sharp", 4))
+        layers: tuple[Buffer, ...] = ()
+        blocks, smooth, side = None, None, getattr(f, "side", getattr(f, "sharp", 4))
         if isinstance(f, (ReluField, ProductField)):
             sharp = volume.params[:, : side**3]
             values = np.concatenate([np.full((1, side**3), LOW), np.full((1, side**3), HIGH), sharp])
             stored = _scatter(encode(values), places, shape, side)
-            blocks = Buffer(stored, "uint8", np.float32((HIGH - LOW) / 255), LOW)
+            blocks = Buffer(stored, "uint8", np.asarray((HIGH - LOW) / 255, np.float32), LOW)
         if isinstance(f, ProductField):
             count, span = f.smooth**3, SMOOTH_HIGH - SMOOTH_LOW
             values = np.concatenate([np.full((2, count), SMOOTH_HIGH), volume.params[:, side**3 :]])
             stored = _scatter(np.rint((values - SMOOTH_LOW) / span * 255).astype(np.uint8), places, shape, f.smooth)
-            smooth = Buffer(stored, "uint8", np.float32(span / 255), SMOOTH_LOW)
+            smooth = Buffer(stored, "uint8", np.asarray(span / 255, np.float32), SMOOTH_LOW)
         elif isinstance(f, TinyMlp):
             layers = _layers(f, volume.params)
         octants = _octants(volume, places, shape)
@@ -243,10 +245,10 @@ def _octants(volume: ProbeVolume, places: np.ndarray, shape: tuple[int, ...]) ->
     if bits.all():
         return None
     values = np.concatenate([np.ones((2, 64)), bits]).astype(np.uint8)
-    return Buffer(_scatter(values, places, shape, 4), "uint8", np.float32(1))
+    return Buffer(_scatter(values, places, shape, 4), "uint8", np.ones((), np.float32))
 
 
-def _layers(f: TinyMlp, params: np.ndarray) -> tuple[np.ndarray, ...]:
+def _layers(f: TinyMlp, params: np.ndarray) -> tuple[Buffer, ...]:
     """Weights and biases of all records; the first two are constants."""
     constant = np.zeros((2, params.shape[1]), np.float32)
     constant[:, -1] = (-1, 2)
@@ -264,7 +266,7 @@ def _cells(volume: ProbeVolume) -> Buffer:
     nx, ny, nz = volume.lattice.cells
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     values = np.stack([x, y, z], axis=-1)
-    return Buffer(values, "uint8", np.float32(1)) if max(nx, ny, nz) <= 256 else Buffer(values)
+    return Buffer(values, "uint8", np.ones((), np.float32)) if max(nx, ny, nz) <= 256 else Buffer(values)
 
 
 def _bricks(volume: ProbeVolume, nodes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:

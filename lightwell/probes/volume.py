@@ -269,13 +269,13 @@ def explain(volume: ProbeVolume, x: Sequence[float], n: Sequence[float]) -> list
     Returns:
         One entry per probe: ``node``, ``state``, ``hat``, ``rho`` and ``share``, the last one for the fallback.
     """
-    x, n = np.asarray(x, float).reshape(1, 3), np.asarray(n, float).reshape(1, 3)
-    y = x + volume.offset * volume.lattice.spacing * n
+    point, normal = np.asarray(x, float).reshape(1, 3), np.asarray(n, float).reshape(1, 3)
+    y = point + volume.offset * volume.lattice.spacing * normal
     node, hat, rho = (v[0] for v in trust_at(volume, y))
     if volume.bricks is not None:
         more = [v[0] for v in fine_trust_at(volume, y)[:3]]
         node, hat, rho = (np.concatenate(pair) for pair in zip((node, hat, rho), more))
-    nodes, share, _ = coefficients(volume, x, n)
+    nodes, share, _ = coefficients(volume, point, normal)
     names = ("dropped", "open", "weighted")
     found = [
         {"node": int(p), "state": names[volume.state[p]], "hat": float(a), "rho": float(r), "share": float(s)}

@@ -278,7 +278,7 @@ class LightmapField:
             )
         return fit
 
-    def _fit_once(self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples) -> FittedLightmap:
+    def _fit_once(self, state: LightmapState, role: Role, samples: Any) -> FittedLightmap:
         seed, start = state.job.request.seed, perf_counter()
         with state.job.work.timed("train"), state.job.progress.stage(f"train {role}", 1, "") as stage:
             if role == "indirect":

@@ -136,16 +136,16 @@ class LightmapFit:
     """Whether normal maps bend the normals of a surface that is lit."""
 
     def __post_init__(self) -> None:
-        extra = {"size": self.size, "relief": self.relief}
+        extra: dict[str, Any] = {"size": self.size, "relief": self.relief}
         self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
-        self._rows = Tabulated(row_graph(self.nodes)) if self.preset.hidden else None
         self._features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []
         if self.preset.hidden:
+            self._rows = Tabulated(row_graph(self.nodes))
             self.network = self._make_network(PLACES[0] if self.nodes.learns_places else "noise")
             self._parameters = self.network.initial(self.seed)
 
-    def _make_network(self, quantiser: str) -> LightmapNetwork:
+    def _make_network(self, quantiser: Any) -> LightmapNetwork:
         p, edge = self.preset, max(round(self.size * self.preset.share), 4)
         packed = -(-p.channels // PACKET) * PACKET
         surface = p.surface if quantiser in PLACES else ()
@@ -274,7 +274,8 @@ class LightmapFit:
         """Store the features of the sine layers as a texture: means of the rows [N, …] that lie in each texel."""
         if "t0" in self._parameters:
             return
-        texture, used = self._make_network("frozen").texture, self.preset.channels
+        texture: Any = self._make_network("frozen").texture
+        used = self.preset.channels
         tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
         found, places = [], np.array(rows[:, PLACE])
         network = self._make_network(PLACES[0])

@@ -113,7 +113,7 @@ class BalancedFit(SegmentedFit):
         # Number of assignments of cells so far, and the assignment by which the inputs are scaled.
         self._dealt = self._scaled = 0
         # The gate by which the experts are trained now; mean and spread [M, F] of each one's inputs.
-        self._gate: Gate | None = None
+        self._gate: Any = None
         self._center = np.zeros((preset.experts, self._inputs.width), np.float32)
         self._spread = np.ones_like(self._center)
         # Gate and weights with the least validation error.
@@ -121,7 +121,7 @@ class BalancedFit(SegmentedFit):
         self._best = self._trainer.parameters
         # Computed from the samples when needed: training set; how the validation samples are split.
         self._data: Any = None
-        self._watched: Split | None = None
+        self._watched: Any = None
 
     @property
     def macs(self) -> int:

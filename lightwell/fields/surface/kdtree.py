@@ -190,9 +190,10 @@ class KdFit(SegmentedFit):
 
     def _step(self, total: int) -> bool:
         self._level_steps = self._level_steps or max(total // self._planned_levels(), 1)
-        if self._level is None and not self._begin_level():
+        level = self._begun_level() if self._level is None else self._level
+        if level is None:
             return True
-        level = self._level
+        self._level = level
         level.arrange(self.partition, self.examples, self._seed, self.preset.most_rows)
         steps = self._steps_of(level)
         level.step(steps)
@@ -201,7 +202,7 @@ class KdFit(SegmentedFit):
         if ended or level.steps % max(steps // LOOKS, self.preset.training.evaluate_every) == 0:
             level.judge(self.mlp, self.examples, self.preset.rule)
         if ended:
-            self._end_level()
+            self._end_level(level)
         return False
 
     def _look(self) -> tuple[float, float]:
@@ -215,27 +216,25 @@ class KdFit(SegmentedFit):
 
     # ------------------------------------------------------------------ levels
 
-    def _begin_level(self) -> bool:
-        """Make the halves of all leaves that are to be split; False when there are none."""
+    def _begun_level(self) -> KdLevel | None:
+        """The halves of all leaves that are to be split, else all leaves once more; None when nothing is left."""
         if self._levels == 0:
             parent, axis, side = np.array([0]), np.array([WHOLE]), np.array([0])
         else:
             splitting = self._splitting()
             if not len(splitting):
-                return self.preset.inherit and self._begin_polish()
+                return self._whole_leaves() if self.preset.inherit else None
             cuts = 3 if self.preset.axes == "try" else 1
             parent = np.repeat(splitting, 2 * cuts)
             cycled = self.partition.depth[parent] % 3
             axis = np.tile(np.repeat(np.arange(3), 2), len(splitting)) if cuts == 3 else cycled
             side = np.tile([0, 1], cuts * len(splitting))
-        self._level = KdLevel(parent, axis, side, self._trainer(len(parent), parent))
-        return True
+        return KdLevel(parent, axis, side, self._trainer(len(parent), parent))
 
-    def _begin_polish(self) -> bool:
-        """Begin a level that continues the training of all leaves, because none is to be split."""
+    def _whole_leaves(self) -> KdLevel:
+        """A level that continues the training of all leaves, because none is to be split."""
         leaf = np.arange(len(self.partition))
-        self._level = KdLevel(leaf, np.full(len(leaf), WHOLE), np.zeros_like(leaf), self._trainer(len(leaf), leaf))
-        return True
+        return KdLevel(leaf, np.full(len(leaf), WHOLE), np.zeros_like(leaf), self._trainer(len(leaf), leaf))
 
     def _trainer(self, count: int, parent: np.ndarray | None = None) -> BatchedTrainer | LevenbergMarquardt:
         """For so many candidates; parent [E]: the leaves from which they start."""
@@ -264,9 +263,9 @@ class KdFit(SegmentedFit):
         self._status = status
         return np.sort(candidates[worst[:room]])
 
-    def _end_level(self) -> None:
+    def _end_level(self, level: KdLevel) -> None:
         """Apply the best cut of every parent where it lowers the error, and copy the weights to the leaves."""
-        level, self._level = self._level, None
+        self._level = None
         if (level.axis == WHOLE).all():
             better = np.flatnonzero(level.errors[:, 1] < self._errors[level.parent, 1])
             self._settle(level.parent[better], level, better)

@@ -54,9 +54,9 @@ def refine(
 
     def some(start: int) -> None:
         rows = slice(start, start + BATCH)
-        part = padded(BATCH, out[rows], target[rows], weight[rows])
+        start_, t, w = padded(BATCH, out[rows], target[rows], weight[rows])
         near = close and close.part(rows, BATCH)
-        out[rows] = _batch(function, *part, layout, steps, rate, points, seed, near)[: len(out[rows])]
+        out[rows] = _batch(function, start_, t, w, layout, steps, rate, points, seed, near)[: len(out[rows])]
 
     # NumPy releases the interpreter's lock; batches share nothing, so the bits do not depend on the threads.
     with ThreadPoolExecutor(cpu_count() or 1) as pool:

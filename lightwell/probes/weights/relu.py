@@ -287,7 +287,7 @@ class _Hinge:
 
     def step(self, grid: np.ndarray) -> np.ndarray:
         """[B, G³] Newton step to the minimum of the quadratic of the active points."""
-        size, left, gradient = grid.shape[1], None, None
+        size, left, gradient = grid.shape[1], np.zeros(0), np.zeros(0)
         for part, matrix, value in zip(self.parts, (self.basis, self.own), self._values(grid)):
             miss, idle = part.miss(value)
             curved = np.where(idle, np.float32(0), part.weight)
