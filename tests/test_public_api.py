@@ -61,7 +61,7 @@ def test_no_submodule_takes_the_place_of_a_function(tmp_path):
     for found in pkgutil.walk_packages(lightwell.__path__, "lightwell."):
         if not found.name.endswith("__main__"):
             import_module(found.name)
-    assert "<td>triangles</td>" in (shown := lightwell.load("cornell")._repr_html_()) and "data:image/png" in shown
+    assert ">triangles</td>" in (shown := lightwell.load("cornell")._repr_html_()) and "data:image/png" in shown
     report = lightwell.bake("cornell", tmp_path / "out", field="mlp", preset="small", **TINY)
     assert report["bytes"] > 0 and report.page.exists() and report.verdict
     shown = report._repr_html_()

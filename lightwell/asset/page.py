@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import html
 import json
 import math
 import re
@@ -15,12 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 
+from lightwell.core.templates import Templates
 from lightwell.files import write_atomically
 
 if TYPE_CHECKING:
     from lightwell.scenes.scene import Camera
 
+TEMPLATES = Templates(Path(__file__).parent / "templates")
 PLACEHOLDER = "<!--lightwell-data-->"
 # Largest finite half float; brighter reference pixels are clipped to it.
 MAX_HALF = 65504.0
@@ -109,7 +111,7 @@ def viewer_html() -> str:
 
 def _titled(shell: str, title: str) -> str:
     """The viewer with its first <title> replaced."""
-    element = f"<title>{html.escape(title)}</title>"
+    element = Markup("<title>{}</title>").format(title)
     return re.sub(r"<title>[^<]*</title>", lambda _: element, shell, count=1)
 
 
@@ -119,10 +121,8 @@ def _scripts(glb: bytes, page: dict[str, Any]) -> str:
         text = script_json(page)
     except ValueError as error:
         raise ValueError("page: its data contains NaN or infinity; find the number that is not finite") from error
-    return (
-        f'<script type="application/octet-stream;base64" id="lightwell-asset">{asset}</script>\n'
-        f'<script type="application/json" id="lightwell-page">{text}</script>'
-    )
+    # A plain string: adding one to ``Markup`` would escape the viewer.
+    return str(TEMPLATES.render("data.html", asset=asset, page=Markup(text)))
 
 
 def script_json(value: Any) -> str:
