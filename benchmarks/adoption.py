@@ -1,6 +1,6 @@
 """What a newcomer meets: sizes of installation and wheel, answers to mistakes, links and snippets of the docs.
 
-    python benchmarks/adoption.py [--only size,wheel,mistakes,links,snippets] [--quick]
+    python benchmarks/adoption.py [--only size,wheel,mistakes,links,pages,snippets] [--quick]
 
 `snippets` runs every command and Python snippet of the documents (tests/docs/test_snippets_run.py), which takes long.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
+import json
 import re
 import subprocess
 import sys
@@ -128,7 +129,28 @@ def snippets() -> Iterator[Row]:
     yield at_least("pages whose snippets all run", 100, share, "%", f"{passed} of {passed + failed} pages")
 
 
-PARTS = {"size": size, "wheel": wheel, "mistakes": mistakes, "links": links, "snippets": snippets}
+def pages() -> Iterator[Row]:
+    """Build the site and check its pages with axe, on a desktop and on a phone.
+
+    Yields:
+        Two rows.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", "-c", "docs", ".", folder]
+        subprocess.run(command, cwd=ROOT, check=True)
+        names = [str(path.relative_to(folder)) for path in Path(folder).rglob("*.html") if "_static" not in path.parts]
+        names.remove("index.html")  # leads on to docs/index.html
+        command = ["node", str(ROOT / "tools/check-site.mjs"), folder, *names]
+        text = subprocess.run(command, capture_output=True, text=True).stdout
+    found = [json.loads(line) for line in text.splitlines()]
+    note = f"{len(names)} pages at 1280 and 390 pixels"
+    yield at_most("violations that axe finds on the site", 0, sum(len(page["violations"]) for page in found), "", note)
+    yield at_most(
+        "pages of the site that scroll sideways", 0, sum(page["sideways"] > 0 for page in found), "pages", note
+    )
+
+
+PARTS = {"size": size, "wheel": wheel, "mistakes": mistakes, "links": links, "pages": pages, "snippets": snippets}
 
 
 def main() -> None:

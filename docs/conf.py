@@ -16,7 +16,7 @@ author = "The lightwell authors"
 copyright = "the lightwell authors, Apache-2.0"
 release = version = lightwell.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "verb_help"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "verb_help", "accessible"]
 myst_enable_extensions = ["deflist", "fieldlist"]
 myst_heading_anchors = 4
 include_patterns = ["docs/**.md", "format/*.md", "examples/**.md", "web/README.md", "benchmarks/README.md", "*.md"]

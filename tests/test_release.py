@@ -1,0 +1,64 @@
+"""The release tool: versions agree, notes are cut, wheels are checked, sums are right; what workflows cover."""
+
+import hashlib
+import re
+import zipfile
+
+import pytest
+import release
+import yaml
+
+ROOT = release.ROOT
+
+
+def test_all_places_have_one_version_and_notes_exist():
+    number = release.version()
+    notes = release.notes(number)
+    assert notes.startswith(f"## {number}") and "\n## " not in notes
+    with pytest.raises(ValueError, match=r"CHANGELOG\.md has no section '## 9\.9'; write one"):
+        release.notes("9.9")
+
+
+def _wheel(path, names, padding=0):
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in names:
+            archive.writestr(name, b"")
+        archive.writestr("padding", b"\0" * padding)
+    return path
+
+
+def test_a_wheel_is_checked(tmp_path):
+    whole = [f"lightwell/{name}" for name in release.NEEDED]
+    release.check_wheel(_wheel(tmp_path / "good.whl", whole))
+    with pytest.raises(ValueError, match=r"lacks viewer/index.html; build the viewer"):
+        release.check_wheel(_wheel(tmp_path / "poor.whl", whole[1:]))
+    with pytest.raises(ValueError, match="more than 10,000,000; find what grew"):
+        release.check_wheel(_wheel(tmp_path / "large.whl", whole, release.MOST_WHEEL))
+
+
+def test_sums_are_those_of_the_files(tmp_path):
+    (tmp_path / "a").write_bytes(b"one")
+    release.write_sums(tmp_path)
+    release.write_sums(tmp_path)
+    assert (tmp_path / release.SUMS).read_text() == f"{hashlib.sha256(b'one').hexdigest()}  a\n"
+
+
+def test_workflows_cover_the_versions_that_are_supported():
+    text = (ROOT / "pyproject.toml").read_text()
+    supported = set(re.findall(r"Python :: (3\.\d+)", text))
+    jobs = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text())["jobs"]
+    matrix = jobs["linux"]["strategy"]["matrix"]["include"]
+    assert {entry["python"] for entry in matrix} == supported and f'>={min(supported, key=_minor)}"' in text
+    assert {entry["node"] for entry in matrix} == {"20", "22", "24"}
+    others = yaml.safe_load((ROOT / ".github/workflows/other-platforms.yml").read_text())
+    assert "never run" in others["name"] and set(others["jobs"]) == {"macos", "windows"}
+
+
+def _minor(version):
+    return int(version.split(".")[1])
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / ".github").rglob("*.yml")))
+def test_files_of_the_forge_are_yaml(name):
+    (path,) = (ROOT / ".github").rglob(name)
+    assert isinstance(yaml.safe_load(path.read_text()), dict)

@@ -1,0 +1,38 @@
+"""A fresh environment with the wheel alone runs `lightwell demo`."""
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["--shards", "1", "--steps", "4", "--paths", "2", "--views", "1", "--truth", "0.1s", "--no-open"]
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_runs_the_demo(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wheels, home = tmp_path / "wheels", tmp_path / "venv"
+    _run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(ROOT))
+    venv.create(home, with_pip=True)
+    programs = home / ("Scripts" if sys.platform == "win32" else "bin")
+    _run(programs / "python", "-m", "pip", "install", "-q", "--no-compile", next(wheels.glob("*.whl")))
+    _run(programs / "lightwell", "demo", "two-rooms", "-o", tmp_path / "demo", *SMALL)
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"scene.glb", "index.html", "report.html", "report.json"} <= names
+    _run(programs / "lightwell", "doctor")
+    _run(programs / "lightwell", "completion", "bash")
+
+
+def _without_checkout():
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
+def _run(*words):
+    done = subprocess.run(
+        [str(word) for word in words], env=_without_checkout(), capture_output=True, text=True, timeout=1800
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
