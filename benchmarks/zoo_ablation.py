@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from lightwell.fields.factored import PRESETS, FactoredFit, FactoredPreset
+from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from rows import Row, without_bar
 from zoo_score import BUDGET, SIZE, VIEWS
 

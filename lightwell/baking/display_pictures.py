@@ -1,6 +1,6 @@
-"""Path-traced pictures for display: those of the page, and the scored views, enlarged and denoised.
+"""Path-traced pictures without noise: those of the page, and the scored views, denoised and enlarged for display.
 
-No figure is computed from them.
+Of the figures, FLIP alone is measured against them.
 """
 
 from __future__ import annotations
@@ -127,10 +127,7 @@ def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[
     points = points[seen]
     low, high = (make_query(scene, at, np.zeros(3, np.float32)) for at in (view.points, points))
     image = _Image(view.seen, (size[1], size[0]))
-    noisy = image(np.nan_to_num(0.5 * (view.half_a + view.half_b)))
-    albedo, normal = image(np.clip(low.reflectance, 0, 1)), image(low.normal)
-    clean = noisy if missing() else denoise(noisy, albedo, normal)
-    light = clean / (image(low.reflectance) + LEAST_REFLECTANCE)
+    light = image(denoised(scene, view, size)) / (image(low.reflectance) + LEAST_REFLECTANCE)
     reference = np.zeros((large[1] * large[0], 3), np.float32)
     # The width of a pixel of the scored view over its distance.
     pixel = 2 * np.tan(np.radians(camera.fov_y) / 2) / size[1]
@@ -139,6 +136,26 @@ def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[
     reference[seen] = between * (high.reflectance + LEAST_REFLECTANCE)
     shape = image(view.points.shape[:, None] + 1).astype(np.int32)[..., 0] - 1
     return DisplayView(points, seen, reference.reshape(large[1], large[0], 3), shape, image(low.position))
+
+
+def denoised(scene: Scene, view: ViewReference, size: tuple[int, int]) -> np.ndarray:
+    """Remove the noise of the reference of a scored view where a denoiser is installed.
+
+    Args:
+        scene: Scene to look at.
+        view: The traced view.
+        size: Width and height of the view, pixels.
+
+    Returns:
+        [N, 3] radiance at the points of the view.
+    """
+    noisy = np.nan_to_num(0.5 * (view.half_a + view.half_b))
+    if missing() or not len(view.points):
+        return noisy
+    query = make_query(scene, view.points, np.zeros(3, np.float32))
+    image = _Image(view.seen, (size[1], size[0]))
+    clean = denoise(image(noisy), image(np.clip(query.reflectance, 0, 1)), image(query.normal))
+    return clean.reshape(-1, 3)[view.seen]
 
 
 class _Image:

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from lightwell.baking.display_pictures import denoised
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference import PointReference, Reference, ViewReference, trace_points, trace_view
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
@@ -55,6 +56,8 @@ class PictureReference:
     view: ViewReference
     direct: np.ndarray
     """[N, 3] direct radiance of the declared light at the points of the view."""
+    clean: np.ndarray
+    """[N, 3] indirect radiance of the reference, denoised where a denoiser is installed."""
     size: tuple[int, int]
     """Width and height."""
 
@@ -76,7 +79,7 @@ class Quality:
     """PSNR of the indirect light in display values, corrected for the noise of the reference; mean over views. A lower
     bound where ``bounds`` has it."""
     flip: float | None
-    """FLIP of whole pictures, direct light included, against the reference."""
+    """FLIP of whole pictures, direct light included, against the denoised reference."""
     flip_direct: float | None
     """... of direct light alone, the value of a picture without learned light."""
     mottle: float | None
@@ -147,7 +150,8 @@ def trace_picture(
         The reference of the view.
     """
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
-    return PictureReference(view, direct(scene, view.points, light, variable, DIRECT_PATHS), size)
+    bare = direct(scene, view.points, light, variable, DIRECT_PATHS)
+    return PictureReference(view, bare, denoised(scene, view, size), size)
 
 
 def quality_of_reference(
@@ -180,7 +184,7 @@ def quality_of_reference(
         bare = np.zeros_like(view.half_a)
         if variable is not None and len(view.points):
             bare = direct(scene, view.points, view.light, variable, DIRECT_PATHS)
-        pictures.append(PictureReference(view, bare, size))
+        pictures.append(PictureReference(view, bare, denoised(scene, view, size), size))
     make = partial(trace_patches, scene, variable, PATCHES, budget.point_paths, seed)
     patches = notes.attempt("the score of smooth patches", make, None)
     return QualityReference(
@@ -289,8 +293,8 @@ def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePs
         f: [N, 3] radiance of the field at the points of the view.
 
     Returns:
-        PSNR of the indirect light, FLIP of the whole picture and FLIP of direct light alone; None where the reference
-        is black.
+        PSNR of the indirect light; FLIP of the whole picture and of direct light alone, against the denoised reference,
+        because FLIP would count its noise. None where the reference is black.
     """
     view = picture.view
     y = 0.5 * (view.half_a + view.half_b)
@@ -300,7 +304,7 @@ def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePs
     image = lambda x: place(picture, x)  # noqa: E731
     psnr = picture_metrics.psnr_noise_free(*(image(x / of_indirect) for x in (f, view.half_a, view.half_b)))
     of_whole = picture_metrics.exposure_unit(picture.direct + y)
-    reference = image((picture.direct + y) / of_whole)
+    reference = image((picture.direct + picture.clean) / of_whole)
     learned, bare = (image((picture.direct + x) / of_whole) for x in (f, np.zeros_like(f)))
     return psnr, picture_metrics.flip(learned, reference), picture_metrics.flip(bare, reference)
 

@@ -26,7 +26,7 @@ from lightwell.transport.shards import LightsFn, ShardSettings, default_lights, 
 # Rays of a point, and the lights whose bins are lit.
 RAYS, MOST_LIGHTS = 64, 2048
 # Most points with rows, bins and coarse bins; small bakes have fewer of each in proportion.
-MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 12288, 1536
+MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 16384, 4096
 FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
