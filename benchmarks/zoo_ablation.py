@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from rows import Row, without_bar
 from zoo_score import BUDGET, SIZE, VIEWS
 
@@ -17,6 +16,7 @@ from lightwell.baking.evaluate import views_and_lights
 from lightwell.baking.quality import Quality, score_quality, trace_quality
 from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, around_samples, radiance_unit
+from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.scenes import load
 from lightwell.scenes.scene import Scene
