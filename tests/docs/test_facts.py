@@ -101,6 +101,14 @@ def test_environment_variables():
     assert table == used
 
 
+def test_every_dependency_is_named_with_its_licence():
+    text = (ROOT / "pyproject.toml").read_text()
+    (block,) = re.findall(r"^dependencies = \[\n(.*?)^\]", text, re.MULTILINE | re.DOTALL)
+    names = re.findall(r'^  "([A-Za-z0-9-]+)', block, re.MULTILINE)
+    table = (ROOT / "THIRD_PARTY.md").read_text().lower()
+    assert len(names) > 15 and not [name for name in names if name.lower() not in table]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_that_documents_name_exist(page):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
