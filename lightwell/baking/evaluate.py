@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 NO_REGION = -1
 # The second expert's least share in a pixel that counts as blended.
 BLENDED = 0.01
+# Points of a picture that are evaluated at a time.
+BLOCK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -166,10 +168,21 @@ def compare_view(
     regions, blend = _regions(queries[0], reference.seen, fields[0].baked, size)
     if display is None:
         return ViewComparison(name, prediction, a, b, regions, blend, caption)
-    shown = sum(role_scale(s.role, intensity) * s.at(display.points, reference.light) for s in fields)
-    picture = ViewPicture(display.picture(shown), display.reference)
+    picture = ViewPicture(
+        display.picture(_total(fields, display.points, reference.light, intensity)), display.reference
+    )
     surfaces = ViewSurfaces(display.shape, display.position, objects)
     return ViewComparison(name, prediction, a, b, regions, blend, caption, picture, surfaces)
+
+
+def _total(fields: Sequence[Shipped], points: SurfacePoints, light: np.ndarray, intensity: float) -> np.ndarray:
+    """[N, 3] radiance of all roles; evaluated in blocks, because some queries need kilobytes for each point."""
+    total = np.zeros((len(points), 3), np.float32)
+    for start in range(0, len(points), BLOCK):
+        rows = np.arange(start, min(start + BLOCK, len(points)))
+        for s in fields:
+            total[rows] += role_scale(s.role, intensity) * s.at(points[rows], light)
+    return total
 
 
 def role_scale(role: str, intensity: float) -> float:
