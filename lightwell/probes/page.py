@@ -30,4 +30,4 @@ def write_page(path: str | os.PathLike[str], volume: bytes, glb: bytes, shell: s
     if shell.count(PLACE) != 1:
         raise RuntimeError(f"probes: the page must contain {PLACE} once, found {shell.count(PLACE)}")
     parts = {"lightwell-volume": b64encode(volume).decode(), "lightwell-scene": b64encode(glb).decode()}
-    write_atomically(path, shell.replace(PLACE, TEMPLATES.render("data.html", parts=parts)))
+    write_atomically(Path(path), shell.replace(PLACE, TEMPLATES.render("data.html", parts=parts)))
