@@ -17,6 +17,8 @@ from pathlib import Path
 
 from PIL import Image
 
+from lightwell.core.units import size_text
+
 ROOT = Path(__file__).resolve().parents[1]
 GIVEN = ROOT.parent / "shared" / "scenes"
 IMAGES = ROOT / "docs" / "images"
@@ -96,7 +98,7 @@ def row(entry: Entry, report: dict) -> str:
         f"{report['relative_error_median']:.1%}",
         f"{report['noise_floor']:.1%}",
         f"{report['psnr_db']:.1f}",
-        f"{report['bytes'] / 1024:.0f} KiB",
+        size_text(report["bytes"]),
         f"{report['macs_per_pixel']:,}",
         f"{report['paths'] / 1e6:.0f} M",
         f"{seconds:.0f} s",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.core.units import size_text
 from lightwell.files import write_atomically
 from lightwell.limits import Limits
 from lightwell.probes import sh
@@ -159,7 +160,7 @@ def read(path: str | os.PathLike[str], limits: Limits | None = None) -> ProbeVol
     """
     path = Path(path)
     if path.stat().st_size > MOST_BYTES:
-        raise ValueError(f"{path}: larger than {MOST_BYTES >> 20} MiB, which no probe volume is")
+        raise ValueError(f"{path}: larger than {size_text(MOST_BYTES)}, which no probe volume is")
     return decode_volume(path.read_bytes(), str(path), limits)
 
 

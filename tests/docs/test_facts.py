@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import lightwell
 from lightwell.cli.interrupts import INTERRUPTED
 from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
 from lightwell.core.scene_options import BUILTINS, UNITS
@@ -62,8 +63,8 @@ def test_limits_of_files():
     text = (DOCS / "scenes.md").read_text()
     defaults = {field.name: field.default for field in dataclasses.fields(Limits)}
     shown = {
-        "file_bytes": "8 GiB",
-        "decoded_bytes": "2 GiB",
+        "file_bytes": "8.59 GB",
+        "decoded_bytes": "2.15 GB",
         "texels": "1.2 · 10⁹",
         "vertices": "32 · 10⁶",
         "seconds": "300",
@@ -74,6 +75,11 @@ def test_limits_of_files():
         (row,) = [line for line in text.splitlines() if line.startswith("|") and f"`{name}`" in line.split("|")[1]]
         assert value in row
     assert (defaults["nodes"], defaults["instances"], defaults["lights"]) == (500_000, 500_000, 10_000)
+
+
+def test_names_of_the_package_are_in_the_reference():
+    text = (DOCS / "python.md").read_text() + (DOCS / "reference/python.md").read_text()
+    assert not [name for name in lightwell.__all__ if not re.search(rf"\b{name}\b", text) and name != "__version__"]
 
 
 def test_presets_are_in_their_tables():
