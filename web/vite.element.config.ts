@@ -7,6 +7,8 @@ export default defineConfig({
   publicDir: false,
   build: {
     lib: { entry: MODULES["lightwell/element"], formats: ["es"], fileName: () => "lightwell-viewer.js" },
+    // One file, whatever parts of it a page needs.
+    rollupOptions: { output: { codeSplitting: false, minify: true } },
     outDir: fileURLToPath(new URL("runtime/dist", import.meta.url)),
     emptyOutDir: false,
     target: "es2022",

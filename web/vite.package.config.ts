@@ -20,11 +20,12 @@ export default defineConfig({
     },
     rollupOptions: {
       external: [/^three($|\/)/, /^@gltf-transform\//],
-      output: { preserveModules: true, preserveModulesRoot: here("runtime/src"), entryFileNames: "[name].js" },
+      // A build of a library keeps white space otherwise.
+      output: { preserveModules: true, preserveModulesRoot: here("runtime/src"), entryFileNames: "[name].js", minify: true },
     },
     outDir: here("runtime/dist"),
     emptyOutDir: true,
-    minify: false,
+    minify: true,
     target: "es2022",
     reportCompressedSize: false,
   },

@@ -12,6 +12,8 @@ import {
   readGraph,
   toHalf,
 } from "../runtime/src/graph/index.ts";
+import { COMMON_OPS } from "../runtime/src/graph/ops/common.ts";
+import { opsFor } from "../runtime/src/graph/ops/on-demand.ts";
 import { loadVectors, row, worstError } from "./parity-vectors.ts";
 
 const VECTORS = loadVectors();
@@ -21,6 +23,12 @@ const factored = VECTORS.find((vector) => vector.name === "network_factored")!;
 test("every op has a vector", () => {
   const seen = new Set(VECTORS.flatMap((vector) => vector.graph.nodes.map((node) => node.opName)));
   expect([...seen].sort()).toEqual(Object.keys(OPS).sort());
+});
+
+test("every op is there at once or on demand, and an unknown name brings all of them", async () => {
+  expect(Object.keys(await opsFor(["no such op"])).sort()).toEqual(Object.keys(OPS).sort());
+  expect(Object.keys(await opsFor(["linear", "tree"])).filter((name) => !Object.hasOwn(COMMON_OPS, name))).toEqual(["tree"]);
+  for (const name of Object.keys(OPS)) expect((await opsFor([name]))[name]).toBe(OPS[name]);
 });
 
 test.each(VECTORS)("CPU evaluation of $name", ({ graph, points, inputs, outputs }) => {

@@ -3,21 +3,15 @@
 import { fail, integer, list, number, record, text } from "./checks.ts";
 import type { GltfJson } from "./container.ts";
 import { LIMITS } from "./limits.ts";
-import {
-  type BufferType,
-  BUDGET,
-  type Budget,
-  evaluate,
-  type Graph,
-  overBudget,
-  readGraph,
-  type StoredBuffer,
-} from "./graph/index.ts";
+import { BUDGET, type Budget, overBudget } from "./graph/budget.ts";
+import { evaluate } from "./graph/evaluate.ts";
+import { readGraphOf } from "./graph/graph.ts";
+import type { Graph } from "./graph/node.ts";
+import type { BufferType, StoredBuffer } from "./graph/stored.ts";
+import { opsFor } from "./graph/ops/on-demand.ts";
+import { EXTENSION } from "./extension-name.ts";
 import { TRIAL } from "./trial.ts";
 import { readVariables, type Variable } from "./variables.ts";
-
-/** Name of the extension. */
-export const EXTENSION = "LIGHTWELL_neural_radiance";
 
 /** Version of the format that this package reads. */
 export const FORMAT_VERSION = 1;
@@ -128,7 +122,7 @@ async function readField(value: unknown, where: string, variableCount: number, f
   if (role !== "indirect" && role !== "static") fail(`${where}.role`, '"indirect" or "static"');
   const document = record(entry.graph, `${where}.graph`);
   const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, from);
-  const graph = readFieldGraph(document, buffers, `${where}.graph`, from.budget);
+  const graph = await readFieldGraph(document, buffers, `${where}.graph`, from.budget);
   warnOfOverflow(graph, where);
   return {
     name: text(entry.name ?? role, `${where}.name`),
@@ -149,13 +143,14 @@ function warnOfOverflow(graph: Graph, where: string): void {
 }
 
 /** The graph of a field: its inputs are those that a surface has, its output is `radiance`. */
-function readFieldGraph(
-  document: unknown,
+async function readFieldGraph(
+  document: Record<string, unknown>,
   buffers: ReadonlyMap<string, StoredBuffer>,
   where: string,
   budget: Budget,
-): Graph {
-  const graph = readGraph(document, buffers, budget);
+): Promise<Graph> {
+  const nodes: { op?: unknown }[] = Array.isArray(document.nodes) ? document.nodes : [];
+  const graph = readGraphOf(await opsFor(nodes.map((node) => String(node?.op))), document, buffers, budget);
   for (const [name, width] of graph.inputs) {
     if (INPUT_WIDTHS[name] !== width)
       fail(`${where}.inputs.${name}`, "an input of a surface");

@@ -16,7 +16,7 @@ import {
   type WriterContext,
 } from "@gltf-transform/core";
 import { list, record } from "./checks.ts";
-import { EXTENSION } from "./extension.ts";
+import { EXTENSION } from "./extension-name.ts";
 import { LIGHTMAP_EXTENSION, type LightmapRecord, readLightmap } from "./lightmap.ts";
 
 /** Extensions that name a texture's picture in place of `source`, by its type. */

@@ -14,7 +14,8 @@ import {
   type WebGLRenderer,
   WebGLRenderTarget,
 } from "three";
-import type { SceneUniforms, SurfaceFinish } from "./surface-finish.ts";
+import type { FieldProgram } from "./field-program.ts";
+import { lampsOf, radianceFunction, type SceneUniforms, SURFACE_ARGUMENTS, type SurfaceFinish, uniformsOf } from "./surface-finish.ts";
 
 /** A tap counts while it is nearer to the surface's tangent plane than this share of the distance to the eye. */
 const PLANE_SHARE = 0.005;
@@ -63,6 +64,20 @@ export class HalfResolution {
   dispose(): void {
     this.target.dispose();
   }
+}
+
+/** Demodulated learned light alone, and the surface's normal and depth in a second target. */
+export function indirectFinish(key: string, fields: readonly FieldProgram[], scene: SceneUniforms): SurfaceFinish {
+  return {
+    key: () => `${key}:${lampsOf(fields)}`,
+    uniforms: () => uniformsOf(fields, scene),
+    environment: false,
+    readsUv: fields.some((field) => field.readsUv),
+    functions: () => `layout( location = 1 ) out highp vec4 lightwellSurface;\n${radianceFunction(fields)}`,
+    statements: `
+  outgoingLight = lightwellRadiance( ${SURFACE_ARGUMENTS} );
+  lightwellSurface = vec4( lwNormal, vLightwellToEye.z );`,
+  };
 }
 
 /** Rasterised light plus the small picture's learned light times the surface's reflectance. */

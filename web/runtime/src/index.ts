@@ -3,7 +3,6 @@ export { FormatError, type Vec3 } from "./checks.ts";
 export { checkContainer, checkSelfContained, readContainer } from "./container.ts";
 export { inlineLimit, isSoftware, rendererName } from "./device.ts";
 export {
-  EXTENSION,
   type FieldRecord,
   FORMAT_VERSION,
   type NeuralRadiance,
@@ -14,6 +13,7 @@ export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } fr
 export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look } from "./learned-scene.ts";
+export { EXTENSION } from "./extension-name.ts";
 export { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";

@@ -13,8 +13,8 @@ import {
 } from "three";
 import type { FieldRecord } from "./extension.ts";
 import { evaluateFrame, frameLayout } from "./graph/frame.ts";
-import { only } from "./graph/graph.ts";
 import type { Graph } from "./graph/node.ts";
+import { only } from "./graph/part.ts";
 import type { StoredBuffer } from "./graph/stored.ts";
 import { MAX_LAMPS } from "./variables.ts";
 

@@ -6,12 +6,11 @@ import { inlineLimit } from "./device.ts";
 import type { FieldRecord } from "./extension.ts";
 import { FieldProgram } from "./field-program.ts";
 import { FRAME_UNIFORM_LIMIT } from "./graph/glsl.ts";
-import { HalfResolution, upsampledFinish } from "./half-resolution.ts";
+import type { HalfResolution } from "./half-resolution.ts";
 import type { Lamp } from "./lamp.ts";
 import { learnedLight } from "./loaded-light.ts";
 import { type DisposeOptions, SceneCore, type SceneOptions } from "./scene-core.ts";
-import { SEGMENT_OUTPUTS, segmentFinish } from "./segments.ts";
-import { indirectFinish, learnedFinish, type SceneUniforms, type SurfaceFinish } from "./surface-finish.ts";
+import { learnedFinish, type SceneUniforms, type SurfaceFinish } from "./surface-finish.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "./surface-materials.ts";
 import { SurfacePatch } from "./surface-patch.ts";
 
@@ -26,6 +25,9 @@ export interface Look {
   readonly segments: boolean;
 }
 
+/** Outputs of a graph that the picture of segments shows; the first is required. */
+const SEGMENT_OUTPUTS = ["segment", "overlap", "second"];
+
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
 
@@ -39,8 +41,12 @@ let scenes = 0;
 export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
   protected readonly materials: SurfaceMaterials;
   private readonly uniforms: SceneUniforms;
-  private readonly half = new HalfResolution();
   private readonly segments: FieldProgram | null;
+  /** Names the programs of this scene. */
+  private readonly id = scenes++;
+  /** How every look that is at hand finishes a surface; rare ones are loaded when they are compiled. */
+  private readonly finishes: Map<SurfaceLook, SurfaceFinish>;
+  private half: HalfResolution | null = null;
   /** What is drawn; `look` is what will be, once it is compiled. */
   private drawn: Look | "plain" = { half: false, segments: false };
   private look: Look = { half: false, segments: false };
@@ -56,7 +62,8 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     const segmented = fields.find((record) => record.graph.outputs.has("segment"));
     this.segments = segmented ? print(segmented, "lightwellSegment", SEGMENT_OUTPUTS, fields.length) : null;
     this.uniforms = { lightwellRaster: { value: 1 }, lightwellToRoot: { value: this.placement.toRoot } };
-    this.materials = this.createMaterials(`${scenes++}`);
+    this.finishes = this.createFinishes();
+    this.materials = this.createMaterials();
     this.begin();
   }
 
@@ -87,14 +94,20 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     const wanted = this.look;
     const generation = ++this.generation;
     this.checkBudget(renderer);
+    const target = renderer.getRenderTarget();
+    await this.loadLook(wanted);
+    if (generation !== this.generation) return;
     // Without this extension nobody can tell when the shaders are ready: the next frame waits for them.
     if (renderer.extensions.has("KHR_parallel_shader_compile")) {
+      const drawnInto = renderer.getRenderTarget();
+      renderer.setRenderTarget(target);
       // The compilation of all that is worn starts at once; only the waiting is asynchronous.
       const compiled = looksOf(wanted).map((shown) => {
         this.materials.show(shown);
         return renderer.compileAsync(shown === "indirect" ? this.root : scene, camera);
       });
       this.materials.show("learned");
+      renderer.setRenderTarget(drawnInto);
       await Promise.all(compiled);
     }
     if (generation === this.generation) this.drawn = wanted;
@@ -119,7 +132,7 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
       this.materials.show(look);
       if (look !== "indirect") renderer.render(scene, camera);
       else
-        this.half.render(renderer, camera, width, height, () =>
+        this.half!.render(renderer, camera, width, height, () =>
           renderer.render(this.root as unknown as Scene, camera),
         );
     }
@@ -128,7 +141,7 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
   }
 
   override dispose(options: DisposeOptions = {}): void {
-    this.half.dispose();
+    this.half?.dispose();
     super.dispose(options);
   }
 
@@ -150,29 +163,40 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     return { fields: this.fields.map((field) => field.demand), capabilities: renderer?.capabilities };
   }
 
-  private createMaterials(id: string): SurfaceMaterials {
-    const finishes = this.createFinishes(id);
-    const looks = new Set(Object.keys(finishes) as SurfaceLook[]);
+  private createMaterials(): SurfaceMaterials {
+    const { finishes } = this;
     const patch: Finisher["patch"] = (material, look, original) =>
-      new SurfacePatch(material, finishes[look]!, original as SurfacePatch | undefined);
+      new SurfacePatch(material, finishes.get(look)!, original as SurfacePatch | undefined);
     // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
-    return new SurfaceMaterials({ looks, patch, shadowSide: DoubleSide }, this.lightmaps);
+    return new SurfaceMaterials({ looks: finishes, patch, shadowSide: DoubleSide }, this.lightmaps);
   }
 
-  private createFinishes(id: string): Partial<Record<SurfaceLook, SurfaceFinish>> {
-    const { fields, half, uniforms, segments } = this;
-    const keep = this.options.environment === "keep" || fields.length === 0;
-    const plain = learnedFinish("plain", [], uniforms, keep);
-    const lightmap = this.hasLightmaps ? { lightmap: plain } : {};
-    if (fields.length === 0) return { plain, ...lightmap };
-    return {
-      plain,
-      ...lightmap,
-      learned: learnedFinish(`learned${id}`, fields, uniforms, keep),
-      indirect: indirectFinish(`indirect${id}`, fields, uniforms),
-      upsampled: upsampledFinish(half, uniforms, keep),
-      ...(segments ? { segments: segmentFinish(`segments${id}`, segments, uniforms) } : {}),
-    };
+  private get keepsEnvironment(): boolean {
+    return this.options.environment === "keep" || this.fields.length === 0;
+  }
+
+  private createFinishes(): Map<SurfaceLook, SurfaceFinish> {
+    const { fields, uniforms, id, keepsEnvironment } = this;
+    const plain = learnedFinish("plain", [], uniforms, keepsEnvironment);
+    const finishes = new Map<SurfaceLook, SurfaceFinish>([["plain", plain]]);
+    if (this.hasLightmaps) finishes.set("lightmap", plain);
+    if (fields.length > 0) finishes.set("learned", learnedFinish(`learned${id}`, fields, uniforms, keepsEnvironment));
+    return finishes;
+  }
+
+  /** Load what a look needs and most pages do not. */
+  private async loadLook({ half, segments }: Look): Promise<void> {
+    const { finishes, fields, uniforms, id } = this;
+    if (half && !this.half) {
+      const { HalfResolution, indirectFinish, upsampledFinish } = await import("./half-resolution.ts");
+      this.half ??= new HalfResolution();
+      finishes.set("indirect", indirectFinish(`indirect${id}`, fields, uniforms));
+      finishes.set("upsampled", upsampledFinish(this.half, uniforms, this.keepsEnvironment));
+    }
+    if (segments && !finishes.has("segments")) {
+      const { segmentFinish } = await import("./segments.ts");
+      finishes.set("segments", segmentFinish(`segments${id}`, this.segments!, uniforms));
+    }
   }
 }
 

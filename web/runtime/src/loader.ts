@@ -4,11 +4,14 @@ import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture }
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import { fail, FormatError } from "./checks.ts";
 import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
-import { EXTENSION, readExtension, type Sources } from "./extension.ts";
-import { type Budget, budgetOf } from "./graph/index.ts";
+import type { NeuralRadiance, Sources } from "./extension.ts";
+import { type Budget, budgetOf } from "./graph/budget.ts";
 import { LIMITS } from "./limits.ts";
 import { LIGHTMAP_EXTENSION, readLightmap } from "./lightmap.ts";
+import { EXTENSION } from "./extension-name.ts";
 import type { Lightmap, LoadedLight } from "./loaded-light.ts";
+
+const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
 
 /** Options of a `LightwellLoaderPlugin`. */
 export interface LoaderOptions {
@@ -39,6 +42,16 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
   async beforeRoot(): Promise<void> {
     const { body } = (this.parser.extensions.KHR_binary_glTF ?? {}) as { body?: ArrayBuffer | null };
     checkContainer(this.parser.json as GltfJson, body ? new Uint8Array(body) : null);
+    await this.bringDecoder();
+  }
+
+  /** Load three.js' decoder of compressed meshes when a file has some and the loader was given none. */
+  private async bringDecoder(): Promise<void> {
+    const { json, options } = this.parser as unknown as { json: { extensionsUsed?: string[] }; options: { meshoptDecoder?: unknown } };
+    if (options.meshoptDecoder || !json.extensionsUsed?.some((name) => MESHOPT.test(name))) return;
+    const { MeshoptDecoder } = await import("three/addons/libs/meshopt_decoder.module.js");
+    await MeshoptDecoder.ready;
+    options.meshoptDecoder = MeshoptDecoder;
   }
 
   async afterRoot(gltf: GLTF): Promise<void> {
@@ -47,7 +60,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
       bufferView: (index) => parser.getDependency("bufferView", index) as Promise<ArrayBuffer>,
       texture: (index) => loadPicture(parser, index),
     };
-    const radiance = await readExtension(parser.json as GltfJson, sources, this.budget);
+    const radiance = await readRadiance(parser.json as GltfJson, sources, this.budget);
     warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
@@ -55,6 +68,14 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
       gltf.userData.lightwell = loaded;
     }
   }
+}
+
+/** The learned light of a document. What reads it is loaded when a file has some. */
+async function readRadiance(json: GltfJson, sources: Sources, budget: Budget): Promise<NeuralRadiance | null> {
+  const { extensions } = json as { extensions?: Record<string, unknown> };
+  if (extensions?.[EXTENSION] === undefined) return null;
+  const { readExtension } = await import("./extension.ts");
+  return readExtension(json, sources, budget);
 }
 
 /**

@@ -11,9 +11,6 @@ import {
   uvOf,
 } from "./surface-finish.ts";
 
-/** Outputs of a graph that this picture shows; the first is required. */
-export const SEGMENT_OUTPUTS = ["segment", "overlap", "second"] as const;
-
 /** Colours of the first segments, sRGB: told apart by hue and by lightness, of like weight on a dark page. */
 export const SEGMENT_COLORS = [
   "#5b8ff9",

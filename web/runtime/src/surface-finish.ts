@@ -47,7 +47,7 @@ export function uvOf(fields: readonly FieldProgram[]): string {
 }
 
 /** `lightwellRadiance(...)`: the sum of all fields over all of their lamps, demodulated by the reflectance. */
-function radianceFunction(fields: readonly FieldProgram[]): string {
+export function radianceFunction(fields: readonly FieldProgram[]): string {
   const sums = fields.map((field) =>
     field.forEachLamp(`if ( gain != vec3( 0.0 ) ) sum += gain * max( ${field.call}, 0.0 );`),
   );
@@ -88,19 +88,5 @@ export function learnedFinish(
     readsUv: fields.some((field) => field.readsUv),
     functions: () => `uniform float lightwellRaster;\n${radianceFunction(fields)}`,
     statements: `outgoingLight = lightwellRaster * outgoingLight + lwReflectance * lightwellRadiance( ${SURFACE_ARGUMENTS} );`,
-  };
-}
-
-/** Demodulated learned light alone, and the surface's normal and depth in a second target. */
-export function indirectFinish(key: string, fields: readonly FieldProgram[], scene: SceneUniforms): SurfaceFinish {
-  return {
-    key: () => `${key}:${lampsOf(fields)}`,
-    uniforms: () => uniformsOf(fields, scene),
-    environment: false,
-    readsUv: fields.some((field) => field.readsUv),
-    functions: () => `layout( location = 1 ) out highp vec4 lightwellSurface;\n${radianceFunction(fields)}`,
-    statements: `
-  outgoingLight = lightwellRadiance( ${SURFACE_ARGUMENTS} );
-  lightwellSurface = vec4( lwNormal, vLightwellToEye.z );`,
   };
 }

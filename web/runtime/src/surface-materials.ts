@@ -22,7 +22,7 @@ export interface Patch {
 
 /** How an adapter shows the looks that have shaders of their own; a look that is not among them is that of the plain one. */
 export interface Finisher {
-  readonly looks: ReadonlySet<SurfaceLook>;
+  readonly looks: { has(look: SurfaceLook): boolean };
   /** Which sides shadow maps see; null leaves it to the material. */
   readonly shadowSide: Side | null;
   /** Put a look on a material; `original` is the patch of the material that this one is a copy of. */

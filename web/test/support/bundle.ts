@@ -10,6 +10,17 @@ import { MODULES } from "../../modules.ts";
 
 const here = (path: string): string => fileURLToPath(new URL(path, import.meta.url));
 
+/** A file of a bundle. */
+export interface Chunk {
+  readonly fileName: string;
+  readonly code: string;
+  /** Files that it imports at once. */
+  readonly imports: readonly string[];
+  /** Files that it loads when they are needed. */
+  readonly dynamicImports: readonly string[];
+  readonly isEntry: boolean;
+}
+
 export interface BundleOptions {
   /** Leave these out: what the page brings along. */
   readonly external?: readonly RegExp[];
@@ -18,7 +29,12 @@ export interface BundleOptions {
 }
 
 /** One minified module made of an entry (a path from `test/`) or of a text of imports. */
-export async function bundle(entry: string, { external = [], three }: BundleOptions = {}): Promise<string> {
+export async function bundle(entry: string, options: BundleOptions = {}): Promise<string> {
+  return (await bundleChunks(entry, options, false)).map((chunk) => chunk.code ?? "").join("\n");
+}
+
+/** The same as several files where `split`: what is loaded on demand is apart. */
+export async function bundleChunks(entry: string, { external = [], three }: BundleOptions = {}, split = true): Promise<readonly Chunk[]> {
   const folder = mkdtempSync(join(tmpdir(), "lightwell-bundle-"));
   const isText = /[\s;]/.test(entry);
   const id = isText ? join(folder, "entry.ts") : here(`../${entry}`);
@@ -57,13 +73,12 @@ export async function bundle(entry: string, { external = [], three }: BundleOpti
         input: id,
         external: [...external],
         preserveEntrySignatures: "strict",
-        output: { format: "es", codeSplitting: false },
+        output: { format: "es", codeSplitting: split },
       },
     },
   });
   rmSync(folder, { recursive: true });
-  const { output } = (Array.isArray(result) ? result[0] : result) as { output: { type: string; code?: string }[] };
-  return output.map((chunk) => chunk.code ?? "").join("\n");
+  return ((Array.isArray(result) ? result[0] : result) as { output: Chunk[] }).output;
 }
 
 /** What the package is not: three.js and the libraries of other worlds. */

@@ -2,6 +2,7 @@
 
 import { Color, Vector3 } from "three";
 import type { Against, Mode } from "./modes.ts";
+import { linkTo } from "./page-state.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** What `stats()` returns. */
@@ -60,6 +61,8 @@ export interface Automation {
   /** The lens: on or off, distance in focus (metres) and f-number; resolves when the picture is shown. */
   setLens(on: boolean, setting?: { focus?: number; fstop?: number }): Promise<void>;
   stats(): Stats;
+  /** The address that shows the same. */
+  link(): string;
   /** The canvas: 8-bit RGBA. */
   readPixels(): { width: number; height: number; data: Uint8Array };
   /** The learned picture before exposure and tone curve: linear RGBA radiance, alpha is coverage. */
@@ -118,6 +121,7 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
     },
     setLens: (on, setting) => viewer.lens.set(on, setting),
     stats: () => stats(viewer, notice, trouble),
+    link: () => linkTo(viewer, location.href),
     readPixels: () => viewer.readPixels(),
     readRadiance: () => viewer.readRadiance(),
     measure: (frames) => viewer.measure(frames),

@@ -12,6 +12,8 @@ export class CameraRig {
   /** Width ÷ height of the picture that must stay whole. */
   private frameAspect = 1;
   private canvasAspect = 1;
+  /** Diagonal of the scene, metres. */
+  private size = 1;
 
   constructor(canvas: HTMLElement) {
     this.controls = new OrbitControls(this.camera, canvas);
@@ -24,6 +26,7 @@ export class CameraRig {
   /** Distances that suit a scene of this size. */
   fit(bounds: Box3): void {
     const size = Math.max(bounds.getSize(new Vector3()).length(), 1e-6);
+    this.size = size;
     this.camera.near = size * 2e-3;
     this.camera.far = size * 40;
     this.controls.minDistance = size * 5e-3;
@@ -39,6 +42,21 @@ export class CameraRig {
     this.controls.target.set(...data.target);
     this.settle();
     this.project(this.canvasAspect);
+  }
+
+  /** Eye, target and field of view as they are now. */
+  placed(): { position: [number, number, number]; target: [number, number, number]; fovY: number } {
+    return { position: this.camera.position.toArray(), target: this.controls.target.toArray(), fovY: this.camera.fov };
+  }
+
+  /** Move eye and target along the axes of the eye (right, up, ahead; shares of the scene's diagonal), and turn by radians. */
+  fly([right, up, ahead]: readonly [number, number, number], turn: number): void {
+    const { camera, controls, size } = this;
+    const step = new Vector3(right, up, -ahead).applyQuaternion(camera.quaternion).multiplyScalar(size);
+    const view = controls.target.clone().sub(camera.position).applyAxisAngle(camera.up, turn);
+    camera.position.add(step);
+    controls.target.copy(camera.position).add(view);
+    this.settle();
   }
 
   /** End a glide, so that the next frame shows the camera where it was placed. */

@@ -21,6 +21,11 @@ export class Exposure {
     return this.base * 2 ** this.stops;
   }
 
+  /** Choose the linear factor: as stops on top of what was metered. */
+  choose(value: number): void {
+    this.stops = Math.log2(value / this.base);
+  }
+
   /** Take the scene's exposure from the page (or the address), or from what is shown; returns whether it was metered. */
   meter(declared: number | null | undefined, shown: () => Picture<Float32Array>): boolean {
     const known = this.fixed ?? declared ?? null;

@@ -1,11 +1,14 @@
 /** Starts the page. */
 
 import "./style.css";
-import { Color, Vector3 } from "three";
 import { findAsset, type LoadedAsset } from "./asset.ts";
 import { automate } from "./automation.ts";
+import { answerFrame } from "./frame-messages.ts";
 import { readOptions } from "./options.ts";
+import { applyState } from "./page-state.ts";
+import { copyLink, createCopyLink } from "./ui/copy-link.ts";
 import { el } from "./ui/dom.ts";
+import { listenToFlight } from "./ui/fly.ts";
 import { createHelp } from "./ui/help.ts";
 import { listenToKeys } from "./ui/keys.ts";
 import { LampHandle } from "./ui/lamp-handle.ts";
@@ -64,10 +67,13 @@ function addControls(viewer: Viewer): void {
   const links = el("nav", { class: "links" });
   const header = el("header", {}, heading, el("span", { class: "wordmark" }, "lightwell"), links);
   const bottom = el("footer", {}, ...createLegends(viewer), createModeBar(viewer), createViewsStrip(viewer));
-  root.append(lamps, createSplitHandle(viewer), header, bottom, panel, help.element);
-  panel.prepend(help.button);
+  // Lamps last: the line of the split must not cover their handles.
+  root.append(createSplitHandle(viewer), lamps, header, bottom, panel, help.element);
+  panel.prepend(help.button, createCopyLink(viewer));
+  listenToFlight(viewer);
   listenToKeys(viewer, {
     help: help.toggle,
+    link: () => void copyLink(viewer),
     panel: () => panel.querySelector<HTMLButtonElement>("[aria-controls]")?.click(),
     light: () => lamps.querySelector("button")?.focus(),
   });
@@ -89,30 +95,10 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
   await viewer.load(asset).finally(stop);
 }
 
-/** Lamps that the address asks for. */
-function applyLights(viewer: Viewer): void {
-  options.lights.forEach(({ value, color, intensity }, index) => {
-    const lamp = viewer.lamps[index] ? index : viewer.desk.add();
-    if (lamp < 0) return;
-    if (value) viewer.desk.move(lamp, new Vector3(...value));
-    if (color) viewer.desk.setColor(lamp, new Color(color));
-    if (intensity !== undefined) viewer.desk.setIntensity(lamp, intensity);
-  });
-}
-
-/** Mode, view and lamps that the address asks for. */
-async function applyOptions(viewer: Viewer): Promise<void> {
-  if (options.view !== null && viewer.page.views[options.view]) {
-    viewer.setView(options.view);
-    if (viewer.page.views[options.view]!.reference) await viewer.reference(options.view);
-  }
-  applyLights(viewer);
-  if (options.mode) viewer.setMode(options.mode);
-  // What the learned light adds is what a visitor should see first.
-  else if (options.ui && viewer.fields.length > 0) viewer.setMode("split");
-  if (viewer.view !== null && viewer.page.views[viewer.view]?.reference) await viewer.reference(viewer.view);
-  await viewer.prepared();
-  viewer.renderOnce();
+/** What the address asks for; a visitor first sees what the learned light adds. */
+function applyOptions(viewer: Viewer): Promise<void> {
+  const { mode, ui } = options;
+  return applyState(viewer, { ...options, mode: mode ?? (ui && viewer.fields.length > 0 ? "split" : null) });
 }
 
 async function start(): Promise<void> {
@@ -125,6 +111,7 @@ async function start(): Promise<void> {
   acceptDrops((file) => void show(viewer, file).catch(explain));
   const ready = show(viewer, findAsset(options)).then(() => applyOptions(viewer));
   automate(viewer, ready);
+  answerFrame(viewer, ready);
   await ready.catch(explain);
 }
 

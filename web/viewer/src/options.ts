@@ -15,8 +15,12 @@ export interface Options {
   readonly mode: Mode | null;
   /** What is to the left in split mode. */
   readonly against: Against | null;
+  /** Where the left picture ends in split mode, 0 … 1. */
+  readonly split: number | null;
   /** Saved view to start from, counted from 0. */
   readonly view: number | null;
+  /** Eye and target in metres, and the vertical field of view in degrees. */
+  readonly camera: readonly number[] | null;
   /** Whether controls are shown. */
   readonly ui: boolean;
   readonly toneMapping: ToneMappingName | null;
@@ -33,6 +37,9 @@ export interface Options {
 }
 
 const MAX_SIDE = 8192;
+const MAX_DISTANCE = 1e6;
+/** Degrees. */
+const FIELD_OF_VIEW = 45;
 
 /** Parse the query string; anything malformed is as if it were absent. */
 export function readOptions(search: string): Options {
@@ -44,7 +51,9 @@ export function readOptions(search: string): Options {
     size: readSize(query.get("size")),
     mode: oneOf(query.get("mode"), MODES),
     against: oneOf(query.get("against"), AGAINST),
+    split: readNumber(query.get("split"), 0, 1),
     view: readNumber(query.get("view"), 0, 10_000),
+    camera: readCamera(query.get("camera")),
     ui: query.get("ui") !== "0",
     toneMapping: oneOf(query.get("tonemap"), TONE_MAPPINGS),
     exposure: readNumber(query.get("exposure"), 1e-6, 1e6),
@@ -61,6 +70,15 @@ function readSize(text: string | null): readonly [number, number] | null {
   if (!match) return null;
   const [width, height] = [Number(match[1]), Number(match[2])];
   return width >= 1 && height >= 1 && width <= MAX_SIDE && height <= MAX_SIDE ? [width, height] : null;
+}
+
+/** `x,y,z,x,y,z[,degrees]`: eye, target, field of view. */
+function readCamera(text: string | null): readonly number[] | null {
+  const numbers = (text ?? "").split(",").map((part) => (part.trim() === "" ? Number.NaN : Number(part)));
+  const [fovY = FIELD_OF_VIEW] = numbers.slice(6);
+  const fine = numbers.every((x) => Math.abs(x) <= MAX_DISTANCE) && (numbers.length === 6 || numbers.length === 7);
+  const apart = Math.hypot(...[0, 1, 2].map((i) => numbers[i]! - numbers[i + 3]!)) > 0;
+  return fine && apart && fovY >= 1 && fovY <= 170 ? [...numbers.slice(0, 6), fovY] : null;
 }
 
 function readNumber(text: string | null, low: number, high: number): number | null {

@@ -260,12 +260,25 @@ export class Viewer extends Emitter<ViewerEvents> {
     this.changed();
   }
 
+  /** Move the eye along its axes (right, up, ahead; shares of the scene's diagonal), and turn it by radians. */
+  fly(step: readonly [number, number, number], turn: number): void {
+    this.userMoved = true;
+    this.rig.fly(step, turn);
+    this.invalidate();
+  }
+
   /** Evaluate the learned light at half resolution, or at full. */
   setHalf(on: boolean): void {
     if (this.half === on) return;
     this.half = on;
     this.presenter.truth.comparison = null;
     void this.compile();
+    this.changed();
+  }
+
+  /** Choose the linear factor before tone mapping. */
+  setExposure(value: number): void {
+    this.exposed.choose(value);
     this.changed();
   }
 

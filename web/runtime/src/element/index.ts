@@ -4,4 +4,4 @@ import { LightwellViewer } from "./lightwell-viewer.ts";
 
 export { LightwellViewer } from "./lightwell-viewer.ts";
 
-if (!customElements.get("lightwell-viewer")) customElements.define("lightwell-viewer", LightwellViewer);
+if (globalThis.customElements && !customElements.get("lightwell-viewer")) customElements.define("lightwell-viewer", LightwellViewer);

@@ -14,7 +14,6 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
@@ -31,6 +30,9 @@ const STYLE = `:host { display: block; position: relative; aspect-ratio: 16 / 9;
 canvas { display: block; position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; }
 p { position: absolute; inset: auto 0 50%; margin: 0; text-align: center; font: 14px system-ui, sans-serif; color: #fff9; }`;
 
+/** Servers that import this module have no elements. */
+const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
+
 /** What belongs to one file. */
 interface Shown {
   readonly learned: LearnedScene;
@@ -44,7 +46,7 @@ interface Shown {
  * `light` (place of the first lamp). Events: `load`, and `error` whose `message` says why. `scene` is the `LearnedScene`.
  * It draws when something changes, not all the time, and frees everything when it leaves the document.
  */
-export class LightwellViewer extends HTMLElement {
+export class LightwellViewer extends ElementBase {
   static readonly observedAttributes = ["src", "exposure", "tone-mapping", "camera", "light"];
   private readonly canvas = document.createElement("canvas");
   private readonly message = document.createElement("p");
@@ -117,7 +119,7 @@ export class LightwellViewer extends HTMLElement {
     if (!src) return;
     this.message.textContent = "Loading…";
     try {
-      const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
+      const loader = new GLTFLoader();
       const gltf = await loader.register((parser) => new LightwellLoaderPlugin(parser)).loadAsync(src);
       if (load !== this.loads || !this.renderer) return;
       const learned = new LearnedScene(gltf, { renderer: this.renderer });

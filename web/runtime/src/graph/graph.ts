@@ -1,7 +1,7 @@
 /** Reads a shading graph from untrusted JSON: a `Graph` that exists is valid (see `format/FORMAT.md`). */
 
 import { fail, integer, list, number, record, text } from "../checks.ts";
-import { BUDGET, type Budget, checkLive, WorkCounter, workOf } from "./budget.ts";
+import { BUDGET, type Budget, checkLive, WorkCounter } from "./budget.ts";
 import { fromHalf } from "./half.ts";
 import {
   MAX_ELEMENTS,
@@ -15,7 +15,7 @@ import {
   type Use,
 } from "./op.ts";
 import type { Graph, GraphNode } from "./node.ts";
-import { OPS } from "./ops/index.ts";
+import { costs } from "./part.ts";
 
 /** Inputs that are the same for every pixel of a frame. */
 export const FRAME_INPUTS: readonly string[] = ["light"];
@@ -39,9 +39,10 @@ function entries(value: unknown, where: string, low: number, high: number): [str
 
 /**
  * Check a graph and its buffers (stored numbers by name), and that it stays within a budget; throws a `FormatError` that
- * names what is wrong.
+ * names what is wrong. `ops` are those that it may name.
  */
-export function readGraph(
+export function readGraphOf(
+  ops: Readonly<Record<string, Op>>,
   json: unknown,
   stored: ReadonlyMap<string, StoredBuffer>,
   budget: Budget = BUDGET,
@@ -70,7 +71,7 @@ export function readGraph(
   const used = new Set<string>();
   const counter = new WorkCounter(budget);
   const nodes = list(document.nodes, "graph.nodes", MAX_NODES).map((value, i) => {
-    const node = readNode(value, `graph.nodes[${i}]`, widths, buffers, frame, used);
+    const node = readNode(ops, value, `graph.nodes[${i}]`, widths, buffers, frame, used);
     counter.add(node, `graph.nodes[${i}] ('${node.id}')`);
     widths.set(node.id, node.width);
     if (node.perFrame) frame.add(node.id);
@@ -90,25 +91,6 @@ export function readGraph(
   if (Math.max(graph.macs, graph.macsPerFrame) > MAX_MACS)
     fail("graph.nodes", `at most ${MAX_MACS} multiply-adds`);
   return graph;
-}
-
-/** The part of a graph that these outputs need; outputs that it lacks are left out. */
-export function only(graph: Graph, ...names: readonly string[]): Graph {
-  const outputs = new Map([...graph.outputs].filter(([key]) => names.includes(key)));
-  const needed = new Set(outputs.values());
-  for (const node of [...graph.nodes].reverse()) {
-    if (needed.has(node.id)) for (const input of node.inputs) needed.add(input);
-  }
-  const nodes = graph.nodes.filter((node) => needed.has(node.id));
-  const inputs = new Map([...graph.inputs].filter(([key]) => needed.has(key)));
-  return { inputs, nodes, outputs, widths: graph.widths, ...costs(nodes) };
-}
-
-function costs(nodes: readonly GraphNode[]): Pick<Graph, "macs" | "macsPerFrame" | "fetches" | "work"> {
-  const total = (cost: "macs" | "fetches", perFrame: boolean) =>
-    nodes.filter((n) => n.perFrame === perFrame).reduce((sum, n) => sum + (n.op[cost]?.(n.use) ?? 0), 0);
-  const work = nodes.filter((n) => !n.perFrame).reduce((sum, n) => sum + workOf(n), 0);
-  return { macs: total("macs", false), macsPerFrame: total("macs", true), fetches: total("fetches", false), work };
 }
 
 function checkBuffer(buffer: StoredBuffer, where: string): void {
@@ -144,6 +126,7 @@ function checkBuffer(buffer: StoredBuffer, where: string): void {
 }
 
 function readNode(
+  ops: Readonly<Record<string, Op>>,
   value: unknown,
   where: string,
   widths: ReadonlyMap<string, number>,
@@ -156,8 +139,8 @@ function readNode(
   if (widths.has(id)) fail(`${where}.id`, "a new name");
   const opName = text(json.op, `${where}.op`);
   const op =
-    (Object.hasOwn(OPS, opName) ? OPS[opName] : undefined) ??
-    fail(`${where}.op`, `one of ${Object.keys(OPS).join(", ")}`);
+    (Object.hasOwn(ops, opName) ? ops[opName] : undefined) ??
+    fail(`${where}.op`, `one of ${Object.keys(ops).sort().join(", ")}`);
   const perFrame = json.per_frame ?? false;
   if (typeof perFrame !== "boolean") fail(`${where}.per_frame`, "true or false");
   const inputs = list(json.inputs, `${where}.inputs`, 256).map((input) => {

@@ -12,9 +12,11 @@ export {
   printGlsl,
   type TexelTexture,
 } from "./glsl.ts";
-export { FRAME_INPUTS, only, readGraph } from "./graph.ts";
+export { FRAME_INPUTS } from "./graph.ts";
 export { fromHalf, toHalf } from "./half.ts";
 export type { Graph, GraphNode } from "./node.ts";
 export type { BufferType, StoredBuffer } from "./op.ts";
 export { OPS } from "./ops/index.ts";
+export { only } from "./part.ts";
+export { readGraph } from "./read.ts";
 export { printWgsl, type WgslOptions, type WgslProgram } from "./wgsl.ts";

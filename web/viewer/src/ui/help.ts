@@ -8,7 +8,8 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["Scroll · pinch", "Zoom"],
   ["Right drag · two fingers", "Pan"],
   ["Drag the lamp", "Move the light; wheel over it: depth"],
-  ["Arrows, Page ↑ ↓", "Move the light when it has focus; Shift: finer"],
+  ["Arrows, Page ↑ ↓", "Fly: ahead, back, turn, up, down; Shift: aside"],
+  ["The same on a lamp", "Move the light when it has focus; Shift: finer"],
   ["+ · −", "Add a lamp, remove the last one; Delete: the one that has focus"],
   ["R", "Learned light at half resolution, or at full"],
   ["S", "Split against direct light, the reference, or an ordinary light map"],
@@ -16,6 +17,7 @@ const ROWS: readonly (readonly [keys: string, meaning: string])[] = [
   ["V", "Next saved view"],
   ["H", "Start again"],
   ["L", "Focus the light"],
+  ["C", "Copy a link to what is shown"],
   ["P", "Show or hide the controls"],
   ["?", "This help"],
 ];

@@ -8,6 +8,7 @@ export interface KeyActions {
   help(): void;
   panel(): void;
   light(): void;
+  link(): void;
 }
 
 export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
@@ -19,6 +20,7 @@ export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
       "?": actions.help,
       p: actions.panel,
       l: actions.light,
+      c: actions.link,
       h: () => viewer.goHome(),
       s: () => viewer.nextAgainst(),
       f: () => void viewer.lens.set(!viewer.lens.on),

@@ -3,7 +3,7 @@
 import { type Language, literal } from "../language.ts";
 import { type Op, sameWidth } from "../op.ts";
 import type { Printer } from "../printer.ts";
-import { sincos } from "./encoding.ts";
+import { sincos } from "./sincos.ts";
 
 interface Activation {
   meaning(x: number): number;

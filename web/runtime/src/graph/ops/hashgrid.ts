@@ -3,7 +3,7 @@
 import { valuesOf } from "../buffers.ts";
 import type { Op, Use } from "../op.ts";
 import { Value } from "../printer.ts";
-import { accumulateRow, rowTable } from "./fetch.ts";
+import { accumulateRow, rowTable } from "./table-rows.ts";
 
 const PRIMES = [1, 2654435761, 805459861] as const;
 const MAX_CELLS = 1 << 16;

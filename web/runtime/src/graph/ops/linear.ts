@@ -4,7 +4,7 @@ import { valuesOf } from "../buffers.ts";
 import { type Language, literal } from "../language.ts";
 import { MAX_WIDTH, type Op, type Use } from "../op.ts";
 import type { Printer, Value } from "../printer.ts";
-import { printRoundedIndex, roundedIndex } from "./lookup.ts";
+import { printRoundedIndex, roundedIndex } from "./rounded-index.ts";
 
 /** Outputs, inputs and experts of a layer. */
 function sizes(use: Use): { outputs: number; inputs: number; experts: number } {

@@ -1,20 +1,12 @@
 /** Tables that are read without interpolation: rows (by number) and nearest (by place). */
 
 import { valuesOf } from "../buffers.ts";
-import { type Language, literal } from "../language.ts";
+import { literal } from "../language.ts";
 import { MAX_EXACT, MAX_WIDTH, type Op } from "../op.ts";
 import type { Printer, Value } from "../printer.ts";
-import { accumulateRow, rowTable, sizesOf, tableOp } from "./fetch.ts";
-
-/** Which of `count` things an index means: rounded half up, clamped to what there is. */
-export function roundedIndex(index: number, count: number): number {
-  return Math.min(Math.max(Math.floor(Math.fround(index + 0.5)), 0), count - 1);
-}
-
-/** As `roundedIndex`, in a shader. */
-export function printRoundedIndex(index: Value, count: number, language: Language): string {
-  return `${language.type("int")}(clamp(floor(${index.at(0)} + 0.5), 0.0, ${literal(count - 1)}))`;
-}
+import { sizesOf, tableOp } from "./fetch.ts";
+import { printRoundedIndex, roundedIndex } from "./rounded-index.ts";
+import { accumulateRow, rowTable } from "./table-rows.ts";
 
 /** Emit `out = row` of a table. */
 function printRow(use: Parameters<Op["print"]>[0], printer: Printer, out: Value, row: string): void {

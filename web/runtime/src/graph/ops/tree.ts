@@ -2,7 +2,7 @@
 
 import { valuesOf } from "../buffers.ts";
 import { MAX_EXACT, type Op, type Use } from "../op.ts";
-import { rowTable } from "./fetch.ts";
+import { rowTable } from "./table-rows.ts";
 
 const MAX_DEPTH = 64;
 /** Numbers of a row: axis, threshold, below, above. */
