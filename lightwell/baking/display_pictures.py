@@ -126,13 +126,13 @@ def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[
     seen = np.flatnonzero(mask)
     points = points[seen]
     low, high = (make_query(scene, at, np.zeros(3, np.float32)) for at in (view.points, points))
-    image = _Image(view.seen, (size[1], size[0]))
+    image = SeenPixels(view.seen, (size[1], size[0]))
     light = image(denoised(scene, view, size)) / (image(low.reflectance) + LEAST_REFLECTANCE)
     reference = np.zeros((large[1] * large[0], 3), np.float32)
     # The width of a pixel of the scored view over its distance.
     pixel = 2 * np.tan(np.radians(camera.fov_y) / 2) / size[1]
     span = pixel * np.linalg.norm(high.position - np.asarray(camera.position), axis=-1)
-    between = _upsampled(light, image, low, high, seen, span)
+    between = upsample(light, image, low, high, seen, span)
     reference[seen] = between * (high.reflectance + LEAST_REFLECTANCE)
     shape = image(view.points.shape[:, None] + 1).astype(np.int32)[..., 0] - 1
     return DisplayView(points, seen, reference.reshape(large[1], large[0], 3), shape, image(low.position))
@@ -153,27 +153,50 @@ def denoised(scene: Scene, view: ViewReference, size: tuple[int, int]) -> np.nda
     if missing() or not len(view.points):
         return noisy
     query = make_query(scene, view.points, np.zeros(3, np.float32))
-    image = _Image(view.seen, (size[1], size[0]))
+    image = SeenPixels(view.seen, (size[1], size[0]))
     clean = denoise(image(noisy), image(np.clip(query.reflectance, 0, 1)), image(query.normal))
     return clean.reshape(-1, 3)[view.seen]
 
 
-class _Image:
-    """Places values at the seen pixels of a picture [h, w, C]; 0 elsewhere."""
+@dataclass(frozen=True)
+class SeenPixels:
+    """The pixels of a picture that show a surface."""
 
-    def __init__(self, seen: np.ndarray, shape: tuple[int, int]) -> None:
-        self.seen, self.shape = seen, shape
+    seen: np.ndarray
+    """[N] row-major."""
+    shape: tuple[int, int]
+    """Height and width of the picture."""
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Arrange values at the pixels as a picture.
+
+        Args:
+            values: [N, C] values.
+
+        Returns:
+            [h, w, C] float32, 0 where there is no surface.
+        """
         full = np.zeros((self.shape[0] * self.shape[1], values.shape[-1]), np.float32)
         full[self.seen] = values
         return full.reshape(*self.shape, -1)
 
 
-def _upsampled(
-    light: np.ndarray, image: _Image, low: Query, high: Query, seen: np.ndarray, span: np.ndarray
+def upsample(
+    light: np.ndarray, image: SeenPixels, low: Query, high: Query, seen: np.ndarray, span: np.ndarray
 ) -> np.ndarray:
-    """Interpolate [h, w, 3] at N points of the enlarged picture, between the four pixels around each, by surface."""
+    """Interpolate light at the pixels of the enlarged picture, between the four pixels around each, by surface.
+
+    Args:
+        light: [h, w, 3] light of the small picture.
+        image: Its pixels that show a surface.
+        low: Positions and normals at these.
+        high: Positions and normals at N pixels of the enlarged picture.
+        seen: [N] these pixels, row-major.
+        span: [N] distance on the surface that counts as another one: the width of a small pixel there, metres.
+
+    Returns:
+        [N, 3] light.
+    """
     height, width = image.shape
     position, normal, on = image(low.position), image(low.normal), image(np.ones((len(image.seen), 1)))
     y = (seen // (PICTURE_SCALE * width) + 0.5) / PICTURE_SCALE - 0.5
