@@ -28,7 +28,9 @@ class ChangeDetector:
 
     def reset(self) -> None:
         """Discard all statistics, after a change or when no change must be reported."""
-        self.__init__()
+        self._residuals.clear()
+        self._losses.clear()
+        self._frames = 0
 
     def state(self) -> dict[str, Any]:
         """Return the state that the next frame depends on.

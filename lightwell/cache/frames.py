@@ -13,6 +13,8 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import Guide
 from lightwell.cache.model import Model
+from lightwell.cache.path_context import PathContext
+from lightwell.cache.predictor import PackedWeights
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.recorded import Recorded
 from lightwell.cache.render_paths import render_path
@@ -22,8 +24,10 @@ from lightwell.cache.sobol_sampler import draws
 LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
 
 
-# Ray, weight, position on the film and source of random numbers of each lane.
 Rays = tuple[Any, Any, mi.Point2f, Any]
+"""Ray, weight, position on the film and source of random numbers of each lane."""
+Traced = tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]
+"""Radiance, whether a surface was hit, length, footprint over that of the primary hit, position on the film."""
 
 
 def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int) -> Rays:
@@ -107,7 +111,7 @@ def evaluator(cache: RadianceCache) -> Callable[[Any, Any], mi.Color3f]:
 def trace_pass(
     scene: Any, cache: RadianceCache, rays: Rays, estimator: str, q: float, first_direct: bool = True,
     caching: bool = True, guide: Guide | None = None,
-) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
+) -> Traced:  # fmt: skip
     """Trace one path per camera ray; radiance that is not finite becomes 0.
 
     Args:
@@ -128,7 +132,10 @@ def trace_pass(
     return _traced(scene, rays, context, evaluate, dr.opaque(mi.Float, q), caching, estimator, first_direct, guide)
 
 
-def _traced(scene, rays, context, evaluate, q, caching, estimator, first_direct, guide):
+def _traced(
+    scene: Any, rays: Rays, context: PathContext, evaluate: Callable[[Any, Any], Any], q: mi.Float, caching: bool,
+    estimator: str, first_direct: bool, guide: Guide | None,
+) -> Traced:  # fmt: skip
     ray, weight, place, sampler = rays
     L, valid, depth, ratio = render_path(
         scene, sampler, ray, context, evaluate, q, caching, estimator, first_direct, guide
@@ -184,7 +191,10 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
         of ``trace_pass``.
     """
 
-    def run(scene, sensor, context, weights, guide, q, first, spp, seed):
+    def run(
+        scene: Any, sensor: Any, context: PathContext, weights: PackedWeights, guide: Guide | None, q: mi.Float,
+        first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32,
+    ) -> Traced:  # fmt: skip
         rays = sobol_rays(sensor, first, spp, seed, shape.N)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
         out = _traced(scene, rays, context, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
@@ -197,7 +207,7 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
 def sobol_pass(
     scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool,
     guide: Guide | None = None,
-) -> tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]:  # fmt: skip
+) -> Traced:  # fmt: skip
     """Trace one pass with the integrator's own random numbers.
 
     Args:

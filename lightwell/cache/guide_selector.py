@@ -97,7 +97,8 @@ def _squares(passes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     _, height, width, _ = passes.shape
     rows, columns = height // SQUARE, width // SQUARE
     if not rows or not columns:
-        return tuple(x.mean(axis=-1) for x in (passes.mean(axis=0), passes.var(axis=0, ddof=1)))
+        return passes.mean(axis=0).mean(axis=-1), passes.var(axis=0, ddof=1).mean(axis=-1)
     whole = passes[:, : rows * SQUARE, : columns * SQUARE]
-    pool = lambda x: x.reshape(rows, SQUARE, columns, SQUARE, 3).mean(axis=(1, 3, 4))  # noqa: E731
-    return pool(whole.mean(axis=0)), pool(whole.var(axis=0, ddof=1))
+    shape = (rows, SQUARE, columns, SQUARE, 3)
+    mean, variance = whole.mean(axis=0).reshape(shape), whole.var(axis=0, ddof=1).reshape(shape)
+    return mean.mean(axis=(1, 3, 4)), variance.mean(axis=(1, 3, 4))

@@ -5,6 +5,7 @@ Notation: R cells with records (rows of the sums), K rows of the finished table.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -158,7 +159,7 @@ class GuideTable:
             self.made = on_device(*self.table(), self.opaque_cells, self.opaque_share)
         return self.made
 
-    def _boxes(self):
+    def _boxes(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
         """Iterate over the boxes with records, from the whole box down to single cells.
 
         Yields (logarithm of the edge in cells, keys of the boxes, a row of the sums in each, box of each row).

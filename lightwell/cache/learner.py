@@ -225,7 +225,10 @@ class Learner:
 def _frozen_step(model: Model, count: int, cap: float) -> Any:
     """Return one optimiser step as a frozen function, cached for the life of the process."""
 
-    def step(values, average, moments, direct, points, target, weight, start, rate, new, old):
+    def step(
+        values: Tensors, average: Tensors, moments: tuple[Tensors, ...], direct: Any, points: Any, target: Any,
+        weight: Any, start: mi.UInt32, rate: mi.Float, new: mi.Float, old: mi.Float,
+    ) -> tuple[Any, ...]:  # fmt: skip
         x, p, y, w = (_rows(t, start, count) for t in (direct, points, target, weight))
         values = {name: mi.TensorXf(value) for name, value in values.items()}
         with dr.resume_grad():  # mi.render suspends derivatives
@@ -243,11 +246,17 @@ def _frozen_step(model: Model, count: int, cap: float) -> Any:
     return freeze(step)
 
 
-def _updated(values, average, moments, gradients, rate, new, old):
+def _updated(
+    values: Tensors, average: Tensors, moments: tuple[Tensors, ...], gradients: Tensors, rate: mi.Float, new: mi.Float,
+    old: mi.Float,
+) -> tuple[Tensors, Tensors, tuple[Tensors, ...]]:  # fmt: skip
     """Update Adam and the average; nothing changes when any gradient is not finite."""
     norm = sum(dr.sum(dr.square(g.array)) for g in gradients.values())
     sound = dr.isfinite(norm)
-    values_, average_, first_, second_ = {}, {}, {}, {}
+    values_: Tensors = {}
+    average_: Tensors = {}
+    first_: Tensors = {}
+    second_: Tensors = {}
     for name, value in values.items():
         g, v, shape = gradients[name].array, value.array, value.shape
         m1, m2 = moments[0][name].array, moments[1][name].array

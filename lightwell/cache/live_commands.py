@@ -69,7 +69,8 @@ def parse_command(data: bytes | Mapping[str, Any], things: Collection[int]) -> C
     for key in ("x", "y", "z"):
         _check(order, key, -most, most)
     _check(order, "factor", DARKEST, BRIGHTEST)
-    return Command(do, **{key: value if key == "thing" else float(value) for key, value in order.items()})
+    numbers = {key: float(value) for key, value in order.items() if key != "thing"}
+    return Command(do, order.get("thing", 0), **numbers)
 
 
 def _check(order: Mapping[str, Any], key: str, least: float, most: float) -> None:

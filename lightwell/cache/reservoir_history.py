@@ -12,6 +12,7 @@ from lightwell.cache.frames import Rays, evaluator
 from lightwell.cache.path_loop import CachePath
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.render_paths import render_path
+from lightwell.cache.reservoir_merge import shade
 from lightwell.cache.settings import EstimationSettings
 
 
@@ -72,7 +73,7 @@ class ReservoirHistory:
         dr.eval(held)
         self.held = held if block == 1 else None
         self.saw(sensor)
-        L, *self._merged = restir.shade(scene, ray, sampler, held, *size, self._neighbours, self._unbiased)
+        L, *self._merged = shade(scene, ray, sampler, held, tuple(size), self._neighbours, self._unbiased)
         dr.eval(L)
         return L
 
@@ -114,7 +115,7 @@ class ReservoirHistory:
         context, evaluate = cache.region.context, evaluator(cache)
         held, rest, usable = restir_gi.choose(scene, ray, sampler, context, evaluate, caching)
         dr.eval(held, rest, usable, sampler)
-        shared, *_ = restir_gi.shade(scene, ray, sampler, held, *sizes, self._neighbours, self._unbiased)
+        shared, *_ = shade(scene, ray, sampler, held, tuple(sizes), self._neighbours, self._unbiased)
         path = CachePath(ray)
         path.active = ~usable
         plain, valid, *_ = render_path(

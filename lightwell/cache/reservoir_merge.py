@@ -6,9 +6,12 @@ Notation: N lanes; W unbiased contribution weight, M number of candidates.
 
 from __future__ import annotations
 
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lightwell.backend import dr, mi
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 # Radius of spatial reuse, pixels.
 RADIUS = 30.0
@@ -43,8 +46,8 @@ class Reservoir(Protocol):
     def moved(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
         """Evaluate the target function at another first hit, and its product with W and the Jacobian of the move."""
 
-    def possible(self, scene: Any, ray: Any, active: mi.Bool) -> mi.Bool:
-        """Test whether the first hits of camera rays could have generated the sample, [N]."""
+    def light(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[Any, mi.Bool]:
+        """Evaluate the light of the sample at a first hit, and whether it is visible, [N]."""
 
 
 def first_hit(scene: Any, ray: Any, active: mi.Bool | bool = True) -> tuple[Any, Any, mi.Bool]:
@@ -61,6 +64,30 @@ def first_hit(scene: Any, ray: Any, active: mi.Bool | bool = True) -> tuple[Any,
     si = scene.ray_intersect(ray, mi.RayFlags.All, True, mi.Bool(active))
     bsdf = si.bsdf(ray)
     return si, bsdf, si.is_valid() & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+
+
+def shade(
+    scene: Any, ray: Any, sampler: Any, held: Reservoir, size: tuple[mi.UInt32, ...], count: int, unbiased: bool
+) -> tuple[Any, mi.Float, mi.Float]:
+    """Compute the light at the first hits after spatial reuse of neighbours' reservoirs.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+        sampler: Source of random numbers.
+        held: Reservoirs of the pass.
+        size: Image width and height in pixels, and samples per pixel of the pass.
+        count: Neighbours, ≥ 0.
+        unbiased: Whether merging is unbiased, see ``merge``.
+
+    Returns:
+        Radiance [N], 0 where there are no reservoirs; weights W [N] and candidate counts M [N] after merging.
+    """
+    hit = si, bsdf, usable = first_hit(scene, ray)
+    kept, W, M = merge(scene, hit, sampler, held, size, count, unbiased)
+    value, seen = kept.light(scene, si, bsdf, usable & (W > 0))
+    L = dr.select(seen, value * W, 0)
+    return dr.select(dr.all(dr.isfinite(L)), L, 0), W, M
 
 
 @dr.syntax
@@ -110,15 +137,22 @@ def merge(
         best = dr.select(taken, p, best)
         k += 1
     if dr.hint(unbiased, mode="scalar"):
-        M = dr.select(kept.possible(scene, mi.Ray3f(held.o, held.d), usable), held.M, 0)
+        M = dr.select(_possible(scene, kept, held, usable), held.M, 0)
         k = mi.UInt32(0)
         while dr.hint(k < count, label="lightwell nrc possible"):
             i = _neighbour(pixel, turn, k, count, size) * spp + s
             other = dr.gather(type(held), held, i, usable)
             alike = usable & _alike(other, si) & (i != lane)
-            M += dr.select(kept.possible(scene, mi.Ray3f(other.o, other.d), alike), other.M, 0)
+            M += dr.select(_possible(scene, kept, other, alike), other.M, 0)
             k += 1
     return kept, dr.select((best > 0) & (M > 0), total / (M * best), 0), M
+
+
+def _possible(scene: Any, kept: Reservoir, other: Reservoir, active: mi.Bool) -> mi.Bool:
+    """Test whether the first hit of ``other`` could have generated the sample of ``kept`` with a weight above 0."""
+    si, bsdf, usable = first_hit(scene, mi.Ray3f(other.o, other.d), active)
+    value, seen = kept.light(scene, si, bsdf, active & usable)
+    return seen & (mi.luminance(value) > 0)
 
 
 def _neighbour(

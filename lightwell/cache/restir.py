@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.cache.reservoir_merge import DEPTH, NORMAL, first_hit, merge
+from lightwell.cache.reservoir_merge import DEPTH, NORMAL, first_hit
 
 # Neighbours of spatial reuse (passes x neighbours: biased 2 x 5 as one pass of 5, unbiased 1 x 3).
 NEIGHBOURS = {"biased": 5, "unbiased": 3}
@@ -87,23 +87,21 @@ class Reservoirs:
         p = target(scene, si, bsdf, self.u, active)
         return p, p * self.W
 
-    def possible(self, scene: Any, ray: Any, active: mi.Bool) -> mi.Bool:
-        """Test whether first hits could have generated the sample with a weight above 0, see ``Reservoir``.
+    def light(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[Any, mi.Bool]:
+        """Evaluate the light of the sample, see ``Reservoir``.
 
         Args:
             scene: Mitsuba scene.
-            ray: [N] camera rays.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
             active: [N] mask of the active lanes.
 
         Returns:
-            [N] mask.
+            [N] radiance over W, and whether the light is visible.
         """
-        si, bsdf, usable = first_hit(scene, ray, active)
-        active = active & usable
-        p = target(scene, si, bsdf, self.u, active)
-        _, ds = contribution(scene, si, bsdf, self.u, active & (p > 0))
-        hidden = scene.ray_test(si.spawn_ray_to(ds.p), active & (p > 0))
-        return active & (p > 0) & ~hidden
+        value, ds = contribution(scene, si, bsdf, self.u, active)
+        lit = active & (mi.luminance(value) > 0)
+        return value, lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)
 
 
 def contribution(scene: Any, si: Any, bsdf: Any, u: mi.Point2f, active: mi.Bool) -> tuple[Any, Any]:
@@ -223,7 +221,9 @@ def world_to_film(sensor: Any) -> Any:
     return mi.ProjectiveTransform4f(whole)
 
 
-def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoirs, mi.Bool]:
+def _past(
+    before: Reservoirs, film: Any, width: mi.UInt32, height: mi.UInt32, si: Any, usable: mi.Bool
+) -> tuple[Reservoirs, mi.Bool]:
     """Return the last pass's reservoir of each surface, and whether its point was on the film of that pass."""
     if film is None:
         return before, usable
@@ -231,31 +231,3 @@ def _past(before: Reservoirs, film, width, height, si, usable) -> tuple[Reservoi
     x, y = mi.Int32(dr.floor(at.x * mi.Float(width))), mi.Int32(dr.floor(at.y * mi.Float(height)))
     seen = usable & (x >= 0) & (y >= 0) & (x < mi.Int32(width)) & (y < mi.Int32(height)) & (at.z > 0) & (at.z < 1)
     return dr.gather(Reservoirs, before, mi.UInt32(y) * width + mi.UInt32(x), seen), seen
-
-
-def shade(
-    scene: Any, ray: Any, sampler: Any, held: Reservoirs, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
-    count: int, unbiased: bool,
-) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
-    """Compute the direct light at the first hits after spatial reuse of neighbours' reservoirs.
-
-    Args:
-        scene: Mitsuba scene.
-        ray: [N] camera rays.
-        sampler: Source of random numbers.
-        held: Reservoirs of this pass.
-        width: Image width, pixels.
-        height: Image height, pixels.
-        spp: Samples per pixel of this pass.
-        count: Neighbours, ≥ 0.
-        unbiased: Whether merging is unbiased, see ``merge``.
-
-    Returns:
-        Radiance [N], 0 where there are no reservoirs; weights W [N] and candidate counts M [N] after merging.
-    """
-    hit = si, bsdf, usable = first_hit(scene, ray)
-    kept, W, M = merge(scene, hit, sampler, held, (width, height, spp), count, unbiased)
-    value, ds = contribution(scene, si, bsdf, kept.u, usable & (W > 0))
-    hidden = scene.ray_test(si.spawn_ray_to(ds.p), usable & (W > 0))
-    L = dr.select(usable & ~hidden, value * W, 0)
-    return dr.select(dr.all(dr.isfinite(L)), L, 0), W, M

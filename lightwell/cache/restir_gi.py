@@ -18,7 +18,7 @@ from lightwell.cache.bounces import EMITTERS
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.path_loop import CachePath
 from lightwell.cache.render_paths import render_path
-from lightwell.cache.reservoir_merge import first_hit, merge
+from lightwell.cache.reservoir_merge import first_hit
 from lightwell.transport.path_state import is_delta, sample_light
 
 
@@ -94,21 +94,21 @@ class ReservoirSample:
         jacobian = cosine / cosine_j * dr.squared_norm(back) / distance2
         return p, dr.select((p > 0) & (cosine_j > 0), p * self.W * jacobian, 0)
 
-    def possible(self, scene: Any, ray: Any, active: mi.Bool) -> mi.Bool:
-        """Test whether first hits could have sampled the secondary points, see ``Reservoir``.
+    def light(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[Any, mi.Bool]:
+        """Evaluate the light of the secondary points, see ``Reservoir``.
 
         Args:
             scene: Mitsuba scene.
-            ray: [N] camera rays.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
             active: [N] mask of the active lanes.
 
         Returns:
-            [N] mask.
+            [N] radiance over W, and whether the points are visible.
         """
-        si, bsdf, usable = first_hit(scene, ray, active)
-        active = active & usable
         value, _, _ = reached(si, bsdf, self, active)
-        return visible(scene, si, self.x, active & (mi.luminance(value) > 0))
+        lit = active & (mi.luminance(value) > 0)
+        return value, lit & ~scene.ray_test(si.spawn_ray_to(self.x), lit)
 
 
 def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
@@ -196,45 +196,3 @@ def reached(si: Any, bsdf: Any, held: ReservoirSample, active: mi.Bool) -> tuple
     active = active & (cosine > 0) & (distance2 > 0)
     value = bsdf.eval(mi.BSDFContext(), si, si.to_local(direction), active) * held.L
     return dr.select(active & dr.all(dr.isfinite(value)), value, 0), cosine, distance2
-
-
-def visible(scene: Any, si: Any, x: mi.Point3f, active: mi.Bool) -> mi.Bool:
-    """Test visibility between first hits and points.
-
-    Args:
-        scene: Mitsuba scene.
-        si: Surface interactions of the first hits.
-        x: [N] points, metres.
-        active: [N] mask of the active lanes.
-
-    Returns:
-        [N] mask of the active lanes without an occluder.
-    """
-    return active & ~scene.ray_test(si.spawn_ray_to(x), active)
-
-
-def shade(
-    scene: Any, ray: Any, sampler: Any, held: ReservoirSample, width: mi.UInt32, height: mi.UInt32, spp: mi.UInt32,
-    count: int, unbiased: bool,
-) -> tuple[Any, mi.Float, mi.Float]:  # fmt: skip
-    """Compute the shared light at the first hits after spatial reuse of neighbours' reservoirs.
-
-    Args:
-        scene: Mitsuba scene.
-        ray: [N] camera rays.
-        sampler: Source of random numbers.
-        held: Reservoirs of this pass.
-        width: Image width, pixels.
-        height: Image height, pixels.
-        spp: Samples per pixel of this pass.
-        count: Neighbours, ≥ 0.
-        unbiased: Whether merging is unbiased, see ``merge``.
-
-    Returns:
-        Radiance [N], weights W [N] and candidate counts M [N] after merging.
-    """
-    hit = si, bsdf, usable = first_hit(scene, ray)
-    kept, W, M = merge(scene, hit, sampler, held, (width, height, spp), count, unbiased)
-    value, _, _ = reached(si, bsdf, kept, usable & (W > 0))
-    out = dr.select(visible(scene, si, kept.x, usable & (W > 0)), value * W, 0)
-    return dr.select(dr.all(dr.isfinite(out)), out, 0), W, M

@@ -157,7 +157,7 @@ class TrainingSettings:
         Returns:
             Decay in [0, 1).
         """
-        return self.ema_decay ** (4 / self.steps)
+        return float(self.ema_decay ** (4 / self.steps))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -153,7 +153,8 @@ class Trainer:
     def _read(traced: TracedRecords, table: GuideTable | None, stats: TrainingStats) -> None:
         """Read counts and bias estimate of a frame, and add its records to the guide."""
         if table is not None:
-            table.add(*(np.array(x) for x in (traced.cell, traced.bin, traced.met, traced.reach, traced.whole)))
+            found = traced.guide
+            table.add(*(np.array(x) for x in (found.cell, found.bin, found.met, found.reach, found.whole)))
         stats.records, stats.dropped = int(traced.count[0]), int(traced.dropped[0])
         stats.hits = int(traced.hits[0])
         count, total, square = (float(x[0]) for x in traced.meter)

@@ -15,8 +15,10 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.batches import compacted, usable
 from lightwell.cache.features import stored
-from lightwell.cache.guide import key_of
+from lightwell.cache.guide import Guide, key_of
 from lightwell.cache.model import Model
+from lightwell.cache.path_context import PathContext
+from lightwell.cache.predictor import PackedWeights
 from lightwell.cache.recorded import Recorded
 from lightwell.cache.sobol_sampler import GOLDEN, draws, mixed
 from lightwell.cache.training_paths import query_vertex, resolve, trace_records
@@ -83,17 +85,31 @@ class FrameParameters:
         """Share of paths that start with a ray of the pool, and rays in the pool."""
 
 
+class GuideRecords:
+    """Records of a frame for the training of the guide."""
+
+    DRJIT_STRUCT = {  # noqa: RUF012
+        "cell": mi.UInt32, "bin": mi.Float, "met": mi.Float, "reach": mi.Float, "whole": mi.Float,
+    }  # fmt: skip
+
+    def __init__(self) -> None:
+        self.cell, self.bin = mi.UInt32(0), mi.Float(-1)
+        """[R] cell, and bin of the direction (-1: no record)."""
+        self.met, self.reach, self.whole = mi.Float(0), mi.Float(0), mi.Float(0)
+        """[R] luminance from that direction up to the next record; factor of the luminance that the next record
+        scatters; all scattered luminance, light sampling included."""
+
+
 class TracedRecords:
     """Result of a frame of training paths."""
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "features": mi.Float, "targets": mi.Float, "rows": mi.UInt32, "count": mi.UInt32, "dropped": mi.UInt32,
         "luminance": mi.Float, "hits": mi.UInt32, "meter": mi.Vector3f, "level": mi.Float, "o": mi.Point3f,
-        "d": mi.Vector3f, "cell": mi.UInt32, "bin": mi.Float, "met": mi.Float, "reach": mi.Float,
-        "whole": mi.Float,
+        "d": mi.Vector3f, "guide": GuideRecords,
     }  # fmt: skip
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.features, self.targets = mi.Float(0), mi.Float(0)
         """[R * WIDTH] vertices and [R * 4] radiance."""
         self.rows, self.count, self.dropped = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
@@ -108,11 +124,8 @@ class TracedRecords:
         """Mean luminance of the cache at the tails that ended paths."""
         self.o, self.d = mi.Point3f(0), mi.Vector3f(0)
         """[P] camera rays."""
-        self.cell, self.bin = mi.UInt32(0), mi.Float(-1)
-        """[R] for the guide: cell, and bin of the direction (-1: no record)."""
-        self.met, self.reach, self.whole = mi.Float(0), mi.Float(0), mi.Float(0)
-        """[R] for the guide: luminance from that direction up to the next record; factor of the luminance that the next
-        record scatters; all scattered luminance, light sampling included."""
+        self.guide = GuideRecords()
+        """Records of the guide."""
 
 
 def choice_of(u: float) -> str:
@@ -154,7 +167,10 @@ def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
         earlier cameras; cells are those of the guide along the axes.
     """
 
-    def run(scene, sensor, context, tails, pixels, numbers, pool, cells, guide):
+    def run(
+        scene: Any, sensor: Any, context: PathContext, tails: PackedWeights, pixels: PackedWeights,
+        numbers: FrameParameters, pool: tuple[mi.Point3f, mi.Vector3f], cells: mi.Vector3f, guide: Guide | None,
+    ) -> TracedRecords:  # fmt: skip
         P, V = shape.P, shape.V
         sampler = draws(dr.arange(mi.UInt32, P), numbers.frame, mixed(numbers.seed + TRAINING_STREAM))
         ray, replayed = _replayed(_rays(sensor, shape, numbers, sampler), numbers, pool, P)
@@ -176,7 +192,7 @@ def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
         out.level = dr.sum(ended * mi.luminance(tail)) / dr.maximum(dr.sum(ended), 1)
         out.o, out.d = ray.o, ray.d
         if shape.teaches:
-            _teach(out, records, ok, cells, V)
+            out.guide = _guide_records(records, targets, ok, cells, V)
         dr.eval(out)
         return out
 
@@ -225,19 +241,20 @@ def _luminances(model: Model, features: mi.Float, targets: mi.Float, ok: mi.Bool
     return dr.select(ok, dr.maximum(mi.luminance(y), 0), -1)
 
 
-def _teach(out: TracedRecords, records: Any, ok: mi.Bool, cells: mi.Vector3f, V: int) -> None:
+def _guide_records(records: Any, targets: mi.Float, ok: mi.Bool, cells: mi.Vector3f, V: int) -> GuideRecords:
     """Compute the guide's training data: radiance scattered by each vertex, by incident direction."""
-    row = dr.arange(mi.UInt32, dr.width(ok))
+    out, row = GuideRecords(), dr.arange(mi.UInt32, dr.width(ok))
     v = stored(records.features, row, ok)
     out.cell = key_of(mi.Vector3f(v.p) * cells, v.n, cells)
     colour = lambda table, at, active: dr.gather(mi.Vector4f, table, at, active)  # noqa: E731
     luminance = lambda four: mi.luminance(mi.Color3f(four.x, four.y, four.z))  # noqa: E731
     C, T = colour(records.gathered, row, ok), colour(records.through, row, ok)
-    out.whole, out.bin = luminance(colour(out.targets, row, ok)), dr.select(ok, T.w, -1)
+    out.whole, out.bin = luminance(colour(targets, row, ok)), dr.select(ok, T.w, -1)
     # The next record of the same path is in the next slot.
-    follows = ok & (row % V + 1 < V) & (dr.gather(mi.Vector4f, out.targets, row + 1, ok & (row % V + 1 < V)).w > 0)
+    follows = ok & (row % V + 1 < V) & (dr.gather(mi.Vector4f, targets, row + 1, ok & (row % V + 1 < V)).w > 0)
     out.reach = dr.select(follows, luminance(T), 0)
     out.met = dr.maximum(dr.select(follows, luminance(C), out.whole) - C.w, 0)
+    return out
 
 
 def _meter(

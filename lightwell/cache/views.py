@@ -8,7 +8,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
-from lightwell.cache.frames import evaluator, sobol_rays
+from lightwell.cache.frames import Rays, evaluator, sobol_rays
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.render_paths import render_path
@@ -61,7 +61,7 @@ def _image(values: mi.Color3f, sensor: Any, spp: int) -> np.ndarray:
     return np.array(values).T.reshape(height, width, spp, 3).mean(axis=2).astype(np.float32)
 
 
-def _rays(sensor: Any, spp: int, seed: int):
+def _rays(sensor: Any, spp: int, seed: int) -> Rays:
     width, height = (int(x) for x in sensor.film().crop_size())
     numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (0, spp, seed)]
     return sobol_rays(sensor, *numbers, width * height * spp)
@@ -136,7 +136,7 @@ def _blocks(image: np.ndarray) -> np.ndarray:
     return out
 
 
-def _path_view(scene, cache, rays, name: str):
+def _path_view(scene: Any, cache: RadianceCache, rays: Rays, name: str) -> mi.Color3f:
     ray, weight, _, sampler = rays
     context = cache.region.context
     if name == "cache-2":
@@ -154,7 +154,7 @@ def _path_view(scene, cache, rays, name: str):
     return L * weight
 
 
-def _training(sensor, cache, name: str, seed: int) -> np.ndarray:
+def _training(sensor: Any, cache: RadianceCache, name: str, seed: int) -> np.ndarray:
     """White at the training pixels of the last frame; 'tiles': a checkerboard of the tiles."""
     width, height = (int(x) for x in sensor.film().crop_size())
     columns, rows, tile_w, tile_h = cache.schedule.tiles_of(width, height).grid(width, height)
