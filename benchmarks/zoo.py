@@ -82,7 +82,10 @@ def table(rows: list[dict]) -> str:
             continue
         flip = f"{number(row['flip'], '.3f')} ({number(row['flip_direct'], '.3f')})"
         error = f"{row['relative_error']:.3f} ({row['noise_floor']:.3f})"
-        cells = [row["scene"] + mark, number(row["psnr_db"], ".1f"), flip, number(row["mottle"], ".3f")]
+        bounds = row.get("bounds", {})
+        psnr = ("≥ " if "psnr_db" in bounds else "") + number(row["psnr_db"], ".1f")
+        mottle = f"≤ {bounds['mottle']:.3f}" if "mottle" in bounds else number(row["mottle"], ".3f")
+        cells = [row["scene"] + mark, psnr, flip, mottle]
         cells += [f"{row['leak']:.4f}", error, f"{row['bytes']:,}", f"{row['macs']:,}", f"{row['seconds']:.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -119,7 +122,7 @@ def write_page(rows: list[dict], out: Path) -> None:
 
 By `python benchmarks/zoo.py`, default settings. \\* kept out of tuning. PSNR: displayed indirect light, noise of the
 reference taken off. Mottle: blotches on smooth lit patches. Leak: light in the darkest quarter of the surface, relative
-to the mean.
+to the mean. ≥ and ≤ are bounds, where the noise of the reference is larger than what was to be measured.
 
 """
     (ROOT / "docs" / "zoo.md").write_text(text + table(rows) + "\n\n" + "\n\n".join(shown) + "\n")
