@@ -22,6 +22,47 @@ SUBSET = (
 # Files that a folder's scene is read from, in order of preference.
 PATTERNS = ("scene_mi3.xml", "scene.xml", "*decoded.glb", "*.glb", "*.gltf", "*.xml")
 
+# Authors and licences of what the page shows.
+CREDITS = {
+    "bakedgi-building": "DGriffin91, MIT OR Apache-2.0",
+    "bevy-barn-lamp": "Eric Chadwick, Wayfair, CC-BY 4.0",
+    "bevy-cornell": "Bevy contributors, MIT OR Apache-2.0",
+    "bevy-dof": "Bevy contributors, MIT OR Apache-2.0",
+    "bevy-volumetric-fog": "Bevy contributors, MIT OR Apache-2.0",
+    "cornell-box": "Benedikt Bitterli, CC0-1.0",
+    "drake-living-room": "Toyota Research Institute; Poly Haven, CC0 1.0",
+    "flowerbed-sandbox": "Meta, CC-BY 4.0",
+    "gaggle-city": "DGriffin91, MIT OR Apache-2.0",
+    "godot-living-room": "Godot Engine contributors, MIT",
+    "godot-room": "Godot Engine contributors, MIT",
+    "godot-truck-town": "Godot Engine contributors, MIT",
+    "hello-webxr-hall": "Mozilla Mixed Reality, MIT",
+    "japanese-bridge-garden": "kristenlee (Sketchfab), CC-BY 4.0",
+    "kenney-fps-level": "Kenney, CC0 1.0",
+    "lajolla-vol-cbox": "Tzu-Mao Li, MIT",
+    "littlest-tokyo": "glenatron (sketchfab.com/glenatron), CC-BY-4.0",
+    "living-room-2": "Jay-Artist (Mitsuba port: B. Bitterli), CC-BY-3.0",
+    "modern-house": "labarch (Sketchfab), CC-BY 4.0",
+    "needle-lightmap-house": "Needle Tools, MIT",
+    "needle-scanned-room": "Needle Tools, MIT",
+    "pyraxia-hallway": "DGriffin91, MIT OR Apache-2.0",
+    "pyraxia-store": "DGriffin91, MIT OR Apache-2.0",
+    "pyraxia-underwater": "DGriffin91, MIT OR Apache-2.0",
+    "recast-dungeon": "Mikko Mononen, MIT",
+    "room-soft-shadows": "Anex (sketchfab.com/anex), CC-BY-4.0",
+    "staircase2": "NewSee2l035 (Mitsuba port: B. Bitterli), CC-BY-3.0",
+    "teapots-gpu-instancing": "Takahiro; OctaneGltfExporter, MIT",
+    "tile-game-room": "Poimandres, MIT",
+    "two-rooms": "Simon Rodriguez, MIT",
+    "veach-ajar": "Benedikt Bitterli, CC0-1.0",
+    "veach-bidir": "Benedikt Bitterli, CC0-1.0",
+    "vr-gallery": "Maxim Mavrichev (Sketchfab), CC-BY 4.0",
+    "vulkan-subpass-scene": "Sascha Willems, Apache-2.0",
+    "webxr-cave": "Immersive Web CG, MIT",
+    "webxr-sound-room": "Mozilla Mixed Reality, MIT",
+    "zdm2": "Cube 2: Sauerbraten map zdm2, converted by Calinou, CC-BY-4.0",
+}
+
 
 def scenes() -> dict[str, str]:
     """Name → what ``lightwell bake`` is given, sorted by name; scenes that are not on this machine are missing."""

@@ -13,28 +13,40 @@ import numpy as np
 from PIL import Image
 
 from lightwell.asset.read import read_fields
+from lightwell.baking.display_pictures import display_view
 from lightwell.baking.evaluate import views_and_lights
-from lightwell.baking.quality import PictureReference, Quality, place, score_quality, trace_quality
+from lightwell.baking.quality import (
+    DIRECT_PATHS,
+    Learned,
+    PictureReference,
+    Quality,
+    score_quality,
+    trace_quality,
+)
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.report.picture_metrics import exposure_unit
 from lightwell.scenes import load
-from lightwell.scenes.variables import declare
+from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.variables import Variable, declare
+from lightwell.transport import direct
 from lightwell.transport.queries import make_query
 
 VIEWS, SIZE = 4, (160, 100)
 BUDGET = ReferenceBudget(points=4096, point_paths=256, pixel_paths=256)
-# How many times the difference of displayed values is shown, and the pixels that one pixel of it becomes.
-DIFFERENCE, MAGNIFIED = 4, 3
+# How many times the difference of displayed values is shown.
+DIFFERENCE = 4
 
 
-def strip(picture: PictureReference, f: np.ndarray) -> np.ndarray:
-    """[H, 3 W, 3] learned, reference and difference, displayed, of one view."""
-    y = 0.5 * (picture.view.half_a + picture.view.half_b)
-    unit = exposure_unit(y) or 1.0
-    learned, reference = (display(place(picture, x) / unit) for x in (f, y))
-    return np.concatenate([learned, reference, np.clip(DIFFERENCE * np.abs(learned - reference), 0, 1)], axis=1)
+def strip(scene: Scene, variable: Variable, camera: Camera, picture: PictureReference, learned: Learned) -> np.ndarray:
+    """[H, 3 W, 3] whole picture with learned light, denoised reference and difference, displayed, of one view."""
+    large, light = display_view(scene, camera, picture.view, picture.size), picture.view.light
+    bare = large.picture(direct(scene, large.points, light, variable, DIRECT_PATHS))
+    reference = bare + large.reference
+    unit = exposure_unit(reference) or 1.0
+    lit, truth = (display(x / unit) for x in (bare + large.picture(learned(large.points, light)), reference))
+    return np.concatenate([lit, truth, np.clip(DIFFERENCE * np.abs(lit - truth), 0, 1)], axis=1)
 
 
 def score(source: str, folder: Path) -> tuple[Quality, list, list[np.ndarray]]:
@@ -43,9 +55,10 @@ def score(source: str, folder: Path) -> tuple[Quality, list, list[np.ndarray]]:
     variable = declare((), scene)
     entries, _ = read_fields(folder / "scene.glb")
     baked = next(Baked(entry.graph) for entry in entries if entry.role == "indirect")
-    truth = trace_quality(scene, variable, views_and_lights(scene, variable, VIEWS, 0), SIZE, BUDGET, 0)
+    views = views_and_lights(scene, variable, VIEWS, 0)
+    truth = trace_quality(scene, variable, views, SIZE, BUDGET, 0)
     learned = lambda points, light: baked(make_query(scene, points, light))  # noqa: E731
-    strips = [strip(picture, learned(picture.view.points, picture.view.light)) for picture in truth.pictures]
+    strips = [strip(scene, variable, camera, picture, learned) for (camera, _), picture in zip(views, truth.pictures)]
     return score_quality(truth, learned), [entry.graph for entry in entries], strips
 
 
@@ -54,7 +67,7 @@ def main() -> None:
     quality, graphs, strips = score(source, folder)
     figures = quality.json() | {"bytes": sum(g.nbytes for g in graphs), "macs": sum(g.macs for g in graphs)}
     image = Image.fromarray((255 * np.concatenate(strips)).astype(np.uint8))
-    image.resize((MAGNIFIED * image.width, MAGNIFIED * image.height), Image.NEAREST).save(folder / "quality.jpg")
+    image.save(folder / "quality.jpg", quality=85)
     (folder / "quality.json").write_text(json.dumps(figures))
 
 
