@@ -1,4 +1,5 @@
-# lightwell: `make demo` runs the main job on a built-in scene, `make test` runs the tests, `make test-all` those marked slow too.
+# lightwell: `make demo` runs the main job on a built-in scene, `make test-fast` the quick tests, `make test` the tests, `make
+# test-all` those marked slow too.
 # Each sets up what it needs.
 
 VENV := .venv
@@ -6,7 +7,7 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
 PYTEST_MARKS ?= not slow
 
-.PHONY: setup demo test test-all test-python test-web viewer docs release lint benchmarks clean
+.PHONY: setup demo test test-fast test-all test-python test-web viewer docs release lint benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -23,7 +24,13 @@ $(VENV)/.installed-test: $(VENV)/.installed
 demo: setup
 	@$(VENV)/bin/lightwell demo
 
-test: test-python test-web
+test: lint test-python test-web
+
+# For work: the checks of the code and the tests that trace and train nothing, at most 90 s.
+FAST := tests/core tests/graph tests/asset tests/report tests/test_rooms.py tests/test_files.py tests/test_limits.py \
+  tests/test_exr.py tests/test_interrupts.py tests/test_isolated.py tests/test_serve.py
+test-fast: lint
+	$(VENV)/bin/python -m pytest -x -n 2 $(FAST)
 
 # Everything: the tests marked slow as well (long fuzzing, kills).
 test-all:
@@ -31,7 +38,6 @@ test-all:
 
 # pytest's 5 is "no test selected": a file of slow tests only.
 test-python: $(VENV)/.installed-test web/node_modules/.installed
-	$(VENV)/bin/ruff check .
 	@set -e; for room in tests/[a-z]*/ tests/test_*.py; do echo "pytest $$room"; $(VENV)/bin/python -m pytest -m "$(PYTEST_MARKS)" $$room || [ $$? = 5 ]; done
 
 test-web: web/node_modules/.installed
@@ -67,6 +73,7 @@ release: $(VENV)/.installed-release web/node_modules/.installed
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/main_job.py

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lightwell.limits import Limits as Limits
     from lightwell.rendering.settings import RenderSettings as RenderSettings
     from lightwell.scenes import Scene as Scene
-    from lightwell.scenes import load as load
+    from lightwell.scenes.load import load as load
 
 # Name → module that holds it; None: the module of that name.
 _HOMES: dict[str, str | None] = {

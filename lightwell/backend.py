@@ -76,7 +76,7 @@ def keep_installed_plugins(mitsuba: ModuleType) -> None:
     """
     resolver = mitsuba.file_resolver()
     resolver.clear()
-    resolver.append(str(Path(mitsuba.__file__).resolve().parent))
+    resolver.append(str(Path(str(mitsuba.__file__)).resolve().parent))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -112,7 +112,8 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: 
         compressed: Compress the arrays (deflate).
     """
     with whole_file(path) as temporary, open(temporary, "wb") as stream:
-        (np.savez_compressed if compressed else np.savez)(stream, **arrays)
+        save: Callable[..., None] = np.savez_compressed if compressed else np.savez
+        save(stream, **arrays)
 
 
 def load_arrays(

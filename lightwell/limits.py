@@ -16,7 +16,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NoReturn
+from typing import Any, NoReturn
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Limits:
         Raises:
             ValueError: A text does not have this form, names no limit, or its value is not a number above 0.
         """
-        changed: dict[str, float] = {}
+        changed: dict[str, Any] = {}
         for text in texts:
             name, equals, value = text.partition("=")
             if name not in NAMES or not equals:

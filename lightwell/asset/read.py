@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Members of a buffer that locate its numbers in the file; the graph reads the other members.
 CARRIERS = ("accessor", "texture", "mips")
 # Stored types of the types of graph buffers; float16 is stored as the bits of a uint16.
-STORED_TYPES = {
+STORED_TYPES: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("float32"),
     "float16": np.dtype("uint16"),
     "int8": np.dtype("int8"),
@@ -171,10 +171,10 @@ def _accessor_bytes(
 def _entry(document: dict[str, Any], table: str, index: Any, where: str) -> dict[str, Any]:
     """Entry ``index`` of a root table of the document."""
     entries = document.get(table)
-    valid = isinstance(entries, list) and isinstance(index, int) and not isinstance(index, bool)
-    if not valid or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
-        raise ValueError(f"{where}: {table}[{str(index)[:40]}] does not exist")
-    return entries[index]
+    valid = isinstance(index, int) and not isinstance(index, bool)
+    if isinstance(entries, list) and valid and 0 <= index < len(entries) and isinstance(entries[index], dict):
+        return entries[index]
+    raise ValueError(f"{where}: {table}[{str(index)[:40]}] does not exist")
 
 
 def _whole(entry: dict[str, Any], key: str, where: str, default: int | None = 0) -> int:

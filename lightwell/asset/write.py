@@ -91,7 +91,8 @@ def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> Non
     """Meshes with their materials, one node each in world space."""
     table = MaterialTable(binary)
     index_of: dict[tuple[int, tuple[float, ...]], int] = {}
-    meshes, nodes = [], []
+    meshes: list[dict[str, Any]] = []
+    nodes: list[dict[str, Any]] = []
     for mesh in scene.meshes:
         if not len(mesh.indices):
             continue
@@ -114,7 +115,8 @@ def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> Non
 def _lit_material(material: Material, mesh: Mesh) -> Material:
     """The material of a mesh; emissive when the mesh emits light and its material does not."""
     if max(mesh.emission) > 0 and max(material.emissive) <= 0:
-        return replace(material, emissive=tuple(float(c) for c in mesh.emission))
+        red, green, blue = mesh.emission
+        return replace(material, emissive=(float(red), float(green), float(blue)))
     return material
 
 

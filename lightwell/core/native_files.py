@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def _check_stream(path: str, index: int) -> None:
             unpacking.decompress(data, PART)
 
 
-def _picture(mi: ModuleType, path: str) -> Arrays:
+def _picture(mi: Any, path: str) -> Arrays:
     picture = mi.Bitmap(path)
     name = picture.pixel_format().name
     if name not in COLORS:
@@ -83,10 +84,9 @@ def _picture(mi: ModuleType, path: str) -> Arrays:
     return {"pixels": pixels.reshape(*pixels.shape[:2], -1), "srgb": np.array(bool(picture.srgb_gamma()))}
 
 
-def _mitsuba() -> ModuleType:
+def _mitsuba() -> Any:
     """Mitsuba with its smallest variant: nothing is traced here, and the process must start at once."""
-    import mitsuba
-
+    mitsuba: Any = import_module("mitsuba")
     resolver = mitsuba.file_resolver()
     resolver.clear()
     resolver.append(str(Path(mitsuba.__file__).resolve().parent))

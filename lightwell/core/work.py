@@ -215,7 +215,7 @@ def _signature(settings: WorkSettings, scene_digest: str) -> str:
 
 
 def _plain(settings: WorkSettings) -> dict[str, Any]:
-    return json.loads(json.dumps(asdict(settings), default=str))  # type: ignore[call-overload,no-any-return]
+    return json.loads(json.dumps(asdict(settings), default=str))  # type: ignore[call-overload]
 
 
 def _read_manifest(path: Path) -> dict[str, Any] | None:

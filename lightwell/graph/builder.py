@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -56,9 +57,7 @@ class Builder:
             raise ValueError(f"graph: expected an op of {', '.join(sorted(OPS))}, found '{op}'; choose one of them")
         taken = {node.id for node in self._nodes} | set(self._inputs)
         if name is None:
-            count = len(self._nodes)
-            while (name := f"n{count}") in taken:
-                count += 1
+            name = next(free for count in itertools.count(len(self._nodes)) if (free := f"n{count}") not in taken)
         for key, parameter in OPS[op].parameters.items():
             if parameter.kind == "buffer" and key in params and not isinstance(params[key], str):
                 params[key] = self.buffer(params[key])

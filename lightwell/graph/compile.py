@@ -23,7 +23,7 @@ class Compiled:
     steps: list[tuple[Op, Use, Node]]
     """The op, its use with uploaded buffers, and the node, in evaluation order."""
 
-    def __init__(self, graph: Graph):
+    def __init__(self, graph: Graph) -> None:
         """Upload and pack the weights.
 
         Args:
@@ -35,7 +35,7 @@ class Compiled:
             op = OPS[node.op]
             self.steps.append((op, replace(use, state=op.prepare(use)), node))
 
-    def __call__(self, inputs: Mapping[str, Any]) -> dict[str, list]:
+    def __call__(self, inputs: Mapping[str, Any]) -> dict[str, list[Any]]:
         """Inputs name -> C Dr.Jit floats (a sequence, Vector or tensor [C, N]); outputs name -> list of C floats."""
         values = self.components(inputs)
         packed: dict[str, Any] = {}
@@ -46,7 +46,7 @@ class Compiled:
                 settle(values, packed, frame)
         return {name: list(unpack(values, packed, value)) for name, value in self.graph.outputs.items()}
 
-    def components(self, inputs: Mapping[str, Any]) -> dict[str, list]:
+    def components(self, inputs: Mapping[str, Any]) -> dict[str, list[Any]]:
         """Read the inputs of the graph from what a caller passes.
 
         Args:
@@ -59,7 +59,12 @@ class Compiled:
 
     @staticmethod
     def step(
-        op: Op, use: Use, node: Node, read: Callable[[str], list], values: dict[str, list], packed: dict[str, Any]
+        op: Op,
+        use: Use,
+        node: Node,
+        read: Callable[[str], list[Any]],
+        values: dict[str, list[Any]],
+        packed: dict[str, Any],
     ) -> None:
         """Evaluate one node.
 
@@ -82,7 +87,7 @@ class Compiled:
         packed[node.id] = op.drjit(use, packed[first])
 
 
-def _components(graph: Graph, inputs: Mapping[str, Any], name: str) -> list:
+def _components(graph: Graph, inputs: Mapping[str, Any], name: str) -> list[Any]:
     from lightwell.backend import dr, mi
 
     width = graph.inputs[name]
@@ -99,7 +104,7 @@ def _components(graph: Graph, inputs: Mapping[str, Any], name: str) -> list:
     return components
 
 
-def unpack(values: dict[str, list], packed: dict[str, Any], name: str) -> list:
+def unpack(values: dict[str, list[Any]], packed: dict[str, Any], name: str) -> list[Any]:
     """Return the components of a value, taken out of its cooperative vector where it is in one.
 
     Args:
@@ -115,7 +120,7 @@ def unpack(values: dict[str, list], packed: dict[str, Any], name: str) -> list:
     return values[name]
 
 
-def settle(values: dict[str, list], packed: dict[str, Any], frame: list[str]) -> None:
+def settle(values: dict[str, list[Any]], packed: dict[str, Any], frame: list[str]) -> None:
     """Evaluate per-frame values at once where they are single numbers, so that no pixel computes them again.
 
     Args:
@@ -144,7 +149,7 @@ def compile(graph: Graph) -> Compiled:
     return Compiled(graph)
 
 
-def evaluate_drjit(graph: Graph, inputs: Mapping[str, Any]) -> dict[str, list]:
+def evaluate_drjit(graph: Graph, inputs: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Evaluate a graph once with Dr.Jit. Keep ``compile(graph)`` where it is called more than once.
 
     Args:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -152,7 +152,7 @@ class Graph:
         )
 
 
-def _fail(where: str, expected: str, found: str, cure: str) -> None:
+def _fail(where: str, expected: str, found: str, cure: str) -> NoReturn:
     raise ValueError(f"graph: {where}: expected {expected}, found {found}; {cure}")
 
 

@@ -23,6 +23,13 @@ FORMATS = ("PNG", "WEBP", "JPEG")
 EFFORT = 6
 
 
+MIMES: dict[str, Literal["image/png", "image/webp", "image/jpeg"]] = {
+    "png": "image/png",
+    "webp": "image/webp",
+    "jpeg": "image/jpeg",
+}
+
+
 @dataclass(frozen=True)
 class Picture:
     """A picture as it is stored in a file."""
@@ -104,7 +111,7 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
         image.save(stream, "JPEG", quality=int(quality or 90), subsampling=0, optimize=True)
     else:
         raise ValueError(f"picture: expected png, webp, webp1 … webp100 or jpeg1 … jpeg100, found '{codec}'")
-    return Picture(stream.getvalue(), f"image/{kind}", mips)
+    return Picture(stream.getvalue(), MIMES[kind], mips)
 
 
 def decoded(data: bytes) -> np.ndarray:

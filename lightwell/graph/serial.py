@@ -164,13 +164,13 @@ def graph_from_json(document: Any, arrays: Mapping[str, np.ndarray], budget: Gra
         for spec in document["nodes"]
     ]
     inputs = {name: int(width) for name, width in document["inputs"].items()}
-    graph = Graph(inputs, buffers, nodes, document["outputs"])
+    graph = Graph(inputs, buffers, tuple(nodes), document["outputs"])
     check_budget(graph, budget)
     return graph
 
 
 @cache
-def _validator():
+def _validator() -> Any:
     from jsonschema import Draft202012Validator
 
     return Draft202012Validator(schema())

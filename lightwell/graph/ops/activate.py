@@ -36,16 +36,16 @@ def _softplus(x: np.ndarray) -> np.ndarray:
     return np.maximum(x, np.float32(0)) + np.log1p(np.exp(-np.abs(x)))
 
 
-def _drjit_exp(dr, x):
+def _drjit_exp(dr: Any, x: Any) -> Any:
     return dr.exp2(x * 1.4426950408889634)
 
 
-def _drjit_sigmoid(dr, x):
+def _drjit_sigmoid(dr: Any, x: Any) -> Any:
     # As a hyperbolic tangent, because cooperative vectors have no division.
     return dr.fma(dr.tanh(x * 0.5), 0.5, 0.5)
 
 
-def _drjit_softplus(dr, x):
+def _drjit_softplus(dr: Any, x: Any) -> Any:
     # |x| = 2 max(x, 0) - x, because cooperative vectors have no absolute value.
     positive = dr.maximum(x, 0)
     return positive + dr.log2(1 + _drjit_exp(dr, x - 2 * positive)) * 0.6931471805599453
@@ -67,7 +67,7 @@ FUNCTIONS: dict[str, Function] = {
 }
 
 
-def _drjit_activate(use: Use, a):
+def _drjit_activate(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     function = FUNCTIONS[use["function"]].drjit

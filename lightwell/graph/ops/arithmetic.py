@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.op import Op, Parameter, Use, broadcast_width, expect_width, register, same_width
 
 
-def _spread(a: list, b: list) -> tuple[list, list]:
+def _spread(a: list[Any], b: list[Any]) -> tuple[list[Any], list[Any]]:
     """Repeat the operand of width 1 so that both lists are equally long."""
     width = max(len(a), len(b))
     return (a * width if len(a) == 1 else a), (b * width if len(b) == 1 else b)
@@ -17,11 +19,11 @@ def _vector(use: Use, name: str) -> np.ndarray:
     return np.asarray(use[name], np.float32)
 
 
-def _drjit_affine(use: Use, a):
+def _drjit_affine(use: Use, a: Any) -> Any:
     return [component * s + o for component, s, o in zip(a, use["scale"], use["offset"])]
 
 
-def _drjit_clamp(use: Use, a):
+def _drjit_clamp(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     return [dr.minimum(dr.maximum(component, use["low"]), use["high"]) for component in a]
@@ -32,7 +34,7 @@ def _clamp_width(use: Use) -> int:
     return use.widths[0]
 
 
-def _drjit_log(use: Use, a):
+def _drjit_log(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     return [dr.log(dr.maximum(component, 0) + use["epsilon"]) for component in a]
@@ -45,7 +47,11 @@ def _choice_width(use: Use) -> int:
     return a
 
 
-def _drjit_select(use: Use, c, a, b):
+def _numpy_select(use: Use, c: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.where(c > 0, a, b)
+
+
+def _drjit_select(use: Use, c: Any, a: Any, b: Any) -> Any:
     from lightwell.backend import dr
 
     return [dr.select(c[0] > 0, x, y) for x, y in zip(a, b)]
@@ -144,7 +150,7 @@ SELECT = register(
         name="select",
         arity=(3, 3),
         width=_choice_width,
-        numpy=lambda use, c, a, b: np.where(c > 0, a, b),
+        numpy=_numpy_select,
         drjit=_drjit_select,
     )
 )

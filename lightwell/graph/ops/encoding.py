@@ -26,10 +26,10 @@ def _numpy_frequency(use: Use, a: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1).reshape(len(a), -1)
 
 
-def _drjit_frequency(use: Use, a):
+def _drjit_frequency(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
-    out = []
+    out: list[Any] = []
     for component in a:
         for octave in range(use["octaves"]):
             turns = component * float(1 << octave)
@@ -67,7 +67,7 @@ def _numpy_oneblob(use: Use, a: np.ndarray) -> np.ndarray:
     return np.diff(below, axis=-1).reshape(len(a), -1).astype(np.float32)
 
 
-def _drjit_oneblob(use: Use, a):
+def _drjit_oneblob(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     bins, out = use["bins"], []
@@ -128,6 +128,11 @@ def sh_components(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
     return out
 
 
+def _sh(use: Use, d: Any) -> list[Any]:
+    x, y, z = d
+    return sh_components(x, y, z, use["degree"])
+
+
 def _sh_width(use: Use) -> int:
     expect_width(use, 0, 3, "a direction")
     return use["degree"] ** 2
@@ -139,7 +144,7 @@ SH = register(
         arity=(1, 1),
         parameters={"degree": Parameter("integer", 1, 4)},
         width=_sh_width,
-        numpy=lambda use, d: np.stack(sh_components(*d.T, use["degree"]), axis=1),
-        drjit=lambda use, d: sh_components(*d, use["degree"]),
+        numpy=lambda use, d: np.stack(_sh(use, d.T), axis=1),
+        drjit=_sh,
     )
 )

@@ -72,7 +72,7 @@ def upload_table(use: Use) -> dict[str, Any]:
     return {"table": table}
 
 
-def _drjit_interpolate(use: Use, p):
+def _drjit_interpolate(use: Use, p: Any) -> Any:
     from lightwell.backend import dr, mi
 
     shape = use.buffers["buffer"].shape
@@ -113,7 +113,7 @@ def gather_row(table: Any, row: Any, channels: int) -> list[Any]:
     for size, packet in packets.items():
         if channels % size == 0:
             per_row = channels // size
-            loads = [dr.gather(packet, table, row * per_row + i) for i in range(per_row)]
+            loads: list[Any] = [dr.gather(packet, table, row * per_row + i) for i in range(per_row)]
             return [component for load in loads for component in load]
     return [dr.gather(mi.Float, table, row * channels + i) for i in range(channels)]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.op import Op, Use, one, register, same_width
@@ -10,24 +12,24 @@ from lightwell.graph.ops.op import Op, Use, one, register, same_width
 SHORTEST = 1e-8
 
 
-def _sum(terms: list):
+def _sum(terms: list[Any]) -> Any:
     total = terms[0]
     for term in terms[1:]:
         total = total + term
     return total
 
 
-def _drjit_dot(use: Use, a, b):
+def _drjit_dot(use: Use, a: Any, b: Any) -> Any:
     return [_sum([x * y for x, y in zip(a, b)])]
 
 
-def _drjit_length(use: Use, a):
+def _drjit_length(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     return [dr.sqrt(_drjit_dot(use, a, a)[0])]
 
 
-def _drjit_normalize(use: Use, a):
+def _drjit_normalize(use: Use, a: Any) -> Any:
     from lightwell.backend import dr
 
     inverse = 1 / dr.maximum(_drjit_length(use, a)[0], SHORTEST)
@@ -39,7 +41,7 @@ def _reflect_width(use: Use) -> int:
     return use.widths[0]
 
 
-def _drjit_reflect(use: Use, n, v):
+def _drjit_reflect(use: Use, n: Any, v: Any) -> Any:
     twice = 2 * _drjit_dot(use, n, v)[0]
     return [twice * x - y for x, y in zip(n, v)]
 

@@ -129,7 +129,7 @@ def drjit_vertices(level: HashGridLevel, clamped: Sequence[Any]) -> Iterator[tup
         yield entry + level.offset, weight
 
 
-def _drjit_hashgrid(use: Use, p):
+def _drjit_hashgrid(use: Use, p: Any) -> Any:
     from lightwell.backend import dr, mi
 
     channels = use.buffers["buffer"].shape[1]

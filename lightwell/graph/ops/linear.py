@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.fetch import gather_row
@@ -46,12 +48,12 @@ def _is_gathered(use: Use) -> bool:
     return experts >= MANY_EXPERTS and int(np.prod(layer)) <= SMALL_LAYER
 
 
-def _prepare_linear(use: Use):
+def _prepare_linear(use: Use) -> Any:
     """Packs weights and bias of every expert for cooperative vectors, or for gathers."""
     return _prepare_gathers(use) if _is_gathered(use) else _prepare_layers(use)
 
 
-def _prepare_gathers(use: Use):
+def _prepare_gathers(use: Use) -> Any:
     """Rows of weights with the bias behind them, [experts * out, stride]: whole packets of four."""
     from lightwell.backend import dr, mi
 
@@ -64,7 +66,7 @@ def _prepare_gathers(use: Use):
     return {"rows": table, "stride": stride}
 
 
-def _prepare_layers(use: Use):
+def _prepare_layers(use: Use) -> Any:
     import drjit.nn as nn
 
     from lightwell.backend import mi
@@ -76,7 +78,7 @@ def _prepare_layers(use: Use):
     return {"layers": pairs}
 
 
-def _drjit_linear(use: Use, a, index=None):
+def _drjit_linear(use: Use, a: Any, index: Any = None) -> Any:
     import drjit.nn as nn
 
     if index is None:
@@ -85,7 +87,7 @@ def _drjit_linear(use: Use, a, index=None):
     return (_drjit_gathered if _is_gathered(use) else _drjit_expert)(use, a, index[0])
 
 
-def _drjit_gathered(use: Use, a: list, index) -> list:
+def _drjit_gathered(use: Use, a: list[Any], index: Any) -> list[Any]:
     """Reads the weights of each point's expert."""
     from lightwell.backend import dr
 
@@ -101,13 +103,13 @@ def _drjit_gathered(use: Use, a: list, index) -> list:
     return out
 
 
-def _drjit_expert(use: Use, a: list, index) -> list:
+def _drjit_expert(use: Use, a: list[Any], index: Any) -> list[Any]:
     """Calls the layer of each point's expert: points that lie together share an expert, so that packets run whole."""
     import drjit.nn as nn
 
     from lightwell.backend import dr
 
-    def layer(weights, bias):
+    def layer(weights: Any, bias: Any) -> Any:
         return lambda *inputs: list(nn.matvec(weights, nn.CoopVec(*inputs), bias))
 
     layers = use.state["layers"]
@@ -137,7 +139,7 @@ def _matvec_width(use: Use) -> int:
     return rows
 
 
-def _drjit_matvec(use: Use, m, a):
+def _drjit_matvec(use: Use, m: Any, a: Any) -> Any:
     from lightwell.backend import dr
 
     columns, out = len(a), []

@@ -50,7 +50,7 @@ def drjit_rounded_index(index: Any, count: int) -> Any:
     return mi.UInt32(dr.clip(dr.floor(index + 0.5), 0, count - 1))
 
 
-def _drjit_rows(use: Use, index):
+def _drjit_rows(use: Use, index: Any) -> Any:
     rows, channels = use.buffers["buffer"].shape
     return gather_row(use.state["table"], drjit_rounded_index(index[0], rows), channels)
 
@@ -64,7 +64,7 @@ def _numpy_nearest(use: Use, p: np.ndarray) -> np.ndarray:
     return table[z, y, x]
 
 
-def _drjit_nearest(use: Use, p):
+def _drjit_nearest(use: Use, p: Any) -> Any:
     from lightwell.backend import dr, mi
 
     shape = use.buffers["buffer"].shape

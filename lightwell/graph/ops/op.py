@@ -102,7 +102,7 @@ class Op:
     """Least and greatest number of inputs."""
     width: Callable[[Use], int]
     """Width of the value; raises ``ValueError`` when widths or buffers do not fit."""
-    numpy: Callable[..., np.ndarray]
+    numpy: Callable[..., Any]
     """``numpy(use, *inputs [N, Ci]) -> [N, C]``: defines the meaning."""
     drjit: Callable[..., Any]
     """``drjit(use, *inputs) -> list of C arrays``; a packed op also takes and returns a cooperative vector."""

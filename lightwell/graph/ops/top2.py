@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.op import MAX_NUMBER, Op, Use, register
@@ -26,7 +28,7 @@ def _numpy_top2(use: Use, g: np.ndarray) -> np.ndarray:
     return np.stack([order[:, 0].astype(np.float32), order[:, 1].astype(np.float32), share], axis=1)
 
 
-def _drjit_top2(use: Use, g):
+def _drjit_top2(use: Use, g: Any) -> Any:
     from lightwell.backend import dr, mi
 
     # Ranked so far: values v0 >= v1 >= v2 and indices of the first two.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.graph.ops.fetch import gather_row
@@ -64,7 +66,7 @@ def _numpy_tree(use: Use, a: np.ndarray) -> np.ndarray:
     return (-1 - at)[:, None].astype(np.float32)
 
 
-def _prepare(use: Use):
+def _prepare(use: Use) -> Any:
     from lightwell.backend import dr, mi
 
     nodes = mi.Float(use.values("nodes").ravel())
@@ -72,20 +74,23 @@ def _prepare(use: Use):
     return {"nodes": nodes}
 
 
-def _drjit_tree(use: Use, a):
+def _drjit_tree(use: Use, a: Any) -> Any:
     from lightwell.backend import dr, mi
 
     # A leaf number has no derivative, and a loop over values that have one would record them.
     a = [mi.Float(dr.detach(component)) for component in a]
 
-    def step(child):
+    def step(child: Any) -> Any:
         axis, threshold, below, above = gather_row(use.state["nodes"], mi.UInt32(child), 4)
         value = a[0]
         for k in range(1, len(a)):
             value = dr.select(axis == k, a[k], value)
         return (mi.Int32(dr.select(value < threshold, below, above)),)
 
-    (child,) = dr.while_loop((mi.Int32(0),), lambda child: child >= 0, step, labels=("child",))
+    def inside(child: Any) -> Any:
+        return child >= 0
+
+    (child,) = dr.while_loop((mi.Int32(0),), inside, step, labels=("child",))
     return [mi.Float(-1 - child)]
 
 
