@@ -10,13 +10,10 @@ from lightwell.fields.registry import BUILT_IN, DEFAULT, check_preset, field_nam
 
 
 def check_arguments(arguments: argparse.Namespace) -> None:
-    """Check the scene, what may move, the field and its preset.
+    """Check scene, field, preset and what may move; a mistake is a ``ValueError`` of one line with the cure.
 
     Args:
         arguments: Parsed arguments of any verb.
-
-    Raises:
-        ValueError: One line: what is wrong, and the cure.
     """
     if getattr(arguments, "verb", "") == "export":
         return  # its --field is the name of a field inside a file

@@ -70,6 +70,10 @@ def logged(path: str | None, words: Sequence[str]) -> Iterator[None]:
 
     Yields:
         Nothing.
+
+    Raises:
+        OSError: The file cannot be written.
+        BaseException: Whatever ends the command; it is logged.
     """
     if path is None:
         yield
@@ -77,7 +81,7 @@ def logged(path: str | None, words: Sequence[str]) -> Iterator[None]:
     try:
         handler = logging.FileHandler(Path(path), encoding="utf-8")
     except OSError as error:
-        raise type(error)(error.errno, error.strerror, f"--log {path}") from None
+        raise OSError(error.errno, error.strerror, f"--log {path}") from None
     handler.setFormatter(logging.Formatter(_FORMAT))
     level = LOG.level
     LOG.addHandler(handler)
