@@ -77,7 +77,13 @@ def frozen_batches(model: Model, size: int, bits: int) -> Recorded:
     Returns:
         Function of (features, targets, rows, count, seed, scale) with the result of ``packed_batches``.
     """
-    return Recorded(lambda *arrays: packed_batches(model, *arrays, size, bits))
+
+    def run(
+        features: mi.Float, targets: mi.Float, rows: mi.UInt32, count: mi.UInt32, seed: mi.UInt32, scale: mi.Float
+    ) -> tuple[Any, Any, Any, Any]:
+        return packed_batches(model, features, targets, rows, count, seed, scale, size, bits)
+
+    return Recorded(run)
 
 
 def packed_batches(

@@ -7,7 +7,7 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import Guide, GuidedVertex
-from lightwell.transport.path_state import sample_light
+from lightwell.transport.path_state import is_delta, sample_light
 from lightwell.transport.sources import Emitters
 
 EMITTERS = Emitters()
@@ -68,9 +68,8 @@ def bounce_at(
     if guide is not None and visit is not None:
         pdf = dr.lerp(pdf, guide.pdf(visit.row, light.direction, light.seen), visit.share)
     lit = dr.select(light.seen, value * light.weight * light.mis(pdf), 0)
-    has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
-    delta, null = has(mi.BSDFFlags.Delta), has(mi.BSDFFlags.Null)
-    out = Bounce(lit, sample.wo, sample.pdf, weight, sample.eta, delta, null)
+    null = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+    out = Bounce(lit, sample.wo, sample.pdf, weight, sample.eta, is_delta(sample), null)
     return out if guide is None or visit is None else _mixed(out, si, bsdf, guide, visit, sample2, picks, active)
 
 

@@ -147,8 +147,8 @@ class CellSums:
         """
         traced = dr.minimum(traced, self.cap * (said + 1))
         sound = dr.isfinite(traced) & dr.isfinite(said)
-        cell = [dr.minimum(mi.UInt32(dr.clip(x, 0, 1) * N), N - 1) for x in v.p]
-        at = _morton(*cell, side(v.n))
+        x, y, z = (dr.minimum(mi.UInt32(dr.clip(c, 0, 1) * N), N - 1) for c in v.p)
+        at = _morton(x, y, z, side(v.n))
         one = mi.Float(1)
         for table, value in (
             (self.count, one), (self.traced, traced), (self.said, said), (self.square, dr.square(traced - said)),

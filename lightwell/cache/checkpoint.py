@@ -66,7 +66,7 @@ def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
             more |= {f"guide.{name}": np.array(getattr(table.made, name)) for name in GUIDE}
     if integrator.reservoirs.held is not None:
         more |= prefixed("reservoirs", _reservoir_arrays(integrator.reservoirs.held))
-    about = {
+    about: dict[str, Any] = {
         "version": VERSION,
         "progress": asdict(progress),
         "detector": trainer.detector.state(),

@@ -6,7 +6,7 @@ Notation: N lanes, one per sample of a pixel.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,20 +30,19 @@ Traced = tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]
 """Radiance, whether a surface was hit, length, footprint over that of the primary hit, position on the film."""
 
 
-def sobol_rays(sensor: Any, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32, count: int) -> Rays:
+def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int) -> Rays:
     """Sample camera rays with the integrator's own (0,2) sequences.
 
     Args:
         sensor: Mitsuba sensor.
-        first: Index of the first sample of each pixel.
-        spp: Samples per pixel of this pass, ≥ 1.
-        seed: Seed of the image.
-        count: Number of lanes N: pixels * ``spp``.
+        numbers: Index of the first sample of each pixel, samples per pixel of this pass (≥ 1), and seed of the image.
+        count: Number of lanes N: pixels * samples per pixel.
 
     Returns:
         Rays [N], their weights [N], positions on the film in pixels [N], and the random numbers for the rest of the
         path.
     """
+    first, spp, seed = numbers
     film = sensor.film()
     size = film.crop_size()
     lane = dr.arange(mi.UInt32, count)
@@ -195,7 +194,7 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
         scene: Any, sensor: Any, context: PathContext, weights: PackedWeights, guide: Guide | None, q: mi.Float,
         first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32,
     ) -> Traced:  # fmt: skip
-        rays = sobol_rays(sensor, first, spp, seed, shape.N)
+        rays = sobol_rays(sensor, (first, spp, seed), shape.N)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
         out = _traced(scene, rays, context, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
         dr.eval(out)
@@ -205,8 +204,8 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
 
 
 def sobol_pass(
-    scene: Any, sensor: Any, cache: RadianceCache, numbers: Any, N: int, estimator: str, q: float, caching: bool,
-    guide: Guide | None = None,
+    scene: Any, sensor: Any, cache: RadianceCache, numbers: Sequence[mi.UInt32], N: int, estimator: str, q: float,
+    caching: bool, guide: Guide | None = None,
 ) -> Traced:  # fmt: skip
     """Trace one pass with the integrator's own random numbers.
 

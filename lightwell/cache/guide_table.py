@@ -5,7 +5,7 @@ Notation: R cells with records (rows of the sums), K rows of the finished table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -105,8 +105,8 @@ class GuideTable:
         self._meet(np.unique(keys[place]))
         row, R = self.row_of[keys[place]], len(self.keys)
         count = np.bincount(row, minlength=R)
-        total = lambda value: np.bincount(row, value, R)  # noqa: E731
-        capped = lambda y, mean: np.minimum(y, CAP * mean[row])  # noqa: E731
+        total: Callable[[np.ndarray], np.ndarray] = lambda value: np.bincount(row, value, R)  # noqa: E731
+        capped: Callable[..., np.ndarray] = lambda y, mean: np.minimum(y, CAP * mean[row])  # noqa: E731
         whole = np.maximum(whole[place], 0).astype(np.float64)
         whole = capped(whole, (total(whole) + self.sums[:, 3] + 4 * whole.mean()) / (count + self.sums[:, 0] + 4))
         self.sums *= KEPT

@@ -176,7 +176,7 @@ class ImagePasses:
             sampler.seed(seed + done, self.pixels * block)
             return frames.sampled_rays(sensor, sampler, block)
         numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
-        return frames.sobol_rays(sensor, *numbers, self.pixels * block)
+        return frames.sobol_rays(sensor, numbers, self.pixels * block)
 
 
 def mixed_seed(seed: int) -> int:

@@ -54,7 +54,7 @@ class LiveScene:
         self.sensor = self.scene.sensors()[0]
         self.parameters = mi.traverse(self.scene)
         names = [m.name or f"surface {k}" for k, m in enumerate(loaded.meshes)]
-        self.things = [
+        self.things: list[dict[str, Any]] = [
             {"index": k, "name": names[k] if k < len(names) else f"surface {k}", "light": s.emitter() is not None}
             for k, s in enumerate(self.scene.shapes())
             if f"shape{k}.vertex_positions" in self.parameters

@@ -8,6 +8,7 @@ diffuse reflectance.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,7 +156,7 @@ def _roughness(bsdf: Any) -> float:
     alphas = [_mean(v) for k, v in values.items() if {"alpha", "alpha_u", "alpha_v"} & set(k.split("."))]
     alphas += [_mean(v) ** 2 for k, v in values.items() if "roughness" in k.split(".")]
     flags = bsdf.flags()
-    has = lambda flag: mi.has_flag(flags, flag)  # noqa: E731
+    has: Callable[[Any], bool] = lambda flag: mi.has_flag(flags, flag)  # noqa: E731
     shares = []
     if has(mi.BSDFFlags.DiffuseReflection) or has(mi.BSDFFlags.DiffuseTransmission):
         shares.append(1.0)

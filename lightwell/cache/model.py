@@ -158,7 +158,7 @@ class Model:
         """
         *views, table = packed
         inputs = hash_lookup(self.grid.layout, table, self.grid.packets, v.p) if self.grid else []
-        x = nn.CoopVec(*inputs, *self.inputs(v))
+        x: Any = nn.CoopVec(*inputs, *self.inputs(v))
         for k, view in enumerate(views):
             if k:
                 x = dr.maximum(x, 0)

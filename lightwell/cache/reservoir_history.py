@@ -32,7 +32,8 @@ class ReservoirHistory:
         """One per pixel; None: there are none that can be reused."""
         self._film: Any = None
         self._pose = ""
-        self._merged: tuple[mi.Float, mi.Float] | None = None
+        # Weights W and candidates M of the last pass, after merging.
+        self._merged: tuple[mi.Float, mi.Float] = (mi.Float(0), mi.Float(0))
 
     def forget(self) -> None:
         """Discard the reservoirs, after a change of the scene."""
@@ -73,7 +74,8 @@ class ReservoirHistory:
         dr.eval(held)
         self.held = held if block == 1 else None
         self.saw(sensor)
-        L, *self._merged = shade(scene, ray, sampler, held, tuple(size), self._neighbours, self._unbiased)
+        L, weight, count = shade(scene, ray, sampler, held, tuple(size), self._neighbours, self._unbiased)
+        self._merged = weight, count
         dr.eval(L)
         return L
 

@@ -35,19 +35,62 @@ class Reservoir(Protocol):
     """[N] camera ray."""
 
     def copy(self) -> Self:
-        """Copy the sample."""
+        """Copy the sample.
+
+        Returns:
+            Reservoirs with the same sample.
+        """
+        ...
 
     def take(self, other: Self, taken: mi.Bool) -> None:
-        """Replace the sample where ``taken`` [N]."""
+        """Replace the sample.
+
+        Args:
+            other: Reservoirs with the new samples.
+            taken: [N] where they are taken.
+        """
 
     def target(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> mi.Float:
-        """Evaluate the target function at the first hit that the sample was chosen for, [N]."""
+        """Evaluate the target function at the first hit that the sample was chosen for.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] target function, ≥ 0.
+        """
+        ...
 
     def moved(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
-        """Evaluate the target function at another first hit, and its product with W and the Jacobian of the move."""
+        """Evaluate the target function at another first hit.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] target function p, and p W times the Jacobian of the move.
+        """
+        ...
 
     def light(self, scene: Any, si: Any, bsdf: Any, active: mi.Bool) -> tuple[Any, mi.Bool]:
-        """Evaluate the light of the sample at a first hit, and whether it is visible, [N]."""
+        """Evaluate the light of the sample at a first hit.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions.
+            bsdf: Their BSDFs.
+            active: [N] mask of the active lanes.
+
+        Returns:
+            [N] radiance over W, and whether the light is visible.
+        """
+        ...
 
 
 def first_hit(scene: Any, ray: Any, active: mi.Bool | bool = True) -> tuple[Any, Any, mi.Bool]:

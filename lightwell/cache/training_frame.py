@@ -9,6 +9,7 @@ Notation: P paths, V slots per path, R = P V slots in all.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,8 +75,8 @@ class FrameParameters:
             replay: Share of the paths that start with a ray of the pool, [0, 1].
             held: Rays in the pool.
         """
-        whole = lambda x: dr.opaque(mi.UInt32, x & 0xFFFFFFFF)  # noqa: E731
-        real = lambda x: dr.opaque(mi.Float, x)  # noqa: E731
+        whole: Callable[[int], mi.UInt32] = lambda x: dr.opaque(mi.UInt32, x & 0xFFFFFFFF)  # noqa: E731
+        real: Callable[[float], mi.Float] = lambda x: dr.opaque(mi.Float, x)  # noqa: E731
         self.seed, self.frame, self.columns = whole(seed), whole(frame), whole(columns)
         self.tile = mi.Vector2f(real(tile[0]), real(tile[1]))
         """Width and height of a tile, pixels."""
@@ -246,8 +247,8 @@ def _guide_records(records: Any, targets: mi.Float, ok: mi.Bool, cells: mi.Vecto
     out, row = GuideRecords(), dr.arange(mi.UInt32, dr.width(ok))
     v = stored(records.features, row, ok)
     out.cell = key_of(mi.Vector3f(v.p) * cells, v.n, cells)
-    colour = lambda table, at, active: dr.gather(mi.Vector4f, table, at, active)  # noqa: E731
-    luminance = lambda four: mi.luminance(mi.Color3f(four.x, four.y, four.z))  # noqa: E731
+    colour: Callable[..., mi.Vector4f] = lambda table, at, active: dr.gather(mi.Vector4f, table, at, active)  # noqa: E731
+    luminance: Callable[[mi.Vector4f], mi.Float] = lambda four: mi.luminance(mi.Color3f(four.x, four.y, four.z))  # noqa: E731
     C, T = colour(records.gathered, row, ok), colour(records.through, row, ok)
     out.whole, out.bin = luminance(colour(targets, row, ok)), dr.select(ok, T.w, -1)
     # The next record of the same path is in the next slot.

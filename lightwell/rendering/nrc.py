@@ -94,6 +94,7 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
     seconds = time.perf_counter() - start
     write_shot(settings, film.shot, picture, film.exposure)
     image = integrator.last
+    assert image is not None
     stats = [t for t in image.stats if t.steps]
     width, height = settings.size
     c = cache.paths.termination_c

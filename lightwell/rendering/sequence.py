@@ -77,7 +77,7 @@ def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float) -> dic
         "seed": settings.seed,
         "settings": cache.to_json(),
     }
-    placed = {"camera": settings.camera, "light": settings.light, "intensity": settings.intensity}
+    placed: dict[str, Any] = {"camera": settings.camera, "light": settings.light, "intensity": settings.intensity}
     # Limits say what may be read, not what is seen.
     placed["unit"] = settings.unit if settings.unit != 1 else None
     placed["allow_paths"] = [str(path) for path in settings.allow_paths]

@@ -266,8 +266,16 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
 
 
 @dr.syntax
-def first_surface(geometry, ray):
-    """Find the first surface that is not cut away, and the ray that meets it."""
+def first_surface(geometry: mi.Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
+    """Find the first surface that is not cut away.
+
+    Args:
+        geometry: Mitsuba scene.
+        ray: [N] rays.
+
+    Returns:
+        What the rays meet, and the rays that meet it: they begin behind the cut-outs, [N] each.
+    """
     ray = mi.Ray3f(ray)
     pi = geometry.ray_intersect_preliminary(ray, coherent=True)
     passed = mi.UInt32(0)

@@ -64,12 +64,15 @@ def stratified(rng: mi.PCG32, k: mi.UInt32, count: mi.UInt32) -> tuple[mi.Float,
     first, second, third, of_lobe = (
         mi.Float((k * mi.UInt32(int(step * 2**32))) >> 8) * 2.0**-24 for step in (*STEPS, LOBE_STEP)
     )
-    wrap = lambda v: dr.minimum(v - dr.floor(v), ONE_MINUS_EPSILON)  # noqa: E731
     return (
-        wrap(lobe + of_lobe),
-        mi.Point2f(wrap(direction.x + mi.Float(k) / mi.Float(count)), wrap(direction.y + first)),
-        mi.Point2f(wrap(light.x + second), wrap(light.y + third)),
+        _wrapped(lobe + of_lobe),
+        mi.Point2f(_wrapped(direction.x + mi.Float(k) / mi.Float(count)), _wrapped(direction.y + first)),
+        mi.Point2f(_wrapped(light.x + second), _wrapped(light.y + third)),
     )
+
+
+def _wrapped(v: mi.Float) -> mi.Float:
+    return dr.minimum(v - dr.floor(v), ONE_MINUS_EPSILON)
 
 
 def next_2d(rng: mi.PCG32) -> mi.Point2f:
