@@ -20,7 +20,7 @@ from lightwell.core.output import BAKE_FILES, COMPARE_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.work import Work
 from lightwell.fields.protocol import Field, Fit, Job, Role, State
-from lightwell.fields.registry import field_names, find_field
+from lightwell.fields.registry import field_names, find_field, preset_of
 from lightwell.fields.request import Request
 from lightwell.report.compare_html import ComparedField, write_comparison
 from lightwell.report.records import PageLink
@@ -90,6 +90,7 @@ class CompareSettings(Compared):
 
     def __post_init__(self) -> None:
         """Refuse values without meaning, by the name of their option."""
+        super().__post_init__()
         if self.budget.seconds is None:
             raise ValueError("compare: --budget must be a time such as 60s; an error cannot be the same for all fields")
         if self.truth and self.truth.seconds is None:
@@ -156,7 +157,8 @@ class _Comparison:
     def field(self, choice: FieldChoice) -> ComparedField:
         """Train, lower, score and write one field; the checkpoint of one that is finished is read."""
         field, out = find_field(choice.field), self.settings.out / choice.folder
-        request = replace(Request(**request_of(self.settings)), preset=choice.preset)
+        preset = preset_of(choice.field, choice.preset, self.settings.quality)
+        request = replace(Request(**request_of(self.settings)), preset=preset)
         options = field_options(choice.field, {}, "compare")
         state = field.prepare(Job(self.scene, request, options, self.work, self.progress, shared=True))
         fit = self._fit(field, state, choice)
@@ -193,7 +195,7 @@ class _Comparison:
     def _traced(self, state: State, fit: Fit) -> Reference:
         """The reference, traced after the first fit, because its budget and unit are known only then."""
         if self.reference is None:
-            self._budget = reference_budget(self.settings, fit)
+            self._budget = reference_budget(self.settings, state.job, fit)
             with self.work.timed("evaluate"):
                 self.reference = trace_reference(
                     state.scene,

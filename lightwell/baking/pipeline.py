@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +27,9 @@ from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.units import size_text, time_text
 from lightwell.core.work import Work
+from lightwell.fields.budget import DEFAULT_QUALITY, estimate
 from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State
-from lightwell.fields.registry import check_preset, field_of, find_field
+from lightwell.fields.registry import check_preset, field_of, find_field, preset_of
 from lightwell.fields.request import Request
 from lightwell.files import write_atomically
 from lightwell.report.html import write_report
@@ -44,7 +46,7 @@ PAGE = PageLink("index.html", "open the scene")
 
 
 @holds_output("bake", lambda settings: BAKE_FILES)
-def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, Any]:
+def bake(settings: BakeSettings, progress: Progress | None = None, *, started: float | None = None) -> dict[str, Any]:
     """Learn the indirect light of a scene; write the asset, its page and its report.
 
     A mistake of the user is a ``ValueError`` of one line with the cure, a file that cannot be read or written an
@@ -53,18 +55,22 @@ def bake(settings: BakeSettings, progress: Progress | None = None) -> dict[str, 
     Args:
         settings: Settings of the bake.
         progress: Bars and lines on standard error; None: no output.
+        started: ``perf_counter()`` when the budget began to count; None: now.
 
     Returns:
         The content of ``report.json``, or of ``rebake.json`` for an incremental bake.
     """
-    progress = progress or Progress(quiet=True)
+    started, progress = perf_counter() if started is None else started, progress or Progress(quiet=True)
     name = settings.field or field_of(settings.preset)
     field = find_field(name)
     check_preset(name, settings.preset)
+    preset = preset_of(name, settings.preset, settings.quality)
+    _say_plan(settings, name, progress)
     scene = loaded(settings)
-    work = Work(settings, scene.digest)
-    job = Job(scene, Request(**request_of(settings)), settings.options, work, progress)
-    state = field.prepare(job)
+    work = Work(settings, scene.digest, started)
+    work.seconds["load"] = work.elapsed
+    request = replace(Request(**request_of(settings)), preset=preset)
+    state = field.prepare(Job(scene, request, settings.options, work, progress))
     for warning in warnings(state):
         progress.say(f"[yellow]warning[/] {warning}")
     fits = learn(field, state)
@@ -114,7 +120,8 @@ def learn(field: Field, state: State) -> dict[Role, Fit]:
 def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: Sequence[Shipped]) -> dict[str, Any]:
     job, roles = state.job, [s.role for s in shipped]
     units = {s.role: s.fit.unit for s in shipped}
-    budget = reference_budget(settings, next((s for s in shipped if s.role == "indirect"), shipped[0]).fit)
+    first = next((s for s in shipped if s.role == "indirect"), shipped[0])
+    budget = reference_budget(settings, job, first.fit, len(roles))
     notes = LateNotes(job.progress)
     stage = choose_stage(state.scene, state.variable, units, settings)
     shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
@@ -129,12 +136,13 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         data = score(state, settings, name, shipped, reference, seconds, told, budget, notes)
         traced = seconds.get("trace", 0.0)
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
+    data = replace(data, seconds={name: round(value, 3) for name, value in job.work.seconds.items()})
     with job.work.timed("write"):
         pages = _write_files(settings, job, shipped, shown)
         links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
         data = replace(data, asset_bytes=size, links=links)
         report = write_report_and_page(settings.out, state, data, reference, notes)
-    job.progress.say(_verdict(report, settings.out))
+    job.progress.say(_verdict(report, settings, job.work.elapsed))
     return report
 
 
@@ -249,15 +257,24 @@ def _title(scene: Scene) -> str:
     return (scene.name or Path(scene.source).stem or "scene").replace("_", " ")
 
 
-def _verdict(report: Mapping[str, Any], out: Path) -> str:
-    figures = "not scored"
+def _say_plan(settings: BakeSettings, name: str, progress: Progress) -> None:
+    """Say how long the bake will take, and where its quality changes nothing else."""
+    if not (settings.steps and settings.shards) and (text := estimate(settings.budget)):
+        progress.say(text)
+    if settings.quality != DEFAULT_QUALITY and preset_of(name, settings.preset, settings.quality) == settings.preset:
+        progress.say(f"field '{name}' keeps the sizes of its preset: --quality changes the time alone")
+
+
+def _verdict(report: Mapping[str, Any], settings: BakeSettings, seconds: float) -> str:
+    figures, out, asked = "not scored", settings.out, settings.budget.seconds
+    took = time_text(seconds) + (f" of {time_text(asked)}" if asked and not settings.steps else "")
     if report["relative_error"] is not None:
         figures = f"error {report['relative_error']:.1%} (noise of the reference {report['noise_floor']:.1%})"
     decibels = "" if report["psnr_db"] is None else f", {report['psnr_db']:.1f} dB"
     return (
         f"[bold]{report['verdict'] or 'not judged'}[/]\n"
         f"{figures}{decibels}, {size_text(report['bytes'])} of learned light, "
-        f"{report['macs_per_pixel']:,} MAC per pixel; {time_text(report['seconds']['total'])}\n"
+        f"{report['macs_per_pixel']:,} MAC per pixel; {took}\n"
         f"open {out / 'index.html'}, or run: lightwell view {os.fspath(out)}\n"
         f"report: {out / 'report.html'}, glTF: {out / 'scene.glb'}"
     )

@@ -8,8 +8,14 @@ from dataclasses import dataclass
 EVALUATION_SEED = 0x5EED
 # Pictures for display have so many times the width and height of the views that are scored: 672 x 420 by default.
 PICTURE_SCALE = 3
-# The reference of the report may take this share of the budget, within these bounds, in seconds.
-EVALUATION_SHARE, EVALUATION_LEAST, EVALUATION_MOST = 0.4, 12.0, 240.0
+# Where other fields share the reference, its time is this share of the budget of each, within bounds in seconds.
+SHARED_SHARE, SHARED_LEAST, SHARED_MOST = 0.4, 12.0, 240.0
+# Seconds of scoring that trace nothing (compiling, metrics, denoising, writing), and the share of the rest for tracing.
+UNTRACED, TRACED_SHARE = 10.0, 0.8
+# Least and most seconds of tracing the reference of a bake.
+LEAST, MOST = 4.0, 240.0
+# Shares of the paths: points, patches (traced as the points are), pixels, pictures, sweep.
+POINT_SHARE, PATCH_SHARE, PIXEL_SHARE, PICTURE_SHARE, SWEEP_SHARE = 0.2, 0.1, 0.4, 0.2, 0.1
 
 
 @dataclass(frozen=True)
@@ -27,37 +33,48 @@ class ReferenceBudget:
     sweep_paths: int = 256
 
     @staticmethod
-    def within(seconds: float, paths_per_second: float, pixels: int) -> ReferenceBudget:
+    def within(seconds: float, paths_per_second: float, pixels: int, roles: int = 1) -> ReferenceBudget:
         """Choose path counts for a given time.
 
         Args:
             seconds: Time for the reference.
             paths_per_second: Measured rate.
             pixels: Number of pixels of all views.
+            roles: Parts of the light that are traced at points and pixels.
 
         Returns:
             The budget.
         """
-        budget = seconds * paths_per_second
+        # One more role adds what points and pixels cost.
+        budget = seconds * paths_per_second / (1 + (roles - 1) * (POINT_SHARE + PIXEL_SHARE))
         even = lambda paths: max(int(paths) // 2 * 2, 8)  # noqa: E731
         return ReferenceBudget(
-            point_paths=min(even(0.20 * budget / 4096), 8192),
-            pixel_paths=min(even(0.45 * budget / pixels), 4096),
-            picture_spp=min(even(0.25 * budget / (PICTURE_SCALE**2 * pixels)), 1024),
-            sweep_paths=min(even(0.10 * budget / (16 * 256)), 4096),
+            point_paths=min(even(POINT_SHARE * budget / 4096), 8192),
+            pixel_paths=min(even(PIXEL_SHARE * budget / pixels), 4096),
+            picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels)), 1024),
+            sweep_paths=min(even(SWEEP_SHARE * budget / (16 * 256)), 4096),
         )
 
-    @staticmethod
-    def of_budget(seconds: float, paths_per_second: float, pixels: int) -> ReferenceBudget:
-        """Choose path counts in proportion to the time of tracing and training.
 
-        Args:
-            seconds: Time of tracing and training.
-            paths_per_second: Measured rate.
-            pixels: Number of pixels of all views.
+def reference_seconds(left: float) -> float:
+    """Compute the time of the reference.
 
-        Returns:
-            The budget.
-        """
-        share = min(max(seconds * EVALUATION_SHARE, EVALUATION_LEAST), EVALUATION_MOST)
-        return ReferenceBudget.within(share, paths_per_second, pixels)
+    Args:
+        left: Seconds of the budget that are left for scoring, pictures and writing.
+
+    Returns:
+        Seconds of tracing.
+    """
+    return min(max(TRACED_SHARE * (left - UNTRACED), LEAST), MOST)
+
+
+def shared_seconds(seconds: float) -> float:
+    """Compute the time of the reference of a comparison.
+
+    Args:
+        seconds: Budget of each field.
+
+    Returns:
+        Seconds of tracing.
+    """
+    return min(max(seconds * SHARED_SHARE, SHARED_LEAST), SHARED_MOST)

@@ -16,12 +16,14 @@ from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.quality import Quality, quality_of_reference, score_quality
 from lightwell.baking.reference import Reference, ViewReference
-from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.baking.reference_budget import ReferenceBudget, reference_seconds, shared_seconds
 from lightwell.baking.settings import Reported
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.core.denoise import missing
+from lightwell.core.formats import JSON
 from lightwell.doctor import versions
-from lightwell.fields.protocol import Fit, State
+from lightwell.fields.budget import BEST, scoring_seconds
+from lightwell.fields.protocol import Fit, Job, State
 from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
@@ -29,21 +31,35 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
 
-def reference_budget(settings: Reported, fit: Fit) -> ReferenceBudget:
-    """Choose the path counts of the reference, at the rate that was measured on the samples of the fit.
+def reference_budget(settings: Reported, job: Job, fit: Fit, roles: int = 1) -> ReferenceBudget:
+    """Choose the path counts of the reference, at the rate that was measured before the fit; they are kept.
 
     Args:
         settings: Views and time of the report.
+        job: The bake, with the wall time so far.
         fit: The fit.
+        roles: Parts of the light that are scored.
 
     Returns:
         The budget.
     """
     width, height = settings.view_size
-    pixels, rate = width * height * settings.views, fit.traced.rate
+
+    def make() -> dict[str, Any]:
+        seconds = _reference_seconds(settings, job)
+        return asdict(ReferenceBudget.within(seconds, fit.traced.rate, width * height * settings.views, roles))
+
+    return ReferenceBudget(**job.work.part(views=settings.views).get("plan.reference", make, JSON))
+
+
+def _reference_seconds(settings: Reported, job: Job) -> float:
     if settings.truth:
-        return ReferenceBudget.within(settings.truth.round_seconds, rate, pixels)
-    return ReferenceBudget.of_budget(settings.budget.round_seconds, rate, pixels)
+        return settings.truth.round_seconds
+    seconds = settings.budget.round_seconds
+    if job.shared:
+        return shared_seconds(seconds)
+    fixed = settings.budget.error or (settings.steps and settings.shards)
+    return reference_seconds(scoring_seconds(seconds) if fixed else seconds - job.work.elapsed)
 
 
 def score(
@@ -154,7 +170,12 @@ def _judge(
         return None, None
     names = [evaluate.view_name(c, k) for k, ((c, _), v) in enumerate(zip(reference.stage.views, reference.views)) if v]
     told = figures.json()
-    return told, verdict(told, names, figures.per_view, cure="a longer --budget", bounds=figures.bounds)
+    return told, verdict(told, names, figures.per_view, cure=_cure(settings.quality), bounds=figures.bounds)
+
+
+def _cure(quality: str) -> str:
+    """The option that a user can try next."""
+    return "a longer --budget" if quality == BEST else f"--quality {BEST}"
 
 
 def facts_of(shipped: Sequence[Shipped]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class Reported(Request, SceneOptions):
     views: int = option(4, "held-out views in the report (default: 4)", least=1, group="report")
     truth: Budget | None = option(
         None,
-        "time for tracing the reference that the result is scored against (default: a share of the budget)",
+        "time for tracing the reference that the result is scored against (default: what the budget leaves)",
         parse=_time,
         metavar="TIME",
         group="report",
@@ -62,6 +62,7 @@ class BakeSettings(Reported):
 
     def __post_init__(self) -> None:
         """Refuse values out of range, by the name of their option."""
+        super().__post_init__()
         check(self, "bake")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", field_options(self.field, self.options or {}))

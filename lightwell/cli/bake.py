@@ -113,7 +113,7 @@ def run_bake(arguments: argparse.Namespace, asked: BakeSettings) -> int:
     from lightwell.baking.pipeline import bake
     from lightwell.core.progress import Progress
 
-    report = bake(asked, Progress(quiet=arguments.json))
+    report = bake(asked, Progress(quiet=arguments.json), started=arguments.started)
     if arguments.json:
         print(json.dumps(report, indent=1))
     return 0

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from time import perf_counter
 
 import lightwell
 from lightwell.cli.interrupts import INTERRUPTED, Interrupts
@@ -49,8 +50,9 @@ RESUMABLE, SERVERS = ("bake", "demo"), ("view", "live")
 EXAMPLES = """\
 examples
   lightwell demo                                     the main job on a built-in scene
-  lightwell bake room.glb -o out                     learn the light of your scene, two minutes
+  lightwell bake room.glb -o out                     learn the light of your scene, three minutes
   lightwell bake room.glb -o out --budget 10m        ... better, in ten minutes
+  lightwell bake room.glb -o out --quality best      ... best, in twenty
   lightwell bake room.glb -o out --budget 5%         ... until the error is five per cent
   lightwell bake cornell -o out --vary "light.position=box(-0.8,0.2,-0.8,0.8,1.8,0.8)"
   lightwell bake house.xml -o out --vary "sun.direction=arc(90,10,270,10)"
@@ -96,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     verb = words[0] if words and words[0] in VERBS else ""
-    arguments = argparse.Namespace(verb=verb)
+    arguments = argparse.Namespace(verb=verb, started=perf_counter())
     interrupts = Interrupts()
     try:
         with interrupts:

@@ -27,6 +27,8 @@ from lightwell.files import make_folder, write_atomically
 T = TypeVar("T")
 LOG = logging.getLogger("lightwell.store")
 FOLDER = ".lightwell"
+# Key of the wall time beside the seconds of each stage.
+WALL = "wall"
 
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
 _FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths")
@@ -106,13 +108,17 @@ class WorkPart:
 class Work:
     """Checkpoints, plans, samples and elapsed seconds of one bake or comparison."""
 
-    def __init__(self, settings: WorkSettings, scene_digest: str) -> None:
+    def __init__(self, settings: WorkSettings, scene_digest: str, started: float | None = None) -> None:
         """Prepare the work folder; nothing is written before it is used: a refused bake leaves no files.
 
         Args:
             settings: Settings of the bake.
             scene_digest: Hash of the scene.
+            started: ``perf_counter()`` at the start of the bake; None: now.
         """
+        self._started = perf_counter() if started is None else started
+        # Wall seconds of the earlier runs of this bake.
+        self._earlier = 0.0
         self.settings = settings
         self.folder = settings.out / FOLDER
         # Whether the folder stays when the bake is done.
@@ -121,6 +127,11 @@ class Work:
         self.seconds: dict[str, float] = {}
         self._signature = _signature(settings, scene_digest)
         self._open = False
+
+    @property
+    def elapsed(self) -> float:
+        """Wall seconds since the start of the bake, over all runs."""
+        return self._earlier + perf_counter() - self._started
 
     @property
     def store(self) -> Store:
@@ -165,7 +176,9 @@ class Work:
                     f"({found.get('lightwell', 'unknown')}, this is {lightwell.__version__}); "
                     "repeat it with the same ones, or start anew without --resume"
                 )
-            self.seconds |= self.part().find("work.seconds", JSON) or {}
+            stored = self.part().find("work.seconds", JSON) or {}
+            self._earlier = stored.pop(WALL, 0.0)
+            self.seconds |= stored
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         make_folder(self.folder)
@@ -193,7 +206,7 @@ class Work:
         finally:
             self.seconds[stage] = before + perf_counter() - start
             if self._open and self.folder.exists():
-                self.part().put("work.seconds", self.seconds, JSON)
+                self.part().put("work.seconds", self.seconds | {WALL: self.elapsed}, JSON)
 
 
 def store_of(out: Path) -> Store:

@@ -40,7 +40,7 @@ OPTIONS = {
 }
 # Presets of each field, so that help and mistakes need none of the modules above; a test compares them.
 PRESETS: dict[str, tuple[str, ...]] = {
-    "factored": ("default", "small", "large"),
+    "factored": ("default", "small", "large", "draft", "best"),
     "mlp": ("default", "small", "large", "report-20", "report-200", "report", "report-code"),
     "tree": ("default", "report"),
     "kdtree": ("default", "report", "ren"),
@@ -60,6 +60,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
         "bare-relu-field-5",
         "bare-product-field",
         "bare-mlp",
+        "fine",
     ),
     "lightmap": (
         "default",
@@ -70,7 +71,17 @@ PRESETS: dict[str, tuple[str, ...]] = {
         "default-int8",
         "plain",
         "directional",
+        "draft",
+        "best",
     ),
+}
+# Preset of each quality where it is not the default one; fields without an entry differ in time alone.
+QUALITY_PRESETS = {
+    "factored": {"draft": "draft", "best": "best"},
+    "mlp": {"draft": "small", "best": "large"},
+    "balanced": {"best": "large"},
+    "probes": {"draft": "draft", "best": "fine"},
+    "lightmap": {"draft": "draft", "best": "best"},
 }
 
 
@@ -160,6 +171,20 @@ def field_of(preset: str) -> str:
         Name of the first built-in field that has the preset; the default field where none has it.
     """
     return next((name for name, presets in PRESETS.items() if preset in presets), DEFAULT)
+
+
+def preset_of(name: str, preset: str, quality: str) -> str:
+    """Find the preset of a quality.
+
+    Args:
+        name: Name of a field.
+        preset: The preset that is asked for; any other than the default one stays.
+        quality: The quality.
+
+    Returns:
+        Name of a preset of the field.
+    """
+    return QUALITY_PRESETS.get(name, {}).get(quality, preset) if preset == "default" else preset
 
 
 def check_preset(name: str, preset: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lightwell.core.options import option
-from lightwell.fields.budget import Budget
+from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS, Budget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,9 +15,17 @@ class Request:
     """
 
     preset: str = option("default", "settings of the field, e.g. default, report-20, report-200", group="what learns")
+    quality: str = option(
+        DEFAULT_QUALITY,
+        "draft, good or best: about 30 s, 3 min or 20 min on two cores, and at most 100, 300 or 1,000 kB "
+        "(default: good)",
+        choices=tuple(QUALITY_SECONDS),
+        group="how long, how good",
+    )
     budget: Budget = option(
         Budget(),
-        "60s, 5m, 1h of tracing and training, or 5%% of error on validation lights (default: 2m; demo: 60s)",
+        "60s, 5m, 1h for the whole bake from loading to writing, or 5%% of error on validation lights "
+        "(default: the time of the quality; demo: 150s)",
         parse=Budget.parse,
         metavar="TIME|ERROR",
         group="how long, how good",
@@ -58,3 +66,8 @@ class Request:
     )
     lights_per_shard: int = 512
     """Light positions per shard; 128 surface points share each."""
+
+    def __post_init__(self) -> None:
+        """Take the time of the quality where neither a time nor an error is asked for."""
+        if self.quality in QUALITY_SECONDS:
+            object.__setattr__(self, "budget", self.budget.or_of(self.quality))

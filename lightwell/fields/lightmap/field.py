@@ -14,7 +14,7 @@ from lightwell.core.formats import JSON, RecordFormat
 from lightwell.core.store import Store
 from lightwell.core.work import WorkPart
 from lightwell.fields.baked import Baked
-from lightwell.fields.budget import Budget
+from lightwell.fields.budget import Budget, learning_seconds
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import atlas_facts, fallback, fitted, sample_unit, texel_facts
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
@@ -27,6 +27,7 @@ from lightwell.fields.lightmap.square import roomy_atlas
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
+from lightwell.fields.surface.tracing import path_rate
 from lightwell.networks.losses import EPSILON
 from lightwell.scenes.atlas import Atlas, build, charted_meshes
 from lightwell.scenes.placing import sample_lights
@@ -69,6 +70,8 @@ class LightmapState(State):
     """Paths per texel."""
     eyes: int = 0
     """Number of samples of radiance towards views."""
+    rate: float = RATE
+    """Paths per second."""
     round: int = 0
     """Of an error budget: each has twice the paths, radiance samples and steps of the last."""
     facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
@@ -118,7 +121,7 @@ class FittedLightmap:
     @property
     def traced(self) -> Traced:
         """Cost of the samples."""
-        return Traced(self.paths, 0, self.state.eyes, RATE)
+        return Traced(self.paths, 0, self.state.eyes, self.state.rate)
 
     @property
     def training(self) -> Training:
@@ -329,6 +332,9 @@ def _lay_out(state: LightmapState) -> None:
     atlas = _atlas(scene, options, preset, sides)
     size = atlas.size
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
+    if first is not None:
+        own_light = "static" in state.roles
+        state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light)
     state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
     if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.
@@ -355,7 +361,7 @@ def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, i
     probe = first.texels.points[np.arange(0, len(first.texels.index), 8)]
     irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9)
     rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
-    seconds = request.budget.round_seconds
+    seconds = learning_seconds(request.budget, state.job.work.elapsed)
     share = TEXEL_SHARE if preset.base else 0.02
     paths = int(np.clip(share * seconds * rate / len(first.texels.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
     eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
@@ -380,7 +386,7 @@ def _steps(state: LightmapState) -> int:
     if request.steps:
         return request.steps << state.round
     # The number depends on the budget alone, so that it is the same on every machine.
-    seconds = request.budget.round_seconds * 2**state.round
+    seconds = learning_seconds(request.budget, 0.0) * 2**state.round
     return max(int((1 - TEXEL_SHARE - EYE_SHARE) * seconds / STEP_SECONDS), LEAST_STEPS)
 
 

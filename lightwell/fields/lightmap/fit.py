@@ -106,6 +106,9 @@ PRESETS: dict[str, LightmapPreset] = {
     "default-int8": replace(DEFAULT, storage="int8"),
     "plain": LightmapPreset(channels=0, hidden=()),
     "directional": LightmapPreset(channels=0, hidden=(), direction=True),
+    # Of --quality draft and best.
+    "draft": replace(DEFAULT, size=512),
+    "best": replace(DEFAULT, size=2048),
 }
 
 # The light map of a variable light: irradiance cannot be stored, only features for a network with the light as input.

@@ -58,7 +58,7 @@ LIGHT = Derived[Solved]("probes.light", most=4)
 
 @dataclass(frozen=True)
 class ProbesPreset:
-    """Settings of a probe field other than its spacing."""
+    """Settings of a probe field."""
 
     function: str = "relu-field"
     """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
@@ -79,6 +79,8 @@ class ProbesPreset:
     hidden: tuple[int, ...] = (48, 48)
     """Widths of the network of the light's position."""
     training: TrainingSettings = TRAINING
+    along: int = ALONG
+    """Probes along the longest edge where no spacing is asked for."""
 
 
 DRAFT = ProbesPreset(
@@ -94,6 +96,8 @@ PRESETS: dict[str, ProbesPreset] = {
     "mlp-generated": ProbesPreset(function="mlp", generator=True, refine=False),
     "mlp-direct": ProbesPreset(function="mlp"),
     **{name: ProbesPreset(function=name) for name in ("bare-relu-field-5", "bare-product-field", "bare-mlp")},
+    # Of --quality best.
+    "fine": ProbesPreset(along=12, states=96, rank=12),
 }
 
 
@@ -337,7 +341,7 @@ def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
 
 def _geometry(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) -> Geometry:
     """The volume's weights, baked once for a scene and kept with it."""
-    spacing = spacing or 2 * setup.half_extent / ALONG
+    spacing = spacing or 2 * setup.half_extent / preset.along
     make = lambda: bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))  # noqa: E731
     arguments = (float(spacing), preset.function, preset.generator, preset.refine)
     return setup.scene.cache.get(GEOMETRY, make, arguments)

@@ -65,6 +65,13 @@ PRESETS: dict[str, FactoredPreset] = {
         hidden=(64, 32),
         storage="int8",
     ),
+    # Of --quality draft and best: with a second field for the scene's own emitters at most 100 and 1,000 kB.
+    "draft": FactoredPreset(
+        HashGrid(levels=3, base=7, growth=2, entries_log2=12, decay=(0.0, 0.1, 1.0)), light_hidden=(32, 32)
+    ),
+    "best": FactoredPreset(
+        HashGrid(levels=5, base=7, growth=2, entries_log2=15, decay=(0.0, 0.1, 1.0, 3.0, 10.0)), hidden=(48, 24)
+    ),
 }
 
 

@@ -1,29 +1,49 @@
 """Plans: how many shards and steps a time budget buys on this machine.
 
-A plan is measured once and stored; everything after it depends on the plan and the seed alone, so that an interrupted
-and resumed bake ends with the same bytes.
+A plan is measured once and stored before the work that it plans; everything after it depends on the plan and the seed
+alone, so that an interrupted and resumed bake ends with the same bytes. Each plan is made when its stage starts, from
+the time that is left then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import TypeVar
 
 from lightwell.core.formats import JSON
 from lightwell.core.work import WorkPart
 
-# Share of a round's seconds that goes into tracing; the rest trains. Small networks are short of samples, not of steps:
-# four times the samples lower the error by a fifth, twice the steps change nothing (Cornell box). Where several fields
-# share the samples, each trains as long as they took.
-TRACE_SHARE, SHARED_TRACE_SHARE = 0.65, 0.5
-# Share of the shards that the adaptive stage places where the error is.
+# Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
+SHARED_TRACE_SHARE = 0.5
+# Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
+GATHER_SHARE, TRACE_SHARE = 0.3, 0.5
+# Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
+# What is traced before the first gathered shard costs as much as so many paths per point (Cornell box, 2 cores).
+PATHS_PER_POINT = 40
+# Points of a gathered shard that are its own, and bounds of the points in shards of them.
+FEWEST_GATHERED, MOST_GATHERED = 1, 16
 # Share of the steps before the adaptive stage.
 FIRST_STEPS_SHARE = 0.4
 # A fit on fewer shards or steps than this is not worth starting.
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
 # Memory bound: 128 shards of 2^16 samples with 90 features are 3 GB.
 MOST_SHARDS = 128
+# A new plan of the steps after the adaptive stage may be this many times as long as the first one.
+MOST_LONGER = 1.5
+
+
+@dataclass(frozen=True)
+class StartPlan:
+    """What is known before the first sample of a role."""
+
+    end: float
+    """Wall seconds of the bake at which the role should be learned."""
+    paths_per_second: float
+    """Measured rate of path-traced samples."""
+    gathered: int
+    """Shards that the gather before the first one is made for."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +51,10 @@ class SamplePlan:
     """Counts of samples."""
 
     shards: int
-    """Area-uniform shards."""
+    """Shards before the adaptive stage."""
     adaptive_shards: int
     seconds_per_shard: float = 0.0
+    seconds_per_adaptive: float = 0.0
 
     def extended(self) -> SamplePlan:
         """Return the plan of the next round: half as many shards again, all of them adaptive.
@@ -64,26 +85,56 @@ class StepPlan:
         return replace(self, steps=self.steps + 2 * max(self.steps - self.first_steps, FEWEST_STEPS))
 
 
-def plan_samples(seconds: float, seconds_per_shard: float, fixed: int | None, shared: bool) -> SamplePlan:
+@dataclass(frozen=True)
+class LastPlan:
+    """Counts of the adaptive stage and of the steps after it, planned when it starts."""
+
+    adaptive_shards: int
+    steps: int
+    """Steps in all."""
+
+
+def plan_gather(seconds: float, paths_per_second: float, points_per_shard: int) -> int:
+    """Plan how much is traced before the first gathered shard.
+
+    Args:
+        seconds: Time of the role.
+        paths_per_second: Measured rate of path-traced samples.
+        points_per_shard: Points of a shard that are its own.
+
+    Returns:
+        Shards that the gather is made for, a power of two.
+    """
+    points = GATHER_SHARE * seconds * paths_per_second / PATHS_PER_POINT
+    shards = min(max(int(points / points_per_shard), FEWEST_GATHERED), MOST_GATHERED)
+    return 1 << (shards.bit_length() - 1)
+
+
+def plan_samples(
+    seconds: float, seconds_per_shard: float, seconds_per_adaptive: float, fixed: int | None, shared: bool
+) -> SamplePlan:
     """Plan the number of shards.
 
     Args:
-        seconds: Time budget; a share of it is for tracing.
+        seconds: Time left for tracing and training.
         seconds_per_shard: Measured time of a shard.
-        fixed: Number of area-uniform shards, instead of the budget; None: by the budget.
+        seconds_per_adaptive: Measured time of an adaptive shard.
+        fixed: Number of shards before the adaptive stage, instead of the time; None: by the time.
         shared: Whether several fields use the samples; then no shard is adaptive.
 
     Returns:
         The plan.
     """
-    share = SHARED_TRACE_SHARE if shared else TRACE_SHARE
-    total = min(max(int(share * seconds / max(seconds_per_shard, 1e-6)), FEWEST_SHARDS), MOST_SHARDS)
-    adaptive = int(ADAPTIVE_SHARE * total)
+    costs = {"seconds_per_shard": seconds_per_shard, "seconds_per_adaptive": seconds_per_adaptive}
     if fixed:
-        total, adaptive = fixed + max(fixed // 4, 1), max(fixed // 4, 1)
-    if shared:
-        return SamplePlan(fixed or total, 0, seconds_per_shard)
-    return SamplePlan(total - adaptive, adaptive, seconds_per_shard)
+        return SamplePlan(fixed, 0 if shared else max(fixed // 4, 1), **costs)
+    tracing = (SHARED_TRACE_SHARE if shared else TRACE_SHARE) * max(seconds, 0)
+    share = 0.0 if shared else ADAPTIVE_SHARE
+    adaptive = min(int(share * tracing / max(seconds_per_adaptive, 1e-6)), int(share * MOST_SHARDS))
+    shards = int((tracing - adaptive * seconds_per_adaptive) / max(seconds_per_shard, 1e-6))
+    shards = min(max(shards, FEWEST_SHARDS), MOST_SHARDS - adaptive)
+    # Few shards do not deserve an adaptive stage of their own size.
+    return SamplePlan(shards, min(adaptive, shards), **costs)
 
 
 def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> StepPlan:
@@ -101,12 +152,53 @@ def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> St
     return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
 
 
-TrainingPlan = TypeVar("TrainingPlan", SamplePlan, StepPlan)
+def plan_last(
+    seconds: float, samples: SamplePlan, steps: StepPlan, step: int, seconds_per_step: float, preparing: float
+) -> LastPlan:
+    """Plan the adaptive stage and the steps after it, from the time that is left when it starts.
+
+    Args:
+        seconds: Time left.
+        samples: Plan of the samples.
+        steps: Plan of the steps.
+        step: Steps that were done.
+        seconds_per_step: Measured time of a step.
+        preparing: Seconds in which the learner takes up all samples.
+
+    Returns:
+        At most the planned shards, and at least ``FEWEST_STEPS`` further steps.
+    """
+    cost = max(samples.seconds_per_adaptive, 1e-6)
+    adaptive = min(max(int((1 - TRACE_SHARE) * (seconds - preparing) / cost), 0), samples.adaptive_shards)
+    left = seconds - adaptive * cost - (preparing if adaptive else 0)
+    further = int(left / max(seconds_per_step, 1e-6))
+    return LastPlan(adaptive, min(step + max(further, FEWEST_STEPS), int(MOST_LONGER * steps.steps)))
+
+
+TrainingPlan = TypeVar("TrainingPlan", StartPlan, SamplePlan, StepPlan, LastPlan)
 # Names of the stored plans.
-_NAMES = {SamplePlan: "plan.samples", StepPlan: "plan.steps"}
+_NAMES = {StartPlan: "plan.start", SamplePlan: "plan.samples", StepPlan: "plan.steps", LastPlan: "plan.last"}
 
 
-def save_plan(part: WorkPart, plan: SamplePlan | StepPlan) -> None:
+def kept_plan(part: WorkPart, kind: type[TrainingPlan], make: Callable[[], TrainingPlan]) -> TrainingPlan:
+    """Read a stored plan, or make and store it.
+
+    Args:
+        part: Part of the bake that it belongs to.
+        kind: Class of the plan.
+        make: Makes the plan.
+
+    Returns:
+        The plan.
+    """
+    plan = load_plan(part, kind)
+    if plan is None:
+        plan = make()
+        save_plan(part, plan)
+    return plan
+
+
+def save_plan(part: WorkPart, plan: StartPlan | SamplePlan | StepPlan | LastPlan) -> None:
     """Store a plan in place of the present one.
 
     Args:

@@ -10,7 +10,7 @@ from lightwell.core.progress import ProgressStage
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import PathReport, Samples
+from lightwell.transport import PathReport, Samples, draw_surface, indirect, static
 from lightwell.transport.collect import collect
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import Make, ShardSettings, generate, load_samples
@@ -19,6 +19,9 @@ from lightwell.transport.shards import Make, ShardSettings, generate, load_sampl
 VALIDATION_SEED = 0xA11D
 # The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
 VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
+
+# Points that the rate of the path tracer is measured on; a few of them compile it first.
+TIMED_POINTS, FIRST_POINTS = 4096, 64
 
 # A shard that took fewer seconds than this was there already.
 ON_DISK = 0.01
@@ -93,3 +96,30 @@ def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: b
     return collect(
         scene, variable, draw.points, lights, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light
     )
+
+
+def path_rate(scene: Scene, variable: Variable | None, paths: int, seed: int, own_light: bool = False) -> float:
+    """Measure how many light paths are traced in a second.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light; None: ``own_light``.
+        paths: Paths per point, even.
+        seed: Seed of the bake.
+        own_light: Whether the light is that of the scene's own emitters.
+
+    Returns:
+        Paths per second, compilation excluded.
+    """
+    points = draw_surface(scene, TIMED_POINTS, seed + VALIDATION_SEED, floor=1).points
+
+    def trace(count: int) -> None:
+        if own_light or variable is None:
+            static(scene, points[:count], paths, seed)
+        else:
+            indirect(scene, points[:count], sample_lights(scene, variable, count, seed), variable, paths, seed)
+
+    trace(FIRST_POINTS)
+    start = perf_counter()
+    trace(TIMED_POINTS)
+    return TIMED_POINTS * paths / max(perf_counter() - start, 1e-6)

@@ -14,35 +14,38 @@ from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
+from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
     FEWEST_SHARDS,
     SHARED_TRACE_SHARE,
+    LastPlan,
     SamplePlan,
+    StartPlan,
     StepPlan,
-    load_plan,
+    kept_plan,
+    plan_gather,
+    plan_last,
     plan_samples,
     plan_steps,
     save_plan,
 )
-from lightwell.fields.surface.tracing import TracedShards, trace_shards, validation_samples
+from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
 from lightwell.transport import Samples
 from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
-from lightwell.transport.gathered_shards import TRACED_EVERY, GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import POINTS_PER_SHARD, GatheredShards, GatherSize
 from lightwell.transport.shards import Make, ShardSettings, make_shard
 
-# Seconds that a shard is expected to take, for the size of what is gathered before the first one.
-SECONDS_PER_SHARD = 3.0
-# Most of what gathered shards cost is traced before the first one: fewer than this are not worth it.
-FEWEST_GATHERED = 24
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
 # Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
 NOMINAL_STEPS = 1 << 16
+# Samples on which they are timed, at most: a step takes as long on all of them.
+TIMED_SAMPLES = 1 << 18
 # Share of the budget that the static field gets when there is also a variable light.
 STATIC_SHARE = 0.4
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
@@ -61,6 +64,8 @@ class SurfaceSamples:
     unit: float
     """Radiance unit S."""
     plan: SamplePlan
+    end: float
+    """Wall seconds of the bake at which the role should be learned."""
     traced: Traced
 
 
@@ -79,7 +84,7 @@ def role_seconds(state: State, role: Role) -> float:
 
 
 def surface_samples(state: State, role: Role) -> SurfaceSamples:
-    """Trace the area-uniform samples that the budget buys; those of an interrupted bake are read.
+    """Trace the samples before the adaptive stage that the budget buys; those of an interrupted bake are read.
 
     Args:
         state: The prepared scene.
@@ -89,39 +94,48 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
         The samples.
     """
     request, part = state.job.request, state.job.work.part(role=role)
-    plan = load_plan(part, SamplePlan)
-    fewest = FEWEST_GATHERED if role == "indirect" else FEWEST_SHARDS
-    count = plan.shards if plan else request.shards or fewest
-    if plan is None:
-        # Without a plan the shards must be timed, so that those of a bake that was killed are of no use.
-        shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-    make = _maker(state, role)
-    traced = _trace(state, role, "uniform", count, make, f"trace {role}")
-    unit = radiance_unit(traced.samples)
-    if plan is None:
-        cost = max(traced.seconds_per_shard, 1e-3)
-        seconds = role_seconds(state, role) - getattr(make, "seconds", 0.0)
-        plan = plan_samples(seconds, cost, request.shards, state.job.shared)
-        plan = replace(plan, shards=max(plan.shards, count))
-        save_plan(part, plan)
-    if plan.shards > count:
-        traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
-        unit = radiance_unit(traced.samples)
+    with state.job.work.timed("plan"):
+        start = kept_plan(part, StartPlan, partial(_start_plan, state, role))
+    make = _maker(state, role, start)
+    plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
+    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
     validation = validation_samples(state.scene, state.variable, request.seed, own_light=role == "static")
-    # Of gathered samples only one in so many is path-traced, as the reference is.
-    share = 1 / TRACED_EVERY if role == "indirect" else 1.0
-    rate = share * _shards(state, role).size * request.paths / max(plan.seconds_per_shard, 1e-3)
-    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), rate)
-    return SurfaceSamples(traced.samples, validation, unit, plan, spent)
+    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.paths_per_second)
+    return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent)
 
 
-def _maker(state: State, role: Role) -> Make:
+def _start_plan(state: State, role: Role) -> StartPlan:
+    """The time of a role, the rate of its path tracer, and what is traced before the first gathered shard."""
+    request, work = state.job.request, state.job.work
+    rate = path_rate(state.scene, state.variable, request.paths, request.seed, own_light=role == "static")
+    seconds, begin = role_seconds(state, role), work.elapsed
+    if request.budget.seconds and not state.job.shared:
+        seconds = learning_seconds(request.budget, begin)
+        # What the first of two roles leaves is for the second.
+        seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
+    return StartPlan(begin + seconds, rate, request.shards or plan_gather(seconds, rate, POINTS_PER_SHARD))
+
+
+def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> SamplePlan:
+    """The number of shards; where it is not fixed, by the time of the second one."""
+    request, shards = state.job.request, _shards(state, role)
+    adaptive = shards.size * request.paths / max(start.paths_per_second, 1e-6)
+    if request.shards:
+        return plan_samples(0, 0, adaptive, request.shards, state.job.shared)
+    # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
+    shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
+    # The first one also pays for what is traced before it.
+    cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
+    left = start.end - state.job.work.elapsed
+    return plan_samples(left, max(cost, 1e-3), adaptive, None, state.job.shared)
+
+
+def _maker(state: State, role: Role, start: StartPlan) -> Make:
     """Return the function that makes shards: gathered for a declared light, path-traced for the scene's emitters."""
     if role == "static":
         return partial(make_shard, own_light=True)
     shards = _shards(state, role)
-    expected = state.job.request.shards or max(int(role_seconds(state, role) / SECONDS_PER_SHARD), 1)
-    return GatheredShards(state.scene, state.variable, shards, GatherSize.of(expected, shards))
+    return GatheredShards(state.scene, state.variable, shards, GatherSize.of(start.gathered, shards))
 
 
 def _shards(state: State, role: Role) -> ShardSettings:
@@ -167,6 +181,8 @@ class SurfaceTraining:
         """What the adaptive shards cost."""
         self._start, self._title = start, f"train {role}"
         self._sample_plan = samples.plan
+        # Seconds in which the learner took up its samples, and seconds and number of the steps since then.
+        self._preparing, self._stepping, self._stepped = 0.0, 0.0, 0
 
     # ------------------------------------------------------------------ the whole
 
@@ -225,50 +241,72 @@ class SurfaceTraining:
             return self._prepared()
         return learner
 
-    def _prepared(self) -> Learner:
-        state, samples = self.state, self.samples
+    def _prepared(self, most: int | None = None) -> Learner:
+        """An untrained learner that has taken up all samples, or the first ``most`` of them."""
+        state, samples, begin = self.state, self.samples, perf_counter()
         light = "static" if self.role == "static" else state.variable.kind
         setup = FieldSetup.of(state.scene, samples.unit, light, state.variable)
         setup = around_samples(setup, samples.training)
         learner = self._start(setup, state.job.request.seed)
-        learner.learn_from(samples.training)
+        learner.learn_from(samples.training[:most])
         learner.validate_on(samples.validation)
+        self._preparing = perf_counter() - begin
         return learner
 
     # ------------------------------------------------------------------ plan
 
     def _planned(self) -> StepPlan:
         """The plan for the budget, measured once; fixed counts where the settings give them."""
-        request, plan = self.state.job.request, load_plan(self._part, StepPlan)
-        if plan is None:
-            with self.state.job.work.timed("plan"):
-                cost = 0.0 if request.steps else self._seconds_per_step()
-                plan = plan_steps(self._seconds_left(), cost, request.steps)
-            save_plan(self._part, plan)
-        return plan
+        request = self.state.job.request
+
+        def make() -> StepPlan:
+            cost = 0.0 if request.steps else self._seconds_per_step()
+            return plan_steps(self._seconds_left(), cost, request.steps)
+
+        with self.state.job.work.timed("plan"):
+            return kept_plan(self._part, StepPlan, make)
 
     def _seconds_left(self) -> float:
         """Seconds that tracing leaves for training."""
-        seconds, plan = role_seconds(self.state, self.role), self.samples.plan
         if self.state.job.shared:
-            return (1 - SHARED_TRACE_SHARE) * seconds
-        return seconds - (plan.shards + plan.adaptive_shards) * plan.seconds_per_shard
+            return (1 - SHARED_TRACE_SHARE) * role_seconds(self.state, self.role)
+        plan = self._sample_plan
+        # The samples are taken up twice, and the learner of the plan had a part of them.
+        share = len(self.samples.training) / min(len(self.samples.training), TIMED_SAMPLES)
+        taken = self._preparing * share * (2 if plan.adaptive_shards else 1)
+        return self.samples.end - self.state.job.work.elapsed - taken - plan.adaptive_shards * plan.seconds_per_adaptive
 
     def _seconds_per_step(self) -> float:
         """Time of a training step on a scratch learner, compilation excluded."""
-        scratch = self._prepared()
+        scratch = self._prepared(TIMED_SAMPLES)
         if scratch.train(WARM_UP_STEPS, NOMINAL_STEPS):
             return math.inf  # It learns in one go.
         start = perf_counter()
         scratch.train(WARM_UP_STEPS + TIMED_STEPS, NOMINAL_STEPS)
         return (perf_counter() - start) / TIMED_STEPS
 
+    def _plan_last(self, learner: Learner) -> None:
+        """Plan the adaptive stage and the steps after it anew, unless the settings fix them."""
+        request, step = self.state.job.request, learner.state.step
+        if request.steps or request.shards or request.budget.error:
+            return
+        cost = self._stepping / self._stepped if self._stepped else self._plan.seconds_per_step
+
+        def make() -> LastPlan:
+            left = self.samples.end - self.state.job.work.elapsed
+            return plan_last(left, self._sample_plan, self._plan, step, cost, self._preparing)
+
+        last = kept_plan(self._part, LastPlan, make)
+        self._sample_plan = replace(self._sample_plan, adaptive_shards=last.adaptive_shards)
+        self._plan = replace(self._plan, steps=last.steps)
+
     # ------------------------------------------------------------------ train
 
     def _rounds(self, learner: Learner) -> None:
         """Train to the adaptive stage and after it; with an error budget, in rounds until the error is reached."""
         budget = self.state.job.request.budget
-        self._train(learner, self._plan.first_steps)
+        if not self._train(learner, self._plan.first_steps):
+            self._plan_last(learner)
         for _ in range(budget.rounds if budget.error else 1):
             if self._sample_plan.adaptive_shards:
                 learner.learn_from(join([self.samples.training, self._adaptive(learner)]))
@@ -297,7 +335,11 @@ class SurfaceTraining:
         job = self.state.job
         with job.work.timed("train"), job.progress.stage(self._title, until, "steps") as stage:
             look, save = self._watch(learner, stage)
-            return learner.train(until, self._plan.steps, look, checkpoint=save)
+            begin, before = perf_counter(), learner.state.step
+            stopped = learner.train(until, self._plan.steps, look, checkpoint=save)
+            self._stepping += perf_counter() - begin
+            self._stepped += learner.state.step - before
+            return stopped
 
     def _within_time(self, learner: Learner) -> None:
         """Train to the planned steps, to the learner's own end, or until the time has run out."""
