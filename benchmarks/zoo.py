@@ -1,6 +1,7 @@
 """The main job on every scene that is there, with default settings only: how good is light that nobody tuned?
 
-    python benchmarks/zoo.py [--subset 8] [--only NAMES] [--out FOLDER]    hours on 2 cores; goes on where it stopped
+    python benchmarks/zoo.py [--subset 8] [--only NAMES] [--out FOLDER] [--quality NAME]
+                                                hours on 2 cores; goes on where it stopped
     python benchmarks/zoo.py --ablation [--subset 4]    what each choice is worth, at equal samples and steps
     python benchmarks/zoo.py --table                    print what is recorded
 
@@ -28,11 +29,16 @@ from rows import Row, at_least, at_most, publish
 from zoo_scenes import CREDITS, HELD_OUT, SUBSET, scenes
 from zoo_score import DIFFERENCE, VIEWS
 
+from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
+
 ROOT = Path(__file__).resolve().parents[1]
 # Views of each scene on the page, and the width of their picture, pixels.
 SHOWN_VIEWS, PAGE_WIDTH = 2, 1080
 # Longest wall time of one bake and of its scoring, seconds.
 PATIENCE = 3600
+# The wall time of a bake, from the start of its process, is at most so many times the budget and so many seconds.
+WALL_FACTOR, WALL_SECONDS = 1.25, 15.0
+WALL = f"wall time of a bake over ({WALL_FACTOR} x budget + {WALL_SECONDS:.0f} s)"
 # figure: (what, better, bar of the median, bar of the 90th percentile, unit); docs/zoo.md says what each is.
 BARS = {
     "psnr_db": ("noise-free PSNR of the indirect light", max, 36, 31, "dB"),
@@ -45,14 +51,22 @@ BARS = {
 }
 
 
-def run_scene(name: str, source: str, out: Path) -> dict:
+def run_scene(name: str, source: str, out: Path, quality: str) -> dict:
     """Bake and score one scene, each in a process of its own; the row is kept in a file."""
     path = out / f"{name}.json"
     if path.exists():
         return json.loads(path.read_text())
     begin = perf_counter()
-    code, message = _process([sys.executable, "-m", "lightwell.cli", "bake", source, "-o", str(out / name)])
-    row = {"scene": name, "seconds": round(perf_counter() - begin, 1), "exit": code, "message": message}
+    code, message = _process(
+        [sys.executable, "-m", "lightwell.cli", "bake", source, "-o", str(out / name), "--quality", quality]
+    )
+    row = {
+        "scene": name,
+        "seconds": round(perf_counter() - begin, 1),
+        "budget": QUALITY_SECONDS[quality],
+        "exit": code,
+        "message": message,
+    }
     if code == 0:
         scorer = Path(__file__).with_name("zoo_score.py")
         code, message = _process([sys.executable, str(scorer), source, str(out / name)])
@@ -107,6 +121,8 @@ def figures(rows: list[dict]) -> list[Row]:
         worst = float(np.percentile(values, quantile)) if values else None
         found.append(at(f"zoo, 90th percentile: {what}", tail, worst, unit, note))
     failed = [row["scene"] for row in rows if row["exit"]]
+    late = [row["seconds"] / (WALL_FACTOR * row["budget"] + WALL_SECONDS) for row in rows if "budget" in row]
+    found.append(at_most(f"zoo, longest: {WALL}", 1.0, max(late, default=None), "of 1", f"{len(late)} scenes"))
     return [*found, at_most("zoo: scenes that end without a page", 0, len(failed), "scenes", ", ".join(failed))]
 
 
@@ -150,6 +166,7 @@ def main() -> None:
     parser.add_argument("--subset", type=int, help="the first so many of the scenes that work is done with")
     parser.add_argument("--only", help="names of scenes, with commas between them")
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "lightwell-zoo")
+    parser.add_argument("--quality", choices=tuple(QUALITY_SECONDS), default=DEFAULT_QUALITY)
     parser.add_argument("--ablation", action="store_true")
     parser.add_argument("--table", action="store_true", help="print the recorded rows of this folder")
     parser.add_argument("--publish", action="store_true", help="write results and page though scenes are left out")
@@ -168,7 +185,7 @@ def main() -> None:
         names = [name for name in names if (arguments.out / f"{name}.json").exists()]
     rows = []
     for name in names:
-        rows.append(run_scene(name, known[name], arguments.out))
+        rows.append(run_scene(name, known[name], arguments.out, arguments.quality))
         print(table(rows[-1:]).splitlines()[-1], flush=True)
     print(table(rows))
     whole = arguments.publish or not (arguments.subset or arguments.only or arguments.table)

@@ -47,11 +47,11 @@ class ReferenceBudget:
         """
         # One more role adds what points and pixels cost.
         budget = seconds * paths_per_second / (1 + (roles - 1) * (POINT_SHARE + PIXEL_SHARE))
-        even = lambda paths: max(int(paths) // 2 * 2, 8)  # noqa: E731
+        even = lambda paths, least=8: max(int(paths) // 2 * 2, least)  # noqa: E731
         return ReferenceBudget(
             point_paths=min(even(POINT_SHARE * budget / 4096), 8192),
             pixel_paths=min(even(PIXEL_SHARE * budget / pixels), 4096),
-            picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels)), 1024),
+            picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels), 4), 1024),
             sweep_paths=min(even(SWEEP_SHARE * budget / (16 * 256)), 4096),
         )
 

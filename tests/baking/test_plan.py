@@ -3,23 +3,33 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pytest
 
+from lightwell.baking.reference_budget import ReferenceBudget, reference_seconds
 from lightwell.core.formats import JSON
 from lightwell.core.options import parsed
 from lightwell.core.store import Store
 from lightwell.core.work import Work, WorkPart
-from lightwell.fields.budget import Budget
+from lightwell.fields.budget import QUALITY_SECONDS, Budget, estimate, learning_end, scoring_seconds
+from lightwell.fields.registry import PRESETS, QUALITY_PRESETS, preset_of
+from lightwell.fields.request import Request
 from lightwell.fields.surface.clock import Clock
+from lightwell.fields.surface.factored import PRESETS as FACTORED
 from lightwell.fields.surface.plan import (
+    FEWEST_GATHERED,
     FEWEST_SHARDS,
     FEWEST_STEPS,
+    MOST_GATHERED,
     MOST_SHARDS,
+    LastPlan,
     SamplePlan,
     StepPlan,
     load_plan,
+    plan_gather,
+    plan_last,
     plan_samples,
     plan_steps,
     save_plan,
@@ -40,28 +50,96 @@ def test_nonsense_budgets_name_the_cure(text):
         parsed("bake", "--budget", text, Budget.parse)
 
 
-def test_a_plan_spends_the_budget():
-    samples = plan_samples(100, 2.0, None, shared=False)
-    traced = 2.0 * (samples.shards + samples.adaptive_shards)
+def test_a_plan_spends_the_time_that_is_left():
+    samples = plan_samples(100, 1.0, 4.0, None, shared=False)
+    traced = samples.shards + 4.0 * samples.adaptive_shards
     steps = plan_steps(100 - traced, 0.02, None)
-    assert 95 <= traced + 0.02 * steps.steps <= 101
-    assert 0 < steps.first_steps < steps.steps
+    assert 40 <= traced <= 51 and 95 <= traced + 0.02 * steps.steps <= 101
+    assert 0 < samples.adaptive_shards < samples.shards and 0 < steps.first_steps < steps.steps
+
+
+def test_adaptive_shards_cost_what_they_cost_and_not_what_the_others_do():
+    cheap, dear = (plan_samples(100, 0.5, cost, None, shared=False) for cost in (0.5, 4.0))
+    assert dear.adaptive_shards < cheap.adaptive_shards
+    assert 0.5 * dear.shards + 4.0 * dear.adaptive_shards <= 51
 
 
 def test_a_slow_machine_still_gets_a_plan():
-    samples = plan_samples(1, 60, None, shared=False)
+    samples = plan_samples(1, 60, 240, None, shared=False)
     assert samples.shards + samples.adaptive_shards == FEWEST_SHARDS and plan_steps(-119, 5, None).steps == FEWEST_STEPS
+    assert plan_gather(1, 10, 1 << 14) == FEWEST_GATHERED
 
 
 def test_a_fast_machine_is_bounded_by_memory():
-    samples = plan_samples(10_000, 0.1, None, shared=False)
+    samples = plan_samples(10_000, 0.1, 0.4, None, shared=False)
     assert samples.shards + samples.adaptive_shards == MOST_SHARDS
+    assert plan_gather(10_000, 1e7, 1 << 14) == MOST_GATHERED
+
+
+def test_less_is_gathered_where_time_is_short():
+    sizes = [plan_gather(seconds, 3e5, 1 << 14) for seconds in (10, 30, 60, 120)]
+    assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
+    assert all(size & (size - 1) == 0 for size in sizes)
 
 
 def test_fixed_counts_are_kept_and_shared_samples_are_never_adaptive():
-    assert plan_samples(1, 1, 8, shared=False) == SamplePlan(8, 2, 1)
-    assert plan_samples(1, 1, 8, shared=True) == SamplePlan(8, 0, 1)
+    assert plan_samples(1, 1, 2, 8, shared=False) == SamplePlan(8, 2, 1, 2)
+    assert plan_samples(1, 1, 2, 8, shared=True) == SamplePlan(8, 0, 1, 2)
     assert plan_steps(1, 1, 50) == StepPlan(20, 50, 1)
+
+
+def test_the_last_stage_is_planned_from_what_is_left():
+    samples, steps = SamplePlan(32, 4, 0.5, 4.0), StepPlan(400, 1000, 0.02)
+    on_time = plan_last(30, samples, steps, 400, 0.02, 1.0)
+    assert on_time.adaptive_shards == 3 and on_time.steps == 400 + int((30 - 12 - 1) / 0.02)
+    late = plan_last(2, samples, steps, 400, 0.02, 1.0)
+    assert late.adaptive_shards == 0 and late.steps == 400 + FEWEST_STEPS
+    assert plan_last(1000, samples, steps, 400, 0.02, 1.0) == LastPlan(4, 1500)
+
+
+@pytest.mark.parametrize(("quality", "seconds"), [("draft", 30), ("good", 180), ("best", 1200)])
+def test_a_quality_sets_the_time_unless_a_budget_does(quality, seconds):
+    assert Request(quality=quality).budget == Budget(seconds)
+    assert Request(quality=quality, budget=Budget(7)).budget == Budget(7)
+    assert Request(quality=quality, budget=Budget(None, 0.05)).budget == Budget(None, 0.05)
+
+
+def test_the_shares_of_the_wall_time_add_up():
+    for seconds in (10, 20, 30, 180, 1200):
+        assert 0 < learning_end(seconds, 0.0) < seconds
+        assert learning_end(seconds, 0.0) + scoring_seconds(seconds) == pytest.approx(seconds)
+    # Slow loading leaves a little to learn in, and delays the end.
+    assert learning_end(20, 60.0) == 60 + 0.2 * 20
+
+
+def test_the_estimate_names_the_stages():
+    assert estimate(Budget(180)) == "about 3 min: 90 s tracing, 45 s training, 45 s scoring"
+    assert estimate(Budget(1200)).startswith("about 20 min: ")
+    assert estimate(Budget(None, 0.05)) == ""
+
+
+def test_the_reference_takes_what_is_left():
+    assert reference_seconds(45) == pytest.approx(28)
+    assert reference_seconds(-100) == 4.0
+    few, many = (ReferenceBudget.within(seconds, 3e5, 4 * 224 * 140) for seconds in (5, 50))
+    assert few.pixel_paths < many.pixel_paths and few.point_paths < many.point_paths
+    two = ReferenceBudget.within(50, 3e5, 4 * 224 * 140, roles=2)
+    assert two.pixel_paths < many.pixel_paths
+
+
+def test_every_quality_of_a_field_is_one_of_its_presets():
+    for name, presets in QUALITY_PRESETS.items():
+        assert set(presets) <= set(QUALITY_SECONDS) and set(presets.values()) <= set(PRESETS[name])
+    assert preset_of("factored", "default", "best") == "best" and preset_of("factored", "default", "good") == "default"
+    assert preset_of("factored", "small", "best") == "small" and preset_of("tree", "default", "best") == "default"
+
+
+def test_qualities_keep_their_sizes():
+    """Two fields, of the declared light and of the scene's own emitters, are within 100 and 1,000 kB."""
+    for quality, most in (("draft", 100e3), ("best", 1000e3)):
+        preset = FACTORED[quality]
+        layer = (preset.grid.width + 1) * preset.hidden[0] * preset.light_hidden[-1]
+        assert 2 * preset.grid.entries * preset.grid.channels + layer <= 0.95 * most
 
 
 def test_a_round_more():
@@ -70,7 +148,7 @@ def test_a_round_more():
 
 
 def test_a_plan_survives_the_disk(tmp_path):
-    part, plan = WorkPart(Store(tmp_path), {"role": "static"}), plan_samples(10, 0.5, None, shared=False)
+    part, plan = WorkPart(Store(tmp_path), {"role": "static"}), plan_samples(10, 0.5, 2.0, None, shared=False)
     assert load_plan(part, SamplePlan) is None
     save_plan(part, plan)
     assert load_plan(part, SamplePlan) == plan and load_plan(part, StepPlan) is None
@@ -114,9 +192,19 @@ def test_seconds_add_up_over_runs_and_an_unused_folder_is_not_made(tmp_path):
         pass
     again = Work(Asked(tmp_path, resume=True, keep=False), "scene")
     again.part()
-    assert again.seconds == first.seconds
+    assert again.seconds == first.seconds and again.elapsed > first.seconds["train"]
     again.close()
     assert not list(tmp_path.iterdir())
+
+
+def test_the_wall_time_counts_loading_and_earlier_runs(tmp_path):
+    first = Work(Asked(tmp_path), "scene", started=perf_counter() - 100)
+    first.part()
+    with first.timed("train"):
+        pass
+    again = Work(Asked(tmp_path, resume=True), "scene", started=perf_counter() - 10)
+    again.part()
+    assert 100 <= first.elapsed < 110 <= again.elapsed < 120
 
 
 @pytest.mark.parametrize("harm", [b"", b"[]", b'{"check": "", "value": {}}'])
