@@ -216,6 +216,7 @@ class _Comparison:
         return {
             "scene": settings.scene,
             "variable": variable_json(state.variable),
+            "quality": settings.quality,
             "budget_seconds": settings.budget.seconds,
             "fixed_steps": settings.steps,
             "samples": fit.traced.samples,

@@ -151,6 +151,7 @@ def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> d
     return {
         "scene": settings.scene,
         "variable": variable_json(state.variable),
+        "quality": settings.quality,
         "budget_seconds": settings.budget.seconds,
         "budget_error": settings.budget.error,
         "paths_per_sample": settings.paths,

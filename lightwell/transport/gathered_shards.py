@@ -42,14 +42,17 @@ class GatherSize:
     bins: int
     coarse: int
     lights: int
+    rays: int = RAYS
+    """Rays of a point, even."""
 
     @staticmethod
-    def of(shards: int, settings: ShardSettings) -> GatherSize:
+    def of(shards: int, settings: ShardSettings, rays: int = RAYS) -> GatherSize:
         """Choose sizes that suit a number of shards.
 
         Args:
             shards: Expected shards.
             settings: Sizes of a shard.
+            rays: Rays of a point, even.
 
         Returns:
             The sizes.
@@ -63,6 +66,7 @@ class GatherSize:
             scaled(MOST_BINS, FEWEST_BINS),
             scaled(MOST_COARSE, FEWEST_COARSE),
             int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
+            rays,
         )
 
 
@@ -109,7 +113,7 @@ class GatheredShards:
     def _gather(self) -> Gather:
         start, size = perf_counter(), self._size
         radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins, size.coarse)
-        rows = radiosity.rows(self.points, RAYS, int(self._seeds[3]))
+        rows = radiosity.rows(self.points, size.rays, int(self._seeds[3]))
         gather = Gather(radiosity, rows, radiosity.light(self._variable, self.lights, int(self._seeds[3])))
         self.seconds = perf_counter() - start
         return gather
@@ -135,7 +139,7 @@ class GatheredShards:
         columns = {name: getattr(self._query, name)[point] for name in Query.__dataclass_fields__} | {"light": light}
         half_a, half_b = gather(point, lamp)
         # The rays of the rows serve all shards; the first one counts them.
-        report = PathReport(paths=len(self.points) * RAYS if index == 0 else 0)
+        report = PathReport(paths=len(self.points) * self._size.rays if index == 0 else 0)
         exact = collect(
             scene, variable, self.points[point[traced]], light[traced], settings.paths, path_seed, report=report
         )

@@ -54,30 +54,30 @@ def test_a_plan_spends_the_time_that_is_left():
     samples = plan_samples(100, 1.0, 4.0, None, shared=False)
     traced = samples.shards + 4.0 * samples.adaptive_shards
     steps = plan_steps(100 - traced, 0.02, None)
-    assert 40 <= traced <= 51 and 95 <= traced + 0.02 * steps.steps <= 101
+    assert 35 <= traced <= 41 and 95 <= traced + 0.02 * steps.steps <= 101
     assert 0 < samples.adaptive_shards < samples.shards and 0 < steps.first_steps < steps.steps
 
 
 def test_adaptive_shards_cost_what_they_cost_and_not_what_the_others_do():
     cheap, dear = (plan_samples(100, 0.5, cost, None, shared=False) for cost in (0.5, 4.0))
     assert dear.adaptive_shards < cheap.adaptive_shards
-    assert 0.5 * dear.shards + 4.0 * dear.adaptive_shards <= 51
+    assert 0.5 * dear.shards + 4.0 * dear.adaptive_shards <= 41
 
 
 def test_a_slow_machine_still_gets_a_plan():
     samples = plan_samples(1, 60, 240, None, shared=False)
     assert samples.shards + samples.adaptive_shards == FEWEST_SHARDS and plan_steps(-119, 5, None).steps == FEWEST_STEPS
-    assert plan_gather(1, 10, 1 << 14) == FEWEST_GATHERED
+    assert plan_gather(1, 10, 1 << 14, 64) == FEWEST_GATHERED
 
 
 def test_a_fast_machine_is_bounded_by_memory():
     samples = plan_samples(10_000, 0.1, 0.4, None, shared=False)
     assert samples.shards + samples.adaptive_shards == MOST_SHARDS
-    assert plan_gather(10_000, 1e7, 1 << 14) == MOST_GATHERED
+    assert plan_gather(10_000, 1e7, 1 << 14, 64) == MOST_GATHERED
 
 
 def test_less_is_gathered_where_time_is_short():
-    sizes = [plan_gather(seconds, 3e5, 1 << 14) for seconds in (10, 30, 60, 120)]
+    sizes = [plan_gather(seconds, 3e5, 1 << 14, 64) for seconds in (10, 30, 60, 120)]
     assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
     assert all(size & (size - 1) == 0 for size in sizes)
 
@@ -105,7 +105,7 @@ def test_a_quality_sets_the_time_unless_a_budget_does(quality, seconds):
 
 
 def test_the_shares_of_the_wall_time_add_up():
-    for seconds in (10, 20, 30, 180, 1200):
+    for seconds in (20, 30, 180, 1200):
         assert 0 < learning_end(seconds, 0.0) < seconds
         assert learning_end(seconds, 0.0) + scoring_seconds(seconds) == pytest.approx(seconds)
     # Slow loading leaves a little to learn in, and delays the end.
@@ -119,7 +119,7 @@ def test_the_estimate_names_the_stages():
 
 
 def test_the_reference_takes_what_is_left():
-    assert reference_seconds(45) == pytest.approx(28)
+    assert reference_seconds(45) == pytest.approx(23.2)
     assert reference_seconds(-100) == 4.0
     few, many = (ReferenceBudget.within(seconds, 3e5, 4 * 224 * 140) for seconds in (5, 50))
     assert few.pixel_paths < many.pixel_paths and few.point_paths < many.point_paths

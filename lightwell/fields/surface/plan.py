@@ -17,11 +17,14 @@ from lightwell.core.work import WorkPart
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
 # Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
-GATHER_SHARE, TRACE_SHARE = 0.3, 0.5
+GATHER_SHARE, TRACE_SHARE = 0.3, 0.4
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
-# What is traced before the first gathered shard costs as much as so many paths per point (Cornell box, 2 cores).
-PATHS_PER_POINT = 40
+# Rays of a point whose light is gathered, by quality.
+RAYS = {"draft": 32, "good": 64, "best": 128}
+# What is traced before the first gathered shard costs as much as so many paths per ray, all else included (Cornell box
+# and a furnished room, 2 cores: 0.6 and 0.4).
+PATHS_PER_RAY = 0.6
 # Points of a gathered shard that are its own, and bounds of the points in shards of them.
 FEWEST_GATHERED, MOST_GATHERED = 1, 16
 # Share of the steps before the adaptive stage.
@@ -30,6 +33,8 @@ FIRST_STEPS_SHARE = 0.4
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
 # Memory bound: 128 shards of 2^16 samples with 90 features are 3 GB.
 MOST_SHARDS = 128
+# Most of the time left after the first steps that adaptive shards may take.
+LAST_TRACE_SHARE = 0.5
 # A new plan of the steps after the adaptive stage may be this many times as long as the first one.
 MOST_LONGER = 1.5
 
@@ -94,18 +99,19 @@ class LastPlan:
     """Steps in all."""
 
 
-def plan_gather(seconds: float, paths_per_second: float, points_per_shard: int) -> int:
+def plan_gather(seconds: float, paths_per_second: float, points_per_shard: int, rays: int) -> int:
     """Plan how much is traced before the first gathered shard.
 
     Args:
         seconds: Time of the role.
         paths_per_second: Measured rate of path-traced samples.
         points_per_shard: Points of a shard that are its own.
+        rays: Rays of a point.
 
     Returns:
         Shards that the gather is made for, a power of two.
     """
-    points = GATHER_SHARE * seconds * paths_per_second / PATHS_PER_POINT
+    points = GATHER_SHARE * seconds * paths_per_second / (PATHS_PER_RAY * rays)
     shards = min(max(int(points / points_per_shard), FEWEST_GATHERED), MOST_GATHERED)
     return 1 << (shards.bit_length() - 1)
 
@@ -169,7 +175,7 @@ def plan_last(
         At most the planned shards, and at least ``FEWEST_STEPS`` further steps.
     """
     cost = max(samples.seconds_per_adaptive, 1e-6)
-    adaptive = min(max(int((1 - TRACE_SHARE) * (seconds - preparing) / cost), 0), samples.adaptive_shards)
+    adaptive = min(max(int(LAST_TRACE_SHARE * (seconds - preparing) / cost), 0), samples.adaptive_shards)
     left = seconds - adaptive * cost - (preparing if adaptive else 0)
     further = int(left / max(seconds_per_step, 1e-6))
     return LastPlan(adaptive, min(step + max(further, FEWEST_STEPS), int(MOST_LONGER * steps.steps)))

@@ -19,6 +19,7 @@ from lightwell.fields.protocol import Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
     FEWEST_SHARDS,
+    RAYS,
     SHARED_TRACE_SHARE,
     LastPlan,
     SamplePlan,
@@ -113,7 +114,8 @@ def _start_plan(state: State, role: Role) -> StartPlan:
         seconds = learning_seconds(request.budget, begin)
         # What the first of two roles leaves is for the second.
         seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
-    return StartPlan(begin + seconds, rate, request.shards or plan_gather(seconds, rate, POINTS_PER_SHARD))
+    gathered = request.shards or plan_gather(seconds, rate, POINTS_PER_SHARD, RAYS[request.quality])
+    return StartPlan(begin + seconds, rate, gathered)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> SamplePlan:
@@ -135,7 +137,8 @@ def _maker(state: State, role: Role, start: StartPlan) -> Make:
     if role == "static":
         return partial(make_shard, own_light=True)
     shards = _shards(state, role)
-    return GatheredShards(state.scene, state.variable, shards, GatherSize.of(start.gathered, shards))
+    size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
+    return GatheredShards(state.scene, state.variable, shards, size)
 
 
 def _shards(state: State, role: Role) -> ShardSettings:
