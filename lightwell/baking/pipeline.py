@@ -65,12 +65,12 @@ def bake(settings: BakeSettings, progress: Progress | None = None, *, started: f
     field = find_field(name)
     check_preset(name, settings.preset)
     preset = preset_of(name, settings.preset, settings.quality)
-    _say_plan(settings, name, progress)
     scene = loaded(settings)
     work = Work(settings, scene.digest, started)
     work.seconds["load"] = work.elapsed
     request = replace(Request(**request_of(settings)), preset=preset)
     state = field.prepare(Job(scene, request, settings.options, work, progress))
+    _say_plan(settings, name, progress)
     for warning in warnings(state):
         progress.say(f"[yellow]warning[/] {warning}")
     fits = learn(field, state)
