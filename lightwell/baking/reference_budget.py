@@ -14,8 +14,8 @@ SHARED_SHARE, SHARED_LEAST, SHARED_MOST = 0.4, 12.0, 240.0
 UNTRACED, TRACED_SHARE = 16.0, 0.8
 # Least and most seconds of tracing the reference of a bake.
 LEAST, MOST = 4.0, 240.0
-# Shares of the paths: points, patches (traced as the points are), pixels, pictures, sweep.
-POINT_SHARE, PATCH_SHARE, PIXEL_SHARE, PICTURE_SHARE, SWEEP_SHARE = 0.2, 0.1, 0.4, 0.2, 0.1
+# Shares of the paths: points, pixels, pictures, sweep; the rest is for patches, which are traced as the points are.
+POINT_SHARE, PIXEL_SHARE, PICTURE_SHARE, SWEEP_SHARE = 0.2, 0.2, 0.4, 0.1
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class ReferenceBudget:
         Returns:
             The budget.
         """
-        # One more role adds what points and pixels cost.
-        budget = seconds * paths_per_second / (1 + (roles - 1) * (POINT_SHARE + PIXEL_SHARE))
+        # One more role adds what points, pixels and pictures cost.
+        budget = seconds * paths_per_second / (1 + (roles - 1) * (POINT_SHARE + PIXEL_SHARE + PICTURE_SHARE))
         even = lambda paths, least=8: max(int(paths) // 2 * 2, least)  # noqa: E731
         return ReferenceBudget(
             point_paths=min(even(POINT_SHARE * budget / 4096), 8192),
             pixel_paths=min(even(PIXEL_SHARE * budget / pixels), 4096),
-            picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels), 4), 1024),
+            picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels), 2), 1024),
             sweep_paths=min(even(SWEEP_SHARE * budget / (16 * 256)), 4096),
         )
 

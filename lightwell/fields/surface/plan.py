@@ -23,8 +23,8 @@ ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
 RAYS = {"draft": 32, "good": 64, "best": 128}
 # What is traced before the first gathered shard costs as much as so many paths per ray, all else included (Cornell box
-# and a furnished room, 2 cores: 0.6 and 0.4).
-PATHS_PER_RAY = 0.6
+# and a furnished room, 2 cores: 0.6 and 0.4 with 1,536 coarse bins, which cost little; 4,096 cost more).
+PATHS_PER_RAY = 0.8
 # Points of a gathered shard that are its own, and bounds of the points in shards of them.
 FEWEST_GATHERED, MOST_GATHERED = 1, 16
 # Share of the steps before the adaptive stage.

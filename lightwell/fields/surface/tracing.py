@@ -20,8 +20,8 @@ VALIDATION_SEED = 0xA11D
 # The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
 VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
 
-# Points that the rate of the path tracer is measured on; a few of them compile it first.
-TIMED_POINTS, FIRST_POINTS = 4096, 64
+# Points that the rate of the path tracer is measured on, and paths of each that compile it first.
+TIMED_POINTS, FIRST_PATHS = 4096, 2
 
 # A shard that took fewer seconds than this was there already.
 ON_DISK = 0.01
@@ -112,14 +112,15 @@ def path_rate(scene: Scene, variable: Variable | None, paths: int, seed: int, ow
         Paths per second, compilation excluded.
     """
     points = draw_surface(scene, TIMED_POINTS, seed + VALIDATION_SEED, floor=1).points
+    light = None if variable is None else sample_lights(scene, variable, TIMED_POINTS, seed)
 
     def trace(count: int) -> None:
-        if own_light or variable is None:
-            static(scene, points[:count], paths, seed)
+        if own_light or variable is None or light is None:
+            static(scene, points, count, seed)
         else:
-            indirect(scene, points[:count], sample_lights(scene, variable, count, seed), variable, paths, seed)
+            indirect(scene, points, light, variable, count, seed)
 
-    trace(FIRST_POINTS)
+    trace(FIRST_PATHS)
     start = perf_counter()
-    trace(TIMED_POINTS)
+    trace(paths)
     return TIMED_POINTS * paths / max(perf_counter() - start, 1e-6)
