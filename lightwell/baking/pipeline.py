@@ -138,10 +138,13 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     data = replace(data, seconds={name: round(value, 3) for name, value in job.work.seconds.items()})
     with job.work.timed("write"):
-        pages = _write_files(settings, job, shipped, shown)
-        links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
-        data = replace(data, asset_bytes=size, links=links)
-        report = write_report_and_page(settings.out, state, data, reference, notes)
+        pages: list[str] = []
+        try:
+            pages = _write_files(settings, job, shipped, shown)
+        finally:  # also where a file of the field fails
+            links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
+            data = replace(data, asset_bytes=size, links=links)
+            report = write_report_and_page(settings.out, state, data, reference, notes)
     job.progress.say(_verdict(report, settings, job.work.elapsed))
     return report
 
