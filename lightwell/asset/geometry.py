@@ -46,7 +46,7 @@ def primitive(mesh: Mesh, material: int, uv_sets: set[int], binary: Binary) -> d
         attributes[f"TEXCOORD_{uv_set}"] = binary.add_accessor(uv, ARRAY_BUFFER)
     if mesh.colors is not None:
         attributes["COLOR_0"] = binary.add_accessor(np.clip(_finite(mesh, "colors", 4), 0, 1), ARRAY_BUFFER)
-    indices = binary.add_accessor(_indices(mesh), ELEMENT_ARRAY_BUFFER)
+    indices = binary.add_accessor(compact_indices(mesh), ELEMENT_ARRAY_BUFFER)
     return {"attributes": attributes, "indices": indices, "material": material}
 
 
@@ -68,8 +68,18 @@ def _unit_rows(normals: np.ndarray) -> np.ndarray:
     return np.where(length > 0, normals / np.where(length > 0, length, 1), up).astype(np.float32)
 
 
-def _indices(mesh: Mesh) -> np.ndarray:
-    """[3 T] uint16 when 16 bits can address every vertex, else uint32."""
+def compact_indices(mesh: Mesh) -> np.ndarray:
+    """Flatten the triangles of a mesh, in 16 bits where they can address every vertex.
+
+    Args:
+        mesh: The mesh.
+
+    Returns:
+        Indices [3 T], uint16 or uint32.
+
+    Raises:
+        ValueError: An index names no vertex.
+    """
     indices = np.asarray(mesh.indices).reshape(-1)
     if len(indices) and indices.max() >= len(mesh.positions):
         raise ValueError(

@@ -165,7 +165,7 @@ def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
     area = np.abs(cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
     if (area[stored] <= 0).any():
         return f"{int((area[stored] <= 0).sum())} triangles have no area in the author's second texture coordinates"
-    hits, owner = _hits(uv[stored], _author_charts(scene)[stored], size)
+    hits, owner = texel_hits(uv[stored], _author_charts(scene)[stored], size)
     covered = max(int((hits > 0).sum()), 1)
     if (shared := int((hits > 1).sum())) > OVERLAP * covered:
         return f"{shared / covered:.1%} of the author's texels are used twice"
@@ -187,8 +187,17 @@ def _author_charts(scene: Scene) -> np.ndarray:
     return np.concatenate(labels)
 
 
-def _hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the triangles that cover each texel's centre [n, n]; also returns the chart of the last one (-1: none)."""
+def texel_hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Count the triangles that cover each texel's centre, one triangle after the other.
+
+    Args:
+        uv: Corners of the triangles [T, 3, 2], in [0, 1].
+        chart: Chart of each triangle [T].
+        size: Texels along each edge.
+
+    Returns:
+        Counts [size, size], and the chart of the last triangle there [size, size], -1 where there is none.
+    """
     hits, owner = np.zeros((size, size), np.int32), np.full((size, size), -1, np.int32)
     for corners, number in zip(uv.astype(np.float64) * size, chart):
         low = np.maximum(np.floor(corners.min(axis=0) - 0.5), 0).astype(int)
@@ -233,7 +242,7 @@ def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.nda
     chart = np.where(lit, numbers[None], -1).astype(np.int32)
     # The author's charts may use the corner texel, so dark sides refer to the other side here.
     both = _both(np.stack([uv, uv]), chart, None)
-    own_gap = _gap(_hits(uv[lit.any(axis=0)], numbers[lit.any(axis=0)], size)[1])
+    own_gap = _gap(texel_hits(uv[lit.any(axis=0)], numbers[lit.any(axis=0)], size)[1])
     safe = max((m for m in range(mips + 1) if 2 * padding(m) <= own_gap), default=0)
     return Atlas(size, safe, both, chart, first, "the author's second texture coordinates")
 

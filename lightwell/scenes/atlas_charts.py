@@ -5,7 +5,7 @@ Notation: see ``atlas``; K triangles of a piece; charts are laid out in the plan
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,7 +107,7 @@ def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[
         total = sum(_area(points, corners) for points, corners in flat)
         scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
         cut, laid = _merged(cut, flat, scale)
-        best = _fitted(laid, size, pad, scale, packer.pack)
+        best = fitted(laid, size, pad, scale, packer.pack)
     if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
         raise ValueError(
             f"atlas: {charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
@@ -122,14 +122,38 @@ def _surface(piece: Piece) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
-def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packing] | None:
-    """Search the largest scale that fits the square; returns (scale, packing), or None where none fits.
+def _apart(packing: Packing) -> bool:
+    """Test whether no two charts of a packing overlap."""
+    corners = [points[rows] for points, rows in packing.meshes]
+    hits = coverings(np.concatenate(corners), packing.width + 1, packing.height + 1)
+    return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
 
-    laid    (points, corners, number of charts) of every piece.
-    pack    As ``Packer.pack``.
+
+def fitted(
+    laid: Sequence[tuple[np.ndarray, np.ndarray, int]],
+    size: int,
+    pad: int,
+    scale: float,
+    pack: Callable[[list[tuple[np.ndarray, np.ndarray]], int, bool], Packing],
+    apart: Callable[[Packing], bool] = _apart,
+    rounds: int = GOAL_ROUNDS,
+) -> tuple[float, Packing] | None:
+    """Search the largest scale at which charts fit a square.
 
     The space that the packer leaves free at the borders changes by a tenth from one scale to the next, and at some
     scales it places charts on top of others.
+
+    Args:
+        laid: Points [N, 2], triangles [T, 3] and number of charts of every piece.
+        size: Texels along each edge.
+        pad: Texels of padding around each chart.
+        scale: Scale that is tried first, texels per unit.
+        pack: As ``Packer.pack``.
+        apart: Function that tells whether no two charts of a packing overlap.
+        rounds: Scales that are tried in the end because they would fill the square, at most.
+
+    Returns:
+        Scale and packing; None where none fits.
     """
     brute, best = sum(f[2] for f in laid) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
     area = sum(_area(points, corners) for points, corners, _ in laid)
@@ -137,7 +161,7 @@ def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packi
         if best is not None and attempt >= FIT_ROUNDS:
             break
         packing, extent = _scaled(laid, scale, pad, brute, pack)
-        if extent <= size and (best is None or scale > best[0]) and _apart(packing):
+        if extent <= size and (best is None or scale > best[0]) and apart(packing):
             best = (scale, packing)
         if SHRINK * size < extent <= size:
             break
@@ -146,21 +170,14 @@ def _fitted(laid, size: int, pad: int, scale: float, pack) -> tuple[float, Packi
             break
         scale *= step * (SHRINK if extent > size else 1.0)
     coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
-    for wanted in GOAL - GOAL_STEP * np.arange(GOAL_ROUNDS):
+    for wanted in GOAL - GOAL_STEP * np.arange(rounds):
         if wanted <= coverage:
             break
         scale = np.sqrt(wanted * size * size / area)
         packing, extent = _scaled(laid, scale, pad, brute, pack)
-        if extent <= size and _apart(packing):
+        if extent <= size and apart(packing):
             return scale, packing
     return best
-
-
-def _apart(packing: Packing) -> bool:
-    """Test whether no two charts of a packing overlap."""
-    corners = [points[rows] for points, rows in packing.meshes]
-    hits = coverings(np.concatenate(corners), packing.width + 1, packing.height + 1)
-    return int((hits > 1).sum()) <= TWICE * int((hits > 0).sum())
 
 
 def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -93,9 +93,9 @@ def test_many_vertices_need_wide_indices():
     class Wide:
         positions, indices, name = np.zeros((65536, 3), np.float32), np.array([[0, 1, 65535]], np.uint32), "wide"
 
-    assert geometry._indices(Wide).dtype == np.uint32
+    assert geometry.compact_indices(Wide).dtype == np.uint32
     Wide.positions, Wide.indices = Wide.positions[1:], np.array([[0, 1, 65534]], np.uint32)
-    assert geometry._indices(Wide).dtype == np.uint16
+    assert geometry.compact_indices(Wide).dtype == np.uint16
 
 
 def test_same_scene_same_bytes(scene, entry, variable):

@@ -187,23 +187,17 @@ def test_wrong_trees_are_refused(nodes, message):
 
 
 def test_wrong_lookups_are_refused():
-    b = Builder(a=2)
-    for value in (b.rows("a", np.zeros((3, 2))), b.nearest("a", np.zeros((2, 2, 2, 1)))):
+    for add in (lambda b: b.rows("a", np.zeros((3, 2))), lambda b: b.nearest("a", np.zeros((2, 2, 2, 1)))):
+        b = Builder(a=2)
         with pytest.raises(ValueError, match=r"of width [13], found width 2; slice"):
-            replace(b, value)
+            b.build(value=add(b))
+    b = Builder(a=2)
     rounded = Buffer(np.array([[0, 0, -1, -2]], np.float16), "float16")
     with pytest.raises(ValueError, match="expected nodes of type float32, found float16"):
-        replace(b, b.tree("a", rounded, 1))
+        b.build(value=b.tree("a", rounded, 1))
     b = Builder(a=1)
     with pytest.raises(ValueError, match="expected at least two weights, found 1"):
-        replace(b, b.top2("a"))
-
-
-def replace(b, value):
-    """A graph of one node of a builder."""
-    node = next(node for node in b._nodes if node.id == value)
-    buffers = {name: b._buffers[name] for name in node.params.values() if isinstance(name, str)}
-    return Graph(dict(b._inputs), buffers, (node,), {"value": value})
+        b.build(value=b.top2("a"))
 
 
 def test_quantisation_keeps_trees_and_indices_exact():

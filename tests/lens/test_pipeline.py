@@ -77,7 +77,7 @@ def test_linear_and_shift_invariant():
     assert np.abs(blur(a + 2 * b) - blur(a) - 2 * blur(b)).max() < 2e-5
     inner = np.zeros((64, 64, 4))
     inner[20:40, 20:40] = a[:20, :20]
-    nodes = np.full((64, 64), float(engine._engine(6.0, 0.0).family.radius.values[60]), np.float32)
+    nodes = np.full((64, 64), float(families.depth(64).radius.values[60]), np.float32)
     moved = np.roll(blur(inner, nodes), (3, 5), (0, 1))
     assert np.abs(blur(np.roll(inner, (3, 5), (0, 1)), nodes) - moved).max() < 1e-5
     assert depth.shape == (64, 64)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from lightwell.scenes import atlas_charts as charts_module
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
-from lightwell.scenes.atlas import _hits, build, charted_meshes, own_fault, padding
-from lightwell.scenes.atlas_charts import FAINT, coverings
+from lightwell.scenes.atlas import build, charted_meshes, own_fault, padding, texel_hits
+from lightwell.scenes.atlas_charts import FAINT, TWICE, coverings, fitted
 from lightwell.scenes.scene import Material, Mesh
 
 SIZE, LIT_FRONTS = 256, np.array([[True], [False]])
@@ -43,7 +42,7 @@ def fronts(scene) -> np.ndarray:
 def leaking(atlas, mip: int) -> int:
     """Texels of charts whose bilinear read at a mip level mixes in a texel that belongs to another chart."""
     stored = atlas.chart >= 0
-    _, owner = _hits(atlas.uv[stored], atlas.chart[stored], atlas.size)
+    _, owner = texel_hits(atlas.uv[stored], atlas.chart[stored], atlas.size)
     index = distance_transform_edt(owner < 0, return_indices=True)[1]
     owns = owner[tuple(index)]  # dilation: every texel holds the value of the nearest chart
     block = 2**mip
@@ -74,7 +73,7 @@ def test_less_padding_than_promised_is_caught(rooms):
 def test_charts_do_not_overlap_and_cover_most_of_the_square(rooms):
     scene, atlas = rooms
     stored = atlas.chart >= 0
-    hits, _ = _hits(atlas.uv[stored], atlas.chart[stored], atlas.size)
+    hits, _ = texel_hits(atlas.uv[stored], atlas.chart[stored], atlas.size)
     assert hits.max() == 1
     roomy = build(scene, 1024, stored, mips=1)
     assert roomy.coverage > 0.7
@@ -175,7 +174,7 @@ def test_faint_sides_get_fewer_texels_and_the_others_more():
     assert made[:2].sum() > 1.3 * even[:2].sum()
 
 
-def test_scales_that_happen_to_fill_the_square_are_tried(monkeypatch):
+def test_scales_that_happen_to_fill_the_square_are_tried():
     """A packer that leaves a tenth of the edge free at most scales, but not at one that covers 0.704."""
     points, corners = np.float32([[0, 0], [1, 0], [0, 1]]), np.uint32([[0, 1, 2]])
     edge = lambda coverage: np.sqrt(2 * coverage) * 100  # noqa: E731
@@ -185,18 +184,16 @@ def test_scales_that_happen_to_fill_the_square_are_tried(monkeypatch):
         lucky = abs(scale - edge(0.704)) < 1e-3
         return types.SimpleNamespace(squares=1, extent=scale / edge(0.7041 if lucky else 0.6) * 100 - 1)
 
-    monkeypatch.setattr(charts_module, "_apart", lambda packing: True)
-    scale, _ = charts_module._fitted([(points, corners, 1)], 100, 0, edge(0.5), pack)
+    given = [(points, corners, 1)], 100, 0, edge(0.5), pack, lambda packing: True
+    scale, _ = fitted(*given)
     assert scale == pytest.approx(edge(0.704), rel=1e-6)
-    monkeypatch.setattr(charts_module, "GOAL_ROUNDS", 0)
-    assert charts_module._fitted([(points, corners, 1)], 100, 0, edge(0.5), pack)[0] < edge(0.61)
+    assert fitted(*given, rounds=0)[0] < edge(0.61)
 
 
-def test_a_scale_at_which_charts_lie_over_one_another_is_not_taken(monkeypatch):
+def test_a_scale_at_which_charts_lie_over_one_another_is_not_taken():
     points, corners = np.float32([[0, 0], [1, 0], [0, 1]]), np.uint32([[0, 1, 2]])
     pack = lambda charts, pad, brute: types.SimpleNamespace(squares=1, extent=float(charts[0][0].max()) - 1)  # noqa: E731
-    monkeypatch.setattr(charts_module, "_apart", lambda packing: packing.extent < 89)
-    scale, _ = charts_module._fitted([(points, corners, 1)], 100, 0, 80.0, pack)
+    scale, _ = fitted([(points, corners, 1)], 100, 0, 80.0, pack, lambda packing: packing.extent < 89)
     assert scale < 90
 
 
@@ -206,7 +203,7 @@ def test_texels_that_two_triangles_cover_are_counted():
     rim = 0.5 + 0.4 * np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 12)), np.sin(a)], axis=1)
     fan = np.stack([np.full((11, 2), 0.5) + 0.01 * rng.random(2), rim[:-1], rim[1:]], axis=1)
     hits = coverings(64 * fan, 64, 64)
-    other, _ = _hits(fan.astype(np.float32), np.zeros(11, int), 64)
+    other, _ = texel_hits(fan.astype(np.float32), np.zeros(11, int), 64)
     assert hits.max() == 1 and np.abs(hits - other).sum() <= 2
     assert (coverings(64 * np.concatenate([fan, fan]), 64, 64) == 2 * hits).all()
 
@@ -214,4 +211,4 @@ def test_texels_that_two_triangles_cover_are_counted():
 def test_charts_of_given_scenes_lie_apart(rooms):
     _, atlas = rooms
     hits = coverings(atlas.uv[atlas.chart >= 0] * atlas.size, atlas.size, atlas.size)
-    assert (hits > 1).sum() <= charts_module.TWICE * (hits > 0).sum()
+    assert (hits > 1).sum() <= TWICE * (hits > 0).sum()

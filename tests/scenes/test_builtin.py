@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lightwell.scenes.builtin import NAMES, build
-from lightwell.scenes.builtin.kit import _digest
+from lightwell.scenes.builtin.kit import content_digest
 from lightwell.scenes.free_air import even_directions, free_air, is_closed
 
 
@@ -131,6 +131,6 @@ def test_digests_tell_scenes_apart():
 
 def test_the_digest_notices_a_moved_vertex():
     scene = build("two-rooms")
-    before = _digest("x", scene.meshes, scene.materials)
+    before = content_digest("x", scene.meshes, scene.materials)
     scene.meshes[0].positions[0, 0] += 1e-3
-    assert _digest("x", scene.meshes, scene.materials) != before
+    assert content_digest("x", scene.meshes, scene.materials) != before

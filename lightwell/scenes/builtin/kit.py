@@ -70,7 +70,7 @@ class Kit:
         used = [name for name in self._materials if any(m == name for _, m in self._parts)]
         meshes = [self._mesh(obj, mat, used.index(mat)) for obj, mat in self._parts]
         materials = [self._materials[name][0] for name in used]
-        digest = _digest(f"{self.name} {self.version}", meshes, materials)
+        digest = content_digest(f"{self.name} {self.version}", meshes, materials)
         source = f"builtin:{self.name}"
         return assemble(self.name, meshes, materials, cameras=list(cameras), source=source, digest=digest)
 
@@ -87,8 +87,17 @@ class Kit:
         )
 
 
-def _digest(label: str, meshes: Sequence[Mesh], materials: Sequence[Material]) -> str:
-    """Compute the hash of everything that changes the transport."""
+def content_digest(label: str, meshes: Sequence[Mesh], materials: Sequence[Material]) -> str:
+    """Compute the hash of everything that changes the transport.
+
+    Args:
+        label: Name and options of the scene.
+        meshes: Its meshes.
+        materials: Its materials.
+
+    Returns:
+        SHA-256 as hexadecimal digits.
+    """
     state = hashlib.sha256(label.encode())
     for material in materials:
         # The representation of the records includes the encoded images.
