@@ -27,7 +27,8 @@ def check_arguments(arguments: argparse.Namespace) -> None:
     elif "field" in arguments:
         _check_field(field_of(preset) if preset != "default" else DEFAULT, preset)
     for name in filter(None, (getattr(arguments, "fields", None) or "").split(",")):
-        _check_field(*name.strip().split(":", 1))
+        # Presets are told by the verb itself, in its own notation.
+        _check_field(name.strip().partition(":")[0])
 
 
 def _check_field(name: str, preset: str = "default") -> None:
