@@ -58,7 +58,7 @@ def published(kernel: np.ndarray, px: np.ndarray, py: np.ndarray, seed: int = 0,
     total = float((k * k).sum())
     px, py = np.array(px), np.array(py)
 
-    def evaluate(qx, qy):
+    def evaluate(qx: np.ndarray, qy: np.ndarray) -> tuple[np.ndarray, float]:
         values = integrate_labels(f, np.stack([qx, qy], 1).astype(float))
         return values, _cost(design(x, y, qx, qy) @ values - k)
 

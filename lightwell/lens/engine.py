@@ -163,7 +163,9 @@ class Engine:
             self._count(report, points, record, node, used)
         return SolvePlan(points, sources, sine is not None)
 
-    def _turn(self, x, y, s, motion, shape):
+    def _turn(
+        self, x: np.ndarray, y: np.ndarray, s: np.ndarray, motion: np.ndarray | None, shape: tuple[int, ...]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return value on the second axis, baked angle, and cosine and sine of the rotation of every pixel."""
         n = len(s)
         sign = np.where(s < 0, -1, 1).astype(np.float32)
@@ -223,7 +225,7 @@ class Engine:
             return self._dense[node]
         return self.library.nodes[node, tier]
 
-    def _count(self, report: Report, points: Points, record, node, used) -> None:
+    def _count(self, report: Report, points: Points, record: np.ndarray, node: np.ndarray, used: np.ndarray) -> None:
         """Add writes per pixel to the report, and those of dense kernels: π r² + 2 r ℓ pixels each."""
         if not len(record):
             return
@@ -289,14 +291,16 @@ class Engine:
         Returns:
             Blurred layer [height, width, 4], without the guard band.
         """
-        picture = 0.0 if planes.picture is None else frame.crop(planes.picture.transpose(2, 0, 1))
+        picture: np.ndarray = np.zeros((), np.float32)
+        if planes.picture is not None:
+            picture = frame.crop(planes.picture.transpose(2, 0, 1))
         if planes.charges is not None:
             charges = np.ascontiguousarray(planes.charges.transpose(2, 0, 1))
-            solved = {
+            solvers: dict[str, Callable[[np.ndarray], np.ndarray]] = {
                 "dst": solve.dst,
                 "fft": solve.fft,
                 "7/5": lambda f: pyramid.integrate(f, pyramid.SEVEN),
                 "5/3": lambda f: pyramid.integrate(f, pyramid.FIVE),
-            }[self.solver](charges)
-            picture = picture + frame.crop(solved)
+            }
+            picture = picture + frame.crop(solvers[self.solver](charges))
         return picture.transpose(1, 2, 0)

@@ -92,7 +92,7 @@ class FrameInputs:
 
     def _behind(self, given: tuple[np.ndarray, ...], shape: tuple[int, ...]) -> Layer:
         """Prepare a layer behind the nearest surfaces, as rendered: a second depth peel, or deep samples."""
-        rgba, depth, motion = (*given, None)[:3]
+        rgba, depth, motion = given[0], given[1], given[2] if len(given) > 2 else None
         if np.shape(depth) != shape:
             raise LensError(f"lens: a layer behind is {np.shape(depth)}, the frame {shape}; render both at one size")
         return self._layer(rgba, depth, motion, Report())
@@ -129,7 +129,7 @@ def _valid(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Replace invalid pixels by their nearest valid one, so that nothing spreads and no hole is left."""
     # Depth and motion are undefined where there is neither light nor coverage.
-    dark = ~rgba.any(-1)
+    dark = ~np.any(rgba, -1)
     depth = np.where(dark & ~(depth > 0), np.inf, depth)
     good = np.isfinite(rgba).all(-1) & (depth > 0)
     if motion is not None:

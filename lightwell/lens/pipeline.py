@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from lightwell.lens.layers import Layer, composite, over_coverage, tidy
 from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.report import Report
 from lightwell.lens.settings import LensSettings
-from lightwell.lens.splat import splat
+from lightwell.lens.splat import Frame, Planes, Points, Sources, splat
 
 # Largest radii of libraries, so that frames of similar blur share one.
 SIZES = (64, 128, 256, 512, 1024)
@@ -132,12 +132,14 @@ class Lens:
             if not mine.any():
                 continue
             engine = self._engine(float(np.abs(s[mine]).max()), float(length[mine].max()) if moving else 0.0)
-            part = motion[mine] if moving else None
+            part = motion[mine] if motion is not None and moving else None
             place = x[mine].astype(np.int32), y[mine].astype(np.int32)
             plans.append(engine.plan_samples(*place, rgba[mine], s[mine], part, shape, report))
+        if engine is None:
+            return np.zeros((*shape, 4), np.float32)
         return engine.render(plans, shape, report, self._scatter())
 
-    def _scatter(self):
+    def _scatter(self) -> Callable[[Frame, Points, Sources], Planes]:
         if not self.settings.deterministic:
             return splat
         from lightwell.lens.fixed import splat as fixed

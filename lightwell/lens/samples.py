@@ -110,9 +110,9 @@ def _spread(
         for oy, wy in ((0, 1 - fy), (1, fy)):
             light = rgba[seen] * (wx * wy)[seen, None]
             corners.append((ix[seen] + ox + margin, iy[seen] + oy + margin, light.astype(np.float32)))
-    places = [np.concatenate(parts) for parts in zip(*corners)]
-    four = np.tile(s[seen], 4), None if motion is None else np.tile(motion[seen], (4, 1))
-    picture = lens.blur_samples(*places, *four, shape, report)
+    at_x, at_y, lights = (np.concatenate(parts) for parts in zip(*corners))
+    moved = None if motion is None else np.tile(motion[seen], (4, 1))
+    picture = lens.blur_samples(at_x, at_y, lights, np.tile(s[seen], 4), moved, shape, report)
     picture = picture[margin : margin + height, margin : margin + width]
     weight = picture[..., 3:]
     rgb = np.maximum(picture[..., :3], 0) / np.maximum(weight, FAINT)
