@@ -9,6 +9,7 @@ export const MODULES = {
   "lightwell/graph": source("graph/index.ts"),
   "lightwell/webgpu": source("webgpu/index.ts"),
   "lightwell/gltf-transform": source("gltf-transform.ts"),
+  "lightwell/react": source("react/index.ts"),
   "lightwell/element": source("element/index.ts"),
   "lightwell/export": source("export.ts"),
   "lightwell/probes": source("probes/index.ts"),

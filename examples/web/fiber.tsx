@@ -1,35 +1,26 @@
-/** Learned light in @react-three/fiber: `<Canvas shadows><LearnedModel url="scene.glb" /></Canvas>`. */
+/** Learned light in @react-three/fiber, with a lamp that circles. */
 
-import { type ThreeElements, useFrame, useLoader, useThree } from "@react-three/fiber";
-import { LearnedScene, LightwellLoaderPlugin } from "lightwell";
-import { useEffect, useMemo } from "react";
+import { Canvas, useFrame } from "@react-three/fiber";
+import type { LearnedScene as Learned } from "lightwell";
+import { LearnedScene } from "lightwell/react";
+import { Suspense, useRef } from "react";
 import { Vector3 } from "three";
-import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
-export interface LearnedModelProps {
-  readonly url: string;
-  /** Place of the first lamp, metres; it stays inside the box in which its light was learned. */
-  readonly light?: readonly [number, number, number];
+function Room({ src }: { readonly src: string }) {
+  const scene = useRef<Learned>(null);
+  useFrame(({ clock }) => {
+    const t = clock.elapsedTime;
+    scene.current?.lamps[0]?.move(new Vector3(0.5 * Math.cos(t), 1.2, 0.5 * Math.sin(t)));
+  });
+  return <LearnedScene ref={scene} src={src} />;
 }
 
-export function LearnedModel({ url, light, ...group }: LearnedModelProps & ThreeElements["group"]) {
-  const renderer = useThree((state) => state.gl);
-  const gltf = useLoader(GLTFLoader, url, (loader) => {
-    loader.register((parser) => new LightwellLoaderPlugin(parser));
-  });
-  const learned = useMemo(() => new LearnedScene(gltf, { renderer }), [gltf, renderer]);
-  // Freed with the component; `attach` lights the scene again where React mounts it twice (StrictMode).
-  useEffect(() => {
-    learned.attach();
-    return () => learned.dispose();
-  }, [learned]);
-  useEffect(() => {
-    if (light) learned.lamps[0]?.move(new Vector3(...light));
-  }, [learned, light]);
-  useFrame(() => learned.update());
+export function App({ src = "scene.glb" }: { readonly src?: string }) {
   return (
-    <group {...group}>
-      <primitive object={learned.root} />
-    </group>
+    <Canvas shadows camera={{ position: [0, 1, 4.2], fov: 36 }} onCreated={({ camera }) => camera.lookAt(0, 1, 0)}>
+      <Suspense fallback={null}>
+        <Room src={src} />
+      </Suspense>
+    </Canvas>
   );
 }

@@ -1,6 +1,8 @@
 /** Broken and hostile files end in a readable message, never in a hang or a crash. */
 
+import { FormatError, LightwellLoaderPlugin, parseLearned } from "lightwell";
 import type { Browser } from "playwright-core";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { plainRoom } from "./support/fixtures.ts";
@@ -90,6 +92,17 @@ const CASES: [name: string, make: () => Uint8Array, message: RegExp][] = [
   ],
 ];
 
+it.each(CASES)("%s is refused in one line", async (_name, make, message) => {
+  const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser));
+  const refused = await parseLearned(loader, make().slice().buffer).then(() => null, (error: unknown) => error);
+  expect(refused).toBeInstanceOf(FormatError);
+  expect((refused as Error).message).toMatch(message);
+  expect((refused as Error).message).not.toContain("\n");
+});
+
+/** Cases of the page: not a file, an extension that is wrong, a document that is; all of them in the long tests. */
+const ON_PAGE = process.env.LIGHTWELL_LONG_TESTS ? CASES : CASES.filter(([name]) => ["a cut file", "an unknown op", "nodes in a circle"].includes(name));
+
 describe("hostile files", () => {
   let browser: Browser;
   const site = new Site();
@@ -104,7 +117,7 @@ describe("hostile files", () => {
     await site.close();
   });
 
-  it.each(CASES)("%s", async (_name, make, message) => {
+  it.each(ON_PAGE)("%s is said on the page", async (_name, make, message) => {
     const { page, errors } = await openPage(browser, 96, 64);
     await page.goto(site.put("/page.html", pageWith(make())));
     const failed = await page.evaluate(() =>

@@ -1,4 +1,4 @@
-/** The built page in a real browser, held against closed forms; on both software rasterisers. */
+/** The built page in a real browser, held against closed forms; on the faster software rasteriser, and with `LIGHTWELL_LONG_TESTS=1` on both. */
 
 import type { Browser, Page } from "playwright-core";
 import { DataUtils } from "three";
@@ -29,7 +29,9 @@ const REFLECTANCE = WHITE[0] + 0.04;
 
 type Radiance = (x: number, y: number) => number[];
 
-describe.each(Object.keys(BACKENDS) as Backend[])("the page on %s", (backend) => {
+const RASTERISERS: Backend[] = process.env.LIGHTWELL_LONG_TESTS ? (Object.keys(BACKENDS) as Backend[]) : ["llvmpipe"];
+
+describe.each(RASTERISERS)("the page on %s", (backend) => {
   let browser: Browser;
   const site = new Site();
   let count = 0;

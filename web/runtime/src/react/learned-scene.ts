@@ -1,0 +1,64 @@
+/** Learned light in @react-three/fiber. */
+
+import { type ThreeElements, useFrame, useLoader, useThree } from "@react-three/fiber";
+import { createElement, type ReactElement, type Ref, useEffect, useImperativeHandle, useMemo } from "react";
+import { Vector3, type WebGLRenderer } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { LearnedScene as Learned, type LearnedSceneOptions } from "../learned-scene.ts";
+import { LightwellLoaderPlugin } from "../loader.ts";
+import type { Parts } from "../scene-core.ts";
+
+/** Options of `useLearnedScene`. */
+export type UseLearnedSceneOptions = Pick<LearnedSceneOptions, "weights" | "environment">;
+
+/**
+ * Load a file and light it in the nearest `<Canvas>`: suspends while it loads, throws for the nearest error boundary when the file
+ * cannot be shown, follows lamps and materials before every frame, and gives everything back with the component; React's StrictMode,
+ * which mounts twice, lights it again. Put `scene.root` into a `<primitive>`. A file is loaded once for each address: two
+ * components that are to show one file need two addresses, or a root each.
+ *
+ * Args: the file's address; how its light is set up. Returns the scene with its lamps and fields.
+ */
+export function useLearnedScene(src: string, { weights, environment }: UseLearnedSceneOptions = {}): Learned {
+  const renderer = useThree((state) => state.gl) as WebGLRenderer;
+  const gltf = useLoader(GLTFLoader, src, (loader) => {
+    loader.register((parser) => new LightwellLoaderPlugin(parser));
+  });
+  const scene = useMemo(
+    () => new Learned(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),
+    [gltf, renderer, weights, environment],
+  );
+  useEffect(() => {
+    scene.attach();
+    // The loader keeps the file for the next component that asks for it: its textures stay.
+    return () => scene.dispose({ textures: false });
+  }, [scene]);
+  useFrame(() => scene.update());
+  return scene;
+}
+
+/** Properties of `<LearnedScene>`: those of a group, and these. */
+export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | "children">, UseLearnedSceneOptions {
+  /** Address of the file. */
+  readonly src: string;
+  /** Place of the first lamp, metres; it stays inside the box in which its light was learned. */
+  readonly light?: readonly [number, number, number];
+  /** Which parts of the light are shown; all of them unless given. */
+  readonly parts?: Parts;
+  /** The scene, for lamps, looks and all else. */
+  readonly ref?: Ref<Learned>;
+}
+
+/** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
+export function LearnedScene({ src, light, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
+  const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
+  useImperativeHandle(ref, () => scene, [scene]);
+  const [x, y, z] = light ?? [];
+  useEffect(() => {
+    if (x !== undefined) scene.lamps[0]?.move(new Vector3(x, y, z));
+  }, [scene, x, y, z]);
+  useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
+  return createElement("group", group, createElement("primitive", { object: scene.root }));
+}
+
+const ALL: Parts = { raster: true, indirect: true, still: true };
