@@ -157,7 +157,8 @@ def test_other_fields_join_a_kept_comparison(tmp_path):
     after = checkpoints(tmp_path)
     assert len(before) == 1 and len(after) == 2 and before.items() <= after.items()
     assert again["fields"][0]["relative_error"] == first["fields"][0]["relative_error"]
-    assert again["trace_seconds"] == pytest.approx(first["trace_seconds"], abs=1.0)
+    # Tracing again would double them.
+    assert again["trace_seconds"] < 1.5 * first["trace_seconds"]
 
 
 @pytest.mark.slow
