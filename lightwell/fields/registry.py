@@ -104,13 +104,12 @@ def find_field(name: str) -> Field:
         The field.
 
     Raises:
-        ValueError: The name is unknown, or the distribution that adds the field cannot be loaded.
+        ValueError: The name is unknown. A distribution that cannot be loaded is one as well.
     """
     if name in BUILT_IN:
         return import_module(BUILT_IN[name]).FIELD
     if name not in _added():
-        error = unknown_field(name)
-        raise error
+        raise ValueError(str(unknown_field(name)))
     return _loaded(name)
 
 
