@@ -25,11 +25,10 @@ with output_folder(Path(sys.argv[1]), "bake", ()):
 @pytest.fixture
 def holder(tmp_path):
     """A process that holds tmp_path/out."""
-    child = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path / "out")], stdout=subprocess.PIPE)
-    assert child.stdout.readline() == b"held\n"
-    yield child
-    child.kill()
-    child.wait()
+    with subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path / "out")], stdout=subprocess.PIPE) as child:
+        assert child.stdout.readline() == b"held\n"
+        yield child
+        child.kill()
 
 
 def test_the_second_writer_is_told_who_holds_the_folder(tmp_path, holder):
