@@ -15,7 +15,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.features import WIDTH, Vertex, stored
+from lightwell.cache.features import WIDTH, Vertex, side, stored
 
 if TYPE_CHECKING:
     from lightwell.cache.model import Model
@@ -96,21 +96,6 @@ class CorrectedScaling(RadianceScaling):
                 share *= x if bit else 1 - x
             out = dr.fma(share, dr.gather(mi.Float, self.level, first + bits[0] + N * (bits[1] + N * bits[2])), out)
         return out * self.unscale
-
-
-def side(n: mi.Vector3f) -> mi.UInt32:
-    """Find the axis and the sign that normals are nearest to.
-
-    Args:
-        n: [N] normals.
-
-    Returns:
-        [N] 2 * axis + (1 if negative).
-    """
-    a = dr.abs(n)
-    axis = dr.select((a.x >= a.y) & (a.x >= a.z), mi.UInt32(0), dr.select(a.y >= a.z, mi.UInt32(1), mi.UInt32(2)))
-    along = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
-    return 2 * axis + dr.select(along < 0, mi.UInt32(1), 0)
 
 
 def _spread(x: mi.UInt32) -> mi.UInt32:

@@ -92,6 +92,21 @@ def stored(table: mi.Float, row: mi.UInt32, active: mi.Bool | bool = True) -> Ve
                   mi.Color3f(*v[13:16]))  # fmt: skip
 
 
+def side(n: mi.Vector3f) -> mi.UInt32:
+    """Find the axis and the sign that normals are nearest to.
+
+    Args:
+        n: [N] normals.
+
+    Returns:
+        [N] 2 * axis + (1 if negative).
+    """
+    a = dr.abs(n)
+    axis = dr.select((a.x >= a.y) & (a.x >= a.z), mi.UInt32(0), dr.select(a.y >= a.z, mi.UInt32(1), mi.UInt32(2)))
+    along = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
+    return 2 * axis + dr.select(along < 0, mi.UInt32(1), 0)
+
+
 def squeezed(r: mi.Float) -> mi.Float:
     """Map roughness to the network's input.
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from lightwell.backend import dr, mi
+from lightwell.cache.features import side
 from lightwell.cache.sobol_sampler import mixed
 
 # Directions: a grid of SIDE x SIDE bins, columns by azimuth, rows by cosine: all of one solid angle.
@@ -187,11 +188,7 @@ def key_of(q: mi.Vector3f, n: mi.Vector3f, cells: mi.Vector3f) -> mi.UInt32:
         [N] numbers of cells, orientation included.
     """
     c = mi.Vector3u(dr.clip(q, 0, cells - 0.5))
-    a = dr.abs(n)
-    axis = dr.select((a.x >= a.y) & (a.x >= a.z), mi.UInt32(0), dr.select(a.y >= a.z, mi.UInt32(1), 2))
-    value = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
-    face = 2 * axis + dr.select(value < 0, mi.UInt32(1), 0)
-    return ((c.z * mi.UInt32(cells.y) + c.y) * mi.UInt32(cells.x) + c.x) * FACES + face
+    return ((c.z * mi.UInt32(cells.y) + c.y) * mi.UInt32(cells.x) + c.x) * FACES + side(n)
 
 
 def direction_of(u: mi.Float, v: mi.Float) -> mi.Vector3f:

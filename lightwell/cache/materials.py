@@ -40,19 +40,6 @@ class CacheMaterialTable:
     highest: float
     """Largest sum of both albedos; above one, a material does not conserve energy."""
 
-    def lookup(self, bsdf: Any, cosine: mi.Float, active: mi.Bool) -> tuple[mi.Float, mi.Color3f]:
-        """Look up roughness and albedo, interpolated linearly in the cosine.
-
-        Args:
-            bsdf: BSDFs, one per lane.
-            cosine: [N] cosine of the viewing angle.
-            active: [N] mask of the active lanes.
-
-        Returns:
-            Roughness and albedo of the non-diffuse lobes, [N] each.
-        """
-        return lookup(self.roughness, self.albedo, bsdf, cosine, active)
-
 
 def lookup(
     roughness: mi.Float, albedo: mi.Float, bsdf: Any, cosine: mi.Float, active: mi.Bool
