@@ -142,7 +142,7 @@ def freeze(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
 
     Args:
         function: Function of Dr.Jit arrays and objects that hold them.
-        options: Options of ``dr.freeze``.
+        **options: Options of ``dr.freeze``.
 
     Returns:
         The function, whose calls from several threads run one after the other.

@@ -4,6 +4,7 @@ import itertools
 import struct
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from lightwell.core.isolated import Worker, WorkerError
@@ -14,7 +15,6 @@ from lightwell.lens import exr, frames
 from lightwell.lens.errors import LensError
 from lightwell.limits import Limits
 
-OpenEXR = pytest.importorskip("OpenEXR")
 H, W = 21, 37
 LIMITS = Limits(decoded_bytes=1 << 24, picture_texels=1 << 20)
 COMPRESSIONS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB")

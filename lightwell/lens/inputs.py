@@ -54,10 +54,8 @@ class FrameInputs:
             report: Report to change.
 
         Returns:
-            The layers, front to back, and whether the frame covers every pixel.
-
-        Raises:
-            LensError: Shapes do not match, no pixel is valid, or settings exclude each other.
+            The layers, front to back, and whether the frame covers every pixel. ``LensError`` is raised where shapes do
+            not match, no pixel is valid, or settings exclude each other.
         """
         front = self._layer(rgba, depth, motion, report)
         opaque = bool((front.rgba[..., 3] > 0.999).all()) and not behind

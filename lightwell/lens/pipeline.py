@@ -62,10 +62,8 @@ class Lens:
             full_width: Width of the whole picture, pixels, where the arrays are a part of it; None: that of the arrays.
 
         Returns:
-            Picture [height, width, 4] float32, linear, premultiplied, and a report.
-
-        Raises:
-            LensError: Shapes do not match, no pixel is valid, or settings exclude each other.
+            Picture [height, width, 4] float32, linear, premultiplied, and a report. ``LensError`` is raised where
+            shapes do not match, no pixel is valid, or settings exclude each other.
         """
         report = Report()
         with timed(report, "plan"):

@@ -134,7 +134,7 @@ def fitted(
     size: int,
     pad: int,
     scale: float,
-    pack: Callable[[list[tuple[np.ndarray, np.ndarray]], int, bool], Packing],
+    pack: Callable[..., Packing],
     apart: Callable[[Packing], bool] = _apart,
     rounds: int = GOAL_ROUNDS,
 ) -> tuple[float, Packing] | None:
