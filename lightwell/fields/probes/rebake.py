@@ -161,8 +161,9 @@ def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path)
 
 def _check_request(request: Request) -> None:
     """Refuse options that an incremental bake takes from the earlier one, and those without effect."""
-    for name, (declared, known) in options_of(Request).items():
-        if name != "vary" and getattr(request, name) != declared.default:
+    default = Request()
+    for name, (_, known) in options_of(Request).items():
+        if name != "vary" and getattr(request, name) != getattr(default, name):
             raise ValueError(
                 f"bake: {flag_of(name, known)} has no meaning with --rebake, which repeats the bake in OLD; omit it"
             )
