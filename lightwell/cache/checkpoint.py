@@ -18,8 +18,7 @@ from lightwell.backend import mi
 from lightwell.cache import persist, restir
 from lightwell.cache.guide import Guide
 from lightwell.cache.radiance_cache import RadianceCache
-from lightwell.core.formats import Arrays
-from lightwell.files import load_arrays, prefixed, under
+from lightwell.files import Arrays, load_arrays, prefixed, under
 from lightwell.networks.device import tensors
 
 if TYPE_CHECKING:

@@ -37,8 +37,9 @@ def channels(scene: Scene, camera: Camera, width: int, height: int, names: Seque
     """
     points, mask, _ = gbuffer(scene, camera, width, height)
     query = make_query(scene, points[mask], np.zeros(3, np.float32))
+    eye = np.asarray(camera.position, np.float32)
     axis = np.subtract(camera.target, camera.position)
-    depth = (query.position - np.float32(camera.position)) @ np.float32(axis / np.linalg.norm(axis))
+    depth = (query.position - eye) @ np.asarray(axis / np.linalg.norm(axis), np.float32)
     values = {"depth": (depth[:, None], np.inf), "albedo": (query.reflectance, 0), "normal": (query.normal, 0)}
     values["motion"] = (np.zeros((len(query), 2), np.float32), 0)
     found = {}
