@@ -45,7 +45,6 @@ def test_missing_file(capsys, tmp_path):
     [
         (("bake", "cornell"), "-o/--out"),
         (("bake", "cornell", "-o", "out", "--spacing", "-1m"), "--name=-value"),
-        (("bakke", "cornell"), "'bakke'"),
         (("bake", "cornell", "-o", "out", "--sede", "1"), "--sede"),
     ],
 )
@@ -56,6 +55,10 @@ def test_arguments_that_do_not_parse(capsys, argv, said):
     assert stop.value.code == 2 and captured.out == ""
     line = captured.err.strip()
     assert "\n" not in line and said in line and "--help" in line
+
+
+def test_unknown_verb(capsys):
+    assert "did you mean 'bake'" in _refused(capsys, "bakke", "cornell")
 
 
 def test_unknown_field_and_preset(capsys, tmp_path):
