@@ -302,7 +302,8 @@ def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePs
     if of_indirect is None:
         return None, None, None
     image = lambda x: place(picture, x)  # noqa: E731
-    psnr = picture_metrics.psnr_noise_free(*(image(x / of_indirect) for x in (f, view.half_a, view.half_b)))
+    parts = (f, view.half_a, view.half_b, picture.clean)
+    psnr = picture_metrics.psnr_noise_free(*(image(x / of_indirect) for x in parts))
     of_whole = picture_metrics.exposure_unit(picture.direct + y)
     reference = image((picture.direct + picture.clean) / of_whole)
     learned, bare = (image((picture.direct + x) / of_whole) for x in (f, np.zeros_like(f)))

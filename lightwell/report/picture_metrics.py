@@ -14,7 +14,7 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from lightwell.core.color import display
-from lightwell.report.metrics import MEANS_PER_UNIT, NoiseCorrected, checked
+from lightwell.report.metrics import MEANS_PER_UNIT, SHADOW, NoiseCorrected, checked
 
 # PSNR of identical pictures, decibels; far above what 8 bits can show (about 59 dB).
 MAX_PSNR_DB = 100.0
@@ -23,6 +23,9 @@ SSIM_SIGMA = 1.5
 SSIM_WINDOW = 11
 # Exposure: brighter pixels are clamped to this percentile of the picture.
 HIGHLIGHT_PERCENTILE = 99.0
+# Noise-free PSNR: single paths brighter than so many times the denoised reference (plus ``SHADOW``) are cut, because a
+# few of them would hide the error of a whole picture; and the least step of a slope, relative to the radiance.
+SPIKE, SECANT = 8.0, 1e-4
 # Side of the tiles in which the worst places are searched, pixels.
 TILE = 16
 
@@ -69,29 +72,42 @@ class NoiseFreePsnr:
     """The noise of the reference is larger than the error: the value is the least that is certain."""
 
 
-def psnr_noise_free(f: np.ndarray, a: np.ndarray, b: np.ndarray) -> NoiseFreePsnr:
+def psnr_noise_free(f: np.ndarray, a: np.ndarray, b: np.ndarray, clean: np.ndarray | None = None) -> NoiseFreePsnr:
     """Compute the PSNR of displayed pictures without the noise of the reference.
 
-    The mean of (f − A)(f − B) over displayed values has the expectation of the squared error against a noise-free
-    reference, except for the curvature of the display transform over the noise of a half.
+    The mean of (f − A)(f − B) has the expectation of the squared error against a noise-free reference. The display
+    transform is curved, and displayed noisy halves are darker than the displayed mean; so each difference of radiance
+    is multiplied by the slope of the transform between the prediction and the denoised reference instead.
 
     Args:
         f: Prediction [..., 3].
         a: First half of the reference [..., 3].
         b: Second half of the reference [..., 3].
+        clean: Reference without noise [..., 3], denoised, for the slope alone; None: the mean of the halves.
 
     Returns:
         The value, or its lower bound.
     """
-    f, a, b = (display(x) for x in checked(prediction=f, half_a=a, half_b=b))
+    f, a, b = checked(prediction=f, half_a=a, half_b=b)
+    clean = np.maximum(0.5 * (a + b) if clean is None else clean, 0)
+    slope = _slope(np.maximum(f, 0), clean)
+    largest = SPIKE * clean + SHADOW
+    a, b = (slope * (np.minimum(half, largest) - f) for half in (a, b))
     # The variance of one half at each pixel; the channels of a pixel share its paths. (A − B)² / 2 has the mean σ² and,
     # for normal noise, the mean square 3 σ⁴; (f − A)(f − B) has at least the variance σ⁴.
     variance = ((a - b) ** 2).mean(axis=-1) / 2
     standard_error = float(np.sqrt((variance**2).mean() / 3 / variance.size))
-    error = NoiseCorrected.of(float(np.mean((f - a) * (f - b))), float(variance.mean()) / 2, standard_error)
+    error = NoiseCorrected.of(float(np.mean(a * b)), float(variance.mean()) / 2, standard_error)
     if error.value is None:
         return NoiseFreePsnr(_decibels(error.at_most), True)
     return NoiseFreePsnr(_decibels(error.value), False)
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Slope of the display transform between two radiances [...]; its derivative where they are equal."""
+    step = SECANT * (y + SHADOW)
+    far = np.where(np.abs(x - y) < step, y + step, x)
+    return (display(far) - display(y)) / (far - y)
 
 
 def _decibels(error: float) -> float:

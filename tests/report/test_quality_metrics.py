@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lightwell.core.color import display
 from lightwell.report import metrics, picture_metrics
 from lightwell.report.mottle import mottle
 
@@ -22,6 +23,17 @@ def test_psnr_without_noise_is_that_of_a_clean_reference():
     clean = picture_metrics.psnr_db(f, truth)
     assert picture_metrics.psnr_noise_free(f, a, b).db == pytest.approx(clean, abs=0.3)
     assert picture_metrics.psnr_db(f, 0.5 * (a + b)) < clean - 0.8
+
+
+def test_psnr_of_paths_with_heavy_tails_is_not_that_of_their_darker_pictures():
+    truth = np.random.default_rng(3).uniform(0.05, 0.5, (200, 200, 1)) * np.ones(3)
+    random = np.random.default_rng(4)
+    a, b = (truth * random.gamma(3, 1 / 3, truth.shape) for _ in range(2))
+    clean = picture_metrics.psnr_db(1.08 * truth, truth)
+    assert picture_metrics.psnr_noise_free(1.08 * truth, a, b, truth).db == pytest.approx(clean, abs=2.0)
+    # The mean over displayed halves, which noise darkens.
+    f, a, b = (display(x) for x in (1.08 * truth, a, b))
+    assert -10 * np.log10(np.mean((f - a) * (f - b))) < clean - 5
 
 
 def test_exposure_unit_ignores_highlights_and_black():
