@@ -269,16 +269,25 @@ def _say_plan(settings: BakeSettings, name: str, progress: Progress) -> None:
         progress.say(f"field '{name}' keeps the sizes of its preset: --quality changes the time alone")
 
 
+def _shown_figures(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of the page and of the last line; those of pictures are left out where noise hides them."""
+    quality = report.get("quality") or {}
+    hidden = quality.get("bounds") or {}
+    pictures = {name: None if name in hidden else quality.get(name) for name in ("psnr_db", "flip")}
+    return {name: value for name, value in {**report, **pictures}.items() if value is not None}
+
+
 def _verdict(report: Mapping[str, Any], settings: BakeSettings, seconds: float) -> str:
     figures, out, asked = "not scored", settings.out, settings.budget.seconds
     took = time_text(seconds) + (f" of {time_text(asked)}" if asked and not settings.steps else "")
     if report["relative_error"] is not None:
         figures = f"error {report['relative_error']:.1%} (noise of the reference {report['noise_floor']:.1%})"
-    decibels = "" if report["psnr_db"] is None else f", {report['psnr_db']:.1f} dB"
+    psnr = _shown_figures(report).get("psnr_db")
+    decibels = "" if psnr is None else f", {psnr:.1f} dB"
     return (
         f"[bold]{report['verdict'] or 'not judged'}[/]\n"
         f"{figures}{decibels}, {size_text(report['bytes'])} of learned light, "
         f"{report['macs_per_pixel']:,} MAC per pixel; {took}\n"
-        f"open {out / 'index.html'}, or run: lightwell view {os.fspath(out)}\n"
-        f"report: {out / 'report.html'}, glTF: {out / 'scene.glb'}"
+        f"report: {out / 'report.html'}, glTF: {out / 'scene.glb'}\n"
+        f"open {out / 'index.html'}, or run: lightwell view {os.fspath(out)}"
     )

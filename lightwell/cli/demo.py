@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from lightwell.cli import bake
 from lightwell.fields.budget import Budget
@@ -41,9 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     # A quality that was asked for has a time of its own.
     defaults = {"views": VIEWS} if hasattr(arguments, "quality") else {"views": VIEWS, "budget": BUDGET}
     code = bake.run_bake(arguments, bake.settings(arguments, **defaults))
-    page = Path(arguments.out) / "index.html"
     if arguments.no_open or not sys.stdout.isatty():
-        print(f"open {page} in a browser, or run: lightwell view {arguments.out}", file=sys.stderr)
         return code
     from lightwell.serving.folder import view
 

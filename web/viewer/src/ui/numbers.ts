@@ -1,4 +1,4 @@
-/** What it costs and how far it is from the truth. */
+/** What it costs and how far it is from the reference. */
 
 import type { Viewer } from "../viewer.ts";
 import { createSection } from "./controls.ts";
@@ -7,7 +7,7 @@ import { el } from "./dom.ts";
 /** Entries of a bake's report that are shown: name, label, how they are written. */
 const REPORT: readonly (readonly [name: string, label: string, write: (x: number) => string])[] = [
   ["relative_error", "Error of the bake", percent],
-  ["noise_floor", "Noise of its truth", percent],
+  ["noise_floor", "Noise of the reference", percent],
   ["psnr_db", "PSNR", decibels],
   ["flip", "FLIP", (x) => x.toFixed(3)],
   ["seconds", "Bake time", seconds],
