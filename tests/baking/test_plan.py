@@ -89,12 +89,13 @@ def test_fixed_counts_are_kept_and_shared_samples_are_never_adaptive():
 
 
 def test_the_last_stage_is_planned_from_what_is_left():
-    samples, steps = SamplePlan(32, 4, 0.5, 4.0), StepPlan(400, 1000, 0.02)
-    on_time = plan_last(30, samples, steps, 400, 0.02, 1.0)
+    samples = SamplePlan(32, 4, 0.5, 4.0)
+    on_time = plan_last(30, samples, 400, 0.02, 1.0)
     assert on_time.adaptive_shards == 3 and on_time.steps == 400 + int((30 - 12 - 1) / 0.02)
-    late = plan_last(2, samples, steps, 400, 0.02, 1.0)
+    late = plan_last(2, samples, 400, 0.02, 1.0)
     assert late.adaptive_shards == 0 and late.steps == 400 + FEWEST_STEPS
-    assert plan_last(1000, samples, steps, 400, 0.02, 1.0) == LastPlan(4, 1500)
+    # A first plan that was too short does not limit the rest.
+    assert plan_last(1000, samples, 40, 0.02, 1.0) == LastPlan(4, 40 + int((1000 - 4 * 4 - 1) / 0.02))
 
 
 @pytest.mark.parametrize(("quality", "seconds"), [("draft", 30), ("good", 180), ("best", 1200)])

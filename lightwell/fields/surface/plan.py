@@ -35,8 +35,6 @@ FEWEST_SHARDS, FEWEST_STEPS = 2, 100
 MOST_SHARDS = 128
 # Most of the time left after the first steps that adaptive shards may take.
 LAST_TRACE_SHARE = 0.5
-# A new plan of the steps after the adaptive stage may be this many times as long as the first one.
-MOST_LONGER = 1.5
 
 
 @dataclass(frozen=True)
@@ -158,15 +156,12 @@ def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> St
     return StepPlan(max(int(FIRST_STEPS_SHARE * steps), 1), steps, seconds_per_step)
 
 
-def plan_last(
-    seconds: float, samples: SamplePlan, steps: StepPlan, step: int, seconds_per_step: float, preparing: float
-) -> LastPlan:
+def plan_last(seconds: float, samples: SamplePlan, step: int, seconds_per_step: float, preparing: float) -> LastPlan:
     """Plan the adaptive stage and the steps after it, from the time that is left when it starts.
 
     Args:
         seconds: Time left.
         samples: Plan of the samples.
-        steps: Plan of the steps.
         step: Steps that were done.
         seconds_per_step: Measured time of a step.
         preparing: Seconds in which the learner takes up all samples.
@@ -178,7 +173,7 @@ def plan_last(
     adaptive = min(max(int(LAST_TRACE_SHARE * (seconds - preparing) / cost), 0), samples.adaptive_shards)
     left = seconds - adaptive * cost - (preparing if adaptive else 0)
     further = int(left / max(seconds_per_step, 1e-6))
-    return LastPlan(adaptive, min(step + max(further, FEWEST_STEPS), int(MOST_LONGER * steps.steps)))
+    return LastPlan(adaptive, step + max(further, FEWEST_STEPS))
 
 
 TrainingPlan = TypeVar("TrainingPlan", StartPlan, SamplePlan, StepPlan, LastPlan)

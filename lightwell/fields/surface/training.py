@@ -281,6 +281,8 @@ class SurfaceTraining:
 
     def _seconds_per_step(self) -> float:
         """Time of a training step on a scratch learner, compilation excluded."""
+        # The first one compiles kernels, whose time would be multiplied by the number of samples.
+        self._prepared(TIMED_SAMPLES)
         scratch = self._prepared(TIMED_SAMPLES)
         if scratch.train(WARM_UP_STEPS, NOMINAL_STEPS):
             return math.inf  # It learns in one go.
@@ -297,7 +299,7 @@ class SurfaceTraining:
 
         def make() -> LastPlan:
             left = self.samples.end - self.state.job.work.elapsed
-            return plan_last(left, self._sample_plan, self._plan, step, cost, self._preparing)
+            return plan_last(left, self._sample_plan, step, cost, self._preparing)
 
         last = kept_plan(self._part, LastPlan, make)
         self._sample_plan = replace(self._sample_plan, adaptive_shards=last.adaptive_shards)
