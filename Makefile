@@ -24,7 +24,9 @@ $(VENV)/.installed-test: $(VENV)/.installed
 demo: setup
 	@$(VENV)/bin/lightwell demo
 
-test: lint test-python test-web
+# The last line is "N passed, N failed, N skipped" over Python and web; above it is a table of seconds.
+test: lint web/node_modules/.installed
+	@$(VENV)/bin/python tools/run_tests.py --marks "$(PYTEST_MARKS)"
 
 # For work: the checks of the code and the tests that trace and train nothing, at most 90 s.
 FAST := tests/core tests/graph tests/asset tests/report tests/test_rooms.py tests/test_files.py tests/test_limits.py \
@@ -36,12 +38,12 @@ test-fast: lint
 test-all:
 	LIGHTWELL_LONG_TESTS=1 $(MAKE) test PYTEST_MARKS=
 
-# pytest's 5 is "no test selected": a file of slow tests only.
+# One half of `make test`.
 test-python: $(VENV)/.installed-test web/node_modules/.installed
-	@set -e; for room in tests/[a-z]*/ tests/test_*.py; do echo "pytest $$room"; $(VENV)/bin/python -m pytest -m "$(PYTEST_MARKS)" $$room || [ $$? = 5 ]; done
+	@$(VENV)/bin/python tools/run_tests.py --marks "$(PYTEST_MARKS)" --room python
 
-test-web: web/node_modules/.installed
-	cd web && CHROMIUM="$$(../tools/find-chromium.sh)" npm test
+test-web: $(VENV)/.installed web/node_modules/.installed
+	@$(VENV)/bin/python tools/run_tests.py --room web
 
 # The web tests and the tests of written assets (gltf-validator) need Node >= 20 and a Chromium.
 web/node_modules/.installed: web/package-lock.json

@@ -1,0 +1,76 @@
+"""The script behind ``make test``: it counts what ran, names what failed, and its last line is the total."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import run_tests
+from run_tests import Counts, Result, Room
+
+ROOT = Path(__file__).parents[1]
+JUNIT = """<testsuites><testsuite tests="7" failures="1" errors="1" skipped="2"/></testsuites>"""
+# A process that writes a report of two tests, one of which failed where it ends with exit code 1.
+WRITE = """import sys
+code = int(sys.argv[1])
+print("said by the room")
+report = f'<testsuites><testsuite tests="2" failures="{int(code == 1)}"/></testsuites>'
+open(sys.argv[2].partition("=")[2], "w").write(report)
+sys.exit(code)
+"""
+
+
+def room(name: str, code: int, program: str = WRITE, may_be_empty: bool = False) -> Room:
+    """A room that ends with an exit code."""
+    command = (sys.executable, "-c", program, str(code))
+    return Room(name, command, "--report=", run_tests.read_junit, may_be_empty=may_be_empty)
+
+
+def test_counts_of_pytest(tmp_path):
+    (tmp_path / "report").write_text(JUNIT)
+    assert run_tests.read_junit(tmp_path / "report") == Counts(passed=3, failed=2, skipped=2)
+
+
+def test_counts_of_vitest(tmp_path):
+    """A file that does not load has no tests, and has failed."""
+    files = [{"status": "passed", "assertionResults": [{}]}, {"status": "failed", "assertionResults": []}]
+    numbers = {"numPassedTests": 4, "numFailedTests": 1, "numPendingTests": 2, "numTodoTests": 1}
+    (tmp_path / "report").write_text(json.dumps({**numbers, "testResults": files}))
+    assert run_tests.read_vitest(tmp_path / "report") == Counts(passed=4, failed=2, skipped=3)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_room_runs_and_failures_are_named(jobs, capsys):
+    dies = room("dies", 3, "import sys; sys.exit(int(sys.argv[1]))")
+    rooms = [room("good", 0), room("bad", 1), dies, room("empty", 5, may_be_empty=True)]
+    results = list(run_tests.run(rooms, jobs, {}))
+    assert {one.room: (one.failed, one.counts.failed) for one in results} == {
+        "good": (False, 0), "bad": (True, 1), "dies": (True, 1), "empty": (False, 0)
+    }  # fmt: skip
+    text = capsys.readouterr().out
+    assert len(re.findall("^said by the room$", text, re.MULTILINE)) == 3
+    assert re.search(r"== good: 2 passed.* \d+ s", text)
+
+
+def test_the_last_line_is_the_total():
+    results = [Result("a", Counts(3, 0, 1), 0, 2.0, 3.0), Result("web", Counts(2, 1, 0), 1, 9.0, 4.0)]
+    lines = run_tests.summary(results, 10.0).splitlines()
+    assert lines[-1] == "5 passed, 1 failed, 1 skipped"
+    assert "FAILED web (exit code 1)" in lines and not any("FAILED a" in line for line in lines)
+    table = [line.split()[0] for line in lines if line and line.split()[0] in ("a", "web", "all")]
+    assert table == ["web", "a", "all"]
+
+
+def test_an_unknown_room_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        run_tests.main(["--room", "attic"])
+    assert "no room attic" in capsys.readouterr().err
+
+
+def test_make_test_runs_every_file_of_tests():
+    places = [ROOT / one.name for one in run_tests.python_rooms("")]
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        assert any(path.is_relative_to(place) for place in places), path
+    recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert recipe and "tools/run_tests.py" in recipe[1].splitlines()[-1]

@@ -1,0 +1,284 @@
+"""Runs the tests room by room and prints how many seconds each took; the last line is the total over Python and web.
+
+    python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...]
+
+A room is a folder of ``tests/``, a file ``tests/test_*.py`` or ``web``. Each is a process of its own, so that no room
+sees what another left in Mitsuba. Exit code 1 when a test failed or a room ended in an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ET
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+MARKS = "not slow"
+# pytest: "no tests collected", such as a file of slow tests only when those are deselected.
+NOTHING_SELECTED = 5
+# Seconds between two looks at the running rooms.
+POLL = 0.05
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How tests ended."""
+
+    passed: int = 0
+    failed: int = 0
+    skipped: int = 0
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(self.passed + other.passed, self.failed + other.failed, self.skipped + other.skipped)
+
+    def __str__(self) -> str:
+        return f"{self.passed} passed, {self.failed} failed, {self.skipped} skipped"
+
+
+@dataclass(frozen=True)
+class Room:
+    """One command that runs tests and writes a report."""
+
+    name: str
+    command: tuple[str, ...]
+    """Without the option that says where the report is written."""
+    report_option: str
+    """Option in front of the report's path."""
+    read: Callable[[Path], Counts]
+    folder: Path = ROOT
+    may_be_empty: bool = False
+    """Whether exit code 5, no test selected, is a success."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """How the tests of a room ended."""
+
+    room: str
+    counts: Counts
+    code: int
+    seconds: float
+    """Wall time."""
+    processor_seconds: float
+    """User and system time of the process and of all that it waited for."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether a test failed or the room ended in an error."""
+        return bool(self.code or self.counts.failed)
+
+
+def read_junit(path: Path) -> Counts:
+    """Read the counts of a report by pytest.
+
+    Args:
+        path: A JUnit XML file.
+
+    Returns:
+        Errors of fixtures count as failed, expected failures as skipped, as in the file.
+    """
+    total = Counts()
+    for suite in ET.parse(path).getroot().iter("testsuite"):
+        tests, failures, errors, skipped = (
+            int(suite.get(key, 0)) for key in ("tests", "failures", "errors", "skipped")
+        )
+        failed = failures + errors
+        total += Counts(max(tests - failed - skipped, 0), failed, skipped)
+    return total
+
+
+def read_vitest(path: Path) -> Counts:
+    """Read the counts of a report by vitest.
+
+    Args:
+        path: A file of its json reporter.
+
+    Returns:
+        A file whose tests could not be collected counts as one failed test.
+    """
+    report = json.loads(path.read_text())
+    unread = sum(file["status"] == "failed" and not file["assertionResults"] for file in report["testResults"])
+    skipped = report["numPendingTests"] + report["numTodoTests"]
+    return Counts(report["numPassedTests"], report["numFailedTests"] + unread, skipped)
+
+
+def python_rooms(marks: str) -> list[Room]:
+    """List the rooms of the Python tests.
+
+    Args:
+        marks: Expression of pytest's ``-m``; empty for all tests.
+
+    Returns:
+        Folders of tests first, then single files.
+    """
+    places = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
+    pytest = (sys.executable, "-m", "pytest", "-m", marks, "--durations=5", "--durations-min=1")
+    return [
+        Room(name, (*pytest, name), "--junitxml=", read_junit, may_be_empty=True)
+        for name in (str(path.relative_to(ROOT)) for path in places + sorted((ROOT / "tests").glob("test_*.py")))
+    ]
+
+
+def web_room() -> Room:
+    """Describe the room of the web tests.
+
+    Returns:
+        The room; Chromium is that of the environment or what ``tools/find-chromium.sh`` finds.
+    """
+    command = ("npm", "test", "--silent", "--", "--reporter=default", "--reporter=json")
+    return Room("web", command, "--outputFile.json=", read_vitest, ROOT / "web")
+
+
+def start(room: Room, folder: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start the tests of a room.
+
+    Args:
+        room: What to run.
+        folder: Where the log and the report are written.
+        environment: Environment of the process.
+
+    Returns:
+        The running process.
+    """
+    print(f"{room.name}: {shlex.join(room.command[1:])}", flush=True)
+    stem = room.name.replace("/", "-")
+    command = [*room.command, f"{room.report_option}{folder / stem}.report"]
+    with (folder / f"{stem}.log").open("wb") as log:
+        return subprocess.Popen(command, cwd=room.folder, env=environment, stdout=log, stderr=subprocess.STDOUT)
+
+
+def result(room: Room, folder: Path, code: int, seconds: float, processor_seconds: float) -> Result:
+    """Read how a room ended and print its log.
+
+    Args:
+        room: What ran.
+        folder: Where its log and report are.
+        code: Exit code.
+        seconds: Wall time.
+        processor_seconds: User and system time.
+
+    Returns:
+        What the report says; a room without one has failed.
+    """
+    stem = room.name.replace("/", "-")
+    report = folder / f"{stem}.report"
+    if room.may_be_empty and code == NOTHING_SELECTED:
+        code = 0
+    counts = room.read(report) if report.exists() else Counts()
+    if not report.exists():
+        code = code or 1
+    if code and not counts.failed:
+        counts += Counts(failed=1)
+    print(f"\n== {room.name}\n{(folder / f'{stem}.log').read_text(errors='replace').rstrip()}")
+    print(f"== {room.name}: {counts}, {seconds:.0f} s, {processor_seconds:.0f} s of processor time", flush=True)
+    return Result(room.name, counts, code, seconds, processor_seconds)
+
+
+def run(rooms: list[Room], jobs: int, environment: dict[str, str]) -> Iterator[Result]:
+    """Run rooms, some at once.
+
+    Args:
+        rooms: What to run, in this order.
+        jobs: Rooms that run at once, ≥ 1.
+        environment: Environment of the processes.
+
+    Yields:
+        A result as soon as its room has ended.
+    """
+    waiting, running = deque(rooms), dict[int, tuple[Room, subprocess.Popen[bytes], float]]()
+    with tempfile.TemporaryDirectory(prefix="lightwell-tests-") as name:
+        folder = Path(name)
+        try:
+            while waiting or running:
+                while waiting and len(running) < jobs:
+                    room = waiting.popleft()
+                    process = start(room, folder, environment)
+                    running[process.pid] = room, process, time.monotonic()
+                time.sleep(POLL)
+                for pid in list(running):
+                    # Not Popen.poll: the processor time of each process is wanted.
+                    found, status, usage = os.wait4(pid, os.WNOHANG)
+                    if not found:
+                        continue
+                    room, process, begin = running.pop(pid)
+                    process.returncode = code = os.waitstatus_to_exitcode(status)
+                    yield result(room, folder, code, time.monotonic() - begin, usage.ru_utime + usage.ru_stime)
+        finally:
+            for _, process, _ in running.values():
+                process.terminate()
+                process.wait()
+
+
+def summary(results: list[Result], seconds: float) -> str:
+    """Write the table of rooms, the rooms that failed and the total.
+
+    Args:
+        results: How the rooms ended.
+        seconds: Wall time of all.
+
+    Returns:
+        Several lines, longest room first; the last is ``N passed, N failed, N skipped``.
+    """
+    width = max((len(one.room) for one in results), default=0)
+    lines = ["", f"{'room':{width}}  seconds  processor  tests"]
+    for one in sorted(results, key=lambda one: -one.seconds):
+        lines.append(f"{one.room:{width}}  {one.seconds:7.1f}  {one.processor_seconds:9.1f}  {one.counts}")
+    lines.append(f"{'all':{width}}  {seconds:7.1f}  {sum(one.processor_seconds for one in results):9.1f}")
+    lines += [f"FAILED {one.room} (exit code {one.code})" for one in results if one.failed]
+    return "\n".join([*lines, str(sum((one.counts for one in results), Counts()))])
+
+
+def environment() -> dict[str, str]:
+    """Make the environment of the tests.
+
+    Returns:
+        That of this process, with ``CHROMIUM`` where a browser is found.
+    """
+    found = subprocess.run([ROOT / "tools/find-chromium.sh"], stdout=subprocess.PIPE, text=True, check=False)
+    chromium = {"CHROMIUM": found.stdout.strip()} if found.returncode == 0 else {}
+    return os.environ | chromium
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the tests and print the summary.
+
+    Args:
+        arguments: Words of the command line; the process's own when not given.
+
+    Returns:
+        Exit code: 1 when something failed, else 0.
+    """
+    parser = argparse.ArgumentParser(description="Run the tests room by room; the last line is the total.")
+    parser.add_argument("--marks", default=MARKS, help="expression of pytest's -m; '' runs all (default: %(default)r)")
+    parser.add_argument("--jobs", type=int, default=2, help="rooms that run at once (default: %(default)s)")
+    parser.add_argument(
+        "--room", action="append", help="only this, such as tests/core, python or web (may be repeated)"
+    )
+    asked = parser.parse_args(arguments)
+    # The web tests are one long room that mostly waits for a browser: first, beside the others.
+    rooms = [web_room(), *python_rooms(asked.marks)]
+    wanted = {name.rstrip("/") for name in asked.room or ("python", "web")}
+    if unknown := wanted - {"python"} - {room.name for room in rooms}:
+        parser.error(
+            f"no room {', '.join(sorted(unknown))}; choose from {', '.join(room.name for room in rooms)}, python"
+        )
+    if "python" in wanted:
+        wanted |= {room.name for room in rooms} - {"web"}
+    begin = time.monotonic()
+    results = list(run([room for room in rooms if room.name in wanted], max(asked.jobs, 1), environment()))
+    print(summary(results, time.monotonic() - begin))
+    return int(any(one.failed for one in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
