@@ -3,10 +3,9 @@
 import { type Box3, Color, DirectionalLight, type Light, PointLight, Sphere, Vector3 } from "three";
 import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
+import { SHADOW_RADIUS } from "./shadow-lift.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
-/** Radius of the percentage-closer filter in shadow-map texels. */
-export const SHADOW_RADIUS = 1.5;
 const POINT_SHADOW_SIZE = 1024;
 const SUN_SHADOW_SIZE = 2048;
 /** Nearest occluder of a point light as a share of the scene's diagonal. */

@@ -6,15 +6,17 @@
  *     f = (1 − m) c/π [(1 − ½Sᵥ)(1 − ½Sₗ) + R(Sᵥ + Sₗ + SᵥSₗ(R − 1))] + D G F / (4 n·v n·l),
  *     S(x) = (1 − n·x)⁵,  R = 2 roughness (h·v)²,  F = (1 − m) F_dielectric(η) + m (c + (1 − c)(1 − h·v)⁵)
  *
- * three.js' own function leaves coat and sheen in its global variables; the base layer is ours.
+ * three.js' own function leaves coat and sheen in its global variables; the base layer is ours. The text needs nothing of three.js but
+ * the structures of its parameters, so that shaders of other engines can have it.
  *
  * A material without any specular reflectance (F₀ = 0) and metal is Lambertian: f = c/π.
  */
 export const PRINCIPLED_LIGHT = /* glsl */ `
 #define LIGHTWELL_MATTE 1e-5
+#define LIGHTWELL_INVERSE_PI 0.3183098861837907
 
 float lightwellSchlick( float cosine ) {
-  float m = saturate( 1.0 - cosine );
+  float m = clamp( 1.0 - cosine, 0.0, 1.0 );
   return m * m * m * m * m;
 }
 
@@ -42,22 +44,20 @@ void lightwellDirect( const in IncidentLight directLight, const in vec3 geometry
   vec3 irradiance = nl * directLight.color;
   vec3 h = normalize( directLight.direction + geometryViewDir );
   float nv = max( dot( geometryNormal, geometryViewDir ), 1e-3 );
-  float hv = saturate( dot( h, geometryViewDir ) );
-  float nh = saturate( dot( geometryNormal, h ) );
+  float hv = clamp( dot( h, geometryViewDir ), 0.0, 1.0 );
+  float nh = clamp( dot( geometryNormal, h ), 0.0, 1.0 );
   float f0 = max( max( material.specularColor.r, material.specularColor.g ), material.specularColor.b );
   float retro = 2.0 * material.roughness * hv * hv;
   float sv = lightwellSchlick( nv ), sl = lightwellSchlick( nl );
   float shape = ( 1.0 - 0.5 * sv ) * ( 1.0 - 0.5 * sl ) + retro * ( sv + sl + sv * sl * ( retro - 1.0 ) );
   if ( f0 < LIGHTWELL_MATTE ) shape = 1.0;
-  reflectedLight.directDiffuse += irradiance * RECIPROCAL_PI * material.diffuseContribution * shape;
+  reflectedLight.directDiffuse += irradiance * LIGHTWELL_INVERSE_PI * material.diffuseContribution * shape;
   float alpha = max( material.roughness * material.roughness, 1e-3 );
   float alpha2 = alpha * alpha;
   float d = nh * nh * ( alpha2 - 1.0 ) + 1.0;
-  float lobe = alpha2 / ( PI * d * d ) * lightwellSmith( alpha2, nl ) * lightwellSmith( alpha2, nv ) / ( 4.0 * nv * nl );
+  float lobe = alpha2 * LIGHTWELL_INVERSE_PI / ( d * d ) * lightwellSmith( alpha2, nl ) * lightwellSmith( alpha2, nv ) / ( 4.0 * nv * nl );
   float dielectric = f0 < LIGHTWELL_MATTE ? 0.0 : lightwellFresnel( f0, hv );
   vec3 metal = mix( material.diffuseColor, vec3( 1.0 ), lightwellSchlick( hv ) );
   reflectedLight.directSpecular += irradiance * lobe * mix( vec3( dielectric ), metal, material.metalness );
 }
-
-#undef RE_Direct
-#define RE_Direct lightwellDirect`;
+`;

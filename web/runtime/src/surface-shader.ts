@@ -6,8 +6,8 @@ import {
   type WebGLRenderer,
 } from "three";
 import { rendererName } from "./device.ts";
-import { SHADOW_RADIUS } from "./lamp.ts";
 import { PRINCIPLED_LIGHT } from "./principled.ts";
+import { SHADOW_LIFT } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 
 /** Smallest reflectance that a learned value is multiplied by (format/FORMAT.md). */
@@ -33,7 +33,7 @@ export function patchSurfaceShader(
   passCentroid(shader, renderer);
   if (finish.readsUv) passTextureCoordinates(shader);
   const parts = [
-    ["void main() {", `${PRINCIPLED_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
+    ["void main() {", `${PRINCIPLED_LIGHT}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
     ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
     ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
     ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),
@@ -87,19 +87,12 @@ const SURFACE = `
   lwBent -= min( 2.0 * dot( lwBent, lwNormal ), 0.0 ) * lwNormal;
   vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );`;
 
-/**
- * The shadow test happens at a point lifted off the facet, towards the light, just far enough that the filter's
- * kernel of `radius` texels cannot dip below the facet: texel · (radius + 1) · sin θ, and half a texel towards the
- * light, for the wall that meets it in a corner. The facet's own normal and its
- * side are taken from derivatives, so thin two-sided sheets and smooth-shaded coarse meshes behave alike.
- */
+/** Takes the place of three.js' own function of a light. */
+const DIRECT_LIGHT = "#undef RE_Direct\n#define RE_Direct lightwellDirect";
+
 const SHADOW_OFFSET = `
 #ifdef USE_SHADOWMAP
-  vec3 lightwellLift( vec3 facet, vec3 rayToPoint, float texel ) {
-    float cosine = dot( facet, rayToPoint );
-    float sine = sqrt( max( 1.0 - cosine * cosine, 0.0 ) );
-    return - 0.5 * texel * rayToPoint + facet * ( cosine > 0.0 ? - texel : texel ) * ${(SHADOW_RADIUS + 1).toFixed(2)} * max( sine, 0.25 );
-  }
+  ${SHADOW_LIFT}
   #if NUM_POINT_LIGHT_SHADOWS > 0
     uniform mat4 pointShadowMatrix[ NUM_POINT_LIGHT_SHADOWS ];
     vec4 lightwellPointShadow( mat4 toLight, vec3 point, vec3 facet, vec2 size ) {

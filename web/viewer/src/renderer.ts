@@ -23,7 +23,7 @@ export function onContextLoss(canvas: HTMLCanvasElement, listener: (lost: boolea
 /** Hand the log of every shader that does not compile to `listener`. */
 export function onShaderError(renderer: WebGLRenderer, listener: (log: string) => void): void {
   renderer.debug.onShaderError = (gl, program, vertex, fragment) => {
-    const logs = [gl.getShaderInfoLog(vertex), gl.getShaderInfoLog(fragment), gl.getProgramInfoLog(program)];
+    const logs = [gl.getShaderInfoLog(vertex), gl.getShaderInfoLog(fragment), gl.getProgramInfoLog(program as unknown as WebGLProgram)];
     listener(logs.filter(Boolean).join("\n") || "no log");
   };
 }
