@@ -7,7 +7,7 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
 PYTEST_MARKS ?= not slow
 
-.PHONY: setup demo test test-fast test-all test-python test-web viewer docs release lint benchmarks clean
+.PHONY: setup demo test test-fast test-all test-python test-web viewer docs check-links live-pages release lint benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -64,6 +64,14 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build/html
 
+# Links to other sites, which the build does not ask. Needs a network.
+check-links: $(VENV)/.installed-docs
+	$(VENV)/bin/python -m sphinx -W --keep-going -q -b linkcheck -c docs . docs/_build/links
+
+# Pages of baked built-in scenes for the site: about ten minutes, then `make docs`.
+live-pages: setup
+	$(VENV)/bin/python tools/live_pages.py cornell two-rooms courtyard --no-pictures
+
 $(VENV)/.installed-release: $(VENV)/.installed
 	@$(PIP) install --no-compile -e ".[release]"
 	@touch $@
@@ -81,4 +89,4 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/main_job.py
 
 clean:
-	rm -rf $(VENV) web/node_modules docs/_build dist out demo
+	rm -rf $(VENV) web/node_modules docs/_build docs/_live dist out demo

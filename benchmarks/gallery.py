@@ -1,9 +1,10 @@
 """The gallery: the main job on four scenes that nobody here made, each with its figures and a screenshot of its page.
 
-    python benchmarks/gallery.py [--budget 150s] [--out FOLDER] [--reuse]
+    python benchmarks/gallery.py [--budget 3m] [--out FOLDER] [--reuse]
 
 Bakes into FOLDER, photographs the pages (needs Node and a Chromium, as the tests do) and writes docs/gallery.md with
-small PNGs in docs/images/. ``--reuse`` takes bakes that are already in FOLDER.
+small PNGs in docs/images/. ``--reuse`` takes bakes that are already in FOLDER. `python tools/live_pages.py
+FOLDER/*` then puts the pages themselves on the site.
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ HEAD = """\
 The main job on scenes that nobody here made: `lightwell bake SCENE -o OUT --budget {budget}`, on 2 cores without a
 GPU, all by `python benchmarks/gallery.py`. A point light roams each scene's air; where a scene has lights of its own,
 theirs is learned as a second field. The pictures are screenshots of the page: direct light of the moving lamp by the
-rasteriser, everything else learned.
+rasteriser, everything else learned. Pages to move the lamp in: [live pages](live-pages.md).
 
-Error is the mean of |learned − reference| / (reference + 0.01) over surface points under lights that training never
-saw; *noise* is what the path-traced reference itself still has. The dark corners of a scene weigh as much as its
-bright ones in the mean, so that the median is given too.
+[Relative error](glossary.md) is over surface points under lights that training never saw; *noise* is what the
+path-traced reference itself still has. The dark corners of a scene weigh as much as its bright ones in the mean, so
+that the median is given too. PSNR and FLIP are those of the picture on screen, held-out views and lights.
 
-| scene | error | median | noise of the reference | PSNR dB | learned data | MAC per pixel | paths | trace + train |
+| scene | error | median | noise of the reference | PSNR dB | FLIP | learned data | MAC per pixel | wall time |
 |---|---|---|---|---|---|---|---|---|
 """
 
@@ -91,17 +92,19 @@ def photograph(entry: Entry, out: Path) -> Path:
 
 def row(entry: Entry, report: dict) -> str:
     """One line of the table."""
-    seconds = report["seconds"]["trace"] + report["seconds"]["train"]
+    quality = report.get("quality") or {}
+    least = "≥ " if "psnr_db" in quality.get("bounds", {}) else ""
+    psnr, flip = quality.get("psnr_db"), quality.get("flip")
     cells = (
         f"[{entry.name}](#{entry.name})",
         f"{report['relative_error']:.1%}",
         f"{report['relative_error_median']:.1%}",
         f"{report['noise_floor']:.1%}",
-        f"{report['psnr_db']:.1f}",
+        "–" if psnr is None else f"{least}{psnr:.1f}",
+        "–" if flip is None else f"{flip:.3f}",
         size_text(report["bytes"]),
         f"{report['macs_per_pixel']:,}",
-        f"{report['paths'] / 1e6:.0f} M",
-        f"{seconds:.0f} s",
+        f"{report['seconds']['total']:.0f} s",
     )
     return "| " + " | ".join(cells) + " |"
 
@@ -109,6 +112,8 @@ def row(entry: Entry, report: dict) -> str:
 def section(entry: Entry, report: dict, picture: Path) -> str:
     """Heading, picture and what the report says."""
     lines = [f"## {entry.name}", "", f"![{entry.name}](images/{picture.name})", "", f"*{entry.credit}.*"]
+    if report.get("verdict"):
+        lines += ["", f"The report's verdict: *{report['verdict']}*"]
     static = report["settings"].get("static_field")
     if static:
         error, noise = static["relative_error"], static["noise_floor"]
@@ -127,7 +132,7 @@ def section(entry: Entry, report: dict, picture: Path) -> str:
 def main() -> None:
     """Bake, photograph, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--budget", default="150s")
+    parser.add_argument("--budget", default="3m")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "gallery")
     parser.add_argument("--reuse", action="store_true")
     arguments = parser.parse_args()

@@ -16,9 +16,10 @@ COLUMNS = "110"
 
 
 class VerbHelp(Directive):
-    """The text of ``lightwell VERB --help``."""
+    """The text of ``lightwell VERB --help``, or of a tool of the verb: ``lightwell lens bake --help``."""
 
     required_arguments = 1
+    optional_arguments = 1
 
     def run(self) -> list[nodes.Node]:
         """Make the text.
@@ -29,7 +30,7 @@ class VerbHelp(Directive):
         before = os.environ.get("COLUMNS")
         os.environ["COLUMNS"] = COLUMNS
         try:
-            text = verb_parser(self.arguments[0]).format_help()
+            text = verb_parser(self.arguments[0], self.arguments[1:]).format_help()
         finally:
             os.environ.pop("COLUMNS") if before is None else os.environ.update(COLUMNS=before)
         block = nodes.literal_block(text, text)

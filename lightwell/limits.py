@@ -76,13 +76,13 @@ class Limits:
         for text in texts:
             name, equals, value = text.partition("=")
             if name not in NAMES or not equals:
-                raise ValueError(f"limit: '{text[:60]}' is not NAME=VALUE; names are {', '.join(NAMES)}")
+                raise ValueError(f"'{text[:60]}' is no limit: write NAME=VALUE with one of {', '.join(NAMES)}")
             try:
                 number = float(value)
             except ValueError:
                 number = math.nan
             if not 0 < number < math.inf:
-                raise ValueError(f"limit: '{text[:60]}': expected a number above 0, such as --limit {name}=1e8")
+                raise ValueError(f"'{text[:60]}' is no limit: expected a number above 0, such as --limit {name}=1e8")
             changed[name] = number if name == "seconds" else int(number)
         return replace(cls(), **changed)
 

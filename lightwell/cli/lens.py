@@ -10,6 +10,8 @@ from lightwell.core.scene_options import LimitOptions
 from lightwell.lens import arguments as lens
 
 DESCRIPTION = lens.DESCRIPTION
+# Words after the verb that have options of their own.
+TOOLS = tuple(lens.TOOLS)
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -17,9 +19,9 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
     Args:
         parser: Parser of the verb.
-        argv: Words after the verb.
+        argv: Words after the verb; 'bake' or 'check' among them means a tool for libraries.
     """
-    lens.add(parser)
+    lens.add(parser, next((word for word in argv if word in TOOLS), ""))
     add_options(parser, LimitOptions)
 
 

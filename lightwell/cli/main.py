@@ -11,10 +11,8 @@ from time import perf_counter
 
 import lightwell
 from lightwell.cli.interrupts import INTERRUPTED, Interrupts
+from lightwell.cli.parser import USAGE_ERROR, Parser
 from lightwell.core.suggest import did_you_mean
-
-# Exit code of a mistake of the user, which is described in one line.
-USAGE_ERROR = 2
 
 # Verb → what it does. Each is a module of this package of the same name with ``add(parser, argv)`` and
 # ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, is part of its help.
@@ -62,26 +60,6 @@ examples
   lightwell compare out-a out-b                      two bakes side by side
   lightwell compare --fields mlp,factored cornell -o fields    train fields on the same samples and compare them
 """
-
-
-class Parser(argparse.ArgumentParser):
-    """Reports a mistake in one line, as for every other error; --help lists the arguments."""
-
-    def error(self, message: str):
-        """Print a line and exit with code 2.
-
-        Args:
-            message: The mistake.
-        """
-        if "expected one argument" in message:
-            message += " (a value that begins with '-' is written --name=-value)"
-        if message.startswith("unrecognized arguments: --"):
-            message = self._unknown_option(message.split()[2].split("=")[0])
-        self.exit(USAGE_ERROR, f"{self.prog}: {message}; {self.prog} --help lists the arguments\n")
-
-    def _unknown_option(self, flag: str) -> str:
-        near = did_you_mean(flag, self._option_string_actions)
-        return f"there is no option {flag}" + (f"; {near}" if near else "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

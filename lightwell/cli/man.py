@@ -41,13 +41,14 @@ def manual_page() -> Iterator[str]:
     """
     import lightwell
     from lightwell.cli.main import EXAMPLES, VERBS, verb_parser
+    from lightwell.cli.whole_parser import whole_verbs
 
     yield f'.TH LIGHTWELL 1 "" "lightwell {lightwell.__version__}"'
     yield from (".SH NAME", r"lightwell \- learn the indirect light of a scene and play it back in real time")
     yield from (".SH SYNOPSIS", r".B lightwell", r"\fIVERB\fR [\fIarguments\fR]")
-    for verb in VERBS:
-        parser = verb_parser(verb)
-        yield from (f".SH lightwell {verb}", ".nf", _plain(parser.description or VERBS[verb]), ".fi")
+    for words in whole_verbs():
+        verb, parser = words[0], verb_parser(words[0], words[1:])
+        yield from (f".SH lightwell {' '.join(words)}", ".nf", _plain(parser.description or VERBS[verb]), ".fi")
         for action in parser._actions:
             if action.help != argparse.SUPPRESS and not isinstance(action, argparse._HelpAction):
                 yield from (".TP", _name(action), _plain(_help(parser, action)))

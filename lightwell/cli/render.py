@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
-from lightwell.rendering.settings import INTEGRATORS, RenderSettings
+from lightwell.rendering.settings import INTEGRATORS, RenderSettings, check_picture_name
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -41,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
         options |= given_options(arguments, kind, "render")
     given = given_options(arguments, RenderSettings, "render")
     settings = RenderSettings(scene=arguments.scene, out=Path(arguments.out), options=options, **given)
+    if getattr(settings.options, "frames", None) is None:
+        check_picture_name(settings.out)
     from lightwell.rendering.integrators import render
 
     facts = render(settings, quiet=arguments.json)

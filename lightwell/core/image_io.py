@@ -12,20 +12,6 @@ from lightwell.core.color import automatic_exposure, picture_bytes
 from lightwell.files import write_atomically
 
 
-def check_picture_name(path: Path, verb: str) -> None:
-    """Refuse a file name that ends in neither .png nor .exr.
-
-    Args:
-        path: The file.
-        verb: Name of the command, for the message.
-
-    Raises:
-        ValueError: The ending is another one.
-    """
-    if path.suffix.lower() not in (".png", ".exr"):
-        raise ValueError(f"{verb}: '{path}' is neither .png nor .exr; choose one of them")
-
-
 def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None) -> None:
     """Write a picture: linear radiance to .exr, exposed and tone-mapped to other names (.png).
 

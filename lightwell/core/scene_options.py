@@ -56,8 +56,9 @@ def check_source(source: str | os.PathLike[str]) -> None:
     kind = path.suffix.lower()
     if kind not in SCENE_SUFFIXES:
         near = did_you_mean(str(source), BUILTINS)
+        what = f"'{kind}' is not a scene" if kind else "there is no scene of that name"
         raise ValueError(
-            f"scene '{path.name}': '{kind or 'no suffix'}' is not a scene; {near}{' or ' if near else ''}"
+            f"scene '{path.name}': {what}; {near}{' or ' if near else ''}"
             f"give a .glb, .gltf or Mitsuba .xml file or one of {', '.join(BUILTINS)}"
         )
     if not path.is_file():

@@ -7,6 +7,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightwell.core.suggest import did_you_mean
+
 # Two directions count as one when all their components differ by less.
 SAME_DIRECTION = 1e-4
 
@@ -54,6 +56,14 @@ def _wrong(text: str, what: str, example: str) -> str:
     return f"vary: '{text}': {what}; write for example {example}"
 
 
+def _unknown(text: str, parameter: str) -> str:
+    near = did_you_mean(parameter, _FORMS)
+    shown = near.split("'")[1] if near else "position"
+    cure = near or f"only {', '.join(_FORMS)} can"
+    what = f"'{parameter}' cannot vary, {cure}"
+    return _wrong(text, what, _FORMS[shown].example)
+
+
 def parse_vary(text: str) -> Declaration:
     """Parse one declaration.
 
@@ -72,9 +82,7 @@ def parse_vary(text: str) -> Declaration:
         raise ValueError(_wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example))
     name, parameter, value = match.groups()
     if parameter not in _FORMS:
-        raise ValueError(
-            _wrong(text, f"'{parameter}' cannot vary, only {', '.join(_FORMS)} can", _FORMS["position"].example)
-        )
+        raise ValueError(_unknown(text, parameter))
     values = _numbers(text, _FORMS[parameter], (value or "").strip())
     _check_range(text, parameter, values)
     return Declaration(name, parameter, values)

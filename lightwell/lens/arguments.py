@@ -8,26 +8,45 @@ DESCRIPTION = """\
 lightwell lens FRAME.exr -o OUT.exr --focus 2.5m --fstop 1.8 --focal 50mm     one frame
 lightwell lens 'shot.####.exr' --frames 1-48 -o 'out.####.exr' …              a sequence
 lightwell lens FRAME.png --depth-file DEPTH.png --depth-range 1,20 -o OUT.png …
-lightwell lens bake LIBRARY.lwsp [--family depth --largest 32]                write a library of spreadlets
-lightwell lens check LIBRARY.lwsp [--node N] [--plot OUT.png]                 integrate it back, print its errors
 
 FRAME holds colour, depth along the camera axis and, for motion blur, vectors in pixels per frame. The names that
-Blender, Mitsuba and Nuke give these channels are known; the options say what the file does not."""
+Blender, Mitsuba and Nuke give these channels are known; the options say what the file does not.
+
+Libraries of spreadlets are baked by themselves when a frame needs them. To bake or check one by hand:
+  lightwell lens bake --help
+  lightwell lens check --help"""
+# The tools for libraries, which are words after the verb, and what each does.
+TOOLS = {
+    "bake": "Bake a library of spreadlets with all its nodes into a file.",
+    "check": "Integrate a library of spreadlets back, and print its errors; exit code 1 when a limit is broken.",
+}
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    """Add all options of the verb.
+def add(parser: argparse.ArgumentParser, tool: str = "") -> None:
+    """Add the options of the verb, or those of one of its tools.
 
     Args:
         parser: Parser to extend.
+        tool: 'bake' or 'check'; '': the options for frames.
     """
-    parser.add_argument("frame", metavar="FRAME|bake|check", help="picture to blur: .exr or .png; #### for sequences")
-    parser.add_argument("library", metavar="LIBRARY", nargs="?", help="library to write or check")
+    if tool:
+        parser.prog = f"{parser.prog} {tool}"
+        parser.description = TOOLS[tool]
+        parser.usage = f"{parser.prog} LIBRARY [options]"
+        parser.add_argument("frame", choices=(tool,), help=argparse.SUPPRESS)
+        parser.add_argument("library", metavar="LIBRARY", help=f"library to {_DONE[tool]}: a .lwsp file")
+        _TOOL_OPTIONS[tool](parser)
+        parser.add_argument("--json", action="store_true", help="print what was found as JSON, no progress bars")
+        return
+    parser.add_argument("frame", metavar="FRAME", help="picture to blur: .exr or .png; #### for sequences")
     parser.add_argument("-o", "--out", help="picture to write: .exr (linear) or .png (sRGB)")
-    _camera(parser.add_argument_group("camera"))
-    _quality(parser.add_argument_group("quality"))
+    camera = parser.add_argument_group("camera")
+    _camera(camera)
+    _aperture(camera)
+    quality = parser.add_argument_group("quality")
+    _quality(quality)
+    _preset(quality)
     _channels(parser.add_argument_group("what the file means"))
-    _library(parser.add_argument_group("bake and check"))
     parser.add_argument(
         "--store", metavar="DIR", help="folder of the store (default: LIGHTWELL_STORE, else the platform's for caches)"
     )
@@ -35,33 +54,58 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _camera(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--focus", help="distance in focus, for example 2.5m")
+    group.add_argument("--focus", metavar="LENGTH", help="distance in focus, for example 2.5m")
     group.add_argument("--focus-at", metavar="X,Y", help="focus on the surface under a pixel instead")
-    group.add_argument("--fstop", type=float, default=2.8, help="f-number (default: %(default)s)")
-    group.add_argument("--focal", default="50mm", help="focal length (default: %(default)s)")
-    group.add_argument("--sensor", default="36mm", help="sensor width (default: %(default)s)")
+    group.add_argument("--fstop", metavar="N", type=float, default=2.8, help="f-number (default: %(default)s)")
+    group.add_argument("--focal", metavar="LENGTH", default="50mm", help="focal length (default: %(default)s)")
+    group.add_argument("--sensor", metavar="LENGTH", default="36mm", help="sensor width (default: %(default)s)")
     group.add_argument(
-        "--shutter", type=float, default=0.5, help="share of the frame it is open, 0.5 is 180° (default: %(default)s)"
+        "--shutter",
+        metavar="S",
+        type=float,
+        default=0.5,
+        help="share of the frame it is open, 0.5 is 180° (default: %(default)s)",
     )
     group.add_argument(
-        "--aperture", default="disc", help="disc, triangle … octagon, or a PNG of its shape (default: %(default)s)"
+        "--scene-unit", metavar="LENGTH", default="1m", help="length of one unit of depth (default: %(default)s)"
     )
-    group.add_argument("--blades", type=int, help="number of blades of a polygon")
-    group.add_argument("--blade-angle", type=float, default=0.0, help="its rotation, degrees (default: %(default)s)")
+
+
+def _aperture(group: argparse._ActionsContainer) -> None:
+    group.add_argument(
+        "--aperture",
+        metavar="SHAPE",
+        default="disc",
+        help="disc, triangle … octagon, or a PNG of its shape (default: %(default)s)",
+    )
+    group.add_argument("--blades", metavar="N", type=int, help="number of blades of a polygon")
+    group.add_argument(
+        "--blade-angle", metavar="DEGREES", type=float, default=0.0, help="its rotation, degrees (default: %(default)s)"
+    )
     group.add_argument(
         "--cats-eye", type=float, default=0.0, metavar="S", help="vignetting of the corners' bokeh, 0 to 1.8"
     )
-    group.add_argument("--scene-unit", default="1m", help="length of one unit of depth (default: %(default)s)")
+
+
+def _preset(group: argparse._ActionsContainer) -> None:
+    group.add_argument(
+        "--preset", metavar="NAME", default="default", help="default, best or paper (default: %(default)s)"
+    )
 
 
 def _quality(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--layers", type=int, default=2, help="depth layers; 4 for complex depth (default: %(default)s)")
-    group.add_argument("--preset", default="default", help="default, best or paper (default: %(default)s)")
-    group.add_argument("--edges", default="extend", help="extend, renormalise or dark (default: %(default)s)")
+    group.add_argument(
+        "--layers", metavar="N", type=int, default=2, help="depth layers; 4 for complex depth (default: %(default)s)"
+    )
+    group.add_argument(
+        "--edges", metavar="KIND", default="extend", help="extend, renormalise or dark (default: %(default)s)"
+    )
     group.add_argument("--overscan", type=int, default=0, metavar="PX", help="crop this band from the blurred frame")
-    group.add_argument("--solver", default="", help="dst, fft, 7/5 or 5/3 (default: the preset's)")
-    group.add_argument("--choice", default="auto", help="auto, stochastic or nearest node (default: %(default)s)")
-    group.add_argument("--largest", type=float, help="cut blur to this radius, pixels; with bake: largest baked")
+    group.add_argument("--solver", metavar="NAME", default="", help="dst, fft, 7/5 or 5/3 (default: the preset's)")
+    group.add_argument(
+        "--choice", metavar="NAME", default="auto", help="auto, stochastic or nearest node (default: %(default)s)"
+    )
+    group.add_argument("--largest", metavar="PX", type=float, help="cut blur to this radius, pixels")
     group.add_argument("--deterministic", action="store_true", help="add in integers: the same bytes on every machine")
 
 
@@ -81,14 +125,36 @@ def _channels(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--frames", metavar="A-B", help="frames of a sequence; #### stands for the number")
 
 
-def _library(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--family", default="depth", help="depth, depth-speed, shaped-speed or cats-eye")
-    group.add_argument(
-        "--longest", type=float, default=64.0, help="longest motion baked, pixels (default: %(default)s)"
+def _bake(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--family", metavar="NAME", default="depth", help="depth, depth-speed, shaped-speed or cats-eye"
     )
-    group.add_argument("--noise", type=float, help="noise that the radius axis allows in flat areas (default: 0.0025)")
-    group.add_argument("--node", type=int, help="check one node only")
-    group.add_argument("--plot", metavar="PNG", help="picture of kernel, points, reconstruction and difference")
-    group.add_argument("--limit-error", type=float, default=0.2, help="relative L2 allowed (default: %(default)s)")
-    group.add_argument("--limit-leak", type=float, default=0.05, help="leak allowed (default: %(default)s)")
-    group.add_argument("--two-arrays", metavar="FOLDER", help="also write the published layout as two .npy files")
+    parser.add_argument("--largest", metavar="PX", type=float, help="largest blur radius baked, pixels (default: 32)")
+    parser.add_argument(
+        "--longest", metavar="PX", type=float, default=64.0, help="longest motion baked, pixels (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--noise", metavar="N", type=float, help="noise that the radius axis allows in flat areas (default: 0.0025)"
+    )
+    _aperture(parser)
+    _preset(parser)
+    parser.add_argument("--two-arrays", metavar="FOLDER", help="also write the published layout as two .npy files")
+
+
+def _check(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--node", metavar="N", type=int, help="check one node only")
+    parser.add_argument("--plot", metavar="PNG", help="picture of kernel, points, reconstruction and difference")
+    parser.add_argument(
+        "--limit-error", metavar="N", type=float, default=0.2, help="relative L2 allowed (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--limit-leak", metavar="N", type=float, default=0.05, help="leak allowed (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--aperture", metavar="PNG", default="disc", help="shape of the aperture that the library was baked for"
+    )
+
+
+_TOOL_OPTIONS = {"bake": _bake, "check": _check}
+# What happens to the library, for its help.
+_DONE = {"bake": "write", "check": "check"}

@@ -60,10 +60,8 @@ def run_bake(arguments: argparse.Namespace) -> int:
         Exit code 0.
 
     Raises:
-        LensError: No library is named, the preset is unknown, or the family has too many nodes.
+        LensError: The preset is unknown, or the family has too many nodes.
     """
-    if not arguments.library:
-        raise LensError("lens bake: name the library to write, for example: lightwell lens bake disc.lwsp")
     if arguments.preset not in PRESETS:
         raise LensError(f"lens: preset {arguments.preset!r}; choose {', '.join(PRESETS)}")
     family, path = family_of(arguments), Path(arguments.library)

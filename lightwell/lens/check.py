@@ -130,12 +130,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     Returns:
         Exit code: 0, or 1 when a limit is exceeded.
-
-    Raises:
-        LensError: No library is named.
     """
-    if not arguments.library:
-        raise LensError("lens check: name a library, for example: lightwell lens check disc.lwsp")
     shape = None
     if arguments.aperture not in ("disc", *aperture.POLYGONS):
         shape = aperture.parse(arguments.aperture)

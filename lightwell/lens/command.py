@@ -34,9 +34,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     Returns:
         Exit code.
-
-    Raises:
-        LensError: A second positional argument is given that is not expected.
     """
     if arguments.frame == "bake":
         from lightwell.lens.bake_command import run_bake
@@ -46,10 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
         from lightwell.lens.check import run_check
 
         return run_check(arguments)
-    if arguments.library is not None:
-        raise LensError(
-            f"lens: unexpected argument {arguments.library!r}; give one FRAME, or bake or check with a LIBRARY"
-        )
     return _blur(arguments)
 
 

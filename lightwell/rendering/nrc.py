@@ -12,8 +12,7 @@ from lightwell.backend import mi
 from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.settings import CacheSettings
-from lightwell.core.image_io import check_picture_name
-from lightwell.rendering.settings import RenderSettings
+from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 
 
@@ -84,7 +83,7 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
     Raises:
         ValueError: Output variables are asked for, and the scene has no camera.
     """
-    check_picture_name(settings.out, "render")
+    check_picture_name(settings.out)
     film = Film(settings)
     if settings.aov and not film.shot.scene.cameras:
         raise ValueError("render: --aov with --integrator nrc needs a camera in the scene; add one, or leave --aov out")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from time import perf_counter
 from typing import Any
 
-from lightwell.core.image_io import check_picture_name
-from lightwell.rendering.settings import RenderSettings
+from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.transport.camera import total_image
 
@@ -20,7 +19,7 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     Returns:
         Size, paths, light, mean radiance, seconds, warnings; JSON values.
     """
-    check_picture_name(settings.out, "render")
+    check_picture_name(settings.out)
     shot = Shot.of(settings)
     place, intensity = shot.good_light, shot.intensity
     start = perf_counter()

@@ -106,6 +106,19 @@ class NrcOptions:
                 raise ValueError(f"render: --{name} is for sequences; add --frames N, or leave it out")
 
 
+def check_picture_name(path: Path) -> None:
+    """Refuse a file name that ends in neither .png nor .exr.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ValueError: The ending is another one.
+    """
+    if path.suffix.lower() not in (".png", ".exr"):
+        raise ValueError(f"render: '{path}' is neither .png nor .exr; choose one of them")
+
+
 INTEGRATORS: dict[str, type] = {"path": PathOptions, "nrc": NrcOptions}
 
 

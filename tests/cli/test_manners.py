@@ -12,6 +12,7 @@ from lightwell.cli import main
 from lightwell.cli.info import table
 from lightwell.cli.main import COMPUTING, GROUPS, VERBS, verb_parser
 from lightwell.cli.next_steps import next_steps
+from lightwell.cli.whole_parser import whole_verbs
 from lightwell.core.units import size_text, time_text
 from lightwell.fields.registry import BUILT_IN, PRESETS, find_field
 
@@ -32,6 +33,19 @@ MISTAKES = {
     "compare --fields mpl cornell -o x": "unknown field 'mpl'; did you mean 'mlp'?",
     "render cornell -o x.png --aov depth": "--aov is for a single .exr",
     "render cornell -o x.exr --aov depht": "'depht' is unknown; did you mean 'depth'?",
+    "render cornell -o x.bmp": "'x.bmp' is neither .png nor .exr",
+    "bake cornell --bugdet 5m": "there is no option --bugdet; did you mean '--budget'?",
+    "bake cornell -o x --quality god": "--quality 'god' is unknown; did you mean 'good'?",
+    "bake cornell -o x --vary light.positon=box(0,0,0,1,1,1)": "did you mean 'position'?",
+    "bake cornell -o x --limit cats=3": "--limit 'cats=3' is no limit: write NAME=VALUE with one of",
+    "store claer": "action 'claer' is unknown; did you mean 'clear'?",
+    "info nowhere": "there is no scene of that name",
+    "view nowhere": "'nowhere' has no index.html",
+    "export nowhere --to glsl": "there is no 'nowhere'",
+    "validate nowhere": "there is no 'nowhere'",
+    "lens none.exr -o x.exr --focus 1m": "no file none.exr",
+    "lens bake": "required: LIBRARY",
+    "lens check disc.lwsp --famly depth": "there is no option --famly",
 }
 PROGRAM = """
 import contextlib, io, json, sys, time
@@ -151,17 +165,26 @@ def test_sizes_and_times_are_written_one_way():
     assert [time_text(s) for s in (8.31, 125, 3725)] == ["8.31 s", "2 min 5 s", "1 h 2 min"]
 
 
+def test_tools_of_the_lens_have_help_of_their_own():
+    blur, bake, check = (set(verb_parser("lens", words)._option_string_actions) for words in ((), ["bake"], ["check"]))
+    assert {"--focus", "--motion"} <= blur and not {"--focus", "--motion"} & (bake | check)
+    assert "--family" in bake - blur - check and "--limit-leak" in check - blur - bake
+    assert verb_parser("lens", ["bake"]).format_help().startswith("usage: lightwell lens bake LIBRARY")
+
+
 def test_completion_is_a_script_that_bash_reads(capsys):
     assert main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
-    assert "--spacing" in script and subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
+    assert "--spacing" in script and "--limit-leak" in script
+    assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
 
 
 def test_the_manual_page_has_every_verb_and_option(capsys):
     assert main(["man"]) == 0
     page = capsys.readouterr().out
-    assert all(f".SH lightwell {verb}\n" in page for verb in VERBS)
-    options = {flag for verb in VERBS for flag in verb_parser(verb)._option_string_actions if flag.startswith("--")}
+    assert all(f".SH lightwell {' '.join(words)}\n" in page for words in whole_verbs())
+    parsers = [verb_parser(verb, tool) for verb, *tool in whole_verbs()]
+    options = {flag for parser in parsers for flag in parser._option_string_actions if flag.startswith("--")}
     assert not [flag for flag in options - {"--help"} if flag.replace("-", r"\-") not in page]
     known = (".TH", ".SH", ".TP", ".B", ".nf", ".fi")
     assert all(line.split(" ")[0] in known for line in page.splitlines() if line.startswith("."))

@@ -4,6 +4,8 @@ import type * as THREE from "three";
 import type * as LIGHTWELL from "lightwell";
 import type * as NODES from "lightwell/webgpu";
 import type * as LENS from "lightwell/lens";
+import type * as FIBER from "@react-three/fiber";
+import type * as REACT from "react";
 
 declare global {
   const GLTFLoader: typeof ADDONS.GLTFLoader;
@@ -13,6 +15,8 @@ declare global {
   const learnedRadiance: typeof NODES.learnedRadiance;
   const Lens: typeof LENS.Lens;
   const readLibrary: typeof LENS.readLibrary;
+  const Canvas: typeof FIBER.Canvas;
+  const Suspense: typeof REACT.Suspense;
   const Vector3: typeof THREE.Vector3;
   const renderer: THREE.WebGLRenderer;
   const scene: THREE.Scene;

@@ -9,9 +9,11 @@ import pytest
 
 import lightwell
 from lightwell.cli.interrupts import INTERRUPTED
-from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
+from lightwell.cli.main import USAGE_ERROR, verb_parser
+from lightwell.cli.whole_parser import whole_verbs
 from lightwell.core.scene_options import BUILTINS, UNITS
-from lightwell.fields.registry import BUILT_IN, PRESETS
+from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
+from lightwell.fields.registry import BUILT_IN, PRESETS, QUALITY_PRESETS
 from lightwell.limits import Limits
 
 from .snippets import PAGES, ROOT
@@ -75,6 +77,8 @@ def test_limits_of_files():
         (row,) = [line for line in text.splitlines() if line.startswith("|") and f"`{name}`" in line.split("|")[1]]
         assert value in row
     assert (defaults["nodes"], defaults["instances"], defaults["lights"]) == (500_000, 500_000, 10_000)
+    assert f"| `work` | {defaults['work']:,} |" in text
+    assert not [name for name in defaults if f"`{name}`" not in text]
 
 
 def test_names_of_the_package_are_in_the_reference():
@@ -141,11 +145,54 @@ def test_functions_of_the_theory_are_in_their_files():
             assert re.search(rf"(?:def|class) {name.split('.')[-1]}\b", code), f"{path} has no {name}"
 
 
+def test_qualities_are_those_of_the_code():
+    text = (DOCS / "how-to/bake.md").read_text()
+    rows = {row[0].strip("`"): row for row in _table(text, 7)}
+    times = {"30 s": 30, "3 min": 180, "20 min": 1200}
+    assert {name: times[row[1].removeprefix("about ")] for name, row in rows.items() if name in QUALITY_SECONDS} == {
+        name: int(seconds) for name, seconds in QUALITY_SECONDS.items()
+    }
+    assert f"`{DEFAULT_QUALITY}` is the default" in text
+    # Presets by quality: the table has columns for three fields, a sentence names the others.
+    (row,) = [line for line in text.splitlines() if line.startswith("| quality |")]
+    assert not [f for f in QUALITY_PRESETS if f"`{f}`" not in row + text[text.index("The bytes are those") :][:500]]
+
+
+def test_the_address_of_the_page():
+    """Options of the page's address, its modes and what it compares with."""
+    source = (ROOT / "web/viewer/src/options.ts").read_text()
+    read = set(re.findall(r'query\.get\("(\w+)"\)', source))
+    text = (ROOT / "web/README.md").read_text()
+    table = set(re.findall(r"`(\w+)=", text[text.index("| option |") : text.index("Until the learned light")]))
+    assert len(read) > 10 and table <= read and not [name for name in read if f"`{name}" not in text + _web()]
+    for constant, file in (("MODES", "modes"), ("AGAINST", "modes"), ("TONE_MAPPINGS", "tone-mapping")):
+        code = (ROOT / f"web/viewer/src/{file}.ts").read_text()
+        names = re.findall(r'"([\w-]+)"', re.search(rf"{constant} = \[(.*?)\]", code)[1])
+        assert names and not [name for name in names if f"`{name}`" not in text], constant
+    used = re.findall(r"index\.html\?([^`\s]+)`", (DOCS / "tutorials/a-page-that-you-mail.md").read_text())
+    assert used and {part.split("=")[0] for address in used for part in address.split("&")} <= read
+
+
+def _web() -> str:
+    return (DOCS / "web.md").read_text()
+
+
+def test_terms_of_reports_are_in_the_glossary():
+    entries = (DOCS / "glossary.md").read_text().lower()
+    names = {part.strip() for line in entries.splitlines() if not line.startswith(" ") for part in line.split(",")}
+    terms = re.findall(r'^  "([^"]+)": ', (ROOT / "lightwell/report/templates/terms.html").read_text(), re.MULTILINE)
+    terms += re.findall(r'^  "([^"]+)": ', (ROOT / "lightwell/report/templates/compare.html").read_text(), re.MULTILINE)
+    assert len(terms) > 15
+    singular = {term: re.sub(r"(?<=ch)es$|(?<=h)s$|(?<=t)s$", "", term.lower().split(",")[0]) for term in terms}
+    assert not [term for term, name in singular.items() if name not in names and name != "bytes"]
+
+
 def test_defaults_in_the_pages_of_verbs_are_those_of_the_help():
     """A number in parentheses after an option in a table is its default."""
-    for verb in VERBS:
+    for verb, *tool in whole_verbs():
         page = (DOCS / f"how-to/{verb}.md").read_text()
-        helps = {flag: action.help or "" for action in verb_parser(verb)._actions for flag in action.option_strings}
+        actions = verb_parser(verb, tool)._actions
+        helps = {flag: action.help or "" for action in actions for flag in action.option_strings}
         for flag, text in re.findall(r"^\| `(--[a-z-]+)[^`]*` \| ([^|]*) \|", page, re.MULTILINE):
             shown = re.search(r"\((\d+)\)\s*$|\((\d+)\);", text)
             if shown and "default" in helps.get(flag, ""):

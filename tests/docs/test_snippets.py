@@ -10,7 +10,13 @@ import re
 import pytest
 
 import lightwell
+from lightwell.api import _settings
+from lightwell.baking.comparison import CompareSettings, parse_fields
+from lightwell.baking.settings import BakeSettings
+from lightwell.cli.bake import settings
+from lightwell.cli.early import check_names
 from lightwell.cli.main import VERBS, verb_parser
+from lightwell.rendering.settings import RenderSettings
 
 from .snippets import (
     INLINE,
@@ -57,9 +63,13 @@ def _understood(where: str, words: list[str]) -> None:
         assert verb in VERBS or verb.startswith("-"), f"{where}: unknown verb in {words}"
         for given in (rest, lowered(words)[1:]) if verb in VERBS else ():
             try:
-                verb_parser(given[0], given[1:]).parse_args(given[1:], argparse.Namespace(verb=given[0]))
+                _values_are_allowed(
+                    verb_parser(given[0], given[1:]).parse_args(given[1:], argparse.Namespace(verb=given[0]))
+                )
             except SystemExit as error:
                 assert error.code in (0, None), f"{where}: {' '.join(words)} is refused"
+            except ValueError as error:
+                pytest.fail(f"{where}: {' '.join(words)}: {error}")
     elif program == "make":
         unknown = [t for t in rest if t not in MAKE and t.replace(".venv", "$(VENV)") not in MAKE and "=" not in t]
         assert not unknown, f"{where}: the Makefile has no {unknown}"
@@ -69,6 +79,15 @@ def _understood(where: str, words: list[str]) -> None:
         assert rest[1] in NPM, f"{where}: web/package.json has no script {rest[1]}"
     else:
         assert program in FOREIGN, f"{where}: unknown program {program}"
+
+
+def _values_are_allowed(arguments: argparse.Namespace) -> None:
+    """Fields, presets, what may move, and the values of a bake; a mistake is a ``ValueError``."""
+    check_names(arguments)
+    if arguments.verb == "bake":
+        settings(arguments)
+    for name in filter(None, (getattr(arguments, "fields", None) or "").split(",")):
+        parse_fields(name)
 
 
 def test_options_within_sentences_exist():
@@ -81,7 +100,8 @@ def test_options_within_sentences_exist():
             if words[1] not in VERBS:
                 wrong.append(f"{where}: no verb {words[1]}")
                 continue
-            known = {flag for action in verb_parser(words[1])._actions for flag in action.option_strings}
+            tool = words[2:3] if words[1] == "lens" else []
+            known = verb_parser(words[1], tool)._option_string_actions.keys()
             given = {word.split("=")[0] for word in words[2:] if word.startswith("--") and len(word) > 2}
             wrong += [f"{where}: {words[1]} has no {flag}" for flag in sorted(given - known)]
     assert not wrong
@@ -108,13 +128,32 @@ def test_python_uses_what_exists(snippet):
                 _keywords_exist(snippet, node)
 
 
+# What the options of a function are made into.
+MADE = {
+    "bake": lambda given: BakeSettings(**_settings(BakeSettings, "cornell", "out", given, own="options")),
+    "render": lambda given: RenderSettings(**_settings(RenderSettings, "cornell", "o", given, "render", "options")),
+    "compare": lambda given: CompareSettings(
+        fields=parse_fields("mlp"), **_settings(CompareSettings, "cornell", "out", given, "compare")
+    ),
+}
+
+
 def _keywords_exist(snippet: Snippet, node: ast.Call) -> None:
     function = getattr(lightwell, node.func.attr)
     parameters = inspect.signature(function).parameters
+    given = {k.arg: k.value for k in node.keywords if k.arg not in parameters}
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        if node.func.attr in MADE:
+            _made(snippet, node.func.attr, {name: ast.literal_eval(value) for name, value in given.items()})
         return
-    unknown = [k.arg for k in node.keywords if k.arg not in parameters]
-    assert not unknown, f"{snippet.where}: {node.func.attr} has no {unknown}"
+    assert not given, f"{snippet.where}: {node.func.attr} has no {list(given)}"
+
+
+def _made(snippet: Snippet, name: str, given: dict) -> None:
+    try:
+        MADE[name](given)
+    except ValueError as error:
+        pytest.fail(f"{snippet.where}: {name}: {error}")
 
 
 def test_links_between_pages_lead_somewhere():

@@ -10,7 +10,7 @@ import pytest
 from .snippets import PAGES, ROOT, snippets
 
 WEB = ROOT / "web"
-FOUND = [snippet for page in PAGES for snippet in snippets(page) if snippet.language == "ts"]
+FOUND = [snippet for page in PAGES for snippet in snippets(page) if snippet.language in ("ts", "tsx")]
 
 
 def _check(folder: Path, texts: dict[str, str]) -> str:
@@ -20,7 +20,7 @@ def _check(folder: Path, texts: dict[str, str]) -> str:
         (folder / name).write_text(f"{text}\nexport {{}};\n")
     # A snippet shows how to call, not how to guard: what it declares may stay unused.
     relaxed = {"noUnusedLocals": False, "noUncheckedIndexedAccess": False}
-    config = {"extends": str(WEB / "tsconfig.json"), "compilerOptions": relaxed, "include": ["*.ts"]}
+    config = {"extends": str(WEB / "tsconfig.json"), "compilerOptions": relaxed, "include": ["*.ts", "*.tsx"]}
     (folder / "tsconfig.json").write_text(json.dumps(config))
     compiler = WEB / "node_modules/typescript/bin/tsc"
     done = subprocess.run(["node", str(compiler), "-p", str(folder)], capture_output=True, text=True, timeout=600)
@@ -29,7 +29,7 @@ def _check(folder: Path, texts: dict[str, str]) -> str:
 
 @pytest.mark.slow
 def test_snippets_have_the_types_of_the_package(tmp_path):
-    names = {f"{snippet.where.replace('/', '-').replace('.md:', '-')}.ts": snippet.text for snippet in FOUND}
+    names = {f"{s.where.replace('/', '-').replace('.md:', '-')}.{s.language}": s.text for s in FOUND}
     assert len(names) >= 10
     said = _check(tmp_path, names | {"wrong.ts": "new LearnedScene(1).lamp;"})
     wrong = [line for line in said.splitlines() if "error TS" in line]

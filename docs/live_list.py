@@ -1,0 +1,65 @@
+"""A directive that lists the live pages of a build, ``{live-pages}``: what tools/live_pages.py put into docs/_live."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from sphinx.application import Sphinx
+
+from lightwell.core.units import size_text
+
+FOLDER = Path(__file__).parent / "_live/live"
+
+
+class LivePages(Directive):
+    """Name, picture, verdict and size of each page, with links to page and report."""
+
+    def run(self) -> list[nodes.Node]:
+        """Make the list.
+
+        Returns:
+            A section for each page, or a sentence where the build has none.
+        """
+        folders = sorted(path.parent for path in FOLDER.glob("*/report.json"))
+        if not folders:
+            return [nodes.paragraph(text="This build of the site has no live pages.")]
+        return [node for folder in folders for node in _page(folder)]
+
+
+def _page(folder: Path) -> list[nodes.Node]:
+    report = json.loads((folder / "report.json").read_text())
+    address = f"../live/{folder.name}"
+    heading = nodes.rubric(text=folder.name)
+    facts = f"{size_text(report['bytes'])} of learned light, {report['macs_per_pixel']:,} multiply-adds per pixel; "
+    size = size_text((folder / "index.html").stat().st_size)
+    text = nodes.paragraph("", f"{report['verdict'] or 'Not judged'}. {facts}")
+    text += _link(f"{address}/index.html", f"open the page ({size})")
+    text += nodes.Text(", ")
+    text += _link(f"{address}/report.html", "its report")
+    if not (folder / "page.webp").is_file():
+        return [heading, text]
+    picture = nodes.raw("", f'<img src="{address}/page.webp" alt="{folder.name}" width="480">', format="html")
+    return [heading, picture, text]
+
+
+def _link(address: str, text: str) -> nodes.Node:
+    return nodes.reference(text, text, refuri=address)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Add the directive.
+
+    Args:
+        app: The application.
+
+    Returns:
+        Facts about the extension.
+    """
+    app.add_directive("live-pages", LivePages)
+    # The list depends on a folder, not on its page.
+    app.connect("env-get-outdated", lambda *_: ["docs/live-pages"])
+    return {"parallel_read_safe": True, "version": "1"}
