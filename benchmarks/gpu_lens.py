@@ -1,34 +1,24 @@
 """How long the lens takes on a GPU at 1024x1024 with two layers: the WGSL that the browser runs, through wgpu.
 
-    python benchmarks/gpu_lens.py            results/lens.json
-    python benchmarks/gpu_lens.py --quick    a smoke run on 128x128 pixels; writes nothing
-
-The page's own plan of buffers, shaders and steps (web/runtime/src/lens/plan.ts) is printed by Node and carried out
-here, so that there is one program. The frame has a ramp of blur up to 32 px behind focus and bars 20 px before it;
-gathering, the cut between the layers, the fill behind the front one, both scatters, both solves and the composite are
-inside the time. Its picture is compared with the Python pipeline's. Needs `pip install -e ".[gpu]"` (wgpu), Node and
-the web's packages, and a Vulkan, Metal or D3D12 driver; on a software rasteriser milliseconds say nothing about a
-GPU, so that row stays unmeasured.
+A stage of gpu.py (``--only lens``). The page's own plan of buffers, shaders and steps (web/runtime/src/lens/plan.ts)
+is printed by Node and carried out here, so that there is one program. The frame has a ramp of blur up to 32 px behind
+focus and bars 20 px before it; gathering, the cut between the layers, the fill behind the front one, both scatters,
+both solves and the composite are inside the time. Its picture is compared with the Python pipeline's. Needs
+`pip install -e ".[gpu]"` (wgpu), a Vulkan, Metal or D3D12 driver, and Node and the web's packages or programs that were
+prepared. With ``--simulate`` a software rasteriser runs a small frame.
 """
 
 from __future__ import annotations
 
-import argparse
 import base64
-import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 from statistics import median
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
-
+from gpu_figures import Record
+from gpu_programs import lens_plan
 from gpu_shading import adapter, is_software
-from rows import Row, at_least, at_most, publish, without_bar
-from wgsl import available
 
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.pipeline import Lens
@@ -36,9 +26,8 @@ from lightwell.lens.settings import LensSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DISC = ROOT / "lightwell/lens/standard/disc-32.lwsp"
-SIZE, SOFTWARE_SIZE, QUICK_SIZE, LARGEST = 1024, 256, 128, 32.0
-# Milliseconds asked on a GPU of the H200's class, and decibels against the Python pipeline.
-BAR, PARITY_BAR = 5.0, 45.0
+SIZE, SIMULATED_SIZE, LARGEST = 1024, 128, 32.0
+FRAMES, SIMULATED_FRAMES = 30, 2
 # Bytes of a row of a texture that is copied to a buffer are a multiple of this (WebGPU).
 ROW_ALIGNMENT = 256
 KINDS = {
@@ -63,8 +52,8 @@ def frame(size: int) -> tuple[np.ndarray, np.ndarray, LensCamera]:
     return rgb.astype(np.float32), depth.astype(np.float32), camera
 
 
-def printed(size: int, camera: LensCamera, software: bool) -> dict:
-    """The plan, as Node prints it."""
+def job_of(size: int, camera: LensCamera, software: bool) -> dict:
+    """The job for which tools/print-lens.mjs prints the plan."""
     options = {
         "width": size, "height": size, "layers": 2, "largest": min(LARGEST, size / 2), "longest": 1, "extend": True,
         "format": "rgba32float", "software": software,
@@ -73,13 +62,7 @@ def printed(size: int, camera: LensCamera, software: bool) -> dict:
         "depthMeaning": {"kind": "linear"}, "motion": False, "edges": "extend", "tolerance": 1e-3,
         "camera": {n: float(getattr(camera, n)) for n in ("focus", "focal", "fstop", "sensor")},
     }  # fmt: skip
-    job = {"still": str(DISC), "moving": None, "options": options, "frame": facts}
-    script = ["node", str(ROOT / "tools/print-lens.mjs")]
-    done = subprocess.run(script, input=json.dumps(job), capture_output=True, text=True)
-    if done.returncode:
-        said = [line for line in done.stderr.splitlines() if "Error" in line] or ["it said nothing"]
-        raise RuntimeError(f"print-lens: {said[0]}")
-    return json.loads(done.stdout)
+    return {"still": str(DISC), "moving": None, "options": options, "frame": facts}
 
 
 class Program:
@@ -220,44 +203,19 @@ class Program:
         return float(end - begin) * 1e-9
 
 
-def rows(quick: bool) -> list[Row]:
-    """The time, and the agreement with Python."""
-    title = "GPU: the browser's lens through wgpu, {0}x{0}, two layers, radius up to 32 px"
-    what = title.format(QUICK_SIZE if quick else SIZE)
-    found, why = adapter()
-    why = why or available()
-    if why:
-        return [at_most(what, BAR, None, "ms", why)]
+def measure(record: Record, simulate: bool) -> None:
+    """Record the time, and the agreement with Python."""
+    found = adapter(simulate)
     info = dict(found.info)
-    software = is_software(info)
-    size = QUICK_SIZE if quick else SOFTWARE_SIZE if software else SIZE
+    software, size = is_software(info), SIMULATED_SIZE if simulate else SIZE
     rgb, depth, camera = frame(size)
-    program = Program(found, printed(size, camera, software), rgb, depth)
-    picture = program.picture()
+    program = Program(found, lens_plan(job_of(size, camera, software), size, software), rgb, depth)
     expected, report = Lens(LensSettings(layers=2)).apply(rgb, depth, None, camera)
-    error = np.mean((np.clip(picture[..., :3], 0, 1) - np.clip(expected[..., :3], 0, 1)) ** 2)
-    times = [program.seconds() for _ in range(2 if software else 30)]
-    ms = 1e3 * median(times[1:] or times)
+    error = np.mean((np.clip(program.picture()[..., :3], 0, 1) - np.clip(expected[..., :3], 0, 1)) ** 2)
+    record("parity", float(-10 * np.log10(error)), f"{size}x{size}, {report.line()}")
+    times = [program.seconds() for _ in range(SIMULATED_FRAMES if simulate else FRAMES)]
+    ms = 1e3 * median(times[1:])
     clock = "GPU timestamps" if program.timestamps else "wall clock"
-    note = f"{info['device']} ({info['backend_type']}), {clock}: {ms:.4g} ms"
-    note += f"; compiled in {program.compile_seconds:.1f} s"
-    kind = "software rasteriser" if software else info["device"]
-    here, decibels = title.format(size), float(-10 * np.log10(error))
-    asked = f"no GPU on this machine; {note}" if software else f"{note}; the paper: 190 ms on a GTX 980 Ti"
-    return [
-        at_most(what, BAR, None if software else ms, "ms", asked),
-        without_bar(f"{here}, on the adapter at hand", ms, "ms", note),
-        at_least(f"{here}, PSNR against Python, {kind}", PARITY_BAR, decibels, "dB", report.line()),
-    ]
-
-
-def main() -> None:
-    """Time the lens and publish its rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a smoke run; writes nothing")
-    arguments = parser.parse_args()
-    publish("lens", rows(arguments.quick), arguments.quick)
-
-
-if __name__ == "__main__":
-    main()
+    note = f"{info['device']} ({info['backend_type']}), {size}x{size}, {clock}: {ms:.4g} ms"
+    note += f"; compiled in {program.compile_seconds:.1f} s; the paper: 190 ms on a GTX 980 Ti"
+    record("frame", ms, note)

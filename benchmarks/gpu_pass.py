@@ -25,6 +25,9 @@ WARM_UP = 0.3
 # Passes between two fences, where there is no clock on the GPU.
 FRAMES = 8
 
+# Second texture coordinates per metre, in place of an atlas: neighbouring pixels read neighbouring texels, as there.
+UV_SCALE = 0.25
+
 VERTEX = """
 @vertex fn corner(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
   return vec4f(vec2f(f32(i & 1u), f32(i >> 1u)) * 4.0 - 1.0, 0.0, 1.0);
@@ -47,6 +50,8 @@ FRAGMENT = """
   let reflectance = max(a.xyz, vec3f(0.001));
   let view = normalize(frame.eye.xyz - position);
   let light = frame.light.xyz;
+  let shading_normal = normal;
+  let uv1 = position.xz * UV_SCALE + 0.5;
   return vec4f(BODY, 1.0);
 }
 """
@@ -83,6 +88,8 @@ class GBuffer:
             "reflectance": np.maximum(rows(self.reflectance)[:, :3] / np.float32(255), np.float32(1e-3)),
             "roughness": position[:, 3:],
             "metallic": normal[:, 3:],
+            "shading_normal": normal[:, :3],
+            "uv1": position[:, [0, 2]] * np.float32(UV_SCALE) + np.float32(0.5),
         }
 
 
@@ -147,7 +154,11 @@ class Pass:
     def __init__(self, gpu: Gpu, program: Program | None) -> None:
         self.gpu = gpu
         body = f"field({', '.join(program.parameters)}) * reflectance" if program else TEXTURED
-        code = VERTEX + (program.code if program else "") + FRAGMENT.replace("BODY", body)
+        code = (
+            VERTEX
+            + (program.code if program else "")
+            + FRAGMENT.replace("BODY", body).replace("UV_SCALE", f"{UV_SCALE}")
+        )
         start = time.perf_counter()
         self._module = gpu.device.create_shader_module(code=code)
         self._groups, layouts = [gpu._group], [gpu._layout]

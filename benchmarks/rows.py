@@ -75,8 +75,8 @@ def chosen(option: str, given: str | None, known: Iterable[str]) -> list[str]:
     return words
 
 
-def publish(topic: str, rows: list[Row], quick: bool) -> None:
-    """Print the rows; write ``results/TOPIC.json`` unless it is only a smoke run. Rows not measured now are kept."""
+def publish(topic: str, rows: list[Row], quick: bool = False, folder: Path = RESULTS) -> None:
+    """Print the rows; write ``FOLDER/TOPIC.json`` unless it is only a smoke run. Rows not measured now are kept."""
     for row in rows:
         verdict = {True: "holds", False: "DOES NOT HOLD", None: "no bar"}[row.holds]
         verdict = "not measured" if row.measured is None else verdict
@@ -84,12 +84,12 @@ def publish(topic: str, rows: list[Row], quick: bool) -> None:
         print(f"{row.what:<72} asked {row.asked:<10} measured {measured:<22} {verdict}  {row.note}")
     if quick:
         return
-    path = RESULTS / f"{topic}.json"
+    path = folder / f"{topic}.json"
     old = {row["what"]: row for row in json.loads(path.read_text())} if path.exists() else {}
     for row in rows:
         if row.measured is not None or row.what not in old:
             old[row.what] = asdict(row)
-    RESULTS.mkdir(exist_ok=True)
+    folder.mkdir(exist_ok=True)
     temporary = path.with_suffix(".part")
     temporary.write_text(json.dumps(list(old.values()), indent=1) + "\n")
     os.replace(temporary, path)

@@ -9,6 +9,8 @@ from lightwell.cache.training_paths import TrainingRecords, resolve
 
 from .scenes import SMALL, furnace, room
 
+pytestmark = pytest.mark.gpu
+
 
 def integrator(**options):
     return NrcIntegrator(settings=settings_of({**SMALL, **options}))

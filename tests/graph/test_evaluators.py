@@ -13,6 +13,8 @@ from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
 from lightwell.graph.ops.linear import MANY_EXPERTS
 
+pytestmark = pytest.mark.gpu
+
 CASES = cases()
 # The contract: evaluators agree to this, relative to max(1, |value|).
 TOLERANCE = 1e-4

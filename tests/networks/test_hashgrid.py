@@ -9,6 +9,8 @@ from lightwell.backend import dr, mi
 from lightwell.graph import Builder, evaluate
 from lightwell.networks.hashgrid import HashGrid
 
+pytestmark = pytest.mark.gpu
+
 GRIDS = [HashGrid(), HashGrid(levels=2, base=3, growth=5, entries_log2=7, channels=8)]
 
 

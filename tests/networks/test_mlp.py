@@ -7,6 +7,8 @@ from lightwell.backend import dr, mi
 from lightwell.networks import Mlp
 from lightwell.networks.mlp import ACTIVATIONS, EXP_HIGH, EXP_LOW
 
+pytestmark = pytest.mark.gpu
+
 NUMPY = {
     "identity": lambda x: x,
     "relu": lambda x: np.maximum(x, 0),

@@ -18,6 +18,8 @@ from lightwell.transport.surface import sample_surface
 from . import rooms
 from .zscores import Estimate, mitsubas, of_groups, ours, with_view, z_test
 
+pytestmark = pytest.mark.gpu
+
 # Points per test and paths per point: 0.8 M paths, a standard error of about 3 % a point, 0.5 % of all points together.
 POINTS, PATHS = 48, 1 << 14
 # A shorter depth than the default keeps the reference quick; both sides count it in the same way.

@@ -14,6 +14,8 @@ from lightwell.transport.surface import sample_surface
 
 from . import rooms
 
+pytestmark = pytest.mark.gpu
+
 
 @pytest.mark.parametrize("albedo", [0.2, 0.5, 0.8])
 def test_furnace(albedo):

@@ -12,6 +12,8 @@ from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.texels import texels
 
+pytestmark = pytest.mark.gpu
+
 # Four standard errors.
 SIGMAS = 4
 
