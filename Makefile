@@ -50,6 +50,7 @@ web/node_modules/.installed: web/package-lock.json
 	@tools/ensure-node.sh
 	cd web && npm ci --no-audit --no-fund
 	@tools/find-chromium.sh --install >/dev/null
+	@tools/find-glslang.sh --install >/dev/null
 	@touch $@
 
 # Rebuild the page that ships in the wheel (needs Node; the built page is kept in the repository).

@@ -26,9 +26,16 @@ from lightwell.graph.budget import graph_work
 from lightwell.graph.pictures import encode
 from lightwell.limits import Limits
 
-TARGETS = ("glsl", "wgsl", "shadertoy")
+TARGETS = ("glsl", "wgsl", "shadertoy", "hlsl", "msl", "gdshader")
 # Default ending of the written file.
-ENDINGS = {"glsl": ".glsl", "wgsl": ".wgsl", "shadertoy": ".shadertoy.glsl"}
+ENDINGS = {
+    "glsl": ".glsl",
+    "wgsl": ".wgsl",
+    "shadertoy": ".shadertoy.glsl",
+    "hlsl": ".hlsl",
+    "msl": ".metal",
+    "gdshader": ".gdshaderinc",
+}
 # Seconds that printing may take: the largest field that FORMAT.md allows takes a few.
 TIMEOUT = 120
 # Reads the exporter's path and the request, writes the answer.
@@ -64,7 +71,7 @@ def export_field(
 
     Args:
         path: A GLB, or the folder of a bake.
-        to: Target language: "glsl", "wgsl" or "shadertoy".
+        to: Target language, one of ``TARGETS``.
         field: Name of the field; "" takes the first one.
         name: Name of the printed function.
         weights: "inline" (literals in the text) or "table" (textures); "" chooses literals up to 16,384 multiply-adds.

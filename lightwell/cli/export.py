@@ -10,6 +10,11 @@ from lightwell.cli.arguments import add_options, given_options
 from lightwell.core.scene_options import LimitOptions
 from lightwell.core.units import size_text
 
+LANGUAGES = (
+    "glsl, wgsl, shadertoy or hlsl; msl (checked by clang, never compiled by Apple's compiler) or gdshader (checked "
+    "against Godot's grammar, never compiled by Godot)"
+)
+
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     """Add the arguments.
@@ -19,7 +24,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
         argv: Words after the verb.
     """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
-    parser.add_argument("--to", required=True, metavar="LANGUAGE", help="glsl, wgsl or shadertoy")
+    parser.add_argument("--to", required=True, metavar="LANGUAGE", help=LANGUAGES)
     parser.add_argument("-o", "--out", help="file to write, and what it binds beside it (default: beside the asset)")
     parser.add_argument("--field", default="", help="name of the field (default: the first)")
     parser.add_argument("--name", default="lightwell", help="name of the function (default: %(default)s)")

@@ -15,7 +15,16 @@ needs_node = pytest.mark.skipif(not shutil.which("node"), reason="no Node on thi
 
 
 @needs_node
-@pytest.mark.parametrize(("to", "word"), [("glsl", "uniform highp sampler2D"), ("wgsl", "glow_picture0: texture_2d")])
+@pytest.mark.parametrize(
+    ("to", "word"),
+    [
+        ("glsl", "uniform highp sampler2D"),
+        ("wgsl", "glow_picture0: texture_2d"),
+        ("hlsl", "Texture2D<float4> glow_picture0, SamplerState glow_picture0_sampler"),
+        ("msl", "texture2d<float> glow_picture0, sampler glow_picture0_sampler"),
+        ("gdshader", "uniform sampler2D glow_picture0 : filter_linear"),
+    ],
+)
 def test_a_light_map_becomes_a_text_and_pictures(tmp_path, to, word, capsys):
     assert main(["export", str(ASSET), "--to", to, "-o", str(tmp_path / "glow.txt"), "--name", "glow"]) == 0
     text = (tmp_path / "glow.txt").read_text()
@@ -37,7 +46,7 @@ def test_tables_go_beside_the_text(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--to", "hlsl"], "export: expected --to glsl, wgsl, shadertoy, found 'hlsl'"),
+        (["--to", "cobol"], "export: expected --to glsl, wgsl, shadertoy, hlsl, msl, gdshader, found 'cobol'"),
         (["--to", "shadertoy"], "shadertoy: expected a field without textures or tables"),
         (["--to", "glsl", "--field", "sky"], "has no field 'sky'; it has 'lightmap'"),
         (["--to", "glsl", "--name", "a b"], "name: expected letters, digits and _"),

@@ -1,10 +1,12 @@
 /** `lightwell/export`: a learned field as one self-contained shader text, for engines other than three.js. */
 
 import { FormatError } from "./checks.ts";
+import { DIALECTS, type DialectName } from "./graph/dialects.ts";
 import { type Graph, only, printGlsl, printWgsl, type StoredBuffer } from "./graph/index.ts";
+import { printDialect } from "./graph/print-dialect.ts";
 import { shadertoy } from "./shadertoy.ts";
 
-export const EXPORT_TARGETS = ["glsl", "wgsl", "shadertoy"] as const;
+export const EXPORT_TARGETS = ["glsl", "wgsl", "shadertoy", "hlsl", "msl", "gdshader"] as const;
 export type ExportTarget = (typeof EXPORT_TARGETS)[number];
 
 export interface ExportOptions {
@@ -59,6 +61,7 @@ export function exportShader(given: Graph, options: ExportOptions): ExportedShad
   if (!NAME.test(name) || name.includes("__")) throw new FormatError("name: expected letters, digits and _ (at most 32)");
   const graph = unframed(only(given, "radiance"));
   if (to === "wgsl") return exportWgsl(graph, name, options);
+  if (to in DIALECTS) return exportDialect(graph, to as DialectName, name, options);
   const shader = exportGlsl(graph, name, options);
   if (to === "glsl") return shader;
   if (shader.tables.length > 0 || shader.pictures.size > 0) {
@@ -83,6 +86,24 @@ function exportGlsl(graph: Graph, name: string, { title, weights = "inline" }: E
   const call = `vec3 ${name}(${program.parameters.map((p) => `${p.width === 1 ? "float" : `vec${p.width}`} ${p.name}`).join(", ")})`;
   const head = header("GLSL ES 3.00 with precision highp float and int", graph, call, bindings, title);
   return { text: `${head}\n${program.code}\n`, tables, pictures: program.pictures };
+}
+
+/** Where a text of a language goes, and whether anything ever compiled it: `docs/export.md`. */
+const DIALECT_NOTES: Readonly<Record<DialectName, string>> = {
+  hlsl: "HLSL, shader model 5; textures are parameters of the function",
+  msl: "Metal shading language 2, after `#include <metal_stdlib>` and `using namespace metal;`; textures are parameters of the function; never compiled by Apple's compiler",
+  gdshader: "Godot 4 shading language, to be included in a shader and called in fragment(); never compiled by Godot",
+};
+
+function exportDialect(graph: Graph, to: DialectName, name: string, { title, weights = "inline" }: ExportOptions): ExportedShader {
+  const program = printDialect(graph, DIALECTS[to], { name, weights: weights === "inline" ? "inline" : "texture" });
+  const bindings = [
+    ...program.textures.map((t) => `${t.name}: ${t.width} x ${t.height} texels, ${t.format.toUpperCase()}, nearest, no mipmaps`),
+    ...[...program.pictures].map(([uniform, buffer]) => pictureNote(uniform, buffer)),
+  ];
+  const named = program.parameters.reduce((text, p, i) => text.replace(new RegExp(`\\bi${i}\\b`), p.name), program.signature);
+  const head = header(DIALECT_NOTES[to], graph, named, bindings, title);
+  return { text: `${head}\n${program.code}\n`, tables: program.textures, pictures: program.pictures };
 }
 
 function exportWgsl(graph: Graph, name: string, { title, weights = "inline" }: ExportOptions): ExportedShader {

@@ -163,7 +163,7 @@ function readFrame({ name: uniform, kind, blocks, slot }: FrameUniform, name: st
 }
 
 /** All numbers of one precision as a texture; null when there are none. */
-function texelTexture(name: string, store: TexelStore): TexelTexture | null {
+export function texelTexture(name: string, store: TexelStore): TexelTexture | null {
   if (store.texels === 0) return null;
   const width = 2 ** Math.min(Math.ceil(Math.log2(Math.sqrt(store.texels))), Math.log2(TEXTURE_SIDE));
   const height = Math.ceil(store.texels / width);

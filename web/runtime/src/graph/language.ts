@@ -1,11 +1,17 @@
-/** The few ways in which GLSL ES 3.00 and WGSL differ, so that each op has one text. */
+/** The few ways in which shading languages differ, so that each op has one text. GLSL ES 3.00 and WGSL; others: `dialects.ts`. */
 
 export type ScalarType = "float" | "int" | "uint" | "vec2" | "vec3" | "vec4" | "ivec2" | "ivec4";
 
 export interface Language {
-  readonly name: "glsl" | "wgsl";
+  readonly name: "glsl" | "wgsl" | "hlsl" | "msl" | "gdshader";
   /** Name of a type, also its constructor. */
   type(type: ScalarType): string;
+  /** A vector whose components are all the same number. */
+  splat(type: ScalarType, value: string): string;
+  /** Name of the function that interpolates linearly. */
+  readonly mix: "mix" | "lerp";
+  /** What stands behind the number of places of a shift. */
+  readonly places: "u" | "";
   /** Constant declaration. */
   constant(type: ScalarType, name: string, value: string): string;
   /** Variable declaration with a value. */
@@ -22,8 +28,8 @@ export interface Language {
   readonly slope?: (at: string, size: string) => string;
   /** `condition ? yes : no`, for a scalar condition. */
   choose(condition: string, yes: string, no: string): string;
-  /** Column-major 4×4 matrix literal. */
-  matrix(columns: readonly string[]): string;
+  /** A 4×4 matrix, given by its columns, times a vec4. */
+  transform(columns: readonly string[], vector: string): string;
   /** A function whose body is given as lines. */
   function(
     type: ScalarType,
@@ -36,6 +42,9 @@ export interface Language {
 export const GLSL: Language = {
   name: "glsl",
   type: (type) => type,
+  splat: (type, value) => `${type}(${value})`,
+  mix: "mix",
+  places: "u",
   constant: (type, name, value) => `${type} ${name} = ${value};`,
   variable: (type, name, value) => `${type} ${name} = ${value};`,
   array: (name, count) => `vec4 ${name}[${count}];`,
@@ -48,7 +57,7 @@ export const GLSL: Language = {
     return `vec2(dot(${x}, ${x}), dot(${y}, ${y}))`;
   },
   choose: (condition, yes, no) => `(${condition} ? ${yes} : ${no})`,
-  matrix: (columns) => `mat4(${columns.join(", ")})`,
+  transform: (columns, vector) => `mat4(${columns.join(", ")}) * ${vector}`,
   function: (type, name, parameters, body) =>
     `${type} ${name}(${parameters.map(([t, n]) => `${t} ${n}`).join(", ")}) {\n${body.map((s) => `  ${s}\n`).join("")}}`,
 };
@@ -67,6 +76,9 @@ const WGSL_TYPES: Record<ScalarType, string> = {
 export const WGSL: Language = {
   name: "wgsl",
   type: (type) => WGSL_TYPES[type],
+  splat: (type, value) => `${WGSL_TYPES[type]}(${value})`,
+  mix: "mix",
+  places: "u",
   constant: (_type, name, value) => `let ${name} = ${value};`,
   variable: (_type, name, value) => `var ${name} = ${value};`,
   array: (name, count) => `var ${name}: array<vec4f, ${count}>;`,
@@ -75,7 +87,7 @@ export const WGSL: Language = {
   loop: (name, count) => `for (var ${name} = 0i; ${name} < ${count}; ${name}++) {`,
   sample: (name, at, level) => `textureSampleLevel(${name}, ${name}_sampler, ${at}, ${level})`,
   choose: (condition, yes, no) => `select(${no}, ${yes}, ${condition})`,
-  matrix: (columns) => `mat4x4f(${columns.join(", ")})`,
+  transform: (columns, vector) => `mat4x4f(${columns.join(", ")}) * ${vector}`,
   function: (type, name, parameters, body) =>
     `fn ${name}(${parameters.map(([t, n]) => `${n}: ${WGSL_TYPES[t]}`).join(", ")}) -> ${WGSL_TYPES[type]} {\n${body
       .map((s) => `  ${s}\n`)
@@ -87,7 +99,7 @@ const SMALLEST = 1.1754943508222875e-38;
 
 const LARGEST = 3.4028234663852886e38;
 
-/** A number as a float literal of both languages that reads back as the same 32-bit float. */
+/** A number as a float literal of all languages that reads back as the same 32-bit float. */
 export function literal(x: number): string {
   const value = Math.fround(x);
   if (Math.abs(value) < SMALLEST) return "0.0";

@@ -1,5 +1,5 @@
 /**
- * The part of printing that GLSL and WGSL share: named values, helper functions, tables of weights, statements.
+ * The part of printing that all languages share: named values, helper functions, tables of weights, statements.
  *
  * A value of width C is ⌈C/4⌉ vec4 *blocks*; the components beyond C are zero, so that padded matrices may read them.
  */
@@ -157,6 +157,7 @@ export class Printer {
 
   /** `vec4(…)` in the language. */
   vec4(...parts: string[]): string {
+    if (parts.length === 1) return this.language.splat("vec4", parts[0]!);
     return `${this.language.type("vec4")}(${parts.join(", ")})`;
   }
 

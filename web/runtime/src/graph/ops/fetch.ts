@@ -84,9 +84,9 @@ function print(use: Use, printer: Printer, out: Value, [p]: readonly Value[], la
       language.constant(
         "vec3",
         "upper",
-        `${language.type("vec3")}(${[0, 1, 2].map((axis) => `${float}((${corner} >> ${axis}u) & 1)`).join(", ")})`,
+        `${language.type("vec3")}(${[0, 1, 2].map((axis) => `${float}((${corner} >> ${axis}${language.places}) & 1)`).join(", ")})`,
       ),
-      language.constant("vec3", "share", "mix(1.0 - (at - low), at - low, upper)"),
+      language.constant("vec3", "share", `${language.mix}(1.0 - (at - low), at - low, upper)`),
       language.constant("vec3", "cell", "min(low + upper, last)"),
       language.constant(
         "int",

@@ -91,20 +91,20 @@ export const hashgrid: Op = {
     printer.emit(
       "{",
       language.table("ivec4", "layout_", rows),
-      language.constant("vec3", "unit", `clamp(${p!.block(0)}.xyz, ${vec3}(0.0), ${vec3}(1.0))`),
+      language.constant("vec3", "unit", `clamp(${p!.block(0)}.xyz, ${language.splat("vec3", "0.0")}, ${language.splat("vec3", "1.0")})`),
     );
     printer.loop(layout.length, (level) => {
       printer.emit(
         language.constant("ivec4", "level", `layout_[${level}]`),
         language.constant("vec3", "at", `unit * ${float}(level.x)`),
-        language.constant("vec3", "low", `min(floor(at), ${vec3}(${float}(level.x - 1)))`),
+        language.constant("vec3", "low", `min(floor(at), ${language.splat("vec3", `${float}(level.x - 1)`)})`),
       );
       printer.zeros(sum);
       printer.loop(8, (corner) => {
-        const bits = [0, 1, 2].map((axis) => `${float}((${corner} >> ${axis}u) & 1)`).join(", ");
+        const bits = [0, 1, 2].map((axis) => `${float}((${corner} >> ${axis}${language.places}) & 1)`).join(", ");
         printer.emit(
           language.constant("vec3", "upper", `${vec3}(${bits})`),
-          language.constant("vec3", "share", "mix(1.0 - (at - low), at - low, upper)"),
+          language.constant("vec3", "share", `${language.mix}(1.0 - (at - low), at - low, upper)`),
           ...["x", "y", "z"].map((axis) =>
             language.constant("int", axis, `${int}(low.${axis} + upper.${axis})`),
           ),
@@ -126,7 +126,7 @@ export const hashgrid: Op = {
       } else {
         for (let c = 0; c < channels; c++) {
           const index = `(${level} * ${channels} + ${c})`;
-          printer.emit(`${out.name}[${index} >> 2u][${index} & 3] = ${sum.at(c)};`);
+          printer.emit(`${out.name}[${index} >> 2${language.places}][${index} & 3] = ${sum.at(c)};`);
         }
       }
     });

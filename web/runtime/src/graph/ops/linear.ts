@@ -29,7 +29,7 @@ function printInline(use: Use, printer: Printer, out: Value, a: Value, language:
     for (let i = 0; i < a.blocks; i++) {
       if (inputs - 4 * i === 1) terms.push(`${column(block, 4 * i)} * ${a.at(4 * i)}`);
       else
-        terms.push(`${language.matrix([0, 1, 2, 3].map((c) => column(block, 4 * i + c)))} * ${a.block(i)}`);
+        terms.push(language.transform([0, 1, 2, 3].map((c) => column(block, 4 * i + c)), a.block(i)));
     }
     printer.store(out, block, terms.join("\n    + "));
   }

@@ -36,7 +36,7 @@ export function accumulateRow(
 ): void {
   if (channels <= 2) {
     const texel = printer.temporary();
-    const index = `${table.first} + (${row} >> ${channels === 1 ? 2 : 1}u)`;
+    const index = `${table.first} + (${row} >> ${channels === 1 ? 2 : 1}${language.places})`;
     printer.emit(language.constant("vec4", texel, table.texel(index)));
     const zeros = ["0.0", "0.0"];
     const value =

@@ -24,7 +24,7 @@ export const top2: Op = {
     const g = printer.indexable(printer.local(given!));
     const count = use.widths[0]!;
     const float = language.type("float");
-    const component = (k: string) => (g.blocks === 1 ? `${g.block(0)}[${k}]` : `${g.block(`(${k} >> 2u)`)}[${k} & 3]`);
+    const component = (k: string) => (g.blocks === 1 ? `${g.block(0)}[${k}]` : `${g.block(`(${k} >> 2${language.places})`)}[${k} & 3]`);
     printer.zeros(out);
     // Ranked so far: the two largest with their indices, and the value of the third.
     printer.emit(

@@ -63,7 +63,7 @@ export const tree: Op = {
     const depth = use.number.depth!;
     const point = printer.indexable(printer.local(a!));
     const child = printer.temporary();
-    const component = point.blocks === 1 ? `${point.block(0)}[axis]` : `${point.block("(axis >> 2u)")}[axis & 3]`;
+    const component = point.blocks === 1 ? `${point.block(0)}[axis]` : `${point.block(`(axis >> 2${language.places})`)}[axis & 3]`;
     printer.emit(language.variable("int", child, "0"), "{");
     printer.loop(depth, () => {
       printer.emit(
