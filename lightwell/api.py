@@ -138,7 +138,7 @@ def bake(scene: PathLike, out: PathLike, *, progress: bool = False, **options: A
     from lightwell.baking.pipeline import bake as run
     from lightwell.baking.settings import BakeSettings
 
-    settings = BakeSettings(**_settings(BakeSettings, scene, out, options, own="options"))
+    settings = BakeSettings(**read_settings(BakeSettings, scene, out, options, own="options"))
     return Report(Path(out), run(settings, _progress(progress)))
 
 
@@ -170,7 +170,7 @@ def compare(
 
     names = fields if isinstance(fields, str) else ",".join(fields)
     settings = CompareSettings(
-        fields=parse_fields(names), **_settings(CompareSettings, scene, out, options, verb="compare")
+        fields=parse_fields(names), **read_settings(CompareSettings, scene, out, options, verb="compare")
     )
     return Comparison(Path(out), compare_fields(settings, _progress(progress)))
 
@@ -199,7 +199,7 @@ def render(scene: PathLike, out: PathLike, *, progress: bool = False, **options:
     from lightwell.rendering.integrators import render as run
     from lightwell.rendering.settings import RenderSettings
 
-    settings = RenderSettings(**_settings(RenderSettings, scene, out, options, verb="render", own="options"))
+    settings = RenderSettings(**read_settings(RenderSettings, scene, out, options, verb="render", own="options"))
     return run(settings, quiet=not progress)
 
 
@@ -224,7 +224,7 @@ def samples(scene: PathLike, out: PathLike, **options: Any) -> dict[str, Any]:
     """
     from lightwell.baking.sample_file import SampleSettings, write_samples
 
-    return write_samples(SampleSettings(**_settings(SampleSettings, scene, out, options, verb="samples")))
+    return write_samples(SampleSettings(**read_settings(SampleSettings, scene, out, options, verb="samples")))
 
 
 def read(path: PathLike) -> Asset | ProbeVolume | RadianceCache:
@@ -266,11 +266,26 @@ def read(path: PathLike) -> Asset | ProbeVolume | RadianceCache:
 # ---------------------------------------------------------------------- arguments
 
 
-def _settings(
+def read_settings(
     kind: Any, scene: PathLike, out: PathLike, options: Mapping[str, Any], verb: str = "bake", own: str = ""
 ) -> dict[str, Any]:
-    """Arguments of a settings class: texts are read as on the command line; ``own``: where options that the class does
-    not have go, those of a field or integrator."""
+    """Make the arguments of a class of settings from keyword arguments; texts are read as on the command line.
+
+    Args:
+        kind: Dataclass of the settings.
+        scene: Its scene.
+        out: What is written.
+        options: Values by name.
+        verb: Verb of the command line, for messages.
+        own: Name under which options are passed on that the class does not have, those of a field or integrator;
+            '': there are none.
+
+    Returns:
+        Arguments by name.
+
+    Raises:
+        ValueError: The class has no such option and passes none on, or a text cannot be read.
+    """
     from lightwell.core.options import flag_of, options_of, parsed
 
     known, readers = {f.name for f in fields(kind)}, options_of(kind)

@@ -10,7 +10,7 @@ import re
 import pytest
 
 import lightwell
-from lightwell.api import _settings
+from lightwell.api import read_settings
 from lightwell.baking.comparison import CompareSettings, parse_fields
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli.bake import settings
@@ -130,10 +130,10 @@ def test_python_uses_what_exists(snippet):
 
 # What the options of a function are made into.
 MADE = {
-    "bake": lambda given: BakeSettings(**_settings(BakeSettings, "cornell", "out", given, own="options")),
-    "render": lambda given: RenderSettings(**_settings(RenderSettings, "cornell", "o", given, "render", "options")),
+    "bake": lambda given: BakeSettings(**read_settings(BakeSettings, "cornell", "out", given, own="options")),
+    "render": lambda given: RenderSettings(**read_settings(RenderSettings, "cornell", "o", given, "render", "options")),
     "compare": lambda given: CompareSettings(
-        fields=parse_fields("mlp"), **_settings(CompareSettings, "cornell", "out", given, "compare")
+        fields=parse_fields("mlp"), **read_settings(CompareSettings, "cornell", "out", given, "compare")
     ),
 }
 

@@ -2,6 +2,7 @@
 
 import os
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -36,22 +37,48 @@ LEFT_OUT = (
     "export",
     "man",
 )
-RUN = [page for page in PAGES if any(s.language in ("sh", "python") for s in snippets(page))]
+# Pages whose commands trace and train nothing: they run in every `make test`, on a bake that is kept in the repository.
+QUICK = {
+    *(f"docs/how-to/{verb}.md" for verb in ("completion", "doctor", "info", "man", "store", "validate", "view")),
+    *("docs/reference/command-line.md", "docs/tutorials/install.md", "docs/web.md"),
+}
 
-pytestmark = pytest.mark.slow
+
+def _name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+RUN = [
+    pytest.param(page, id=_name(page), marks=[] if _name(page) in QUICK else pytest.mark.slow)
+    for page in PAGES
+    if any(s.language in ("sh", "python") for s in snippets(page))
+]
 
 
 @pytest.fixture(scope="module")
-def baked(tmp_path_factory):
+def fresh(tmp_path_factory):
     out = tmp_path_factory.mktemp("docs") / "out"
     assert main(lowered(["lightwell", "bake", "cornell", "-o", str(out)])[1:]) == 0
     return out
 
 
-@pytest.mark.parametrize("page", RUN, ids=lambda page: str(page.relative_to(ROOT)))
-def test_snippets_run(page, baked, tmp_path, monkeypatch, capfd):
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    out = tmp_path_factory.mktemp("kept") / "out"
+    out.mkdir()
+    shutil.copy(ROOT / "tests/compatibility/0.1.0/factored.glb", out / "scene.glb")
+    shutil.copy(ROOT / "lightwell/viewer/index.html", out)
+    return out
+
+
+def test_quick_pages_exist():
+    assert {param.id for param in RUN} >= QUICK
+
+
+@pytest.mark.parametrize("page", RUN)
+def test_snippets_run(page, request, tmp_path, monkeypatch, capfd):
     """As a reader would paste them: one after the other, in one folder, in a Python session that goes on."""
-    provide(tmp_path, baked)
+    provide(tmp_path, request.getfixturevalue("kept" if _name(page) in QUICK else "fresh"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LIGHTWELL_STORE", str(tmp_path.parent / "store"))
     session = ""

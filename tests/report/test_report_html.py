@@ -70,6 +70,11 @@ def test_unit_does_not_change_scores(data):
     assert other["psnr_db"] is None and other["per_view"] == []
 
 
+def test_terms_are_explained_where_they_stand(page):
+    assert page.count('role="tooltip"') >= 5
+    assert '<th class="n"><abbr title="Structural similarity' in page and '<abbr title=""' not in page
+
+
 def test_page_is_well_formed_and_self_contained(page):
     checker = Checker()
     checker.feed(page)
