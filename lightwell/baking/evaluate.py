@@ -27,7 +27,7 @@ NO_REGION = -1
 # The second expert's least share in a pixel that counts as blended.
 BLENDED = 0.01
 # Points of a picture that are evaluated at a time.
-BLOCK = 1 << 16
+BLOCK = 1 << 19
 
 
 @dataclass(frozen=True)

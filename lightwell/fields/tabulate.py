@@ -7,6 +7,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.fields.base import query_inputs
 from lightwell.graph import Compiled, Graph, compile
+from lightwell.graph.graph import FRAME_INPUTS
 from lightwell.transport.samples import Query
 
 # Rows that are computed at a time; bounds memory.
@@ -43,7 +44,7 @@ class Tabulated:
         for begin in range(0, len(query), ROWS_AT_ONCE):
             part = query[begin : begin + ROWS_AT_ONCE]
             inputs = query_inputs(part)
-            columns = {name: [mi.Float(np.ascontiguousarray(c)) for c in inputs[name].T] for name in self.graph.inputs}
+            columns = {name: _columns(inputs[name], name in FRAME_INPUTS) for name in self.graph.inputs}
             outputs = self._compiled(columns)
             values = {name: outputs[name] for name in names}
             dr.eval(values)
@@ -51,3 +52,10 @@ class Tabulated:
                 for k, column in enumerate(found):
                     out[name][begin : begin + len(part), k] = np.array(column)
         return out
+
+
+def _columns(values: np.ndarray, per_frame: bool) -> list[mi.Float]:
+    """Columns of an input [N, C]; single numbers where a frame input is the same for all, so that what depends on it
+    alone is computed once."""
+    same = per_frame and len(values) > 0 and bool((values == values[0]).all())
+    return [mi.Float(np.ascontiguousarray(c)) for c in (values[:1] if same else values).T]

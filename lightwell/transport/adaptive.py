@@ -221,24 +221,53 @@ def mixture(
     Returns:
         Points, lights [count, 3] float32, and weights [count] float32 (1 / density of the whole mixture).
     """
-    rng = np.random.default_rng(seed)
-    table = density.table(frames(scene, pool.points)[0], pool.points.shape)  # [P, cells]
-    # Probability of a point: its weight compensates for the floors of the pool, so that 1 means area-uniform.
-    share = (pool.weight / pool.weight.sum())[:, None]
-    of_cell = (table * share).sum(axis=0)
-    cell = density.light_cell(lights)
-    mean = of_cell[cell].mean()
-    adaptive = 1 - UNIFORM_SHARE if mean > 0 else 0.0
-    run = max(count // len(lights), 1)
-    chosen = _choose(rng, -(-count // run), of_cell[cell], adaptive)
-    light = np.repeat(chosen, run)[:count]
-    point = _points(rng, table * share, cell[light], adaptive)
-    wanted = cell[light]
-    of_light = 1 - adaptive + adaptive * of_cell[wanted] / max(mean, TINY)
-    # A cell without residual has no adaptive points: they are uniform there.
-    local = np.where(of_cell[wanted] > 0, adaptive, 0.0)
-    of_point = (1 - local) / pool.weight[point] + local * table[point, wanted] / np.maximum(of_cell[wanted], TINY)
-    return pool.points[point], lights[light], (1 / (of_light * of_point)).astype(np.float32)
+    pairs = PairChoice(density, frames(scene, pool.points)[0], pool.points.shape, pool.weight)
+    point, light, weight = pairs(lights, count, seed)
+    return pool.points[point], lights[light], weight
+
+
+class PairChoice:
+    """Chooses pairs of a point and a light as ``mixture`` does, by index; P points."""
+
+    def __init__(self, density: ResidualDensity, position: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> None:
+        """Tabulate the odds of the points.
+
+        Args:
+            density: Residual by cell.
+            position: [P, 3] points to choose from, metres.
+            shape: [P] indices of their meshes.
+            weight: [P] weights of the points.
+        """
+        self._density, self._weight = density, np.asarray(weight, np.float64)
+        self._table = density.table(position, shape)  # [P, cells]
+        # Probability of a point: its weight compensates for the floors of the pool, so that 1 means area-uniform.
+        self._sums = np.asfortranarray(np.cumsum(self._table * (self._weight / self._weight.sum())[:, None], axis=0))
+
+    def __call__(self, lights: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Choose pairs in light-major order.
+
+        Args:
+            lights: [L, 3] lights to choose from.
+            count: Number of pairs, ≥ 1.
+            seed: Seed of the choices.
+
+        Returns:
+            Indices of points and of lights [count], and weights [count] float32 (1 / density of the whole mixture).
+        """
+        rng, weight, of_cell = np.random.default_rng(seed), self._weight, self._sums[-1]
+        cell = self._density.light_cell(lights)
+        mean = of_cell[cell].mean()
+        adaptive = 1 - UNIFORM_SHARE if mean > 0 else 0.0
+        run = max(count // len(lights), 1)
+        light = np.repeat(_choose(rng, -(-count // run), of_cell[cell], adaptive), run)[:count]
+        point = _points(rng, self._sums, cell[light], adaptive)
+        wanted = cell[light]
+        of_light = 1 - adaptive + adaptive * of_cell[wanted] / max(mean, TINY)
+        # A cell without residual has no adaptive points: they are uniform there.
+        local = np.where(of_cell[wanted] > 0, adaptive, 0.0)
+        by_density = local * self._table[point, wanted] / np.maximum(of_cell[wanted], TINY)
+        of_point = (1 - local) / weight[point] + by_density
+        return point, light, (1 / (of_light * of_point)).astype(np.float32)
 
 
 def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: float) -> np.ndarray:
@@ -250,16 +279,16 @@ def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: fl
     return np.minimum(index, len(odds) - 1)
 
 
-def _points(rng: np.random.Generator, odds: np.ndarray, cell: np.ndarray, adaptive: float) -> np.ndarray:
-    """Choose points of the pool [N] for rows with light cells ``cell`` [N]; odds [P, cells] of the adaptive share."""
-    point = np.resize(rng.permutation(len(odds)), len(cell))
+def _points(rng: np.random.Generator, sums: np.ndarray, cell: np.ndarray, adaptive: float) -> np.ndarray:
+    """Choose points of the pool [N] for rows with light cells ``cell`` [N]; running sums [P, cells] of the odds."""
+    point = np.resize(rng.permutation(len(sums)), len(cell))
     by_odds = rng.random(len(cell)) < adaptive
     for c in np.unique(cell[by_odds]):
         rows = np.flatnonzero(by_odds & (cell == c))
-        total = np.cumsum(odds[:, c])
+        total = sums[:, c]
         if total[-1] > 0:
             point[rows] = np.searchsorted(total, rng.random(len(rows)) * total[-1], side="right")
-    return np.minimum(point, len(odds) - 1)
+    return np.minimum(point, len(sums) - 1)
 
 
 def _default_lights(scene: Scene, variable: Variable) -> Callable[[int, int], np.ndarray]:

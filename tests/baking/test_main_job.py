@@ -14,7 +14,7 @@ from lightwell.fields.base import query_inputs
 from lightwell.graph import evaluate
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, make_query
-from lightwell.transport.gathered_shards import RAYS, TRACED_EVERY
+from lightwell.transport.gathered_shards import RAYS
 
 from .conftest import small
 
@@ -46,8 +46,8 @@ def test_the_report_has_its_keys(baked):
     assert REPORT_KEYS <= set(report)
     assert {"trace", "train"} <= set(report["seconds"])
     assert all(math.isfinite(report[key]) for key in ("relative_error", "psnr_db", "ssim", "flip"))
-    # The rays that two shards gather from, a share of their 32 x 128 samples and an adaptive shard by 8 paths each.
-    assert report["paths"] == 8192 * RAYS + (2 / TRACED_EVERY + 1) * 32 * 128 * 8
+    # The rays that all shards gather from.
+    assert report["paths"] == 8192 * RAYS
 
 
 def test_the_asset_holds_the_field(baked):

@@ -29,7 +29,7 @@ from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part.
 _DEFAULT_GRID = HashGrid(levels=4, base=7, growth=2, entries_log2=15, decay=(0.0, 0.1, 1.0, 3.0))
-_DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200)
+_DEFAULT_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=200, patience=0)
 
 
 # How far above the surface the grid is read, in cells of its finest level.

@@ -44,7 +44,10 @@ class NetworkFit:
         return self._trainer.state
 
     def validate_on(self, samples: Samples) -> None:
-        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
+        """Set the held-out samples by which the best weights are chosen: mean |f − y| / (max(f, y) + 0.01) in unit S.
+
+        It is the relative error of small errors and at most 1: of the unbounded one, a few places in the dark are the
+        most, and it goes up and down with them while all else still gets better.
 
         Args:
             samples: Path-traced samples.
@@ -59,7 +62,7 @@ class NetworkFit:
     def _error(self, parameters: dict[str, np.ndarray]) -> float:
         inputs, scale, reference = self._validation
         prediction = self._output(parameters, inputs) * scale
-        return float(np.mean(np.abs(prediction - reference) / (reference + EPSILON)))
+        return float(np.mean(np.abs(prediction - reference) / (np.maximum(prediction, reference) + EPSILON)))
 
     def train(
         self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None

@@ -17,22 +17,23 @@ from lightwell.core.work import WorkPart
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
 # Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
-GATHER_SHARE, TRACE_SHARE = 0.3, 0.4
+GATHER_SHARE, TRACE_SHARE = 0.3, 0.25
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
-RAYS = {"draft": 32, "good": 64, "best": 128}
-# What is traced before the first gathered shard costs as much as so many paths per ray, all else included (Cornell box
-# and a furnished room, 2 cores: 0.6 and 0.4 with 1,536 coarse bins, which cost little; 4,096 cost more).
-PATHS_PER_RAY = 0.8
+RAYS = {"draft": 64, "good": 128, "best": 256}
+# What is traced before the first gathered shard costs as much as so many paths per ray, all else included (four scenes,
+# 2 cores, 128 rays).
+PATHS_PER_RAY = 0.5
 # Points of a gathered shard that are its own, and bounds of the points in shards of them.
 FEWEST_GATHERED, MOST_GATHERED = 1, 16
 # Share of the steps before the adaptive stage.
 FIRST_STEPS_SHARE = 0.4
 # A fit on fewer shards or steps than this is not worth starting.
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
-# Memory bound: 128 shards of 2^16 samples with 90 features are 3 GB.
-MOST_SHARDS = 128
+# More shards than these hold nothing new (24 to 72: +0.1 dB) and take longer to be taken up; with 90 features they are
+# 1.5 GB.
+MOST_SHARDS = 64
 # Most of the time left after the first steps that adaptive shards may take.
 LAST_TRACE_SHARE = 0.5
 

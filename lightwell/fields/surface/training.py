@@ -68,6 +68,8 @@ class SurfaceSamples:
     end: float
     """Wall seconds of the bake at which the role should be learned."""
     traced: Traced
+    make: Make
+    """Made the training samples, and makes adaptive ones where it can."""
 
 
 def role_seconds(state: State, role: Role) -> float:
@@ -102,7 +104,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
     validation = validation_samples(state.scene, state.variable, request.seed, own_light=role == "static")
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.paths_per_second)
-    return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent)
+    return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent, make)
 
 
 def _start_plan(state: State, role: Role) -> StartPlan:
@@ -121,15 +123,17 @@ def _start_plan(state: State, role: Role) -> StartPlan:
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> SamplePlan:
     """The number of shards; where it is not fixed, by the time of the second one."""
     request, shards = state.job.request, _shards(state, role)
-    adaptive = shards.size * request.paths / max(start.paths_per_second, 1e-6)
     if request.shards:
-        return plan_samples(0, 0, adaptive, request.shards, state.job.shared)
+        return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     # The first one also pays for what is traced before it.
     cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
+    # Adaptive shards are gathered as the others are, or traced from points that must be found.
+    traced = shards.size * request.paths / max(start.paths_per_second, 1e-6)
+    adaptive = cost if isinstance(make, GatheredShards) else traced
     left = start.end - state.job.work.elapsed
-    return plan_samples(left, max(cost, 1e-3), adaptive, None, state.job.shared)
+    return plan_samples(left, max(cost, 1e-3), max(adaptive, 1e-3), None, state.job.shared)
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Make:
@@ -328,7 +332,11 @@ class SurfaceTraining:
 
     def _adaptive(self, learner: Learner) -> Samples:
         """Samples where the squared residual of the fit so far is large."""
-        make = AdaptiveShards(self.state.scene, self.samples.training, learner.predict, own_light=self.role == "static")
+        known, make = self.samples.training, self.samples.make
+        if isinstance(make, GatheredShards):
+            make = make.adaptive(known, learner.predict)
+        else:
+            make = AdaptiveShards(self.state.scene, known, learner.predict, own_light=self.role == "static")
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
         traced = _trace(self.state, self.role, "adaptive", count, make, title)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
