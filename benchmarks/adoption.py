@@ -1,8 +1,9 @@
 """What a newcomer meets: sizes of installation and wheel, answers to mistakes, links and snippets of the docs.
 
-    python benchmarks/adoption.py [--only size,wheel,mistakes,links,pages,snippets] [--quick]
+    python benchmarks/adoption.py [--only size,wheel,fresh,mistakes,links,pages,readme,snippets] [--quick]
 
 `snippets` runs every command and Python snippet of the documents (tests/docs/test_snippets_run.py), which takes long.
+`fresh` downloads all packages, installs them into a fresh environment without a network, and runs the demo.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
+import venv
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,6 +33,7 @@ except SystemExit as ended:
     code = ended.code
 print(code, time.process_time())
 """
+FRESH = "wheel alone in a fresh environment to the page of the demo"
 MISTAKES = ("bakee cornell", "bake cornel -o x", "bake cornell -o x --field mpl", "bake cornell -o x --bugdet 5m")
 
 
@@ -85,6 +89,44 @@ def wheel() -> Iterator[Row]:
     yield at_most("wheel", 10, count / 1e6, "MB", "")
 
 
+def fresh() -> Iterator[Row]:
+    """Install the wheel alone into a fresh environment, from a folder of wheels, and run the demo.
+
+    Yields:
+        A row: seconds until the page is written.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        wheels, home = Path(folder) / "wheels", Path(folder) / "venv"
+        pip = [sys.executable, "-m", "pip"]
+        subprocess.run([*pip, "wheel", "-q", "--no-deps", "-w", str(wheels), str(ROOT)], check=True)
+        own = str(next(wheels.glob("lightwell-*.whl")))
+        subprocess.run([*pip, "download", "-q", "-d", str(wheels), own], check=True)
+        start = time.perf_counter()
+        venv.create(home, with_pip=True)
+        programs = home / ("Scripts" if sys.platform == "win32" else "bin")
+        install = [str(programs / "python"), "-m", "pip", "install", "-q", "--no-compile", "--no-index"]
+        subprocess.run([*install, "--find-links", str(wheels), "lightwell"], check=True)
+        demo = [str(programs / "lightwell"), "demo", "-o", str(Path(folder) / "demo"), "--no-open"]
+        subprocess.run(demo, check=True, cwd=folder)
+        seconds = time.perf_counter() - start
+        assert (Path(folder) / "demo/index.html").is_file()
+    yield at_most(FRESH, 180, seconds, "s", "environment, installation and demo; packages were downloaded before")
+
+
+def readme() -> Iterator[Row]:
+    """Look at the README's first screen.
+
+    Yields:
+        A row: parts that are seen.
+    """
+    sys.path.insert(0, str(ROOT / "tools"))
+    from first_screen import seen
+
+    found = seen((ROOT / "README.md").read_text())
+    note = "moving picture, sentence, two commands at 1280 x 800"
+    yield at_least("parts that README's first screen holds", len(found), sum(found.values()), "", note)
+
+
 def mistakes() -> Iterator[Row]:
     """Time the answers to mistakes in arguments.
 
@@ -122,7 +164,7 @@ def snippets() -> Iterator[Row]:
     Yields:
         A row: the share of pages whose snippets all run.
     """
-    command = [sys.executable, "-m", "pytest", "-m", "", "-q", "tests/docs/test_snippets_run.py"]
+    command = [sys.executable, "-m", "pytest", "-m", "", "-q", "tests/docs/test_snippets_run.py::test_snippets_run"]
     text = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
     passed, failed = (int((re.findall(rf"(\d+) {word}", text) or [0])[-1]) for word in ("passed", "failed"))
     share = 100 * passed / max(passed + failed, 1)
@@ -150,16 +192,27 @@ def pages() -> Iterator[Row]:
     )
 
 
-PARTS = {"size": size, "wheel": wheel, "mistakes": mistakes, "links": links, "pages": pages, "snippets": snippets}
+PARTS = {
+    "size": size,
+    "wheel": wheel,
+    "fresh": fresh,
+    "mistakes": mistakes,
+    "links": links,
+    "pages": pages,
+    "readme": readme,
+    "snippets": snippets,
+}
+# Parts that take long: a quick run leaves them out.
+LONG = ("fresh", "snippets")
 
 
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"some of {', '.join(PARTS)}")
-    parser.add_argument("--quick", action="store_true", help="print, write nothing; without snippets")
+    parser.add_argument("--quick", action="store_true", help="print, write nothing; without fresh and snippets")
     given = parser.parse_args()
-    parts = [part for part in chosen("--only", given.only, PARTS) if not (given.quick and part == "snippets")]
+    parts = [part for part in chosen("--only", given.only, PARTS) if not (given.quick and part in LONG)]
     publish("adoption", [row for part in parts for row in PARTS[part]()], given.quick)
 
 

@@ -1,4 +1,4 @@
-"""A fresh environment with the wheel alone runs `lightwell demo`."""
+"""A fresh environment, installed from a folder of wheels without a network, runs `lightwell demo`."""
 
 import os
 import subprocess
@@ -17,9 +17,12 @@ def test_the_wheel_alone_runs_the_demo(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wheels, home = tmp_path / "wheels", tmp_path / "venv"
     _run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(ROOT))
+    own = next(wheels.glob("lightwell-*.whl"))
+    _run(sys.executable, "-m", "pip", "download", "-q", "-d", wheels, own)
     venv.create(home, with_pip=True)
     programs = home / ("Scripts" if sys.platform == "win32" else "bin")
-    _run(programs / "python", "-m", "pip", "install", "-q", "--no-compile", next(wheels.glob("*.whl")))
+    install = ["-m", "pip", "install", "-q", "--no-compile", "--no-index", "--find-links", wheels, "lightwell"]
+    _run(programs / "python", *install, without=("PYTHONPATH", "PIP_FIND_LINKS"))
     _run(programs / "lightwell", "demo", "two-rooms", "-o", tmp_path / "demo", *SMALL)
     names = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"scene.glb", "index.html", "report.html", "report.json"} <= names
@@ -27,12 +30,8 @@ def test_the_wheel_alone_runs_the_demo(tmp_path, monkeypatch):
     _run(programs / "lightwell", "completion", "bash")
 
 
-def _without_checkout():
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-
-def _run(*words):
-    done = subprocess.run(
-        [str(word) for word in words], env=_without_checkout(), capture_output=True, text=True, timeout=1800
-    )
+def _run(*words, without=("PYTHONPATH",)):
+    """Run a program without the checkout on its path."""
+    environment = {name: value for name, value in os.environ.items() if name not in without}
+    done = subprocess.run([str(w) for w in words], env=environment, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr[-2000:]
