@@ -15,6 +15,7 @@ from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.score import reference_budget, score, variable_json
 from lightwell.baking.settings import Compared, field_options, request_of
 from lightwell.baking.side_by_side import aligned
+from lightwell.cluster.attach import attached
 from lightwell.core.options import check
 from lightwell.core.output import BAKE_FILES, COMPARE_FILES, holds_output
 from lightwell.core.progress import Progress
@@ -125,14 +126,15 @@ def compare_fields(settings: CompareSettings, progress: Progress | None = None) 
     work = Work(settings, scene.digest)
     each = _Comparison(settings, work, progress, scene)
     compared, failed = [], {}
-    for choice in settings.fields:
-        try:
-            compared.append(each.field(choice))
-        except (ValueError, RuntimeError, ArithmeticError) as error:
-            if each.reference is None and len(settings.fields) == 1:
-                raise
-            failed[choice.name] = " ".join(str(error).split()) or type(error).__name__
-            progress.say(f"[yellow]{choice.name} failed:[/] {failed[choice.name]}")
+    with attached(scene, settings.loading, settings, progress.say):
+        for choice in settings.fields:
+            try:
+                compared.append(each.field(choice))
+            except (ValueError, RuntimeError, ArithmeticError) as error:
+                if each.reference is None and len(settings.fields) == 1:
+                    raise
+                failed[choice.name] = " ".join(str(error).split()) or type(error).__name__
+                progress.say(f"[yellow]{choice.name} failed:[/] {failed[choice.name]}")
     if not compared:
         raise ValueError(f"compare: no field could be trained ({'; '.join(failed.values())})")
     told = {name: value for name, value in compared[0].data.settings.items() if name != "steps"}

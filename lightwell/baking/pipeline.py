@@ -18,11 +18,12 @@ import numpy as np
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
-from lightwell.baking.evaluate import Shipped
+from lightwell.baking.evaluate import Shipped, lit_views
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.reference import Reference, choose_stage, trace_reference
 from lightwell.baking.score import exposure, reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
+from lightwell.cluster.attach import attached
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.units import size_text, time_text
@@ -40,13 +41,20 @@ from lightwell.scenes.variables import to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
+    from lightwell.baking.preview import Preview
 
 # The page of every bake.
 PAGE = PageLink("index.html", "open the scene")
 
 
 @holds_output("bake", lambda settings: BAKE_FILES)
-def bake(settings: BakeSettings, progress: Progress | None = None, *, started: float | None = None) -> dict[str, Any]:
+def bake(
+    settings: BakeSettings,
+    progress: Progress | None = None,
+    *,
+    started: float | None = None,
+    preview: Preview | None = None,
+) -> dict[str, Any]:
     """Learn the indirect light of a scene; write the asset, its page and its report.
 
     A mistake of the user is a ``ValueError`` of one line with the cure, a file that cannot be read or written an
@@ -56,6 +64,7 @@ def bake(settings: BakeSettings, progress: Progress | None = None, *, started: f
         settings: Settings of the bake.
         progress: Bars and lines on standard error; None: no output.
         started: ``perf_counter()`` when the budget began to count; None: now.
+        preview: Shows what is learned while it is learned; None: nothing is shown.
 
     Returns:
         The content of ``report.json``, or of ``rebake.json`` for an incremental bake.
@@ -69,18 +78,29 @@ def bake(settings: BakeSettings, progress: Progress | None = None, *, started: f
     work = Work(settings, scene.digest, started)
     work.seconds["load"] = work.elapsed
     request = replace(Request(**request_of(settings)), preset=preset)
-    state = field.prepare(Job(scene, request, settings.options, work, progress))
-    _say_plan(settings, name, progress)
-    for warning in warnings(state):
-        progress.say(f"[yellow]warning[/] {warning}")
-    fits = learn(field, state)
-    shipped = [Shipped.of(role, fit, fit.lower()) for role, fit in fits.items()]
-    if again := state.finished(fits):
-        report = _write_rebake(state, settings, shipped, again)
-    else:
-        report = _score_and_write(state, settings, name, shipped)
+    job = Job(scene, request, settings.options, work, progress, observer=preview)
+    with attached(scene, settings.loading, settings, progress.say):
+        report = _baked(settings, name, field, job, preview)
+    if preview:
+        preview.finished(settings.out)
     work.close()
     return report
+
+
+def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: Preview | None) -> dict[str, Any]:
+    """Learn, score and write."""
+    if preview:
+        preview.begin(job.scene, job.request)
+    state = field.prepare(job)
+    _say_plan(settings, name, job.progress)
+    for warning in warnings(state):
+        job.progress.say(f"[yellow]warning[/] {warning}")
+    fits = learn(field, state)
+    settings = preview.scored(settings) if preview else settings
+    shipped = [Shipped.of(role, fit, fit.lower()) for role, fit in fits.items()]
+    if again := state.finished(fits):
+        return _write_rebake(state, settings, shipped, again)
+    return _score_and_write(state, settings, name, shipped)
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:
@@ -220,7 +240,7 @@ def write_report_and_page(
         written = write_report(out, replace(bare, warnings=[*data.warnings, *notes.texts]))
     page = {
         "title": _title(state.scene),
-        "glb": (out / "scene.glb").read_bytes(),
+        "glb": _asset(out),
         "home": reference.stage.views[0][0],
         "report": written.numbers,
         "links": {"report": "report.html"} | {link.text: link.href for link in data.links if link is not PAGE},
@@ -236,6 +256,9 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     color = tuple(again.shown.intensity / strength)
     size = write_asset(settings.out, state, shipped, strength, color, again.shown.light)
     _write_files(settings, state.job, shipped, again.shown)
+    if again.page:
+        home = lit_views(state.scene, state.variable, 1, settings.seed)[0][0]
+        write_page(settings.out / PAGE.href, title=_title(state.scene), glb=_asset(settings.out), home=home)
     told = again.facts | {"bytes": size}
     write_atomically(settings.out / "rebake.json", json.dumps(told, indent=1) + "\n")
     for line in again.lines:
@@ -257,12 +280,18 @@ def _write_files(settings: Reported, job: Job, shipped: Sequence[Shipped], shown
     return pages
 
 
+def _asset(out: Path) -> bytes:
+    return (out / "scene.glb").read_bytes()
+
+
 def _title(scene: Scene) -> str:
     return (scene.name or Path(scene.source).stem or "scene").replace("_", " ")
 
 
 def _say_plan(settings: BakeSettings, name: str, progress: Progress) -> None:
     """Say how long the bake will take, and where its quality changes nothing else."""
+    if getattr(settings.options, "rebake", None):
+        return
     if not (settings.steps and settings.shards) and (text := estimate(settings.budget)):
         progress.say(text)
     if settings.quality != DEFAULT_QUALITY and preset_of(name, settings.preset, settings.quality) == settings.preset:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightwell.core.cluster_options import ClusterOptions
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.fields.budget import Budget
@@ -22,7 +23,7 @@ def _time(text: str) -> Budget:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reported(Request, SceneOptions):
+class Reported(Request, SceneOptions, ClusterOptions):
     """Settings that a bake and a comparison share: the request, and the contents of the report."""
 
     views: int = option(4, "held-out views in the report (default: 4)", least=1, group="report")

@@ -6,12 +6,15 @@ import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
 from lightwell.core.options import options_of
 from lightwell.fields.registry import BUILT_IN, DEFAULT, OPTIONS, PRESETS, options_type
+
+if TYPE_CHECKING:
+    from lightwell.baking.preview import Preview
 
 DESCRIPTION = """\
 Path-trace a scene, fit a small network to its indirect light, and write
@@ -31,7 +34,25 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     """
     add_scene(parser)
     parser.add_argument("-o", "--out", required=True, help="folder to write")
+    add_preview_options(parser)
+    parser.add_argument(
+        "--watch", action="store_true", help="bake again whenever the scene's file is saved, until Ctrl-C"
+    )
     add_bake_options(parser, argv)
+
+
+def add_preview_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--preview``, ``--port`` and ``--no-open``.
+
+    Args:
+        parser: Parser to add to.
+    """
+    group = parser.add_argument_group("looking while it learns")
+    group.add_argument(
+        "--preview", action="store_true", help="open a page that shows the light at once and while it is learned"
+    )
+    group.add_argument("--port", type=int, default=0, help="port of the page on 127.0.0.1 (default: any free one)")
+    group.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
 
 
 def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -97,15 +118,24 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code.
     """
+    if arguments.watch:
+        from lightwell.cli.watched import bake_and_watch
+
+        return bake_and_watch(arguments, settings(arguments))
+    if arguments.preview:
+        from lightwell.cli.previewed import bake_with_page
+
+        return bake_with_page(arguments, settings(arguments))
     return run_bake(arguments, settings(arguments))
 
 
-def run_bake(arguments: argparse.Namespace, asked: BakeSettings) -> int:
+def run_bake(arguments: argparse.Namespace, asked: BakeSettings, preview: Preview | None = None) -> int:
     """Bake; print the report as JSON if requested.
 
     Args:
         arguments: Parsed arguments.
         asked: Settings of the bake.
+        preview: Shows what is learned; None: nothing is shown.
 
     Returns:
         Exit code.
@@ -113,7 +143,7 @@ def run_bake(arguments: argparse.Namespace, asked: BakeSettings) -> int:
     from lightwell.baking.pipeline import bake
     from lightwell.core.progress import Progress
 
-    report = bake(asked, Progress(quiet=arguments.json), started=arguments.started)
+    report = bake(asked, Progress(quiet=arguments.json), started=arguments.started, preview=preview)
     if arguments.json:
         print(json.dumps(report, indent=1))
     return 0

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from lightwell.cli.arguments import add_options, add_scene, given_options
 from lightwell.cli.interrupts import INTERRUPTED
+from lightwell.core.options import options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.rendering.settings import NrcOptions
 
@@ -26,6 +27,8 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     parser.add_argument("--size", type=int, default=256, help="edge of the square pictures, pixels (default: 256)")
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1 (default: any free one)")
     parser.add_argument("--no-open", action="store_true", help="only serve")
+    parser.add_argument("--field", help="show this learned representation while it is baked, not the radiance cache")
+    parser.add_argument("-o", "--out", default="live", help="with --field: folder to write (default: %(default)s)")
     add_options(parser, NrcOptions, without=("frames", "format", "resume", "force"))
     add_options(parser, SceneOptions)
 
@@ -42,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         ValueError: The size is out of range.
     """
+    if arguments.field:
+        return _bake(arguments)
     if not SMALLEST <= arguments.size <= LARGEST:
         raise ValueError(f"live: --size {arguments.size}, expected {SMALLEST} ... {LARGEST} pixels")
     from lightwell.cache.live_server import live
@@ -56,3 +61,14 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.flush()
         os._exit(INTERRUPTED)
     return 0
+
+
+def _bake(arguments: argparse.Namespace) -> int:
+    """Bake a field with the page of ``bake --preview``."""
+    from lightwell.cli import bake
+    from lightwell.cli.previewed import bake_with_page
+
+    names = ("verb", "started", "scene", "out", "field", "port", "no_open", *options_of(SceneOptions))
+    kept = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
+    told = argparse.Namespace(json=False, **kept)
+    return bake_with_page(told, bake.settings(told))

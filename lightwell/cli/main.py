@@ -18,6 +18,7 @@ from lightwell.core.suggest import did_you_mean
 # ``run(arguments)``, which returns the exit code; DESCRIPTION, if it has one, is part of its help.
 VERBS = {
     "bake": "learn the indirect light of a scene; write scene.glb, index.html, report.html and report.json",
+    "batch": "bake many scenes, each with settings of its own, into one report; goes on where it was interrupted",
     "demo": "run the main job on a built-in scene and open the page",
     "view": "serve a baked folder on this machine and open the page",
     "render": "path-trace a picture of a scene (the reference that bakes are measured against)",
@@ -35,15 +36,17 @@ VERBS = {
 }
 # The same in the groups in which help shows them.
 GROUPS = {
-    "make and look": ("demo", "bake", "view", "compare"),
+    "make and look": ("demo", "bake", "batch", "view", "compare"),
     "pictures": ("render", "live", "lens"),
     "files": ("info", "export", "validate", "samples"),
     "this machine": ("doctor", "store", "completion", "man"),
 }
 # Verbs that compute: they take --threads, --memory and --log.
-COMPUTING = ("bake", "demo", "render", "live", "lens", "compare", "samples", "info")
+COMPUTING = ("bake", "batch", "demo", "render", "live", "lens", "compare", "samples", "info")
 # Verbs that can be resumed after an interrupt, and verbs that run until they are interrupted.
-RESUMABLE, SERVERS = ("bake", "demo"), ("view", "live")
+RESUMABLE, SERVERS = ("bake", "batch", "demo"), ("view", "live")
+# How a verb is gone on with after an interrupt.
+GO_ON = {"batch": "the same command"}
 
 EXAMPLES = """\
 examples
@@ -86,7 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             from lightwell.cli.this_machine import apply_machine_options, logged
 
             module = import_module(f"lightwell.cli.{verb}")
-            verb_parser(verb, words[1:]).parse_args(words[1:], arguments)
+            told = _configured(verb, words[1:])
+            verb_parser(verb, told).parse_args(told, arguments)
             with logged(getattr(arguments, "log", None), words):
                 check_arguments(arguments)
                 apply_machine_options(arguments)
@@ -102,6 +106,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"lightwell: {_one_line(error)}", file=sys.stderr)
         return USAGE_ERROR
+
+
+def _configured(verb: str, words: list[str]) -> list[str]:
+    """The words of a verb that computes, with the options of ``lightwell.toml``."""
+    if verb not in COMPUTING:
+        return words
+    from lightwell.cli.configuration import with_configuration
+
+    return with_configuration(verb, words, verb_parser)
 
 
 def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
@@ -122,9 +135,10 @@ def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
     )
     module.add(parser, argv)
     if verb in COMPUTING:
+        from lightwell.cli.configuration import add_config_option
         from lightwell.cli.this_machine import add_machine_options
 
-        add_machine_options(parser)
+        add_config_option(add_machine_options(parser))
     return parser
 
 
@@ -161,7 +175,7 @@ def _interrupted(arguments: argparse.Namespace) -> int:
     """Print how to continue after an interrupt."""
     if arguments.verb and arguments.verb not in SERVERS:
         long = arguments.verb in RESUMABLE or getattr(arguments, "fields", None)
-        resume = "; the checkpoint is kept, go on with --resume" if long else ""
+        resume = f"; the checkpoint is kept, go on with {GO_ON.get(arguments.verb, '--resume')}" if long else ""
         print(f"lightwell: interrupted{resume}", file=sys.stderr)
     return INTERRUPTED
 

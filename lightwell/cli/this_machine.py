@@ -22,11 +22,14 @@ LEAST_MEMORY = 1_000_000_000
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 
 
-def add_machine_options(parser: argparse.ArgumentParser) -> None:
+def add_machine_options(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
     """Add ``--threads``, ``--memory`` and ``--log``.
 
     Args:
         parser: Parser to add to.
+
+    Returns:
+        Their group.
     """
     group = parser.add_argument_group("this machine")
     group.add_argument(
@@ -36,6 +39,7 @@ def add_machine_options(parser: argparse.ArgumentParser) -> None:
         "--memory", metavar="SIZE", help="memory that the process may take, such as 4GB (default: what there is)"
     )
     group.add_argument("--log", metavar="FILE", help="append what is done, with times, to a file")
+    return group
 
 
 def apply_machine_options(arguments: argparse.Namespace) -> None:

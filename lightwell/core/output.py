@@ -24,12 +24,14 @@ OWN_FILES = {
     "report.json": "versions",
     "compare.json": "versions",
     "rebake.json": "roles",
+    "batch.json": "scenes",
     "animation.json": "frames",
     HOLDER: "generator",
     ".lightwell/bake.json": "signature",
 }
 # Files that commands write; patterns of ``Path.glob``.
 BAKE_FILES = ("scene.glb", "*.html", "report.json", "rebake.json", "probes-*.lwp")
+BATCH_FILES = ("batch.html", "batch.json")
 COMPARE_FILES = ("compare.html", "compare.json")
 FRAME_FILES = ("frame-*.exr", "frame-*.png", "animation.json", "exposure.txt", "radiance-cache.npz")
 

@@ -19,6 +19,7 @@ from time import perf_counter
 from typing import Any, Protocol, TypeVar
 
 import lightwell
+from lightwell.core.cluster_options import NAMES as CLUSTER
 from lightwell.core.formats import JSON, Format
 from lightwell.core.keys import Key, key
 from lightwell.core.store import Store
@@ -31,7 +32,7 @@ FOLDER = ".lightwell"
 WALL = "wall"
 
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
-_FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths")
+_FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths", *CLUSTER)
 # Version of the entries of a bake; their keys also hold that of lightwell.
 _VERSION = 1
 
@@ -132,6 +133,14 @@ class Work:
     def elapsed(self) -> float:
         """Wall seconds since the start of the bake, over all runs."""
         return self._earlier + perf_counter() - self._started
+
+    def skip(self, seconds: float) -> None:
+        """Leave out time in which the bake was paused.
+
+        Args:
+            seconds: Seconds, ≥ 0.
+        """
+        self._started += seconds
 
     @property
     def store(self) -> Store:

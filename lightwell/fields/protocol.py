@@ -31,6 +31,28 @@ from lightwell.transport.samples import Query, SurfacePoints
 Role = Literal["indirect", "static"]
 
 
+class GoodEnough(Exception):
+    """Ends a training; what was learned so far is used."""
+
+
+class Observer(Protocol):
+    """Is told about trainings while they run."""
+
+    def evaluated(self, role: Role, learner: Any) -> float:
+        """Take note of an evaluation.
+
+        Args:
+            role: Part of the light.
+            learner: The learner, see ``lightwell.fields.base.Learner``.
+
+        Returns:
+            Seconds in which the training was paused.
+
+        Raises:
+            GoodEnough: The training is to end.
+        """
+
+
 @dataclass(frozen=True)
 class Job:
     """The input of a field: scene, settings, work folder and progress."""
@@ -45,6 +67,8 @@ class Job:
     shared: bool = False
     """Whether other fields learn from the same samples: none then depend on the fit, half of the budget traces them,
     and a training that takes longer than planned is stopped."""
+    observer: Observer | None = None
+    """Is told about the training; None: nobody looks."""
 
 
 @dataclass
@@ -107,6 +131,8 @@ class ReBake:
     """Content of ``rebake.json``."""
     lines: list[str]
     """The same in words."""
+    page: bool = False
+    """Whether ``index.html`` is written as well."""
 
 
 @dataclass(frozen=True)

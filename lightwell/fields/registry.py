@@ -35,6 +35,8 @@ BUILT_IN = {
 DEFAULT = next(iter(BUILT_IN))
 # Fields of lightwell with options of their own, in modules that import nothing heavy: help must be instant.
 OPTIONS = {
+    "factored": ("lightwell.fields.surface.options", "SurfaceOptions"),
+    "mlp": ("lightwell.fields.surface.options", "SurfaceOptions"),
     "probes": ("lightwell.fields.probes.options", "ProbesOptions"),
     "lightmap": ("lightwell.fields.lightmap.options", "LightmapOptions"),
 }

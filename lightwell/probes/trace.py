@@ -5,6 +5,7 @@ Notation: N points; one lane is one path; each point has two independent halves 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,9 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes.sh import TO_IRRADIANCE
+from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
@@ -85,22 +87,48 @@ def air_light(
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
-    tables(scene)
-    half = paths // 2
-    n = np.zeros_like(points) if normals is None else normals
-    place, normal = upload(mi.Point3f, points), upload(mi.Vector3f, n)
-    lights = None if variable is None else upload(mi.Vector3f, np.broadcast_to(np.float32(light), (len(points), 3)))
-    streams = mi.UInt32((np.arange(len(points)) if numbers is None else numbers).astype(np.uint32))
-    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
-    batch = max(1, LAUNCH // paths)
-    rows = np.zeros((len(points), 2, 30), np.float32)
-    for start in range(0, len(points), batch):
-        count = min(batch, len(points) - start)
-        span = (start, count, half)
-        found = _launch(scene, place, normal, streams, settings, span, variable, lights, direct)
-        rows[start : start + count] = found / half
+    columns: Arrays = {"point": points, "normal": np.zeros_like(points) if normals is None else normals}
+    columns["stream"] = (np.arange(len(points)) if numbers is None else numbers).astype(np.uint32)
+    if variable is not None:
+        columns["light"] = np.broadcast_to(np.float32(light), (len(points), 3))
+    told = None if variable is None else to_json(variable)
+    settings = {"paths": paths, "seed": seed, "direct": direct, "variable": told}
+    if scene.executor is None:
+        rows = air_light_rows(scene, settings, columns, 0, {})["rows"]
+    else:
+        rows = scene.executor.rows("air-light", settings, columns, paths)["rows"]
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
+
+
+def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
+    """Trace rows of ``air_light``; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: The scene.
+        settings: ``paths``, ``seed``, ``direct`` and ``variable``.
+        columns: ``point``, ``normal`` and, with a variable, ``light`` [N, 3] each, and ``stream`` [N].
+        first: Not used: every row has the number of its stream.
+        shared: Not used.
+
+    Returns:
+        ``rows`` [N, 2, 30]: by half nine harmonics and the cosine, times three colours.
+    """
+    tables(scene)
+    paths, count = settings["paths"], len(columns["point"])
+    half = paths // 2
+    variable = None if settings["variable"] is None else from_json(settings["variable"])
+    place, normal = upload(mi.Point3f, columns["point"]), upload(mi.Vector3f, columns["normal"])
+    lights = None if variable is None else upload(mi.Vector3f, columns["light"])
+    streams = mi.UInt32(columns["stream"])
+    numbers = [dr.opaque(mi.UInt32, v) for v in (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
+    batch = max(1, LAUNCH // paths)
+    rows = np.zeros((count, 2, 30), np.float32)
+    for start in range(0, count, batch):
+        span = (start, min(batch, count - start), half)
+        found = _launch(scene, place, normal, streams, numbers, span, variable, lights, settings["direct"])
+        rows[start : start + span[1]] = found / half
+    return {"rows": rows}
 
 
 def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights, direct) -> np.ndarray:

@@ -25,6 +25,8 @@ class Film:
         Args:
             settings: Settings of the picture.
         """
+        if settings.cluster:
+            raise ValueError("render: the radiance cache learns in one process; leave --cluster out")
         shot = self.shot = Shot.of(settings)
         width, height = settings.size
         lamp = None

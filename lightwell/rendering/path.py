@@ -5,6 +5,7 @@ from __future__ import annotations
 from time import perf_counter
 from typing import Any
 
+from lightwell.cluster.attach import attached
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.transport.camera import total_image
@@ -23,17 +24,18 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     shot = Shot.of(settings)
     place, intensity = shot.good_light, shot.intensity
     start = perf_counter()
-    picture = total_image(
-        shot.scene,
-        shot.camera,
-        place,
-        shot.variable,
-        *settings.size,
-        settings.spp,
-        settings.seed,
-        intensity=1.0 if intensity is None else intensity,
-        with_static=True,
-    )
+    with attached(shot.scene, settings.loading, settings, lambda line: None):
+        picture = total_image(
+            shot.scene,
+            shot.camera,
+            place,
+            shot.variable,
+            *settings.size,
+            settings.spp,
+            settings.seed,
+            intensity=1.0 if intensity is None else intensity,
+            with_static=True,
+        )
     seconds = perf_counter() - start
     write_shot(settings, shot, picture, None if intensity is None else 1.0)
     return {

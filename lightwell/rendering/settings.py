@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightwell.core.cluster_options import ClusterOptions
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.core.suggest import did_you_mean
@@ -123,7 +124,7 @@ INTEGRATORS: dict[str, type] = {"path": PathOptions, "nrc": NrcOptions}
 
 
 @dataclass(frozen=True)
-class RenderSettings(SceneOptions):
+class RenderSettings(SceneOptions, ClusterOptions):
     """Settings of a picture."""
 
     scene: str

@@ -17,6 +17,7 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from lightwell.core.notebook import card, png_uri
+from lightwell.scenes.executor import RowExecutor
 from lightwell.scenes.scene_cache import Derived, SceneCache
 
 # Reflectance of a dielectric with an index of refraction of 1.5 at normal incidence (glTF 2.0, appendix B).
@@ -179,6 +180,8 @@ class Scene:
     """Hash of everything that changes the transport (file contents); identifies checkpoints."""
     whole: Callable[[], Any] | None = None
     """Makes the ``mitsuba.Scene`` of a Mitsuba file as its author wrote it, with media; None for other files."""
+    executor: RowExecutor | None = field(default=None, init=False, repr=False, compare=False)
+    """Where work on the scene runs that can be divided by rows; None: in this process."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)
     """Results derived from this scene; a scene made by ``dataclasses.replace`` begins with none."""
 

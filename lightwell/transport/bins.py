@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -65,6 +65,27 @@ class Bins:
     def coarse_count(self) -> int:
         """C."""
         return int(self.coarse.max()) + 1
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return the bins as arrays, for other machines.
+
+        Returns:
+            Arrays by name, of any shape.
+        """
+        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> Bins:
+        """Make the bins of arrays.
+
+        Args:
+            arrays: Result of ``arrays``.
+
+        Returns:
+            The bins.
+        """
+        exact = {"edge": float(arrays["edge"]), "shape": tuple(int(n) for n in arrays["shape"])}
+        return Bins(**{**arrays, **exact})
 
     @cached_property
     def _device(self):

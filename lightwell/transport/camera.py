@@ -5,13 +5,16 @@ Notation: H x W pixels, row-major, first row at the top.
 
 from __future__ import annotations
 
-from typing import TypedDict
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, TypedDict
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.queries import make_query
@@ -214,28 +217,57 @@ def total_image(
     Returns:
         [H, W, 3] float32 linear radiance.
     """
-    pixels = width * height
-    tint = upload(mi.Color3f, intensity * np.asarray([color]))
-    source = upload(mi.Vector3f, np.asarray(light, np.float32).reshape(1, 3))
-    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, RR_DEPTH)]
-    with_static = with_static and scene.has_static_light
+    columns = {"pixel": np.arange(width * height, dtype=np.uint32)}
+    settings = {
+        "camera": asdict(camera), "light": np.asarray(light, np.float32).reshape(3).tolist(),
+        "variable": None if variable is None else to_json(variable), "size": [width, height], "spp": spp, "seed": seed,
+        "intensity": float(intensity), "color": [float(c) for c in color], "max_depth": max_depth,
+        "with_static": with_static and scene.has_static_light,
+    }  # fmt: skip
+    if scene.executor is None:
+        found = picture_rows(scene, settings, columns, 0, {})
+    else:
+        found = scene.executor.rows("picture", settings, columns, spp)
+    return found["radiance"].reshape(height, width, 3)
+
+
+def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
+    """Trace pixels of ``total_image``; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: Scene to look at.
+        settings: The other arguments of ``total_image``.
+        columns: ``pixel`` [N], numbers of pixels that follow each other.
+        first: Number of the first pixel.
+        shared: Not used.
+
+    Returns:
+        ``radiance`` [N, 3] float32.
+    """
+    variable = None if settings["variable"] is None else from_json(settings["variable"])
+    camera, (width, height), spp = Camera(**settings["camera"]), settings["size"], settings["spp"]
+    pixels = len(columns["pixel"])
+    tint = upload(mi.Color3f, settings["intensity"] * np.asarray([settings["color"]]))
+    source = upload(mi.Vector3f, np.float32([settings["light"]]))
+    numbers = (settings["seed"] & 0xFFFFFFFF, settings["max_depth"], RR_DEPTH)
+    seed, *depths = (dr.opaque(mi.UInt32, v) for v in numbers)
     total = np.zeros((pixels, 3), np.float64)
     for start, count, done, block in _launches(pixels, spp):
-        first, skip, size = (dr.opaque(mi.UInt32, v) for v in (start, done, block))
+        at, skip, size = (dr.opaque(mi.UInt32, v) for v in (first + start, done, block))
         lane = dr.arange(mi.UInt32, count * block)
-        pixel = first + lane // size
-        rng = random_streams(settings[0], pixel, skip + lane % size)
+        pixel = at + lane // size
+        rng = random_streams(seed, pixel, skip + lane % size)
         ray = camera_rays(camera, width, height, pixel, mi.Point2f(rng.next_float32(), rng.next_float32()))
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
         if variable is not None:
-            L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *settings[1:], True)
-        if with_static:
-            L += trace(scene.mi, si, Emitters(), rng, independent(rng), *settings[1:], True)
+            L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *depths, True)
+        if settings["with_static"]:
+            L += trace(scene.mi, si, Emitters(), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         dr.eval(L)
         total[start : start + count] += _rows(dr.block_sum(L, block))
-    return (total / spp).reshape(height, width, 3).astype(np.float32)
+    return {"radiance": (total / spp).astype(np.float32)}
 
 
 def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offset: mi.Point2f) -> mi.Ray3f:

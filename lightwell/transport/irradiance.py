@@ -6,11 +6,14 @@ Notation: N points.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
@@ -63,27 +66,49 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
-    tables(scene)
-    device, sides, half = DevicePoints(points), air_sides(scene), paths // 2
-    batch = max(1, LAUNCH // paths)
-    rows = np.zeros((len(points), 2, 7), np.float64)
-    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
-    for start in range(0, len(points), batch):
-        count = min(batch, len(points) - start)
-        rows[start : start + count] = _launch(scene, device, sides, settings, start, count, half) / half
-    rows = rows.astype(np.float32)
+    settings = {"paths": paths, "seed": seed}
+    if scene.executor is None:
+        rows = irradiance_rows(scene, settings, vars(points), 0, {})["rows"]
+    else:
+        rows = scene.executor.rows("irradiance", settings, vars(points), paths)["rows"]
     both = rows.mean(axis=1)
     return Irradiance(rows[:, 0, :3], rows[:, 1, :3], both[:, 3:6], both[:, 6])
 
 
+def irradiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
+    """Trace rows of ``irradiance``; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: Scene to trace.
+        settings: ``paths`` and ``seed``.
+        columns: Columns of ``SurfacePoints``, [N, ...] each.
+        first: Number of the first row.
+        shared: Not used.
+
+    Returns:
+        ``rows`` [N, 2, 7]: by half E', luminance times direction, share of wrong first hits.
+    """
+    tables(scene)
+    points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
+    device, sides, half = DevicePoints(points), air_sides(scene), settings["paths"] // 2
+    batch = max(1, LAUNCH // settings["paths"])
+    rows = np.zeros((len(points), 2, 7), np.float64)
+    numbers = (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half, first)
+    opaque = [dr.opaque(mi.UInt32, v) for v in numbers]
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        rows[start : start + count] = _launch(scene, device, sides, opaque, start, count, half) / half
+    return {"rows": rows.astype(np.float32)}
+
+
 def _launch(scene: Scene, device, sides, settings, start: int, count: int, half: int) -> np.ndarray:
     """Trace one launch; returns [count, 2, 7] sums by half: E', luminance times direction, wrong first hits."""
-    seed, max_depth, rr_depth, size = settings
+    seed, max_depth, rr_depth, size, first = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
     row = dr.opaque(mi.UInt32, start) + group // 2
-    rng = random_streams(seed, row, (group & 1) * size + path)
-    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    rng = random_streams(seed, first + row, (group & 1) * size + path)
+    shift = random_streams(seed, first + row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
     view = dr.gather(mi.Vector3f, device.view, row)
     L, direction, wrong = _arriving(scene, si, view, sides, rng, stratified(shift, path, size)[1], max_depth, rr_depth)

@@ -15,15 +15,20 @@ Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
+from lightwell.transport.path_settings import PathReport as PathReport
+from lightwell.transport.path_settings import PathSettings
 from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, Source, declared
@@ -40,18 +45,6 @@ LAUNCH = 1 << 20
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
 # emitter sampling alone it takes 1.5 times as long and has a third of the variance (Cornell box, light anywhere).
 CONNECTIONS = MAX_DEPTH
-
-
-@dataclass
-class PathReport:
-    """Path counts of radiance queries; pass one in to read it afterwards. Counts add up over calls."""
-
-    paths: int = 0
-    """Paths traced."""
-    dropped: int = 0
-    """Paths left out of the means because their value was NaN or infinite."""
-    points: int = 0
-    """Points with a half that had no finite path; their mean is NaN."""
 
 
 def trace(
@@ -237,12 +230,8 @@ def indirect(
         Two independent means, [N, 3] float32 each; NaN where no path of a half is finite.
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
-    positions = upload(mi.Vector3f, light)
-
-    def source(row):
-        return declared(variable, dr.gather(mi.Vector3f, positions, row))
-
-    return _means(scene, points, source, paths, seed, max_depth, rr_depth, False, report, connections)
+    limits = PathSettings(paths, seed, max_depth, rr_depth, False, connections)
+    return _traced(scene, points, limits, variable, light, report)
 
 
 def direct(
@@ -269,12 +258,8 @@ def direct(
     Returns:
         [N, 3] float32; exact for a light without radius.
     """
-    positions = upload(mi.Vector3f, np.broadcast_to(np.asarray(light, np.float32), (len(points), 3)))
-
-    def source(row):
-        return declared(variable, dr.gather(mi.Vector3f, positions, row))
-
-    a, b = _means(scene, points, source, paths, seed, 2, RR_DEPTH, True, report)
+    light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
+    a, b = _traced(scene, points, PathSettings(paths, seed, 2, RR_DEPTH, True, CONNECTIONS), variable, light, report)
     return 0.5 * (a + b)
 
 
@@ -306,50 +291,102 @@ def static(
     if not scene.has_static_light:
         zero = np.zeros((len(points), 3), np.float32)
         return zero, zero.copy()
-    return _means(scene, points, lambda row: Emitters(), paths, seed, max_depth, rr_depth, True, report)
+    limits = PathSettings(paths, seed, max_depth, rr_depth, True, CONNECTIONS)
+    return _traced(scene, points, limits, None, None, report)
 
 
-def _means(scene, points, source, paths, seed, max_depth, rr_depth, include_direct, report, connections=CONNECTIONS):
-    """Compute both half means of all points, launch by launch."""
+def _traced(
+    scene: Scene,
+    points: SurfacePoints,
+    limits: PathSettings,
+    variable: Variable | None,
+    light: np.ndarray | None,
+    report: PathReport | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both half means of all points, in this process or by the executor of the scene."""
+    paths = limits.paths
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    if scene.executor is None:
+        means, good = _means(scene, points, limits, variable, light)
+    else:
+        settings = {"limits": asdict(limits), "variable": None if variable is None else to_json(variable)}
+        columns = vars(points) | ({} if light is None else {"light": light})
+        found = scene.executor.rows("radiance", settings, columns, paths)
+        means, good = found["means"], found["good"]
+    if report is not None:
+        report.paths += len(points) * paths
+        report.dropped += int(len(points) * paths - good.sum())
+        report.points += int((good == 0).any(axis=1).sum())
+    return means[:, 0], means[:, 1]
+
+
+def radiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
+    """Trace rows of ``indirect``, ``direct`` or ``static``; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: Scene to trace.
+        settings: ``limits`` and ``variable`` (None: the scene's own emitters).
+        columns: Columns of ``SurfacePoints`` and, with a variable, ``light`` [N, 3].
+        first: Number of the first row.
+        shared: Not used.
+
+    Returns:
+        ``means`` [N, 2, 3] and ``good`` [N, 2], the counts of finite paths.
+    """
+    points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
+    variable = None if settings["variable"] is None else from_json(settings["variable"])
+    means, good = _means(scene, points, PathSettings(**settings["limits"]), variable, columns.get("light"), first)
+    return {"means": means, "good": good}
+
+
+def _means(
+    scene: Scene,
+    points: SurfacePoints,
+    limits: PathSettings,
+    variable: Variable | None,
+    light: np.ndarray | None,
+    first: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both half means of points [N, 2, 3] and counts of finite paths [N, 2], launch by launch."""
     tables(scene)
-    half = paths // 2
+    positions = None if light is None else upload(mi.Vector3f, light)
+
+    def source(row):
+        return Emitters() if positions is None else declared(variable, dr.gather(mi.Vector3f, positions, row))
+
+    half = limits.paths // 2
     device = DevicePoints(points)
     per_point = min(half, LAUNCH // 2)  # Paths of one half in one launch
     batch = max(1, LAUNCH // (2 * per_point))  # Points of one launch
-    settings = [dr.opaque(mi.UInt32, v) for v in (seed & 0xFFFFFFFF, max_depth, rr_depth)]
+    numbers = (limits.seed & 0xFFFFFFFF, limits.max_depth, limits.rr_depth, first)
+    settings = [dr.opaque(mi.UInt32, v) for v in numbers]
     total = np.zeros((len(points), 2, 3), np.float64)
     good = np.zeros((len(points), 2), np.int64)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         for done in range(0, half, per_point):
             block = min(per_point, half - done)
-            L, ok = _launch(
-                scene, device, source, settings, (start, count, done, block, half), include_direct, connections
-            )
+            span = (start, count, done, block, half)
+            L, ok = _launch(scene, device, source, settings, span, limits.include_direct, limits.connections)
             total[start : start + count] += np.array(L).T.reshape(count, 2, 3)
             good[start : start + count] += np.array(ok).reshape(count, 2)
-    if report is not None:
-        report.paths += len(points) * paths
-        report.dropped += int(len(points) * paths - good.sum())
-        report.points += int((good == 0).any(axis=1).sum())
     means = np.where(good[..., None] > 0, total / np.maximum(good, 1)[..., None], np.nan).astype(np.float32)
-    return means[:, 0], means[:, 1]
+    return means, good
 
 
 def _launch(scene, device, source, settings, span, include_direct, connections):
     """Trace ``block`` paths of both halves for ``count`` points; sums and counts of the finite ones, [count * 2]."""
     start, count, done, block, half = span
-    seed, max_depth, rr_depth = settings
+    seed, max_depth, rr_depth, first_row = settings
     start, done, half, size = (dr.opaque(mi.UInt32, v) for v in (start, done, half, block))
     lane = dr.arange(mi.UInt32, count * 2 * block)
     group = lane // size  # point * 2 + half
     row = start + group // 2
     path = done + lane % size
-    rng = random_streams(seed, row, (group & 1) * half + path)
+    rng = random_streams(seed, first_row + row, (group & 1) * half + path)
     # A stream beyond those of the paths, shared by all paths of a half.
-    shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
+    shift = random_streams(seed, first_row + row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
     first = stratified(shift, path, half)
     depths = (max_depth, rr_depth)

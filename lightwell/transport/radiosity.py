@@ -13,11 +13,14 @@ Notation: N points, P rays per point, F bins, C coarse bins, K lights.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
@@ -98,24 +101,12 @@ class Radiosity:
         parts = []
         batch = max(1, LANES // rays)
         for start in range(0, count, batch):
-            found = self._launch(device, start, min(batch, count - start), rays, seed)
+            found = _launch(self.scene, device, start, min(batch, count - start), rays, seed)
             dr.eval(found)
             weight, p, n = (np.array(v).T for v in found)
             seen = weight.max(axis=1) > 0
             parts.append((p[seen], n[seen], weight[seen]))
         return tuple(np.concatenate(x) for x in zip(*parts))
-
-    def _launch(self, device, start: int, count: int, rays: int, seed: int):
-        size = dr.opaque(mi.UInt32, rays)
-        lane = dr.arange(mi.UInt32, count * rays)
-        path, row = lane % size, dr.opaque(mi.UInt32, start) + lane // size
-        at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
-        rng = random_streams(at_seed, row, path)
-        # Two halves, each with a lattice of its own.
-        half = dr.opaque(mi.UInt32, max(rays // 2, 1))
-        shift = random_streams(at_seed, row, LATTICE_STREAM + path // half)
-        first = stratified(shift, path % half, half)
-        return _gather_ray(self.scene.mi, gather_interaction(self.scene, device, row), rng, first)
 
     def rows(self, points: SurfacePoints, rays: int, seed: int) -> Rows:
         """Trace what points see of the bins.
@@ -128,19 +119,11 @@ class Radiosity:
         Returns:
             Bins and weights, ray by ray.
         """
-        device, batch = DevicePoints(points), max(1, LANES // rays)
-        bins = np.empty((len(points), rays), np.uint16 if self.bins.count < 1 << 16 else np.uint32)
-        weight = np.empty((len(points), rays, 3), np.float16)
-        for start in range(0, len(points), batch):
-            count = min(batch, len(points) - start)
-            w, p, n = self._launch(device, start, count, rays, seed)
-            index = self.bins.lookup(p, n)
-            dr.eval(w, index)
-            w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0) * (2 / rays)
-            met = w.max(axis=1) > 0
-            bins[start : start + count] = np.where(met, np.array(index), self.bins.count).reshape(count, rays)
-            weight[start : start + count] = np.minimum(w, 6e4).reshape(count, rays, 3)
-        return Rows(bins, weight)
+        if self.scene.executor is None:
+            return _seen_rows(self.scene, self.bins, points, rays, seed)
+        settings = {"rays": rays, "seed": seed}
+        found = self.scene.executor.rows("radiosity", settings, vars(points), rays, self.bins.arrays())
+        return Rows(found["bin"], found["weight"])
 
     def _coarse_rows(self):
         """[C, F, 3] as three sparse matrices: indirect irradiance of coarse bins for an irradiance of 1 on bins."""
@@ -224,6 +207,55 @@ class Radiosity:
                 part = slice(start, start + LIGHTS_AT_ONCE)
                 out[part, :, c] = lu_solve(factors, transfer @ direct[part].T, check_finite=False).T
         return np.maximum(out, 0)
+
+
+def radiosity_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
+    """Trace what points see of the bins; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: The scene.
+        settings: ``rays`` and ``seed``.
+        columns: Columns of ``SurfacePoints``, [N, ...] each.
+        first: Number of the first row.
+        shared: ``Bins.arrays``.
+
+    Returns:
+        ``bin`` [N, P] and ``weight`` [N, P, 3], as in ``Rows``.
+    """
+    points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
+    return vars(_seen_rows(scene, Bins.of(shared), points, settings["rays"], settings["seed"], first))
+
+
+def _seen_rows(scene: Scene, bins: Bins, points: SurfacePoints, rays: int, seed: int, first: int = 0) -> Rows:
+    """What points see of the bins, ray by ray."""
+    device, batch = DevicePoints(points), max(1, LANES // rays)
+    found = np.empty((len(points), rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
+    weight = np.empty((len(points), rays, 3), np.float16)
+    for start in range(0, len(points), batch):
+        count = min(batch, len(points) - start)
+        w, p, n = _launch(scene, device, start, count, rays, seed, first)
+        index = bins.lookup(p, n)
+        dr.eval(w, index)
+        w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0) * (2 / rays)
+        met = w.max(axis=1) > 0
+        found[start : start + count] = np.where(met, np.array(index), bins.count).reshape(count, rays)
+        weight[start : start + count] = np.minimum(w, 6e4).reshape(count, rays, 3)
+    return Rows(found, weight)
+
+
+def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, first_row: int = 0):
+    """Trace ``rays`` rays from each of some points; see ``_gather_ray``."""
+    size = dr.opaque(mi.UInt32, rays)
+    lane = dr.arange(mi.UInt32, count * rays)
+    path, row = lane % size, dr.opaque(mi.UInt32, start) + lane // size
+    at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+    number = row + dr.opaque(mi.UInt32, first_row)
+    rng = random_streams(at_seed, number, path)
+    # Two halves, each with a lattice of its own.
+    half = dr.opaque(mi.UInt32, max(rays // 2, 1))
+    shift = random_streams(at_seed, number, LATTICE_STREAM + path // half)
+    first = stratified(shift, path % half, half)
+    return _gather_ray(scene.mi, gather_interaction(scene, device, row), rng, first)
 
 
 class Gather:

@@ -19,8 +19,8 @@ def test_options_are_documented(words):
     verb = words[0]
     assert f"```{{verb-help}} {' '.join(words)}\n" in REFERENCE and f"(../how-to/{verb}.md)" in REFERENCE
     page = (DOCS / f"how-to/{verb}.md").read_text()
-    # A demo is a bake, and says so.
-    text = REFERENCE + page + ((DOCS / "how-to/bake.md").read_text() if verb == "demo" else "")
+    # Demo and batch are bakes, and say so.
+    text = REFERENCE + page + ((DOCS / "how-to/bake.md").read_text() if verb in ("demo", "batch") else "")
     options = {
         o for a in verb_parser(verb, words[1:])._actions for o in a.option_strings if o.startswith("--")
     } - SHARED

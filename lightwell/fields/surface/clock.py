@@ -38,6 +38,14 @@ class Clock:
         """
         self.marks.append((step, round(self.seconds, 4)))
 
+    def skip(self, seconds: float) -> None:
+        """Leave out time in which nothing was trained.
+
+        Args:
+            seconds: Seconds, ≥ 0.
+        """
+        self._start += seconds
+
     def array(self) -> np.ndarray:
         """Return the marks of a checkpoint.
 

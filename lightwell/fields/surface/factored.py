@@ -17,6 +17,7 @@ from lightwell.fields.features import grid_point, light_features, local_features
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
+from lightwell.fields.surface.options import SurfaceOptions
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Buffer, Builder, Graph, pack
@@ -178,4 +179,4 @@ class FactoredFit(NetworkFit):
         return b.add(b.matvec(matrix, u, units), offset)
 
 
-FIELD = SurfaceField("factored", PRESETS, FactoredFit)
+FIELD = SurfaceField("factored", PRESETS, FactoredFit, SurfaceOptions)

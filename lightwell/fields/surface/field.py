@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,16 @@ from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.no_options import NoOptions
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
+from lightwell.fields.surface.edit_state import EditState
+from lightwell.fields.surface.edits import (
+    EditedScene,
+    FirstState,
+    edited_learner,
+    edited_samples,
+    keep_edited,
+    traced_facts,
+)
+from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.training import SurfaceSamples, SurfaceTraining, surface_samples
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
@@ -32,6 +43,8 @@ class SurfaceFit:
     traced: Traced
     plan: dict[str, Any]
     training: Training
+    keep: Callable[[Store, Shown], None] | None = None
+    """Stores what an incremental bake starts from; None: there is none."""
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -74,6 +87,8 @@ class SurfaceFit:
         Returns:
             The files.
         """
+        if store is not None and self.keep is not None:
+            self.keep(store, shown)
         more = getattr(self.learner, "files", None)
         return more(glb, shown, store) if more else []
 
@@ -81,11 +96,14 @@ class SurfaceFit:
 class SurfaceField:
     """Base of fields that are fitted to samples at surface points; see ``lightwell.fields.protocol.Field``."""
 
-    Options: type = NoOptions
     shares = "surface"
 
     def __init__(
-        self, name: str, presets: Mapping[str, Any], learner: Callable[[FieldSetup, Any, int], Learner]
+        self,
+        name: str,
+        presets: Mapping[str, Any],
+        learner: Callable[[FieldSetup, Any, int], Learner],
+        options: type = NoOptions,
     ) -> None:
         """Declare a field.
 
@@ -93,8 +111,9 @@ class SurfaceField:
             name: What ``--field`` calls it.
             presets: Settings by name, the default first.
             learner: Makes an untrained learner from (setup, settings, seed).
+            options: Dataclass of the field's own options.
         """
-        self.name, self.presets, self._learner = name, dict(presets), learner
+        self.name, self.presets, self._learner, self.Options = name, dict(presets), learner, options
 
     def start(self, setup: FieldSetup, preset: str, seed: int) -> Learner:
         """Make an untrained learner.
@@ -118,13 +137,15 @@ class SurfaceField:
         Returns:
             The prepared scene.
         """
+        if getattr(job.options, "rebake", None):
+            return EditedScene.of(job, self.name)
         request = job.request
         variable = declare(request.vary, job.scene)
         sample_lights(job.scene, variable, 1, request.seed)
         static = request.static and job.scene.has_static_light and not job.shared
         return State(job, job.scene, variable, ("indirect", "static") if static else ("indirect",))
 
-    def sample(self, state: State, role: Role) -> SurfaceSamples:
+    def sample(self, state: State, role: Role) -> SurfaceSamples | EditState:
         """Trace area-uniform samples, or read those of an interrupted bake.
 
         Args:
@@ -134,9 +155,11 @@ class SurfaceField:
         Returns:
             The samples.
         """
-        return surface_samples(state, role)
+        return edited_samples(state, role) if isinstance(state, EditedScene) else surface_samples(state, role)
 
-    def fit(self, state: State, role: Role, samples: SurfaceSamples, part: WorkPart | None = None) -> SurfaceFit:
+    def fit(
+        self, state: State, role: Role, samples: SurfaceSamples | EditState, part: WorkPart | None = None
+    ) -> SurfaceFit:
         """Train, trace more samples where the error is large, and continue training.
 
         Args:
@@ -148,9 +171,22 @@ class SurfaceField:
         Returns:
             The finished fit.
         """
+        if isinstance(samples, EditState):
+            return self._edited(state, role, samples)
         training = SurfaceTraining(state, role, samples, self.starter(state), part)
-        learner = training.run()
-        return SurfaceFit(state.scene, learner, samples.unit, training.traced, training.plan, training.summary(learner))
+        learner, traced = training.run(), training.traced
+        keep = None
+        if isinstance(learner, NetworkFit) and not state.job.shared:
+            shards = samples.plan.shards
+            keep = FirstState(state, role, self.name, samples.training, learner, shards, traced.paths)
+        summary = training.summary(learner)
+        return SurfaceFit(state.scene, learner, samples.unit, traced, training.plan, summary, keep)
+
+    def _edited(self, state: EditedScene, role: Role, samples: EditState) -> SurfaceFit:
+        """The fit of an incremental bake."""
+        learner, training = edited_learner(state, role, samples, self.start)
+        keep, traced = partial(keep_edited, state, role, samples, learner), traced_facts(samples, state.touched[role])
+        return SurfaceFit(state.scene, learner, learner.setup.unit, traced, {}, training, keep)
 
     def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that makes an untrained learner.

@@ -15,6 +15,7 @@ from lightwell.fields.features import FeatureOctaves, encoded_features, open_bui
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.lowering import as_radiance, graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
+from lightwell.fields.surface.options import SurfaceOptions
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Graph, quantise
 from lightwell.graph.layers import add_layers
@@ -151,4 +152,4 @@ class MlpFit(NetworkFit):
         return b.add(of_pixel, of_frame)
 
 
-FIELD = SurfaceField("mlp", PRESETS, MlpFit)
+FIELD = SurfaceField("mlp", PRESETS, MlpFit, SurfaceOptions)

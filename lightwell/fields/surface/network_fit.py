@@ -80,6 +80,20 @@ class NetworkFit:
         """
         return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
 
+    def begin_again(self, step: int) -> float:
+        """Go on from the best weights with the present samples; errors on earlier ones do not count.
+
+        Args:
+            step: Step of the schedule to go on at.
+
+        Returns:
+            Error of these weights on the held-out samples.
+        """
+        self._trainer.adopt(self._trainer.best, keep_moments=False)
+        error = self._error(self._trainer.best)
+        self._trainer.state = TrainingState(step=step, best_error=error, best_step=step)
+        return error
+
     def predict(self, query: Query) -> np.ndarray:
         """Predict radiance with the best weights so far, before they are quantised.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from lightwell.core.progress import ProgressStage
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
 from lightwell.fields.budget import learning_seconds
-from lightwell.fields.protocol import Role, State, Traced, Training
+from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
     FEWEST_SHARDS,
@@ -201,10 +202,11 @@ class SurfaceTraining:
         """
         self._plan = self._planned()
         learner = self._resumed()
-        if self.state.job.shared:
-            self._within_time(learner)
-        else:
-            self._rounds(learner)
+        with contextlib.suppress(GoodEnough):
+            if self.state.job.shared:
+                self._within_time(learner)
+            else:
+                self._rounds(learner)
         self._seconds = self.clock.seconds
         return learner
 
@@ -379,8 +381,17 @@ class SurfaceTraining:
         def look(state: TrainingState, _: int) -> None:
             self.clock.mark(state.step)
             stage.move_to(state.step, f"error {state.best_error:.1%}")
+            self._observed(learner)
 
         def save() -> None:
             self._part.put(CHECKPOINT, {**learner.arrays(), CLOCK: self.clock.array()}, ARRAYS)
 
         return look, save
+
+    def _observed(self, learner: Learner) -> None:
+        """Tell the observer of the bake; time in which it pauses the training does not count."""
+        job = self.state.job
+        if job.observer is not None:
+            seconds = job.observer.evaluated(self.role, learner)
+            self.clock.skip(seconds)
+            job.work.skip(seconds)

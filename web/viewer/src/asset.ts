@@ -44,7 +44,8 @@ function embeddedPage(): PageData {
   return readPageData(JSON.parse(text));
 }
 
-async function loadUrl(url: string, pageUrl: string | null, required: boolean): Promise<LoadedAsset | null> {
+/** The asset behind an address; null, or an error where it is required, when it is not there. */
+export async function loadUrl(url: string, pageUrl: string | null, required: boolean): Promise<LoadedAsset | null> {
   const response = await fetch(url).catch(() => null);
   const isPage = response?.headers.get("content-type")?.includes("text/html");
   if (!response?.ok || isPage) {

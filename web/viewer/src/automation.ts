@@ -1,8 +1,10 @@
 /** `window.lightwell`: drives the page from tests, scripts and screenshots. */
 
 import { Color, Vector3 } from "three";
+import { loadUrl } from "./asset.ts";
 import type { Against, Mode } from "./modes.ts";
-import { linkTo } from "./page-state.ts";
+import { readOptions } from "./options.ts";
+import { applyState, linkTo } from "./page-state.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** What `stats()` returns. */
@@ -60,6 +62,8 @@ export interface Automation {
   setHalf(on: boolean): Promise<void>;
   /** The lens: on or off, distance in focus (metres) and f-number; resolves when the picture is shown. */
   setLens(on: boolean, setting?: { focus?: number; fstop?: number }): Promise<void>;
+  /** Show another version of the scene, of an address; camera, lamps and mode stay. Resolves when it is drawn. */
+  replace(url: string): Promise<void>;
   stats(): Stats;
   /** The address that shows the same. */
   link(): string;
@@ -120,6 +124,12 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
       await viewer.prepared();
     },
     setLens: (on, setting) => viewer.lens.set(on, setting),
+    async replace(url) {
+      const shown = readOptions(new URL(linkTo(viewer, location.href)).search);
+      const asset = await loadUrl(url, null, true);
+      await viewer.load({ ...asset!, page: viewer.page });
+      await applyState(viewer, shown);
+    },
     stats: () => stats(viewer, notice, trouble),
     link: () => linkTo(viewer, location.href),
     readPixels: () => viewer.readPixels(),

@@ -1,0 +1,112 @@
+"""A bake that is repeated whenever the file of its scene is saved; only what has changed is baked again."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+
+from lightwell.baking.settings import BakeSettings
+from lightwell.core.scene_options import BUILTINS
+
+# Seconds between two looks at the files, and after which a file that does not change any more is taken to be saved.
+LOOK, SETTLED = 0.5, 1.0
+# Files of one scene that are looked at, at most: a file may lie in a large folder.
+MOST_FILES = 2000
+
+FileStates = tuple[tuple[str, int, int], ...]
+
+
+def bake_and_watch(arguments: argparse.Namespace, asked: BakeSettings) -> int:
+    """Bake, then again after each change of the scene's file; Ctrl-C ends it.
+
+    Args:
+        arguments: Parsed arguments.
+        asked: Settings of the bake.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        ValueError: The scene has no file.
+    """
+    if asked.scene in BUILTINS:
+        raise ValueError(f"bake: --watch looks at a file, and '{asked.scene}' has none; name a .glb, .gltf or .xml")
+    from lightwell.cli.bake import run_bake
+
+    path = Path(asked.scene)
+    before = file_states(path)
+    run_bake(arguments, replace(asked, keep=True))
+    for _ in saves(path, before):
+        started = time.perf_counter()
+        try:
+            arguments.started = started
+            run_bake(arguments, edited(asked))
+            said = f"baked again in {time.perf_counter() - started:.1f} s; reload the page"
+        except (ValueError, OSError) as error:
+            # A file that is half saved or cannot be lit: the next save is another chance.
+            said = " ".join(str(error).split())
+        print(f"lightwell: {said}", file=sys.stderr, flush=True)
+    return 0
+
+
+def edited(asked: BakeSettings) -> BakeSettings:
+    """Return the settings of the next bake: an incremental one, where the field has it.
+
+    Args:
+        asked: Settings of the first bake.
+
+    Returns:
+        The settings.
+    """
+    names = {f.name for f in fields(asked.options)}
+    if "rebake" not in names or "box" in names:
+        return replace(asked, keep=True)
+    return replace(asked, keep=True, resume=False, options=replace(asked.options, rebake=asked.out))
+
+
+def saves(path: Path, before: FileStates, wait: Callable[[float], None] = time.sleep) -> Iterator[FileStates]:
+    """Wait for changes of a scene's files.
+
+    Args:
+        path: File of the scene.
+        before: State of its files as they were baked.
+        wait: Waits for some seconds.
+
+    Yields:
+        The state of the files after each change, when they are at rest.
+    """
+    while True:
+        wait(LOOK)
+        now = file_states(path)
+        if now == before or not now:
+            continue
+        while True:
+            wait(SETTLED)
+            later = file_states(path)
+            if later == now:
+                break
+            now = later
+        if now and now != before:
+            before = now
+            yield now
+
+
+def file_states(path: Path) -> FileStates:
+    """Read size and time of a scene's file, and of the files beside it that it may name.
+
+    Args:
+        path: File of the scene.
+
+    Returns:
+        Name, bytes and time of each; empty where the file is missing for the moment.
+    """
+    try:
+        names = [path] if path.suffix.lower() == ".glb" else [path, *sorted(path.parent.rglob("*"))[:MOST_FILES]]
+        found = [(str(name), name.stat()) for name in names if name.is_file()]
+        return tuple((name, state.st_size, state.st_mtime_ns) for name, state in found) if path.is_file() else ()
+    except OSError:
+        return ()

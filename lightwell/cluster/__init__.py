@@ -1,0 +1,1 @@
+"""Tracing on many machines with Dask. Nothing here is imported without ``--cluster``."""

@@ -1,0 +1,240 @@
+"""Rows of a scene on the workers of a Dask cluster; see ``lightwell.scenes.executor``.
+
+Rows are cut into units of work whose results are files of the store, named by a hash of everything that they are made
+from. What the store has is not computed again: a lost worker costs what it was computing, a lost scheduler the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from distributed import Client, Future, as_completed
+
+from lightwell.cluster import worker as remote
+from lightwell.cluster.ledger import Ledger
+from lightwell.cluster.roster import Roster
+from lightwell.core.formats import ARRAYS
+from lightwell.core.keys import Key, array_digest, key
+from lightwell.core.store import Store
+from lightwell.scenes.executor import Arrays
+from lightwell.scenes.scene import Scene
+from lightwell.transport.row_tasks import TASKS
+
+# Paths of a unit, and the fewest paths that are worth sending at all.
+UNIT_LANES, LEAST_LANES = 1 << 20, 1 << 17
+# Units on their way, as a multiple of the workers' threads.
+BACKLOG = 2
+# Seconds between two looks at the workers, and until a lost scheduler must be back.
+LOOK, BACK = 2.0, 120.0
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Some rows."""
+
+    first: int
+    columns: Arrays
+    key: Key
+
+    @property
+    def name(self) -> str:
+        """Name of the unit on the cluster."""
+        return f"lightwell-{self.key.digest}"
+
+
+@dataclass
+class Moved:
+    """What has been computed and sent so far."""
+
+    units: int = 0
+    from_store: int = 0
+    bytes_sent: int = 0
+    """Columns of the rows, and shared arrays once."""
+    bytes_received: int = 0
+    again: int = 0
+    """Units that were sent again after a failure or a loss."""
+
+
+@dataclass
+class DaskExecutor:
+    """Runs units on the workers of a cluster; use ``connect.connected`` to make one."""
+
+    scene: Scene
+    roster: Roster
+    connect: Callable[[], Client]
+    """Makes a client of the same cluster anew, after its scheduler was lost."""
+    store: Store
+    say: Callable[[str], None]
+    ledger: Ledger = field(default_factory=Ledger)
+    moved: Moved = field(default_factory=Moved)
+    unit_lanes: int = UNIT_LANES
+    least_lanes: int = LEAST_LANES
+
+    def rows(
+        self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None = None
+    ) -> Arrays:
+        """Compute the results of all rows; see ``RowExecutor.rows``.
+
+        Args:
+            task: Name of the function.
+            settings: Its settings.
+            columns: Inputs of N rows, [N, ...] by name.
+            lanes: Paths of a row.
+            shared: Arrays [...] that all rows share.
+
+        Returns:
+            Results [N, ...] by name.
+        """
+        count = len(next(iter(columns.values())))
+        if count * lanes < self.least_lanes:
+            return TASKS[task](self.scene, settings, columns, 0, shared or {})
+        units = self._units(task, settings, columns, lanes, shared)
+        found: dict[int, Arrays] = {}
+        missing = []
+        for unit in units:
+            kept = self.store.find(unit.key, ARRAYS)
+            if kept is None:
+                missing.append(unit)
+            else:
+                found[unit.first] = kept
+        self.moved.from_store += len(found)
+        if missing:
+            found |= self._computed(task, settings, missing, shared)
+        parts = [found[unit.first] for unit in units]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def _units(
+        self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None
+    ) -> list[Unit]:
+        """Cut rows into units; the cuts depend on the rows alone, so that the store serves every cluster."""
+        size, count = max(1, self.unit_lanes // max(lanes, 1)), len(next(iter(columns.values())))
+        common = {name: array_digest(value) for name, value in (shared or {}).items()}
+        about = {"scene": self.scene.digest, "settings": settings, "shared": common}
+        units = []
+        for first in range(0, count, size):
+            part = {name: np.ascontiguousarray(value[first : first + size]) for name, value in columns.items()}
+            units.append(Unit(first, part, key(f"rows.{task}", TASKS[task].version, first=first, rows=part, **about)))
+        return units
+
+    # ------------------------------------------------------------------ the cluster
+
+    def _computed(
+        self, task: str, settings: Mapping[str, Any], units: Sequence[Unit], shared: Arrays | None
+    ) -> dict[int, Arrays]:
+        """Compute units; by the number of their first row."""
+        waiting, found = deque(units), dict[int, Arrays]()
+        while waiting:
+            try:
+                self._round(task, settings, waiting, shared, found)
+            except (OSError, TimeoutError) as error:
+                # Results so far are files; what was on its way is in ``waiting`` again.
+                self._reconnect(error)
+        return found
+
+    def _round(
+        self,
+        task: str,
+        settings: Mapping[str, Any],
+        waiting: deque[Unit],
+        shared: Arrays | None,
+        found: dict[int, Arrays],
+    ) -> None:
+        """Send units and take results until all are there, or until the scheduler is lost."""
+        client, flying = self.roster.client, dict[str, tuple[Future, Unit]]()
+        common = self._scattered(shared)
+        results = as_completed()
+        try:
+            while waiting or flying:
+                while waiting and len(flying) < BACKLOG * self.roster.threads():
+                    unit = waiting.popleft()
+                    flying[unit.name] = (self._submit(client, task, settings, unit, common), unit)
+                    results.add(flying[unit.name][0])
+                future = next(results)
+                _, unit = flying.pop(future.key)
+                if (result := self._taken(future, unit)) is None:
+                    self.moved.again += 1
+                    waiting.append(unit)
+                else:
+                    found[unit.first] = result
+        finally:
+            left = [future for future, _ in flying.values()]
+            waiting.extend(unit for _, unit in flying.values())
+            if left and client.status == "running":
+                client.cancel(left, force=True)
+
+    def _submit(
+        self, client: Client, task: str, settings: Mapping[str, Any], unit: Unit, common: Future | None
+    ) -> Future:
+        self.moved.bytes_sent += sum(column.nbytes for column in unit.columns.values())
+        workers = self.roster.workers(self.ledger.avoided(unit.name))
+        return client.submit(
+            remote.compute, task, self.scene.digest, settings, unit.columns, unit.first, common,
+            key=unit.name, workers=workers, allow_other_workers=False, pure=False, retries=0,
+        )  # fmt: skip
+
+    def _scattered(self, shared: Arrays | None) -> Future | None:
+        """Shared arrays on the cluster: workers fetch them once."""
+        if not shared:
+            return None
+        self.moved.bytes_sent += sum(value.nbytes for value in shared.values()) * max(len(self.roster.workers()), 1)
+        return self.roster.client.scatter([shared], hash=True)[0]
+
+    def _taken(self, future: Future, unit: Unit) -> Arrays | None:
+        """The result of a unit, stored; None where it must be computed again."""
+        if future.status == "cancelled" or future.status == "lost":
+            if self.roster.client.status != "running":
+                raise OSError("the scheduler is gone")
+            return None
+        if future.status == "error":
+            # Whatever Dask itself raises: the worker died, or its result cannot be fetched.
+            self.ledger.died(unit.name)
+            return None
+        address, result = future.result()
+        if result == remote.NO_SCENE:
+            self.roster.forget(address)
+            return None
+        if isinstance(result, str):
+            if self.ledger.failed(unit.name, address, result):
+                self.roster.set_aside(address)
+                self.say(f"[yellow]cluster: worker {address} failed three times and gets no more work:[/] {result}")
+            return None
+        self.moved.units += 1
+        self.moved.bytes_received += sum(value.nbytes for value in result.values())
+        self.store.put(unit.key, result, ARRAYS)
+        return result
+
+    def _reconnect(self, error: Exception) -> None:
+        """Connect to the cluster again; without a scheduler the bake ends with one line."""
+        self.say(f"[yellow]cluster: connection lost ({' '.join(str(error).split())[:100]}); connecting again")
+        end = time.monotonic() + BACK
+        while True:
+            try:
+                self.roster.adopt(self.connect())
+                return
+            except (OSError, TimeoutError):
+                if time.monotonic() > end:
+                    raise RuntimeError(
+                        f"cluster: no scheduler for {BACK:.0f} s; start it again and go on with --resume, with or "
+                        "without --cluster"
+                    ) from None
+                time.sleep(LOOK)
+
+    def summary(self) -> str:
+        """Say in one line what was computed and sent.
+
+        Returns:
+            The line.
+        """
+        moved = self.moved
+        kept = f", {moved.from_store} from the store" if moved.from_store else ""
+        again = f", {moved.again} sent again" if moved.again else ""
+        sent, received = moved.bytes_sent + self.roster.bytes_sent, moved.bytes_received
+        return (
+            f"cluster: {moved.units} units on {self.roster.seen} workers{kept}{again}; "
+            f"{sent / 1e6:.1f} MB sent, {received / 1e6:.1f} MB received"
+        )

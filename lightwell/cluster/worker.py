@@ -1,0 +1,168 @@
+"""What a worker computes: its fingerprint, and rows of a scene that it keeps in memory.
+
+Dask sends the names of these functions with their arguments; a worker needs lightwell of the same version.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import lightwell
+from lightwell.core.keys import digest
+from lightwell.scenes import load
+from lightwell.scenes.executor import Arrays
+from lightwell.scenes.scene import Scene
+from lightwell.transport.row_tasks import TASKS
+
+# Scenes that a worker keeps. It computes under a lock: Mitsuba uses all threads of a process for one kernel.
+MOST_SCENES = 2
+_SCENES: OrderedDict[str, Scene] = OrderedDict()
+_LOCK = threading.Lock()
+# The unit that every worker computes to show that its bytes are those of the others: points and paths.
+POINTS, PATHS, SEED = 256, 16, 0xF1
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """How to load a scene."""
+
+    source: str
+    """Built-in scene or path."""
+    digest: str
+    """``Scene.digest``."""
+    loading: Mapping[str, Any] = field(default_factory=dict)
+    """Options of ``lightwell.scenes.load``."""
+
+
+def fingerprint() -> dict[str, str]:
+    """Describe the machine, and compute a fixed unit.
+
+    Returns:
+        Versions, variant and processor, and ``bytes``, the hash of what was computed: workers with the same bytes give
+        the same results.
+    """
+    import drjit
+    import mitsuba
+
+    from lightwell.backend import mi
+    from lightwell.transport import draw_surface, static
+
+    with _LOCK:
+        scene = load("cornell")
+        a, b = static(scene, draw_surface(scene, POINTS, SEED).points, PATHS, SEED)
+    return {
+        "lightwell": lightwell.__version__,
+        "mitsuba": mitsuba.__version__,
+        "drjit": drjit.__version__,
+        "variant": str(mi.variant()),
+        "processor": platform.machine(),
+        "bytes": digest(a.tobytes() + b.tobytes()),
+    }
+
+
+def take_scene(source: SceneSource, files: Mapping[str, bytes] | None = None) -> bool:
+    """Load a scene, from its path or from files that are sent.
+
+    Args:
+        source: The scene.
+        files: Contents by path relative to the scene's folder; None: read the path.
+
+    Returns:
+        Whether the worker has the scene now. False where its path does not exist here or holds another scene.
+    """
+    with _LOCK:
+        if source.digest in _SCENES:
+            return True
+        if files is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                scene = load(str(_written(files, Path(folder), Path(source.source).name)), **source.loading)
+        else:
+            try:
+                scene = load(source.source, **source.loading)
+            except (OSError, ValueError):
+                return False
+        if scene.digest != source.digest:
+            return False
+        _SCENES[source.digest] = scene
+        while len(_SCENES) > MOST_SCENES:
+            _SCENES.popitem(last=False)
+        return True
+
+
+def compute(
+    task: str, scene: str, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays | None
+) -> tuple[str, Arrays | str]:
+    """Compute rows.
+
+    Args:
+        task: Name in ``row_tasks.TASKS``.
+        scene: Digest of a scene that the worker has.
+        settings: Settings of the function.
+        columns: Inputs of the rows, [N, ...] by name.
+        first: Number of the first row.
+        shared: Arrays [...] that all rows share; None: none.
+
+    Returns:
+        Address of the worker, and the results [N, ...] by name, or the text of an error.
+    """
+    from distributed import get_worker
+
+    address = str(get_worker().address)
+    try:
+        with _LOCK:
+            if scene not in _SCENES:
+                return address, NO_SCENE
+            found = TASKS[task](_SCENES[scene], settings, columns, first, shared or {})
+            return address, {name: np.ascontiguousarray(value) for name, value in found.items()}
+    except Exception as error:  # Whatever a scene or a driver raises: the bake counts it and says it.
+        return address, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}" or "unknown error"
+
+
+# Answer of a worker that was restarted and has lost the scene.
+NO_SCENE = "the worker has no such scene"
+
+
+def scene_files(source: SceneSource, most: int = 1 << 30) -> dict[str, bytes]:
+    """Read the files of a scene, for a worker that cannot read them.
+
+    Args:
+        source: The scene.
+        most: Most bytes that are read.
+
+    Returns:
+        Contents by path relative to the scene's folder; empty for a built-in scene.
+
+    Raises:
+        ValueError: The folder of the scene holds more; one line with the cure.
+    """
+    path = Path(source.source)
+    if not path.is_file():
+        return {}
+    names = [path] if path.suffix.lower() == ".glb" else [p for p in sorted(path.parent.rglob("*")) if p.is_file()]
+    if sum(name.stat().st_size for name in names) > most:
+        raise ValueError(
+            f"cluster: the folder of '{path.name}' holds more than {most >> 20} MB; put the scene into a folder of its "
+            "own, or into one that all machines share"
+        )
+    return {os.fspath(name.relative_to(path.parent)): name.read_bytes() for name in names}
+
+
+def _written(files: Mapping[str, bytes], folder: Path, name: str) -> Path:
+    root = folder.resolve()
+    for relative, data in files.items():
+        target = (root / relative).resolve()
+        if not target.is_relative_to(root):
+            raise ValueError(f"cluster: '{relative[:60]}' leads out of the scene's folder")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+    return root / name

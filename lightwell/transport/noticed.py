@@ -1,0 +1,110 @@
+"""Which points could notice a change of the scene: those whose paths cross the boxes around what has changed.
+
+From every point a few directions are followed to the first surface. A point notices a change when one of these segments
+crosses a changed box, when the way from the surface that was hit to the light does, or when a changed lamp lights that
+surface. Later bounces are left out: what they carry is weaker by the reflectance of two surfaces.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from lightwell.scenes.scene import Scene
+from lightwell.transport.interactions import upload
+
+# Directions that are followed from a point.
+RAYS = 12
+# Boxes are enlarged by this share of the scene's extent, and segments begin so far from their surface.
+MARGIN, LIFT = 1e-3, 1e-4
+# Distance of what no surface stops, in extents of the scene.
+FAR = 4.0
+
+
+def noticed(
+    scene: Scene,
+    position: np.ndarray,
+    normal: np.ndarray,
+    light: np.ndarray | None,
+    boxes: np.ndarray,
+    lamps: np.ndarray,
+    seed: int,
+) -> np.ndarray:
+    """Find the points that could notice a change.
+
+    Args:
+        scene: The scene after the change.
+        position: [N, 3] points, metres.
+        normal: [N, 3] unit normals.
+        light: [N, 3] position of the declared light; None for a sun or the scene's own light.
+        boxes: [B, 2, 3] boxes around what has changed, metres.
+        lamps: [L, 2, 3] those that emit light; they are looked at for the scene's own light only.
+        seed: Seed of the directions.
+
+    Returns:
+        [N] bool.
+    """
+    found = np.zeros(len(position), bool)
+    margin, lift = MARGIN * scene.extent, LIFT * scene.extent
+    wide = np.stack([boxes[:, 0] - margin, boxes[:, 1] + margin], axis=1)
+    random = np.random.default_rng([seed, 0xED17])
+    start = position + lift * normal
+    for lamp in lamps:
+        found |= _sees(scene, start, lamp.mean(axis=0))
+    for _ in range(RAYS):
+        direction = _cosine(normal, random)
+        distance = _distance(scene, start, direction)
+        # Not quite to the surface: the next segments begin in front of it.
+        end = start + (distance - lift)[:, None] * direction
+        found |= crosses(start, start + distance[:, None] * direction, wide)
+        if light is not None:
+            found |= crosses(end, light, wide)
+        for lamp in lamps:
+            found |= _sees(scene, end, lamp.mean(axis=0))
+    return found
+
+
+def crosses(start: np.ndarray, end: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """Find the segments that cross one of several boxes.
+
+    Args:
+        start: [N, 3] points.
+        end: [N, 3] points.
+        boxes: [B, 2, 3] smallest and largest corners.
+
+    Returns:
+        [N] bool.
+    """
+    found = np.zeros(len(start), bool)
+    step = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1 / np.where(step == 0, 1e-30, step)
+        for low, high in boxes:
+            a, b = (low - start) * inverse, (high - start) * inverse
+            first, last = np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
+            found |= (first <= last) & (last >= 0) & (first <= 1)
+    return found
+
+
+def _cosine(normal: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Directions around normals, by the cosine."""
+    sphere = random.normal(size=normal.shape)
+    direction = normal + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.where(length > 1e-6, direction / np.maximum(length, 1e-6), normal)
+
+
+def _distance(scene: Scene, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """[N] distance to the first surface."""
+    ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, direction))
+    hit = scene.mi.ray_intersect_preliminary(ray)
+    far = FAR * scene.extent
+    return np.array(dr.select(hit.is_valid(), dr.minimum(hit.t, far), far), np.float64)
+
+
+def _sees(scene: Scene, start: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Whether nothing stands before the last hundredth of the way to a place."""
+    way = 0.99 * (place - start)
+    length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    return _distance(scene, start, way / length[:, None]) >= length

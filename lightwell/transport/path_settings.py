@@ -1,0 +1,30 @@
+"""Settings and counts of path tracing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass
+class PathReport:
+    """Path counts of radiance queries; pass one in to read it afterwards. Counts add up over calls."""
+
+    paths: int = 0
+    """Paths traced."""
+    dropped: int = 0
+    """Paths left out of the means because their value was NaN or infinite."""
+    points: int = 0
+    """Points with a half that had no finite path; their mean is NaN."""
+
+
+@dataclass(frozen=True)
+class PathSettings:
+    """Settings of path tracing."""
+
+    paths: int
+    """Paths per point, even, ≥ 2."""
+    seed: int
+    max_depth: int
+    rr_depth: int
+    include_direct: bool
+    connections: int

@@ -1,0 +1,55 @@
+"""Functions that trace rows independently of each other: what other machines are asked to compute.
+
+A function takes the scene, its settings (JSON values), columns of rows, the number of the first row, and arrays that
+all rows share. Its version is part of the key of stored results; raise it when the same arguments give other bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from lightwell.scenes.executor import Arrays
+from lightwell.scenes.scene import Scene
+
+RowFunction = Callable[[Scene, Mapping[str, Any], Arrays, int, Arrays], Arrays]
+"""(scene, settings, columns of rows, number of the first row, shared arrays) -> results [rows, ...] by name."""
+
+
+@dataclass(frozen=True)
+class RowTask:
+    """A function of rows."""
+
+    place: str
+    """``module:name`` of a ``RowFunction``."""
+    version: int = 1
+
+    def __call__(
+        self, scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays
+    ) -> Arrays:
+        """Compute rows in this process.
+
+        Args:
+            scene: The scene.
+            settings: Settings of the function.
+            columns: Inputs of the rows, [N, ...] by name.
+            first: Number of the first row.
+            shared: Arrays [...] that all rows share.
+
+        Returns:
+            Results of the rows, [N, ...] by name.
+        """
+        module, name = self.place.split(":")
+        function: RowFunction = getattr(import_module(module), name)
+        return function(scene, settings, columns, first, shared)
+
+
+TASKS = {
+    "radiance": RowTask("lightwell.transport.radiance:radiance_rows"),
+    "radiosity": RowTask("lightwell.transport.radiosity:radiosity_rows"),
+    "irradiance": RowTask("lightwell.transport.irradiance:irradiance_rows"),
+    "air-light": RowTask("lightwell.probes.trace:air_light_rows"),
+    "picture": RowTask("lightwell.transport.camera:picture_rows"),
+}

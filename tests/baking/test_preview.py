@@ -1,0 +1,121 @@
+"""First light: a page from the first moment of a bake, better weights as they come, pause and good enough."""
+
+import json
+import threading
+import urllib.error
+import urllib.request
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lightwell.baking import preview as module
+from lightwell.baking.pipeline import bake
+from lightwell.baking.preview import Preview, PreviewScene
+from lightwell.fields.protocol import GoodEnough
+from lightwell.fields.request import Request
+from lightwell.fields.surface.clock import Clock
+from lightwell.scenes import load
+from lightwell.serving.server import LocalServer
+
+from .conftest import small
+
+
+class Learned:
+    """A learner of a known error."""
+
+    def __init__(self, error):
+        self.state = SimpleNamespace(best_error=error)
+
+    def lower(self):
+        return f"graph of {self.state.best_error}"
+
+
+class Shown:
+    """Stands for the scene of the page; keeps what was written."""
+
+    roles = ("indirect",)
+
+    def __init__(self):
+        self.written = []
+
+    def glb(self, graphs):
+        self.written.append(dict(graphs))
+        return json.dumps(graphs).encode()
+
+
+@pytest.fixture
+def page():
+    now = SimpleNamespace(seconds=0.0)
+    preview = Preview(clock=lambda: now.seconds)
+    preview._shown = Shown()
+    preview._publish("first light")
+    return preview, now
+
+
+def test_a_better_fit_is_shown_and_a_worse_one_is_not(page):
+    preview, now = page
+    for seconds, error in ((5, 0.4), (6, 0.3), (11, 0.2), (20, 0.25)):
+        now.seconds = seconds
+        preview.evaluated("indirect", Learned(error))
+    assert preview._shown.written == [{}, {"indirect": "graph of 0.4"}, {"indirect": "graph of 0.2"}]
+    state = preview.state()
+    assert state["version"] == 3 and state["best"] == {"indirect": 0.2}
+    assert state["curve"]["indirect"] == [(5, 0.4), (6, 0.3), (11, 0.2), (20, 0.25)]
+
+
+def test_pause_holds_the_training_until_it_goes_on_and_good_enough_ends_it(page):
+    preview, _ = page
+    preview.command("pause")
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (preview.evaluated("indirect", Learned(0.4)), done.set()))
+    thread.start()
+    assert not done.wait(0.2)
+    preview.command("go on")
+    assert done.wait(5)
+    preview.command("enough")
+    with pytest.raises(GoodEnough):
+        preview.evaluated("indirect", Learned(0.3))
+    with pytest.raises(ValueError, match="choose one of pause, go on, enough"):
+        preview.command("stop")
+
+
+def test_a_pause_is_left_out_of_the_clock():
+    clock = Clock()
+    clock.skip(100.0)
+    assert clock.seconds < 0
+
+
+def test_the_page_is_served_and_takes_commands(page):
+    preview, _ = page
+    preview._shown.scene, preview._shown.camera = load("cornell"), load("cornell").cameras[0]
+    with LocalServer(preview.application(), 0, "bake") as server:
+
+        def get(path, data=None):
+            return urllib.request.urlopen(urllib.request.Request(server.url + path, data)).read()
+
+        html = get("").decode()
+        assert 'id="bake-enough"' in html and module.PLACEHOLDER not in html
+        assert get("scene.glb?version=1") == b"{}" and json.loads(get("page.json"))["title"]
+        assert json.loads(get("state.json"))["version"] == 1
+        get("command", b"enough")
+        assert preview.enough
+        for path, data in (("nothing", None), ("result/index.html", None), ("command", b"stop"), ("command", None)):
+            with pytest.raises(urllib.error.HTTPError):
+                get(path, data)
+
+
+def test_the_first_page_is_a_valid_asset():
+    shown = PreviewScene.of(load("cornell"), Request())
+    assert shown.glb({})[:4] == b"glTF" and shown.intensity > 0 and np.isfinite(shown.light).all()
+    samples = shown.samples(4, "indirect", 1)
+    assert len(samples) == 4 * module.POINTS and np.isfinite(samples.half_a).all()
+
+
+@pytest.mark.slow
+def test_a_bake_with_a_page_shows_light_and_ends_when_it_is_good_enough(tmp_path):
+    preview = Preview()
+    preview.evaluated = lambda role, learner: (_ for _ in ()).throw(GoodEnough)
+    report = bake(small(tmp_path / "out", steps=400), preview=preview)
+    assert preview.state()["version"] > 2 and preview.state()["stage"] == "done"
+    assert preview._graphs.keys() == {"indirect", "static"} and report["relative_error"] < 2

@@ -1,0 +1,120 @@
+"""Batches: what is done is kept, what was interrupted goes on, what fails is told."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lightwell.baking.batch import DONE, FAILED, STARTED, BatchScene, BatchSettings, batch
+from lightwell.cli import main
+from lightwell.core.progress import Progress
+
+ROOT = Path(__file__).parents[2]
+
+
+class Runs:
+    """Stands for the bakes: writes a report, or fails, or is interrupted."""
+
+    def __init__(self, codes=None):
+        self.lines, self.codes = [], codes or {}
+
+    def __call__(self, words):
+        self.lines.append(words)
+        out = Path(next(word for word in words if word.startswith("--out=")).partition("=")[2])
+        log = Path(next(word for word in words if word.startswith("--log=")).partition("=")[2])
+        code = self.codes.get(out.name, 0)
+        if code:
+            log.write_text("2026-01-01 00:00:00,000 ERROR   ValueError: the scene is empty\n")
+            return code
+        out.mkdir(exist_ok=True)
+        (out / "report.json").write_text(json.dumps({"relative_error": 0.05, "verdict": "good", "bytes": 10}))
+        return 0
+
+
+def settings(folder, names="abc", words=()):
+    for name in names:
+        path = folder / f"{name}.glb"
+        if not path.exists():
+            path.write_bytes(name.encode())
+    scenes = [BatchScene(n, str(folder / f"{n}.glb"), folder / "out" / n, words) for n in names]
+    return BatchSettings(folder / "out", tuple(scenes))
+
+
+def run(asked, runs):
+    return batch(asked, runs, Progress(quiet=True))
+
+
+def test_a_failed_scene_does_not_end_the_batch_and_is_baked_again(tmp_path):
+    runs = Runs({"b": 2})
+    rows = run(settings(tmp_path), runs)["scenes"]
+    assert [row["state"] for row in rows] == [DONE, FAILED, DONE]
+    assert rows[1]["reason"] == "the scene is empty" and rows[0]["relative_error"] == 0.05
+    page = (tmp_path / "out/batch.html").read_text()
+    assert "the scene is empty" in page and 'href="a/report.html"' in page
+    again = Runs()
+    assert [row["state"] for row in run(settings(tmp_path), again)["scenes"]] == [DONE] * 3
+    assert [words[1][-5:] for words in again.lines] == ["b.glb"] and "--resume" not in again.lines[0]
+
+
+def test_an_interrupted_batch_goes_on_where_it_was(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(settings(tmp_path), Runs({"b": 130}))
+    found = json.loads((tmp_path / "out/batch.json").read_text())["scenes"]
+    assert [row["state"] for row in found] == [DONE, STARTED, "waiting"]
+    runs = Runs()
+    run(settings(tmp_path), runs)
+    assert [words[1][-5:] for words in runs.lines] == ["b.glb", "c.glb"]
+    assert "--resume" in runs.lines[0] and "--resume" not in runs.lines[1]
+
+
+def test_changed_scenes_options_and_lost_reports_are_baked_anew(tmp_path):
+    run(settings(tmp_path), Runs())
+    (tmp_path / "b.glb").write_bytes(b"moved")
+    (tmp_path / "out/c/report.json").unlink()
+    runs = Runs()
+    run(settings(tmp_path), runs)
+    assert [words[1][-5:] for words in runs.lines] == ["b.glb", "c.glb"]
+    runs = Runs()
+    run(settings(tmp_path, words=("--seed=4",)), runs)
+    assert len(runs.lines) == 3 and runs.lines[0][-1] == "--seed=4"
+
+
+def test_options_of_file_and_line_and_mistakes_before_the_first_bake(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = Runs()
+    monkeypatch.setattr("lightwell.cli.child.run_child", runs)
+    Path("flats.toml").write_text(
+        '[bake]\nseed = 3\n[scenes.a]\nscene = "cornell"\nfield = "lightmap"\nsize = 256\n'
+        '[scenes.b]\nscene = "two-rooms"\n'
+    )
+    assert main(["batch", "flats.toml", "-o", "out", "--quality", "draft", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scenes"][1]["state"] == DONE
+    assert runs.lines[0][5:] == ["--seed=3", "--field=lightmap", "--size=256", "--quality=draft"]
+    assert runs.lines[1][5:] == ["--seed=3", "--quality=draft"]
+    Path("flats.toml").write_text('[scenes.a]\nscene = "cornell"\n[scenes.b]\nscene = "cornell"\npreset = "larg"\n')
+    assert main(["batch", "flats.toml", "-o", "other"]) == 2 and not Path("other").exists()
+    assert "did you mean 'large'" in capsys.readouterr().err
+    assert main(["batch", "nowhere"]) == 2 and main(["batch", "."]) == 2
+
+
+@pytest.mark.slow
+def test_a_killed_batch_leaves_no_process_and_goes_on(tmp_path):
+    (tmp_path / "flats.toml").write_text(
+        "[bake]\nsteps = 5\nshards = 1\nviews = 1\nstatic = false\n"
+        '[scenes.a]\nscene = "cornell"\n[scenes.b]\nscene = "cornell"\nseed = 1\n'
+    )
+    argv = [sys.executable, "-m", "lightwell.cli", "batch", "flats.toml", "-o", "out"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(argv, cwd=tmp_path, env=environment)
+    while not (tmp_path / "out/a/.lightwell").exists():
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert subprocess.run(argv, cwd=tmp_path, env=environment).returncode == 0
+    rows = json.loads((tmp_path / "out/batch.json").read_text())["scenes"]
+    assert [row["state"] for row in rows] == [DONE, DONE]

@@ -1,0 +1,84 @@
+"""Rows that are traced in parts have the bytes of rows that are traced together; settings survive JSON."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lightwell.probes.trace import air_light
+from lightwell.scenes import load
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.variables import declare
+from lightwell.transport import draw_surface, indirect, static
+from lightwell.transport.camera import total_image
+from lightwell.transport.irradiance import irradiance
+from lightwell.transport.radiance import PathReport
+from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.row_tasks import TASKS
+
+POINTS = 150
+
+
+class Parts:
+    """An executor that computes parts of odd sizes in this process, the last one first."""
+
+    def __init__(self, scene, size=37):
+        self.scene, self.size, self.tasks = scene, size, []
+
+    def rows(self, task, settings, columns, lanes, shared=None):
+        self.tasks.append(task)
+        settings = json.loads(json.dumps(settings))
+        starts = range(0, len(next(iter(columns.values()))), self.size)
+        part = lambda start: {n: np.array(v[start : start + self.size]) for n, v in columns.items()}  # noqa: E731
+        run = TASKS[task]
+        found = [run(self.scene, settings, part(s), s, shared or {}) for s in reversed(starts)][::-1]
+        return {name: np.concatenate([p[name] for p in found]) for name in found[0]}
+
+
+@pytest.fixture(scope="module")
+def room():
+    scene = load("cornell")
+    variable = declare((), scene)
+    return scene, variable, draw_surface(scene, POINTS, 1).points, sample_lights(scene, variable, POINTS, 1)
+
+
+def radiance(scene, variable, points, lights):
+    report = PathReport()
+    both = [*indirect(scene, points, lights, variable, 4, 3, report=report), *static(scene, points, 4, 3)]
+    return [*both, np.array([report.paths, report.dropped, report.points])]
+
+
+def texels(scene, variable, points, lights):
+    found = irradiance(scene, points, 4, 3)
+    return [found.half_a, found.half_b, found.direction, found.wrong]
+
+
+def picture(scene, variable, points, lights):
+    return [total_image(scene, scene.cameras[0], lights[0], variable, 16, 12, 2, 5, intensity=2.0, with_static=True)]
+
+
+def air(scene, variable, points, lights):
+    found = air_light(scene, lights, 4, 3, variable=variable, light=lights)
+    return [found.half_a, found.half_b]
+
+
+def bins(scene, variable, points, lights):
+    rows = Radiosity(scene, points, 5, 64, 16).rows(points, 8, 7)
+    return [rows.bin, rows.weight]
+
+
+@pytest.mark.parametrize(
+    "trace, tasks",
+    [(radiance, {"radiance"}), (texels, {"irradiance"}), (picture, {"picture"}), (air, {"air-light"}),
+     (bins, {"radiosity"})],
+)  # fmt: skip
+def test_parts_have_the_bytes_of_the_whole(room, trace, tasks):
+    scene, *rest = room
+    whole = trace(scene, *rest)
+    scene.executor = parts = Parts(scene)
+    try:
+        divided = trace(scene, *rest)
+    finally:
+        scene.executor = None
+    assert set(parts.tasks) == tasks
+    assert all(a.tobytes() == b.tobytes() and a.dtype == b.dtype for a, b in zip(whole, divided))

@@ -1,0 +1,99 @@
+"""Incremental bakes of surface fields: what has changed, who could notice it, and that the rest keeps its bytes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lightwell.api import bake
+from lightwell.core.formats import ARRAYS
+from lightwell.core.work import store_of
+from lightwell.fields.surface.edit_state import EditState, edit_key, kept_rows
+from lightwell.scenes import load
+from lightwell.scenes.parts import ScenePart, scene_changes, scene_parts
+from lightwell.transport.noticed import crosses, noticed
+
+
+@pytest.fixture(scope="module")
+def cornell():
+    return load("cornell")
+
+
+def with_mesh(scene, number, **changes):
+    meshes = list(scene.meshes)
+    meshes[number] = replace(meshes[number], **changes)
+    return replace(scene, meshes=meshes)
+
+
+def test_names_and_cameras_are_no_parts_and_everything_else_is(cornell):
+    before = scene_parts(cornell)
+    renamed = with_mesh(cornell, 0, name="other")
+    assert not scene_changes(before, scene_parts(replace(renamed, cameras=[], name="x")))
+    moved = with_mesh(cornell, 3, positions=cornell.meshes[3].positions + np.float32(0.1))
+    changes = scene_changes(before, scene_parts(moved))
+    assert len(changes.boxes) == 2 and changes.names == (cornell.meshes[3].name,)
+    assert changes.mesh[3] == -1 and (np.delete(changes.mesh, 3) == np.delete(np.arange(len(before)), 3)).all()
+    red = [replace(m, base_color=(1.0, 0.0, 0.0, 1.0)) if k == 0 else m for k, m in enumerate(cornell.materials)]
+    users = sum(mesh.material == 0 for mesh in cornell.meshes)
+    assert len(scene_changes(before, scene_parts(replace(cornell, materials=red))).boxes) == 2 * users
+
+
+def test_added_and_removed_objects(cornell):
+    before, after = scene_parts(cornell), scene_parts(replace(cornell, meshes=cornell.meshes[:-1]))
+    gone = scene_changes(before, after)
+    assert len(gone.boxes) == 1 and gone.mesh[-1] == -1
+    added = scene_changes(after, before)
+    assert len(added.boxes) == 1 and (added.mesh >= 0).all()
+    assert ScenePart.of_json({**before[0].__dict__, "low": list(before[0].low)}) == before[0]
+
+
+def test_segments_and_boxes():
+    box = np.array([[[0, 0, 0], [1, 1, 1]]], float)
+    start = np.array([[-1, 0.5, 0.5], [-1, 0.5, 0.5], [-1, 2, 0.5], [0.5, 0.5, 0.5], [2, 0.5, 0.5]])
+    end = np.array([[2, 0.5, 0.5], [-0.5, 0.5, 0.5], [2, 2, 0.5], [0.6, 0.5, 0.5], [3, 0.5, 0.5]])
+    assert crosses(start, end, box).tolist() == [True, False, False, True, False]
+
+
+def test_points_near_a_change_notice_it_and_points_behind_a_wall_do_not(cornell):
+    low, high = cornell.bounds
+    middle = 0.5 * (low + high)
+    box = np.array([[middle - 0.2, middle + 0.2]])
+    inside = np.tile(middle - [0, 0.6, 0], (64, 1))
+    outside = np.tile(low - 1.0, (64, 1))
+    up = np.tile([0.0, 1.0, 0.0], (64, 1))
+    found = [noticed(cornell, place, up, None, box, box[:0], 1).mean() for place in (inside, outside)]
+    assert found[0] > 0.5 and found[1] < 0.2
+
+
+def test_whole_runs_are_kept():
+    rows = kept_rows(64 * 128, 128, most=16 * 128)
+    assert len(rows) == 16 * 128 and (rows.reshape(16, 128) % 128 == np.arange(128)).all()
+
+
+def state(out, role="indirect"):
+    return EditState.of(store_of(Path(out)).find(edit_key(role), ARRAYS))
+
+
+@pytest.mark.slow
+def test_an_edit_keeps_what_it_does_not_touch(tmp_path, cornell):
+    import lightwell.asset.write as glb
+
+    def save(scene, name):
+        glb.write_glb(tmp_path / name, scene, [], [])
+
+    save(cornell, "room.glb")
+    few = {"shards": 1, "steps": 60, "lights_per_shard": 32, "static": False, "views": 1, "truth": "1s"}
+    bake(tmp_path / "room.glb", tmp_path / "old", keep=True, view_size=(48, 32), **few)
+    same = bake(tmp_path / "room.glb", tmp_path / "same", rebake=tmp_path / "old")
+    assert same["changed"] == [] and same["roles"]["indirect"]["traced_again"] == 0
+    moved = with_mesh(cornell, -1, positions=cornell.meshes[-1].positions + np.float32([0.05, 0, 0]))
+    save(moved, "room.glb")
+    told = bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "old")["roles"]["indirect"]
+    assert 0 < told["traced_again"] <= told["samples"] and told["error"] <= told["error_before"]
+    old, new = state(tmp_path / "old"), state(tmp_path / "new")
+    kept = (old.samples.half_a == new.samples.half_a).all(axis=1)
+    assert kept.sum() >= told["samples"] - told["traced_again"]
+    assert (tmp_path / "new/index.html").exists() and (tmp_path / "new/rebake.json").exists()
+    # In place, as --watch does it.
+    bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "new")
