@@ -24,7 +24,7 @@ def parse_cluster(text: str) -> str:
         ValueError: The text is none of these.
     """
     kind, _, rest = text.partition(":")
-    fine = kind in KINDS and rest
+    fine = kind in KINDS and bool(rest)
     if kind in ("tcp", "tls"):
         fine = rest.startswith("//") and rest[2:].rpartition(":")[2].isdigit()
     if kind == "local":
