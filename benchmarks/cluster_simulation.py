@@ -2,7 +2,7 @@
 
     python benchmarks/cluster_simulation.py
 
-Events are those of ``lightwell.cluster.executor``: the command keeps two units on their way for each thread, cuts and sends
+Events are those of ``lightwell.cluster.executor``: the command keeps two units on their way for each thread, sends
 rows, the scheduler handles a message at a time, a worker computes one unit at a time, results return over the link of
 the command's machine and are stored one after the other. Nothing is measured here: times are the assumptions below.
 """
