@@ -49,20 +49,24 @@ def _bundled_llvm() -> str:
     return ""
 
 
-def cure() -> str:
-    """Say how to get a working backend on this machine.
+def cure(system: str = sys.platform, processor: str = platform.machine()) -> str:
+    """Say how to get a working backend on a machine.
+
+    Args:
+        system: Its operating system, as ``sys.platform`` names it.
+        processor: Its processor, as ``platform.machine`` names it.
 
     Returns:
         One line.
     """
-    if sys.platform == "darwin":
+    if system == "darwin":
         return "install LLVM with 'brew install llvm' and set DRJIT_LIBLLVM_PATH to its libLLVM.dylib"
-    if sys.platform == "win32":
+    if system == "win32":
         return f"install LLVM >= {MINIMUM_LLVM} from llvm.org and set DRJIT_LIBLLVM_PATH to its LLVM-C.dll"
-    system = f"install a system LLVM >= {MINIMUM_LLVM} and set DRJIT_LIBLLVM_PATH to its libLLVM.so"
-    if platform.machine() in ("x86_64", "AMD64"):
-        return f"run 'pip install karellen-llvm-core' (Linux x86-64), or {system}"
-    return f"{system} (Debian, Ubuntu: apt-get install llvm-18)"
+    installed = f"install a system LLVM >= {MINIMUM_LLVM} and set DRJIT_LIBLLVM_PATH to its libLLVM.so"
+    if processor in ("x86_64", "AMD64"):
+        return f"run 'pip install karellen-llvm-core' (Linux x86-64), or {installed}"
+    return f"{installed} (Debian, Ubuntu: apt-get install llvm-18)"
 
 
 def keep_installed_plugins(mitsuba: ModuleType) -> None:

@@ -4,6 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from lightwell.backend import cure
+
 PROGRAM = """
 import sys; sys.path[:] = sys.argv[1:]
 from lightwell.backend import mi
@@ -21,3 +25,19 @@ def test_plugins_of_the_working_folder_are_not_loaded(tmp_path):
     )
     assert done.stdout.startswith("SmoothDiffuse"), done.stderr
     assert str(tmp_path) not in done.stdout
+
+
+@pytest.mark.parametrize(
+    "system, processor, what",
+    [
+        ("linux", "x86_64", "pip install karellen-llvm-core"),
+        ("linux", "aarch64", "apt-get install llvm-18"),
+        ("darwin", "arm64", "brew install llvm"),
+        ("win32", "AMD64", "LLVM-C.dll"),
+    ],
+)
+def test_the_cure_of_each_platform_is_one_line_and_in_the_docs(system, processor, what):
+    line = cure(system, processor)
+    assert what in line and "\n" not in line and "DRJIT_LIBLLVM_PATH" in line
+    table = (Path(__file__).parents[1] / "docs/tutorials/install.md").read_text()
+    assert (what.removeprefix("pip install ") if system != "win32" else "the LLVM installer") in table

@@ -53,7 +53,7 @@ def main() -> None:
     for source in given.sources:
         folder = baked(source, given.quality)
         if not given.no_pictures:
-            options = ["--state", "mode=learned&view=0&ui=0", "--width", str(WIDTH)]
+            options = ["--state", "mode=learned&view=0&ui=0", "--window", "1280x800", "--width", str(WIDTH)]
             script = [str(ROOT / "tools/page_picture.py"), str(folder), str(folder / "page.webp"), *options]
             subprocess.run([sys.executable, *script], check=True)
         print(f"{folder}: done")
