@@ -6,6 +6,8 @@ import importlib
 import inspect
 import json
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -136,6 +138,14 @@ MADE = {
         fields=parse_fields("mlp"), **read_settings(CompareSettings, "cornell", "out", given, "compare")
     ),
 }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_python_names_are_defined_on_their_page(page):
+    session = "\n".join(snippet.text for snippet in snippets(page) if snippet.language == "python")
+    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", "--select", "F821", "-"]
+    done = subprocess.run(command, input=session, capture_output=True, text=True, timeout=60) if session else None
+    assert done is None or done.returncode == 0, done.stdout
 
 
 def _keywords_exist(snippet: Snippet, node: ast.Call) -> None:
