@@ -25,6 +25,7 @@ MOST_ARRAY_BYTES = 1 << 32
 # What the user can do about common failures.
 CURES = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
+    errno.EFBIG: "the file is larger than the system allows; choose another folder, or raise the limit (ulimit -f)",
     errno.EDQUOT: "your disk quota is used up; free some space or choose another folder",
     errno.EACCES: "the folder cannot be written; choose another one or change its permissions",
     errno.EPERM: "the folder cannot be written; choose another one or change its permissions",

@@ -74,6 +74,8 @@ class DaskExecutor:
     moved: Moved = field(default_factory=Moved)
     unit_lanes: int = UNIT_LANES
     least_lanes: int = LEAST_LANES
+    stores: bool = True
+    """Whether results are stored; False after the store could not be written."""
 
     def rows(
         self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None = None
@@ -205,8 +207,18 @@ class DaskExecutor:
             return None
         self.moved.units += 1
         self.moved.bytes_received += sum(value.nbytes for value in result.values())
-        self.store.put(unit.key, result, ARRAYS)
+        self._keep(unit, result)
         return result
+
+    def _keep(self, unit: Unit, result: Arrays) -> None:
+        """Store a result. A full disk costs only what an interrupted bake could go on from."""
+        if not self.stores:
+            return
+        try:
+            self.store.put(unit.key, result, ARRAYS)
+        except OSError as error:
+            self.stores = False
+            self.say(f"[yellow]cluster: results are no longer stored:[/] {' '.join(str(error).split())}")
 
     def _reconnect(self, error: Exception) -> None:
         """Connect to the cluster again; without a scheduler the bake ends with one line."""

@@ -56,6 +56,14 @@ class ClusterOptions:
         metavar="DIR",
         group="many machines",
     )
+    store: Path | None = option(
+        None,
+        "folder in which results of --cluster are kept between runs (default: LIGHTWELL_STORE, else the platform's for "
+        "caches)",
+        parse=Path,
+        metavar="DIR",
+        group="many machines",
+    )
     allow_mixed: bool = option(
         False,
         "take workers whose processors or libraries give other bytes: the result is as good but not repeatable",
@@ -64,4 +72,4 @@ class ClusterOptions:
 
 
 # Names of these options: they change where work is done, not what is computed.
-NAMES = ("cluster", "cluster_tls", "allow_mixed")
+NAMES = ("cluster", "cluster_tls", "store", "allow_mixed")

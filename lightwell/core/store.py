@@ -37,6 +37,8 @@ LOG = logging.getLogger("lightwell.store")
 DEFAULT_LIMIT = 20_000_000_000
 # A store beyond its limit is reduced to this fraction of it, so that the next entries do not trigger it again.
 CUT_TO = 0.9
+# Seconds after which a process counts all entries again: others may use the store too.
+RECOUNT = 60.0
 # Age in seconds from which a temporary file is taken to be left by a process that ended.
 ABANDONED = 24 * 3600.0
 # Endings of files that are being written, and of locks.
@@ -102,8 +104,9 @@ class Store:
         """
         self.folder = Path(folder)
         self.limit = limit
-        # Bytes of all entries that this process knows of; None: not counted yet.
+        # Bytes of all entries that this process knows of (None: not counted yet), and when it counted them.
         self._bytes: int | None = None
+        self._counted = 0.0
 
     def get(self, key: Key, make: Callable[[], T], format: Format[T] = ARRAYS) -> T:  # type: ignore[assignment]
         """Return the result of a key; make and store it if it is absent.
@@ -246,9 +249,11 @@ class Store:
         """Count an entry; remove the least recently used ones when the store exceeds its limit."""
         if self.limit is None:
             return
-        self._bytes = None if self._bytes is None else self._bytes + added
+        old = time.monotonic() - self._counted > RECOUNT
+        self._bytes = None if self._bytes is None or old else self._bytes + added
         if self._bytes is not None and self._bytes <= self.limit:
             return
+        self._counted = time.monotonic()
         self.sweep()
         entries = self.entries()
         self._bytes = sum(entry.bytes for entry in entries)

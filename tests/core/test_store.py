@@ -195,3 +195,45 @@ def test_sweeping_spares_what_is_still_written(tmp_path):
     os.utime(part, (time.time() - 2e5,) * 2)
     Store(tmp_path).sweep()
     assert not part.exists()
+
+
+FULL = """
+import resource, sys
+import numpy as np
+from lightwell.core.formats import ARRAYS, COLUMNS
+from lightwell.core.keys import key
+from lightwell.core.store import Store
+
+store = Store(sys.argv[1])
+store.put(key("small", 1), {"x": np.arange(10)}, ARRAYS)
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+for format in (ARRAYS, COLUMNS):
+    try:
+        store.put(key("large", 1), {"x": np.zeros(100_000)}, format)
+    except OSError as error:
+        print(error)
+store.put(key("next", 1), {"x": np.arange(10)}, ARRAYS)
+print(len(store.find(key("small", 1), ARRAYS)["x"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file sizes cannot be limited")
+def test_a_full_disk_is_one_line_and_leaves_nothing_half_written(tmp_path):
+    done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, check=True)
+    first, second, found = done.stdout.splitlines()
+    assert "write '" in first and "large" in first and "large" in second and found == "10"
+    assert not list(tmp_path.rglob("*.part")) and not list(tmp_path.glob("large/*"))
+    assert len(Store(tmp_path).entries()) == 2
+
+
+def test_entries_of_other_processes_count_after_a_while(tmp_path):
+    one = {"x": np.zeros(1000, np.uint8)}
+    store, other = Store(tmp_path, limit=10_000), Store(tmp_path, limit=None)
+    store.put(key("a", 1), one)
+    for k in range(20):
+        other.put(key("b", 1, k=k), one)
+    store.put(key("a", 2), one)
+    assert len(store.entries()) == 22
+    store._counted -= 100
+    store.put(key("a", 3), one)
+    assert sum(entry.bytes for entry in store.entries()) <= 10_000
