@@ -100,17 +100,15 @@ def _check(parser: argparse.ArgumentParser, words: list[str]) -> None:
 
 
 def _configuration(target: Path, asked: str | None) -> Configuration:
-    """The settings file of a batch: the target, the one in the folder, or that of the working folder."""
+    """The settings file of a batch: the target, or that of the working folder; a folder of scenes may be from others."""
     if target.is_file():
         return read_configuration(target)
     if not target.is_dir():
         raise ValueError(f"batch: there is no '{target}'; name a {FILE} with scenes, or a folder of scene files")
     if asked == NO_FILE:
         return Configuration(Path(FILE))
-    for path in filter(None, (Path(asked) if asked else None, target / FILE, Path(FILE))):
-        if path.is_file():
-            return read_configuration(path)
-    return Configuration(Path(FILE))
+    path = Path(asked or FILE)
+    return read_configuration(path) if path.is_file() else Configuration(path)
 
 
 def _sources(target: Path, found: Configuration) -> dict[str, str]:

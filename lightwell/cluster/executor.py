@@ -6,6 +6,7 @@ from. What the store has is not computed again: a lost worker costs what it was 
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from distributed import Client, Future, as_completed
+from distributed import Client, Future
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.ledger import Ledger
@@ -29,8 +30,11 @@ from lightwell.transport.row_tasks import TASKS
 UNIT_LANES, LEAST_LANES = 1 << 20, 1 << 17
 # Units on their way, as a multiple of the workers' threads.
 BACKLOG = 2
-# Seconds between two looks at the workers, and until a lost scheduler must be back.
-LOOK, BACK = 2.0, 120.0
+# Seconds between two looks at the workers and at results, until a result must have come, and until a lost scheduler
+# must be back.
+LOOK, POLL, FETCH, BACK = 2.0, 0.01, 120.0, 120.0
+# Seconds between two lines about work that takes long.
+TELL = 30.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,16 @@ class Unit:
     def name(self) -> str:
         """Name of the unit on the cluster."""
         return f"lightwell-{self.key.digest}"
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A unit that was sent."""
+
+    unit: Unit
+    future: Future
+    workers: frozenset[str]
+    """Workers that may compute it."""
 
 
 @dataclass
@@ -76,6 +90,10 @@ class DaskExecutor:
     least_lanes: int = LEAST_LANES
     stores: bool = True
     """Whether results are stored; False after the store could not be written."""
+    _sends: int = 0
+    # When something was said last, and the units until then.
+    _told: float = 0.0
+    _before: int = 0
 
     def rows(
         self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None = None
@@ -147,37 +165,54 @@ class DaskExecutor:
         found: dict[int, Arrays],
     ) -> None:
         """Send units and take results until all are there, or until the scheduler is lost."""
-        client, flying = self.roster.client, dict[str, tuple[Future, Unit]]()
+        client, flying = self.roster.client, dict[str, Flight]()
         common = self._scattered(shared)
-        results = as_completed()
         try:
             while waiting or flying:
                 while waiting and len(flying) < BACKLOG * self.roster.threads():
-                    unit = waiting.popleft()
-                    flying[unit.name] = (self._submit(client, task, settings, unit, common), unit)
-                    results.add(flying[unit.name][0])
-                future = next(results)
-                _, unit = flying.pop(future.key)
-                if (result := self._taken(future, unit)) is None:
-                    self.moved.again += 1
-                    waiting.append(unit)
-                else:
-                    found[unit.first] = result
+                    # A unit leaves one list when it is in the other: either step may lose the scheduler.
+                    flying[waiting[0].name] = self._sent(client, task, settings, waiting[0], common)
+                    waiting.popleft()
+                for name in self._landed(flying):
+                    result, unit = self._taken(flying[name]), flying.pop(name).unit
+                    if result is None:
+                        self.moved.again += 1
+                        waiting.append(unit)
+                    else:
+                        found[unit.first] = result
+                self._tell(task, len(found), len(found) + len(waiting) + len(flying))
         finally:
-            left = [future for future, _ in flying.values()]
-            waiting.extend(unit for _, unit in flying.values())
+            left = [flight.future for flight in flying.values()]
+            waiting.extend(flight.unit for flight in flying.values())
             if left and client.status == "running":
                 client.cancel(left, force=True)
 
-    def _submit(
+    def _sent(
         self, client: Client, task: str, settings: Mapping[str, Any], unit: Unit, common: Future | None
-    ) -> Future:
+    ) -> Flight:
+        """Send a unit to the workers that may compute it."""
         self.moved.bytes_sent += sum(column.nbytes for column in unit.columns.values())
         workers = self.roster.workers(self.ledger.avoided(unit.name))
-        return client.submit(
+        # A name of its own for every time that it is sent: Dask may still know the last one.
+        self._sends += 1
+        future = client.submit(
             remote.compute, task, self.scene.digest, settings, unit.columns, unit.first, common,
-            key=unit.name, workers=workers, allow_other_workers=False, pure=False, retries=0,
+            key=f"{unit.name}-{self._sends}", workers=workers, allow_other_workers=False, pure=False, retries=0,
         )  # fmt: skip
+        return Flight(unit, future, frozenset(workers))
+
+    def _landed(self, flying: Mapping[str, Flight]) -> list[str]:
+        """Wait for a moment for units that have an end, good or bad; their names."""
+        end = time.monotonic() + LOOK
+        while time.monotonic() < end:
+            if done := [name for name, flight in flying.items() if flight.future.status != "pending"]:
+                return done
+            time.sleep(POLL)
+        if self.roster.client.status != "running":
+            raise OSError("the scheduler is gone")
+        there = set(self.roster.workers())
+        # Dask waits for ever for workers that have died.
+        return [name for name, flight in flying.items() if not flight.workers & there]
 
     def _scattered(self, shared: Arrays | None) -> Future | None:
         """Shared arrays on the cluster: workers fetch them once."""
@@ -186,17 +221,23 @@ class DaskExecutor:
         self.moved.bytes_sent += sum(value.nbytes for value in shared.values()) * max(len(self.roster.workers()), 1)
         return self.roster.client.scatter([shared], hash=True)[0]
 
-    def _taken(self, future: Future, unit: Unit) -> Arrays | None:
+    def _taken(self, flight: Flight) -> Arrays | None:
         """The result of a unit, stored; None where it must be computed again."""
-        if future.status == "cancelled" or future.status == "lost":
-            if self.roster.client.status != "running":
-                raise OSError("the scheduler is gone")
-            return None
+        unit, future = flight.unit, flight.future
+        if future.status in ("cancelled", "lost") and self.roster.client.status != "running":
+            raise OSError("the scheduler is gone")
         if future.status == "error":
-            # Whatever Dask itself raises: the worker died, or its result cannot be fetched.
+            # Whatever Dask itself raises: the worker died of it, or its result cannot be fetched.
             self.ledger.died(unit.name)
+        if future.status != "finished":
+            future.cancel(force=True)
             return None
-        address, result = future.result()
+        try:
+            address, result = future.result(timeout=FETCH)
+        except (Exception, asyncio.CancelledError) as error:
+            # The worker died with the result, or the connection did.
+            self.say(f"[yellow]cluster: a result is lost ({type(error).__name__}); it is computed again")
+            return None
         if result == remote.NO_SCENE:
             self.roster.forget(address)
             return None
@@ -235,6 +276,20 @@ class DaskExecutor:
                         "without --cluster"
                     ) from None
                 time.sleep(LOOK)
+
+    def _tell(self, task: str, done: int, all_units: int) -> None:
+        """Say now and then how far long work is."""
+        now = time.monotonic()
+        if now - self._told < TELL or done == all_units:
+            return
+        if self._told:
+            rate = (self.moved.units - self._before) * self.unit_lanes / (now - self._told) / 1e6
+            moved = (self.moved.bytes_sent + self.moved.bytes_received) / 1e6
+            workers = len(self.roster.workers())
+            self.say(
+                f"cluster: {task}, {done} of {all_units} units, {workers} workers, {rate:.2f} M paths/s, {moved:.0f} MB"
+            )
+        self._told, self._before = now, self.moved.units
 
     def summary(self) -> str:
         """Say in one line what was computed and sent.

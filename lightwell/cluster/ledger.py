@@ -19,8 +19,8 @@ class Ledger:
 
     units_of: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     """Worker -> units that failed there."""
-    workers_of: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
-    """Unit -> workers on which it failed."""
+    workers_of: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    """Unit -> workers on which it failed, once for each time."""
     deaths_of: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     """Unit -> how often a worker died while it computed it."""
 
@@ -39,9 +39,11 @@ class Ledger:
             UnitFailed: The unit has failed on several workers.
         """
         self.units_of[worker].add(unit)
-        self.workers_of[unit].add(worker)
+        self.workers_of[unit].append(worker)
+        # On as many different workers, where there are so many: see ``avoided``.
         if len(self.workers_of[unit]) >= MOST_OF_UNIT:
-            raise UnitFailed(f"cluster: the same work failed on {MOST_OF_UNIT} workers: {reason}")
+            count = len(set(self.workers_of[unit]))
+            raise UnitFailed(f"cluster: the same work failed {MOST_OF_UNIT} times on {count} workers: {reason}")
         return len(self.units_of[worker]) == MOST_OF_WORKER
 
     def died(self, unit: str) -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from distributed import Client, Future, wait
+from distributed import Client, Future
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.worker import SceneSource
 
 # Seconds between two looks at the workers, and until the first one must be ready.
 LOOK, FIRST = 2.0, 600.0
+POLL = 0.1
+# Seconds in which another worker may come where all were refused.
+GRACE = 10.0
 # What must agree besides the bytes, for the message.
 _ABOUT = ("lightwell", "mitsuba", "drjit", "variant", "processor")
 
@@ -61,6 +65,8 @@ class Roster:
         Args:
             client: Client of the cluster.
         """
+        with contextlib.suppress(Exception):  # Whatever a client raises whose scheduler is gone.
+            self.client.close(timeout=1)
         self.client = client
         self._ready, self._proving, self._looked = {}, {}, -LOOK
 
@@ -75,18 +81,18 @@ class Roster:
 
         Raises:
             RuntimeError: No worker is ready in time, or all were refused; one line.
+            OSError: The scheduler is gone.
         """
         self._look()
         end = time.monotonic() + FIRST
         while not self._ready:
             if self.client.status != "running":
                 raise OSError("the scheduler is gone")
-            if self._refused and not self._proving:
+            if self._refused and not self._proving and time.monotonic() > end - FIRST + GRACE:
                 raise RuntimeError(next(iter(self._refused.values())))
             if time.monotonic() > end:
                 raise RuntimeError(f"cluster: no worker was ready within {FIRST / 60:.0f} minutes; look at its logs")
-            wait([*self._proving.values()], timeout=LOOK, return_when="FIRST_COMPLETED") if self._proving else None
-            time.sleep(0.0 if self._proving else 0.2)
+            time.sleep(POLL)
             self._look(now=True)
         return sorted(self._ready.keys() - (avoided or set())) or sorted(self._ready)
 

@@ -10,13 +10,11 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from distributed import Client
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.executor import DaskExecutor
-from lightwell.cluster.ledger import UnitFailed
 from lightwell.cluster.roster import Roster
 from lightwell.cluster.worker import SceneSource
 from lightwell.core.store import Store
@@ -145,37 +143,3 @@ def test_a_lost_scheduler_costs_what_was_on_its_way(tmp_path, whole):
         found = trace(scene)
         helper.join()
         assert same(found, whole)
-
-
-def test_work_that_fails_everywhere_ends_with_its_own_words(tmp_path):
-    with cluster(tmp_path, 3) as processes:
-        scene = executor(processes, tmp_path, [])
-        columns = {"shape": np.zeros(4, np.uint32)}
-        with pytest.raises(UnitFailed, match="KeyError"):
-            scene.executor.rows("irradiance", {"paths": 4, "seed": 1}, columns, 4)
-
-
-def test_workers_of_other_bytes_are_refused_and_taken_when_allowed(tmp_path):
-    said = []
-    with cluster(tmp_path, 1) as processes:
-        scene = executor(processes, tmp_path, said)
-        roster = scene.executor.roster
-        roster._own = roster._own | {"bytes": "other", "mitsuba": "1.0"}
-        with pytest.raises(RuntimeError, match=r"computes other bytes \(mitsuba .*--allow-mixed"):
-            roster.workers()
-        other = executor(processes, tmp_path, said, allow_mixed=True).executor.roster
-        other._own = other._own | {"bytes": "other"}
-        assert len(other.workers()) == 1 and other.mixed
-
-
-def test_scene_files_are_sent_where_the_path_is_unknown(tmp_path):
-    from lightwell.asset.write import write_glb
-
-    write_glb(tmp_path / "room.glb", load("cornell"), [], [])
-    scene = load(tmp_path / "room.glb")
-    source = SceneSource(str(tmp_path / "room.glb"), scene.digest)
-    files = remote.scene_files(source)
-    hidden = SceneSource("/nowhere/room.glb", scene.digest)
-    assert not remote.take_scene(hidden) and remote.take_scene(hidden, files)
-    with pytest.raises(ValueError, match="leads out"):
-        remote.take_scene(SceneSource("room.glb", "other"), {"../room.glb": b""})

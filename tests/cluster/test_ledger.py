@@ -17,8 +17,16 @@ def test_a_unit_that_fails_on_three_workers_ends_the_bake_with_its_own_words():
     for worker in "ab":
         ledger.failed("u", worker, "NaN")
     assert ledger.avoided("u") == {"a", "b"} and ledger.avoided("v") == set()
-    with pytest.raises(UnitFailed, match="failed on 3 workers: out of textures"):
+    with pytest.raises(UnitFailed, match="failed 3 times on 3 workers: out of textures"):
         ledger.failed("u", "c", "out of textures")
+
+
+def test_where_there_are_fewer_workers_a_unit_may_fail_three_times():
+    ledger = Ledger()
+    ledger.failed("u", "a", "NaN")
+    ledger.failed("u", "b", "NaN")
+    with pytest.raises(UnitFailed, match="3 times on 2 workers"):
+        ledger.failed("u", "a", "NaN")
 
 
 def test_work_of_which_workers_die_ends_the_bake():
