@@ -65,7 +65,7 @@ class BatchSettings:
 
 @holds_output("batch", lambda settings: BATCH_FILES)
 def batch(settings: BatchSettings, run: Callable[[Sequence[str]], int], progress: Progress) -> dict[str, Any]:
-    """Bake scenes that are not baked yet; one that fails does not end the batch.
+    """Bake scenes that are not baked yet; one that fails does not end the batch, Ctrl-C (``KeyboardInterrupt``) does.
 
     Args:
         settings: The scenes and the folder.
@@ -74,9 +74,6 @@ def batch(settings: BatchSettings, run: Callable[[Sequence[str]], int], progress
 
     Returns:
         Content of ``batch.json``.
-
-    Raises:
-        KeyboardInterrupt: A bake was interrupted.
     """
     rows = [_begun(scene, settings.out) for scene in settings.scenes]
     known = _known(settings.out)

@@ -100,7 +100,7 @@ def _check(parser: argparse.ArgumentParser, words: list[str]) -> None:
 
 
 def _configuration(target: Path, asked: str | None) -> Configuration:
-    """The settings file of a batch: the target, or that of the working folder; a folder of scenes may be from others."""
+    """The settings file of a batch: the target, or that of the working folder; a folder of scenes may be foreign."""
     if target.is_file():
         return read_configuration(target)
     if not target.is_dir():

@@ -57,7 +57,7 @@ class Configuration:
     scenes: Mapping[str, SceneTable] = field(default_factory=dict)
 
     def options(self, verb: str, scene: str, parser_of: ParserOf) -> dict[str, Any]:
-        """Find the options of a verb for a scene.
+        """Find the options of a verb for a scene. One that does not exist is a ``ValueError`` of one line with the cure.
 
         Args:
             verb: Name of the verb.
@@ -66,9 +66,6 @@ class Configuration:
 
         Returns:
             Options by name; those of the scene's table replace those of the verb's.
-
-        Raises:
-            ValueError: An option does not exist; one line with the cure.
         """
         tables = [(f"[{verb}]", self.verbs.get(verb, {}))]
         if verb in SCENE_VERBS and scene:
@@ -96,6 +93,8 @@ def add_config_option(parser: argparse._ActionsContainer) -> None:
 def with_configuration(verb: str, words: Sequence[str], parser_of: ParserOf) -> list[str]:
     """Add the options of the settings file to the words of a command line.
 
+    A file that cannot be read, or holds an unknown verb or option, is a ``ValueError`` of one line with the cure.
+
     Args:
         verb: Name of the verb.
         words: Words after it.
@@ -103,9 +102,6 @@ def with_configuration(verb: str, words: Sequence[str], parser_of: ParserOf) -> 
 
     Returns:
         The words, then the options of the file that they do not give.
-
-    Raises:
-        ValueError: The file cannot be read, or holds an unknown verb or option; one line with the cure.
     """
     if "-h" in words or "--help" in words or not _may_apply(words):
         return list(words)
@@ -158,7 +154,6 @@ def read_configuration(path: Path) -> Configuration:
 
     Raises:
         ValueError: The file is not TOML, or holds an unknown table; one line with the cure.
-        OSError: The file cannot be read.
     """
     from lightwell.cli.main import VERBS
 

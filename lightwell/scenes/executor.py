@@ -20,7 +20,7 @@ class RowExecutor(Protocol):
     def rows(
         self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None = None
     ) -> Arrays:
-        """Compute the results of all rows.
+        """Compute the results of all rows. Work that fails on several machines is a ``RuntimeError`` of one line.
 
         Args:
             task: Name of the function, one of ``row_tasks.TASKS``.
@@ -31,7 +31,4 @@ class RowExecutor(Protocol):
 
         Returns:
             Results by name, [N, ...] each, in the order of the rows.
-
-        Raises:
-            RuntimeError: The function failed on several machines, or no machine is left; one line.
         """
