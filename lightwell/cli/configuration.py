@@ -57,7 +57,7 @@ class Configuration:
     scenes: Mapping[str, SceneTable] = field(default_factory=dict)
 
     def options(self, verb: str, scene: str, parser_of: ParserOf) -> dict[str, Any]:
-        """Find the options of a verb for a scene. One that does not exist is a ``ValueError`` of one line with the cure.
+        """Find the options of a verb for a scene. One that does not exist is a ``ValueError`` of one line.
 
         Args:
             verb: Name of the verb.

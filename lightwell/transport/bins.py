@@ -79,7 +79,7 @@ class Bins:
         """Make the bins of arrays.
 
         Args:
-            arrays: Result of ``arrays``.
+            arrays: Result of ``arrays``, of any shape [...].
 
         Returns:
             The bins.
