@@ -11,6 +11,8 @@ export const MODULES = {
   "lightwell/gltf-transform": source("gltf-transform.ts"),
   "lightwell/react": source("react/index.ts"),
   "lightwell/element": source("element/index.ts"),
+  "lightwell/babylon": source("babylon/index.ts"),
+  "lightwell/playcanvas": source("playcanvas/index.ts"),
   "lightwell/export": source("export.ts"),
   "lightwell/probes": source("probes/index.ts"),
   "lightwell/probes/webgpu": source("probes/webgpu.ts"),

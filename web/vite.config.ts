@@ -11,6 +11,7 @@ export default defineConfig({
   resolve: {
     alias: [
       { find: /^lightwell\/lens$/, replacement: here("runtime/src/lens/index.ts") },
+      { find: "three/addons/loaders/KTX2Loader.js", replacement: here("runtime/src/element/no-ktx2.ts") },
       { find: /^lightwell$/, replacement: here("runtime/src/index.ts") },
     ],
   },

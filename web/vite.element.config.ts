@@ -5,6 +5,7 @@ import { MODULES } from "./modules.ts";
 /** Builds `lightwell-viewer.js`: the custom element with three.js inside, for a page without a build step. */
 export default defineConfig({
   publicDir: false,
+  resolve: { alias: [{ find: "three/addons/loaders/KTX2Loader.js", replacement: fileURLToPath(new URL("runtime/src/element/no-ktx2.ts", import.meta.url)) }] },
   build: {
     lib: { entry: MODULES["lightwell/element"], formats: ["es"], fileName: () => "lightwell-viewer.js" },
     // One file, whatever parts of it a page needs.

@@ -19,7 +19,7 @@ export default defineConfig({
       formats: ["es"],
     },
     rollupOptions: {
-      external: [/^three($|\/)/, /^@gltf-transform\//, /^@react-three\//, /^react($|\/)/],
+      external: [/^three($|\/)/, /^@gltf-transform\//, /^@babylonjs\//, /^playcanvas($|\/)/, /^@react-three\//, /^react($|\/)/],
       // A build of a library keeps white space otherwise.
       output: { preserveModules: true, preserveModulesRoot: here("runtime/src"), entryFileNames: "[name].js", minify: true },
     },

@@ -12,6 +12,7 @@ import pytest
 
 from lightwell.asset import geometry
 from lightwell.asset.container import unpack
+from lightwell.asset.exposure import declare_exposure
 from lightwell.asset.materials import texture_transform
 from lightwell.asset.records import EXTENSION
 from lightwell.asset.write import glb_bytes, write_glb
@@ -144,3 +145,20 @@ def test_wrong_extension_is_refused_before_writing(tmp_path, scene, entry, varia
     with pytest.raises(ValueError, match=r"variables\[0\]\.kind: 'torch' is not one of \['point', 'sun'\]"):
         write_glb(tmp_path / "room.glb", scene, [entry], [variable])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_exposure_is_declared_in_place_of_an_earlier_one(tmp_path, scene, entry, variable):
+    path = tmp_path / "scene.glb"
+    write_glb(path, scene, [entry], [variable])
+    before = unpack(path.read_bytes())
+    for exposure in (2.5, 0.25):
+        assert declare_exposure(path, exposure) == path.stat().st_size
+    document, binary = unpack(path.read_bytes())
+    assert document["extensions"][EXTENSION].pop("exposure") == 0.25
+    assert (document, binary) == before
+
+
+@pytest.mark.parametrize("exposure", [0.0, -1.0, float("nan"), float("inf")])
+def test_an_exposure_that_is_no_positive_number_is_refused(tmp_path, exposure):
+    with pytest.raises(ValueError, match="expected a positive number"):
+        declare_exposure(tmp_path / "scene.glb", exposure)

@@ -163,7 +163,7 @@ function ktx2(rgba: readonly number[]): Uint8Array {
   return writeKtx2(container);
 }
 
-it("carries an ordinary light map as KTX2, which three's KTX2Loader reads", async () => {
+it("carries an ordinary light map as KTX2, for which the loader brings three's decoder", async () => {
   const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap, KHRTextureBasisu, ...OTHERS]);
   const document = await io.readBinary(LIGHTMAP);
   document.createExtension(KHRTextureBasisu).setRequired(true);
@@ -182,4 +182,14 @@ it("carries an ordinary light map as KTX2, which three's KTX2Loader reads", asyn
   expect(errors).toEqual([]);
   expect(found).toEqual(found.map(() => ({ size: [4, 4], texel: [200, 100, 50, 255], colorSpace: "", channel: 1 })));
   expect(found.length).toBe(2);
+});
+
+it("ships a configuration for the command line", async () => {
+  const text = readFileSync(fileURLToPath(new URL("../runtime/gltf-transform.config.mjs", import.meta.url)), "utf8");
+  expect(text).toContain('from "lightwell/gltf-transform"');
+  const { default: config } = await import("../runtime/gltf-transform.config.mjs");
+  const io = new NodeIO().registerExtensions(config.extensions);
+  const glb = await io.writeBinary(await io.readBinary(LIGHTMAP));
+  expect(await learned(glb)).toEqual(await learned(LIGHTMAP));
+  expect(open(glb).json.extensionsUsed).toEqual(expect.arrayContaining(["LIGHTWELL_neural_radiance", "MOZ_lightmap"]));
 });

@@ -36,7 +36,12 @@ export interface FieldRecord {
 export interface NeuralRadiance {
   readonly variables: readonly Variable[];
   readonly fields: readonly FieldRecord[];
+  /** Linear factor before tone mapping that suits the scene; null when the file says none. */
+  readonly exposure: number | null;
 }
+
+/** Largest factor of an exposure, and one over the smallest. */
+const MAX_EXPOSURE = 1e6;
 
 /** Inputs that a surface offers to a field. */
 const INPUT_WIDTHS: Readonly<Record<string, number>> = {
@@ -106,7 +111,8 @@ export async function readExtension(
     const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
     if (work > budget.work) fail(`${EXTENSION}.fields[${i}]`, overBudget(budget.work, "operations per pixel in all fields", "work"));
   }
-  return { variables, fields };
+  const { exposure } = extension;
+  return { variables, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
 }
 
 /** What the parts of the extension are read from. */

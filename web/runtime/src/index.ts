@@ -15,6 +15,7 @@ export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look } from "./learned-scene.ts";
 export { EXTENSION } from "./extension-name.ts";
 export { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
+export { loadLight } from "./load-light.ts";
 export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segments.ts";

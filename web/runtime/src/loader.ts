@@ -1,6 +1,6 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
-import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture } from "three";
+import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture, type WebGLRenderer } from "three";
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import { fail, FormatError } from "./checks.ts";
 import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
@@ -17,6 +17,8 @@ const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
 export interface LoaderOptions {
   /** Raises or lowers what the learned light of a file may ask for, such as `{ work: 400_000 }`. */
   readonly budget?: Partial<Budget>;
+  /** What will draw the file: its KTX2 textures are then decoded for it, by three.js' decoder, which is loaded when a file has some. */
+  readonly renderer?: WebGLRenderer;
 }
 
 /**
@@ -32,17 +34,19 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
   readonly name = EXTENSION;
   private readonly parser: GLTFParser;
   private readonly budget: Budget;
+  private readonly renderer: WebGLRenderer | undefined;
 
   constructor(parser: GLTFParser, options: LoaderOptions = {}) {
     this.parser = parser;
     this.budget = budgetOf(options.budget);
+    this.renderer = options.renderer;
   }
 
   /** Rejects a document that a loader could not read safely, before anything of it is loaded. */
   async beforeRoot(): Promise<void> {
     const { body } = (this.parser.extensions.KHR_binary_glTF ?? {}) as { body?: ArrayBuffer | null };
     checkContainer(this.parser.json as GltfJson, body ? new Uint8Array(body) : null);
-    await this.bringDecoder();
+    await Promise.all([this.bringDecoder(), this.bringTextureDecoder()]);
   }
 
   /** Load three.js' decoder of compressed meshes when a file has some and the loader was given none. */
@@ -52,6 +56,14 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     const { MeshoptDecoder } = await import("three/addons/libs/meshopt_decoder.module.js");
     await MeshoptDecoder.ready;
     options.meshoptDecoder = MeshoptDecoder;
+  }
+
+  /** The same for KTX2 textures, which are decoded to what the renderer takes. */
+  private async bringTextureDecoder(): Promise<void> {
+    const { json, options } = this.parser as unknown as { json: { extensionsUsed?: string[] }; options: { ktx2Loader?: unknown } };
+    if (options.ktx2Loader || !this.renderer || !json.extensionsUsed?.includes("KHR_texture_basisu")) return;
+    const { KTX2Loader } = await import("three/addons/loaders/KTX2Loader.js");
+    options.ktx2Loader = new KTX2Loader().detectSupport(this.renderer);
   }
 
   async afterRoot(gltf: GLTF): Promise<void> {
@@ -64,7 +76,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], fields: [] }), lightmaps };
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], fields: [], exposure: null }), lightmaps };
       gltf.userData.lightwell = loaded;
     }
   }

@@ -6,14 +6,15 @@
  *     f = (1 − m) c/π [(1 − ½Sᵥ)(1 − ½Sₗ) + R(Sᵥ + Sₗ + SᵥSₗ(R − 1))] + D G F / (4 n·v n·l),
  *     S(x) = (1 − n·x)⁵,  R = 2 roughness (h·v)²,  F = (1 − m) F_dielectric(η) + m (c + (1 − c)(1 − h·v)⁵)
  *
- * three.js' own function leaves coat and sheen in its global variables; the base layer is ours. The text needs nothing of three.js but
- * the structures of its parameters, so that shaders of other engines can have it.
+ * The text needs nothing of three.js but the structures of its parameters, so that shaders of other engines can have it.
  *
  * A material without any specular reflectance (F₀ = 0) and metal is Lambertian: f = c/π.
+ *
+ * Args: GLSL statements that evaluate the layers above. Returns GLSL of `lightwellDirect`.
  */
-export const PRINCIPLED_LIGHT = /* glsl */ `
-#define LIGHTWELL_MATTE 1e-5
-#define LIGHTWELL_INVERSE_PI 0.3183098861837907
+export const principledLight = (coats = ""): string => /* glsl */ `
+const float LIGHTWELL_MATTE = 1e-5;
+const float LIGHTWELL_INVERSE_PI = 0.3183098861837907;
 
 float lightwellSchlick( float cosine ) {
   float m = clamp( 1.0 - cosine, 0.0, 1.0 );
@@ -35,10 +36,7 @@ float lightwellSmith( float alpha2, float cosine ) {
 void lightwellDirect( const in IncidentLight directLight, const in vec3 geometryPosition, const in vec3 geometryNormal,
     const in vec3 geometryViewDir, const in vec3 geometryClearcoatNormal, const in PhysicalMaterial material,
     inout ReflectedLight reflectedLight ) {
-  #if defined( USE_CLEARCOAT ) || defined( USE_SHEEN )
-    ReflectedLight base = reflectedLight;
-    RE_Direct_Physical( directLight, geometryPosition, geometryNormal, geometryViewDir, geometryClearcoatNormal, material, base );
-  #endif
+  ${coats}
   float nl = dot( geometryNormal, directLight.direction );
   if ( nl <= 0.0 ) return;
   vec3 irradiance = nl * directLight.color;

@@ -59,6 +59,8 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   /** Of the meshes, in the space of the root. */
   readonly bounds: Box3;
   readonly variables: readonly Variable[];
+  /** Linear factor before tone mapping that suits the scene, for `renderer.toneMappingExposure`; null when the file says none. */
+  readonly exposure: number | null;
   readonly fields: readonly F[];
   /** The declared lights in their order, then those that were added. */
   lamps: readonly Lamp[];
@@ -75,7 +77,8 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, fields, lightmaps } = learnedLight(gltf);
+    const { variables, fields, lightmaps, exposure } = learnedLight(gltf);
+    this.exposure = exposure;
     this.root = gltf.scene;
     this.options = options;
     OWNERS.get(this.root)?.detach();

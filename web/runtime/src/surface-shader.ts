@@ -6,7 +6,7 @@ import {
   type WebGLRenderer,
 } from "three";
 import { rendererName } from "./device.ts";
-import { PRINCIPLED_LIGHT } from "./principled.ts";
+import { principledLight } from "./principled.ts";
 import { SHADOW_LIFT } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 
@@ -33,7 +33,7 @@ export function patchSurfaceShader(
   passCentroid(shader, renderer);
   if (finish.readsUv) passTextureCoordinates(shader);
   const parts = [
-    ["void main() {", `${PRINCIPLED_LIGHT}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
+    ["void main() {", `${principledLight(COATS)}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
     ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
     ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
     ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),
@@ -86,6 +86,12 @@ const SURFACE = `
   vec3 lwBent = normalize( ( vec4( normal, 0.0 ) * viewMatrix ).xyz );
   lwBent -= min( 2.0 * dot( lwBent, lwNormal ), 0.0 ) * lwNormal;
   vec3 lwReflectance = max( diffuseColor.rgb + ${DIELECTRIC_F0} * ( 1.0 - metalnessFactor ), ${MIN_REFLECTANCE} );`;
+
+/** three.js' own function leaves coat and sheen in its global variables; the base layer is ours. */
+const COATS = `#if defined( USE_CLEARCOAT ) || defined( USE_SHEEN )
+    ReflectedLight base = reflectedLight;
+    RE_Direct_Physical( directLight, geometryPosition, geometryNormal, geometryViewDir, geometryClearcoatNormal, material, base );
+  #endif`;
 
 /** Takes the place of three.js' own function of a light. */
 const DIRECT_LIGHT = "#undef RE_Direct\n#define RE_Direct lightwellDirect";

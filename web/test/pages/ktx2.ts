@@ -1,9 +1,8 @@
-/** Loads a file whose ordinary light map is a KTX2 texture, with three's own loader for it. */
+/** Loads a file whose ordinary light map is a KTX2 texture, with three's own decoder, which the plug-in brings. */
 
 import { learnedLight, LightwellLoaderPlugin } from "lightwell";
 import { WebGLRenderer } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
-import { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
 
 declare global {
   interface Window {
@@ -14,8 +13,7 @@ declare global {
 
 window.lightmapsOf = async (base64) => {
   const renderer = new WebGLRenderer();
-  const ktx2 = new KTX2Loader().detectSupport(renderer);
-  const loader = new GLTFLoader().setKTX2Loader(ktx2).register((parser) => new LightwellLoaderPlugin(parser));
+  const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser, { renderer }));
   const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
   const gltf = await loader.parseAsync(bytes.buffer, "");
   const found = [...learnedLight(gltf).lightmaps.values()].map(({ map }) => {
@@ -24,7 +22,6 @@ window.lightmapsOf = async (base64) => {
     const texels = image.data ?? mipmap!.data;
     return { size: [image.width, image.height], texel: [...texels.slice(0, 4)], colorSpace: map.colorSpace, channel: map.channel };
   });
-  ktx2.dispose();
   renderer.dispose();
   return found;
 };

@@ -45,12 +45,13 @@ const DRIVER_NOTE = "GL Driver Message";
 
 /** Serves texts and bytes by path. */
 export class Site {
-  private readonly files = new Map<string, string | Uint8Array>();
+  private readonly files = new Map<string, { body: string | Uint8Array; headers: Record<string, string> }>();
   private readonly server: Server = createServer((request, response) => {
-    const body = this.files.get(new URL(request.url ?? "/", "http://x").pathname);
-    const type = typeof body === "string" ? "text/html; charset=utf-8" : "application/octet-stream";
-    response.writeHead(body === undefined ? 404 : 200, { "content-type": type });
-    response.end(body);
+    const path = new URL(request.url ?? "/", "http://x").pathname;
+    const found = this.files.get(path);
+    const type = typeof found?.body === "string" ? "text/html; charset=utf-8" : path.endsWith(".svg") ? "image/svg+xml" : "application/octet-stream";
+    response.writeHead(found ? 200 : 404, { "content-type": type, ...(found ? { "content-length": Buffer.byteLength(found.body) } : {}), ...found?.headers });
+    response.end(found?.body);
   });
 
   /** Start on a free port. */
@@ -59,8 +60,8 @@ export class Site {
   }
 
   /** Serve `body` at `path`; returns its address. */
-  put(path: string, body: string | Uint8Array): string {
-    this.files.set(path, body);
+  put(path: string, body: string | Uint8Array, headers: Record<string, string> = {}): string {
+    this.files.set(path, { body, headers });
     return `http://127.0.0.1:${(this.server.address() as AddressInfo).port}${path}`;
   }
 
@@ -70,6 +71,9 @@ export class Site {
   }
 }
 
+/** Longest wait for a page, milliseconds; more on a machine that does other things. */
+const PAGE_TIMEOUT = Number(process.env.LIGHTWELL_PAGE_TIMEOUT ?? 30_000);
+
 /** A tab that remembers its errors. */
 export async function openPage(
   browser: Browser,
@@ -77,6 +81,7 @@ export async function openPage(
   height = 144,
 ): Promise<{ page: Page; errors: string[] }> {
   const page = await browser.newPage({ viewport: { width, height } });
+  page.setDefaultTimeout(PAGE_TIMEOUT);
   const errors: string[] = [];
   page.on("pageerror", (error) => errors.push(String(error)));
   page.on("console", (message) => {

@@ -82,7 +82,7 @@ export async function bundleChunks(entry: string, { external = [], three }: Bund
 }
 
 /** What the package is not: three.js and the libraries of other worlds. */
-export const NOT_OURS = [/^three($|\/)/, /^@gltf-transform\//, /^@react-three\//, /^react/];
+export const NOT_OURS = [/^three($|\/)/, /^@gltf-transform\//, /^@babylonjs\//, /^playcanvas($|\/)/, /^@react-three\//, /^react/];
 
 /** Bytes of a bundle as a server would send it. */
 export const gzipped = (code: string): number => gzipSync(code, { level: 9 }).length;

@@ -24,8 +24,11 @@ const PAGE_ID = "lightwell-page";
 /** Longest time that parsing may take before the page calls the file broken. */
 const PARSE_TIMEOUT_MS = 120_000;
 
+/** Told how many bytes of a file have come, and how many there are; 0 when nobody knows. */
+export type OnProgress = (loaded: number, total: number) => void;
+
 /** The asset that the page carries or its address names; null when there is none and one should be dropped. */
-export async function findAsset(options: Options): Promise<LoadedAsset | null> {
+export async function findAsset(options: Options, onProgress: OnProgress): Promise<LoadedAsset | null> {
   const embedded = document.getElementById(ASSET_ID)?.textContent;
   if (embedded) {
     const bytes = decodeBase64(embedded);
@@ -33,8 +36,8 @@ export async function findAsset(options: Options): Promise<LoadedAsset | null> {
     document.getElementById(ASSET_ID)?.remove();
     return loadGlb(bytes.buffer, embeddedPage(), "");
   }
-  if (options.asset) return loadUrl(options.asset, options.page, true);
-  return location.protocol === "file:" ? null : loadUrl("scene.glb", options.page, false);
+  if (options.asset) return loadUrl(options.asset, options.page, true, onProgress);
+  return location.protocol === "file:" ? null : loadUrl("scene.glb", options.page, false, onProgress);
 }
 
 /** The page data of the page itself. */
@@ -45,7 +48,7 @@ function embeddedPage(): PageData {
 }
 
 /** The asset behind an address; null, or an error where it is required, when it is not there. */
-export async function loadUrl(url: string, pageUrl: string | null, required: boolean): Promise<LoadedAsset | null> {
+export async function loadUrl(url: string, pageUrl: string | null, required: boolean, onProgress: OnProgress = () => {}): Promise<LoadedAsset | null> {
   const response = await fetch(url).catch(() => null);
   const isPage = response?.headers.get("content-type")?.includes("text/html");
   if (!response?.ok || isPage) {
@@ -53,14 +56,24 @@ export async function loadUrl(url: string, pageUrl: string | null, required: boo
     return null;
   }
   const page = pageUrl ? readPageData(await (await fetch(pageUrl)).json()) : EMPTY_PAGE;
-  return loadGlb(
-    await response.arrayBuffer(),
-    page,
-    url
-      .split("/")
-      .pop()!
-      .replace(/\.glb$/i, ""),
-  );
+  const name = url.split("/").pop()!.replace(/\.glb$/i, "");
+  return loadGlb(await readBody(response, onProgress), page, name);
+}
+
+/** The bytes of an answer, as they come. */
+async function readBody(response: Response, onProgress: OnProgress): Promise<ArrayBuffer> {
+  // What is sent compressed has more bytes than it says.
+  const total = response.headers.has("content-encoding") ? 0 : Number(response.headers.get("content-length") ?? 0);
+  const parts: Uint8Array<ArrayBuffer>[] = [];
+  let loaded = 0;
+  for (const reader = response.body!.getReader(); ; ) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    loaded += value.length;
+    onProgress(loaded, total);
+  }
+  return new Blob(parts).arrayBuffer();
 }
 
 /** Load a file that the user dropped or chose. */

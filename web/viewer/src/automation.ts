@@ -5,6 +5,7 @@ import { loadUrl } from "./asset.ts";
 import type { Against, Mode } from "./modes.ts";
 import { readOptions } from "./options.ts";
 import { applyState, linkTo } from "./page-state.ts";
+import { recordTurn, takePicture } from "./turn.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** What `stats()` returns. */
@@ -67,6 +68,10 @@ export interface Automation {
   stats(): Stats;
   /** The address that shows the same. */
   link(): string;
+  /** The canvas as a PNG. */
+  takePicture(): Promise<Blob>;
+  /** A film (WebM) of a turn around what is looked at. */
+  recordTurn(seconds?: number): Promise<Blob>;
   /** The canvas: 8-bit RGBA. */
   readPixels(): { width: number; height: number; data: Uint8Array };
   /** The learned picture before exposure and tone curve: linear RGBA radiance, alpha is coverage. */
@@ -132,6 +137,8 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
     },
     stats: () => stats(viewer, notice, trouble),
     link: () => linkTo(viewer, location.href),
+    takePicture: () => takePicture(viewer),
+    recordTurn: (seconds) => recordTurn(viewer, seconds),
     readPixels: () => viewer.readPixels(),
     readRadiance: () => viewer.readRadiance(),
     measure: (frames) => viewer.measure(frames),

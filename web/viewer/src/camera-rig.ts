@@ -59,6 +59,14 @@ export class CameraRig {
     this.settle();
   }
 
+  /** Turn the eye by radians about the upright axis through what it looks at. */
+  orbit(turn: number): void {
+    const { camera, controls } = this;
+    const away = camera.position.clone().sub(controls.target).applyAxisAngle(camera.up, turn);
+    camera.position.copy(controls.target).add(away);
+    this.settle();
+  }
+
   /** End a glide, so that the next frame shows the camera where it was placed. */
   private settle(): void {
     this.controls.enableDamping = false;

@@ -77,6 +77,11 @@ export class Darkroom {
     return new Darkroom(device, new Lens(device, { libraries: [library] }));
   }
 
+  /** Resolves when the device is gone, with what the browser says of it; never while it is there, or after `dispose`. */
+  get lost(): Promise<string> {
+    return this.device.lost.then(({ reason, message }) => (reason === "destroyed" ? new Promise<never>(() => {}) : message));
+  }
+
   /** Give a target a depth texture, which the lens reads. */
   static prepare(target: WebGLRenderTarget): void {
     if (target.depthTexture) return;

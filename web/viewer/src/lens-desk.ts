@@ -50,6 +50,7 @@ export class LensDesk {
     if (on && !this.darkroom) {
       try {
         this.darkroom = await Darkroom.open();
+        void this.darkroom.lost.then((message) => this.loseDevice(message));
       } catch (error) {
         this.host.say(error instanceof Error ? error.message : String(error));
         this.host.changed();
@@ -100,6 +101,14 @@ export class LensDesk {
     this.on = false;
     this.darkroom?.dispose();
     this.darkroom = null;
+  }
+
+  /** The device is gone: sharp pictures need none. */
+  private loseDevice(message: string): void {
+    this.dispose();
+    this.host.say(`The lens lost its graphics device and is off${message ? `: ${message}` : ""}. Switch it on again to try once more.`);
+    for (const resolve of this.waiting.splice(0)) resolve();
+    this.host.changed();
   }
 
   private focusAt(distance: number): void {

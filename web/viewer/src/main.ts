@@ -10,12 +10,14 @@ import { copyLink, createCopyLink } from "./ui/copy-link.ts";
 import { el } from "./ui/dom.ts";
 import { listenToFlight } from "./ui/fly.ts";
 import { createHelp } from "./ui/help.ts";
+import { size } from "./ui/numbers.ts";
 import { listenToKeys } from "./ui/keys.ts";
 import { LampHandle } from "./ui/lamp-handle.ts";
 import { createLegends } from "./ui/legend.ts";
 import { createModeBar } from "./ui/mode-bar.ts";
 import { createNotices } from "./ui/notices.ts";
 import { createPanel } from "./ui/panel.ts";
+import { Shortcuts } from "./ui/shortcuts.ts";
 import { createSplitHandle } from "./ui/split-handle.ts";
 import { createViewsStrip } from "./ui/views-strip.ts";
 import { acceptDrops, createWelcome } from "./ui/welcome.ts";
@@ -47,7 +49,8 @@ function createViewer(): Viewer | null {
 /** Controls around the picture. */
 function addControls(viewer: Viewer): void {
   const heading = el("h1");
-  const help = createHelp();
+  const shortcuts = new Shortcuts(options.keys);
+  const help = createHelp(viewer, shortcuts);
   const panel = createPanel(viewer);
   const lamps = el("div", { class: "lamps" });
   let handles: LampHandle[] = [];
@@ -71,7 +74,7 @@ function addControls(viewer: Viewer): void {
   root.append(createSplitHandle(viewer), lamps, header, bottom, panel, help.element);
   panel.prepend(help.button, createCopyLink(viewer));
   listenToFlight(viewer);
-  listenToKeys(viewer, {
+  listenToKeys(viewer, shortcuts, {
     help: help.toggle,
     link: () => void copyLink(viewer),
     panel: () => panel.querySelector<HTMLButtonElement>("[aria-controls]")?.click(),
@@ -95,6 +98,14 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
   await viewer.load(asset).finally(stop);
 }
 
+/** Says how much of the file has come. */
+function sayProgress(loaded: number, total: number): void {
+  const of = total >= loaded && total > 0 ? ` of ${size(total)}` : "";
+  const bar = el("progress", total > 0 ? { max: total, value: loaded, "aria-label": "Download" } : { "aria-label": "Download" });
+  status.replaceChildren(`Loading ${size(loaded)}${of}`, bar);
+  if (loaded === total) status.replaceChildren("Preparing the light…");
+}
+
 /** What the address asks for; a visitor first sees what the learned light adds. */
 function applyOptions(viewer: Viewer): Promise<void> {
   const { mode, ui } = options;
@@ -109,7 +120,7 @@ async function start(): Promise<void> {
   root.append(createNotices(viewer));
   if (options.ui) addControls(viewer);
   acceptDrops((file) => void show(viewer, file).catch(explain));
-  const ready = show(viewer, findAsset(options)).then(() => applyOptions(viewer));
+  const ready = show(viewer, findAsset(options, sayProgress)).then(() => applyOptions(viewer));
   automate(viewer, ready);
   answerFrame(viewer, ready);
   await ready.catch(explain);

@@ -34,6 +34,8 @@ export interface Options {
   readonly lights: readonly LightOption[];
   /** Whether the learned light is evaluated at half resolution. */
   readonly half: boolean;
+  /** Whether single keys are shortcuts; null leaves it to the visitor. */
+  readonly keys: boolean | null;
 }
 
 const MAX_SIDE = 8192;
@@ -62,6 +64,7 @@ export function readOptions(search: string): Options {
     samples: query.get("samples") === "0" ? 0 : 4,
     lights: readLights(query.get("lights")),
     half: query.get("half") === "1",
+    keys: query.has("keys") ? query.get("keys") !== "0" : null,
   };
 }
 

@@ -135,6 +135,13 @@ export class Viewer extends ViewerFrames {
     this.invalidate();
   }
 
+  /** Turn the eye by radians about what it looks at. */
+  orbit(turn: number): void {
+    this.userMoved = true;
+    this.rig.orbit(turn);
+    this.invalidate();
+  }
+
   /** Evaluate the learned light at half resolution, or at full. */
   setHalf(on: boolean): void {
     if (this.half === on) return;

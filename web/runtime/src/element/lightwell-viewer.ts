@@ -1,70 +1,71 @@
-/** A custom element that shows a baked file: orbit, pinch, and nothing else to set up. */
+/** A custom element that shows a baked file: nothing to set up, and as many on a page as there is room for. */
 
-import {
-  ACESFilmicToneMapping,
-  AgXToneMapping,
-  type Box3,
-  NeutralToneMapping,
-  NoToneMapping,
-  PCFShadowMap,
-  PerspectiveCamera,
-  Scene,
-  type ToneMapping,
-  Vector3,
-  WebGLRenderer,
-} from "three";
+import { PerspectiveCamera, Scene } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
+import { positive, toneMappingOf, vectors } from "./attributes.ts";
+import { type Client, SharedRenderer } from "./shared-renderer.ts";
+import { placeCamera } from "./view-camera.ts";
 
-const TONE_MAPPINGS: Readonly<Record<string, ToneMapping>> = {
-  agx: AgXToneMapping,
-  aces: ACESFilmicToneMapping,
-  neutral: NeutralToneMapping,
-  none: NoToneMapping,
-};
 const MAX_PIXEL_RATIO = 2;
-const FIELD_OF_VIEW = 40;
-const STYLE = `:host { display: block; position: relative; aspect-ratio: 16 / 9; background: #16171a; }
-canvas { display: block; position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; }
-p { position: absolute; inset: auto 0 50%; margin: 0; text-align: center; font: 14px system-ui, sans-serif; color: #fff9; }`;
+/** A lazy element loads when it is this near to what is seen. */
+const NEAR = "200px";
+const STYLE = `:host { display: block; position: relative; aspect-ratio: 16 / 9; background: #16171a; overflow: hidden; }
+canvas, img { display: block; position: absolute; inset: 0; width: 100%; height: 100%; }
+img { object-fit: cover; }
+:host([controls]) canvas { touch-action: none; cursor: grab; }
+canvas:focus-visible { outline: 2px solid #ffb454; outline-offset: -2px; }
+p { position: absolute; inset: auto 1em 1em; margin: 0; text-align: center; font: 14px system-ui, sans-serif; color: #fff; text-shadow: 0 0 4px #000; }
+progress { position: absolute; inset: auto 0 0; width: 100%; height: 3px; appearance: none; border: 0; background: #fff2; }
+progress::-webkit-progress-bar { background: #fff2; }
+progress::-webkit-progress-value { background: #ffb454; }
+progress::-moz-progress-bar { background: #ffb454; }
+[hidden] { display: none; }`;
 
 /** Servers that import this module have no elements. */
 const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
 
 /** What belongs to one file. */
 interface Shown {
+  readonly gltf: GLTF;
   readonly learned: LearnedScene;
   readonly scene: Scene;
 }
 
 /**
- * `<lightwell-viewer src="scene.glb" exposure="1" tone-mapping="agx" camera="0 1 4 / 0 1 0"></lightwell-viewer>`
+ * `<lightwell-viewer src="scene.glb" alt="A room lit by one lamp" controls></lightwell-viewer>`
  *
- * Attributes: `src`; `exposure` (linear factor); `tone-mapping` (`agx`, `aces`, `neutral`, `none`); `camera` (eye / target, metres);
- * `light` (place of the first lamp). Events: `load`, and `error` whose `message` says why. `scene` is the `LearnedScene`.
- * It draws when something changes, not all the time, and frees everything when it leaves the document.
+ * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
+ * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
+ * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
+ * `light` (place of the first lamp). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
-export class LightwellViewer extends ElementBase {
-  static readonly observedAttributes = ["src", "exposure", "tone-mapping", "camera", "light"];
+export class LightwellViewer extends ElementBase implements Client {
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light"];
   private readonly canvas = document.createElement("canvas");
+  private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
-  private renderer: WebGLRenderer | null = null;
-  private controls: OrbitControls | null = null;
-  private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW);
+  private readonly bar = document.createElement("progress");
+  private readonly camera = new PerspectiveCamera();
+  private shared: SharedRenderer | null = null;
+  private orbit: OrbitControls | null = null;
   private shown: Shown | null = null;
   private requested = 0;
   /** Counts loads: one that was overtaken shows nothing. */
   private loads = 0;
   private readonly resized = new ResizeObserver(() => this.resize());
+  private nearing: IntersectionObserver | null = null;
 
   constructor() {
     super();
     const style = document.createElement("style");
     style.textContent = STYLE;
-    this.message.setAttribute("role", "status");
-    this.attachShadow({ mode: "open" }).append(style, this.canvas, this.message);
+    this.bar.hidden = this.poster.hidden = true;
+    this.poster.alt = "";
+    this.attachShadow({ mode: "open" }).append(style, this.canvas, this.poster, this.bar, this.message);
   }
 
   /** What is shown; null until it is loaded. */
@@ -73,64 +74,78 @@ export class LightwellViewer extends ElementBase {
   }
 
   connectedCallback(): void {
-    try {
-      this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, alpha: true });
-    } catch {
-      this.fail(new Error("This browser offers no WebGL 2."));
-      return;
-    }
-    this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = PCFShadowMap;
-    this.controls = new OrbitControls(this.camera, this.canvas);
-    this.controls.enableDamping = true;
-    this.controls.addEventListener("change", () => this.invalidate());
+    for (const name of ["poster", "alt", "controls"]) this.apply(name);
     this.resized.observe(this);
-    this.resize();
-    void this.load();
+    if (this.getAttribute("loading") !== "lazy") return this.start();
+    this.nearing = new IntersectionObserver((entries) => entries.some(({ isIntersecting }) => isIntersecting) && this.start(), { rootMargin: NEAR });
+    this.nearing.observe(this);
   }
 
   disconnectedCallback(): void {
     this.loads++;
     cancelAnimationFrame(this.requested);
     this.requested = 0;
+    this.nearing?.disconnect();
     this.resized.disconnect();
     this.clear();
-    this.controls?.dispose();
-    this.controls = null;
-    this.renderer?.dispose();
-    this.renderer = null;
+    this.orbit?.dispose();
+    this.orbit = null;
+    this.shared?.leave(this);
+    this.shared = null;
   }
 
   attributeChangedCallback(name: string, before: string | null, after: string | null): void {
-    if (!this.renderer || before === after) return;
-    if (name === "src") void this.load();
+    if (before === after || !this.isConnected) return;
+    if (name === "src" && this.shared) void this.load();
     else this.apply(name);
   }
 
   /** Draw a frame soon: call it after a change of `scene`. */
   invalidate(): void {
-    if (this.requested === 0 && this.renderer) this.requested = requestAnimationFrame(() => this.draw());
+    if (this.requested === 0 && this.shown) this.requested = requestAnimationFrame(() => this.draw());
+  }
+
+  /** The graphics context was lost, or is back. */
+  onContext(lost: boolean): void {
+    this.say(lost ? "The graphics context was lost; it usually comes back by itself." : "");
+    if (lost) return;
+    for (const lamp of this.shown?.learned.lamps ?? []) lamp.renewShadow();
+    this.invalidate();
+  }
+
+  private start(): void {
+    this.nearing?.disconnect();
+    if (this.shared) return;
+    try {
+      this.shared = SharedRenderer.join(this);
+    } catch {
+      return this.fail(new Error("This browser offers no WebGL 2."));
+    }
+    this.resize();
+    void this.load();
   }
 
   private async load(): Promise<void> {
     const load = ++this.loads;
     const src = this.getAttribute("src");
     this.clear();
-    if (!src) return;
-    this.message.textContent = "Loading…";
+    if (!src || !this.shared) return;
+    this.say(this.poster.hidden ? "Loading…" : "");
     try {
-      const loader = new GLTFLoader();
-      const gltf = await loader.register((parser) => new LightwellLoaderPlugin(parser)).loadAsync(src);
-      if (load !== this.loads || !this.renderer) return;
-      const learned = new LearnedScene(gltf, { renderer: this.renderer });
+      const { renderer } = this.shared;
+      const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser, { renderer }));
+      const gltf = await loader.loadAsync(src, (event) => this.progress(event, load));
+      if (load !== this.loads || !this.shared) return;
+      const learned = new LearnedScene(gltf, { renderer });
       const scene = new Scene();
       scene.add(learned.root);
-      this.shown = { learned, scene };
-      for (const name of LightwellViewer.observedAttributes) this.apply(name);
-      learned.update();
-      await learned.compile(this.renderer, scene, this.camera);
+      this.shown = { gltf, learned, scene };
+      for (const name of ["camera", "light"]) this.apply(name);
+      learned.update(renderer);
+      await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
-      this.message.textContent = "";
+      this.say("");
+      this.bar.hidden = this.poster.hidden = true;
       this.draw();
       this.dispatchEvent(new Event("load"));
     } catch (error) {
@@ -138,44 +153,71 @@ export class LightwellViewer extends ElementBase {
     }
   }
 
+  private progress({ loaded, total, lengthComputable }: ProgressEvent, load: number): void {
+    if (load !== this.loads) return;
+    this.bar.hidden = false;
+    if (lengthComputable) [this.bar.value, this.bar.max] = [loaded, total];
+    else this.bar.removeAttribute("value");
+    this.dispatchEvent(new ProgressEvent("progress", { loaded, total, lengthComputable }));
+  }
+
   private fail(error: Error): void {
-    this.message.textContent = error.message;
+    this.bar.hidden = true;
+    this.say(error.message, "alert");
     this.dispatchEvent(new ErrorEvent("error", { error, message: error.message }));
   }
 
+  private say(text: string, role = "status"): void {
+    this.message.setAttribute("role", role);
+    this.message.textContent = text;
+  }
+
   private apply(name: string): void {
-    const { renderer, shown } = this;
-    if (!renderer || !shown) return;
     const value = this.getAttribute(name);
-    if (name === "exposure") renderer.toneMappingExposure = positive(value) ?? 1;
-    if (name === "tone-mapping") renderer.toneMapping = TONE_MAPPINGS[value ?? "agx"] ?? AgXToneMapping;
-    if (name === "light") {
+    if (name === "poster") {
+      this.poster.hidden = value === null || this.shown !== null;
+      if (value !== null) this.poster.src = value;
+    } else if (name === "alt") this.describe(value);
+    else if (name === "controls") this.setControls(value !== null);
+    else if (name === "light") {
       const place = vectors(value)?.[0];
-      if (place) shown.learned.lamps[0]?.move(place);
-    }
-    if (name === "camera") this.place(vectors(value), shown.learned.bounds);
+      if (place) this.shown?.learned.lamps[0]?.move(place);
+    } else if (name === "camera" && this.shown) this.look(value, this.shown);
     this.invalidate();
   }
 
-  /** Look as asked, or at the whole scene. */
-  private place(asked: Vector3[] | null, bounds: Box3): void {
-    const size = Math.max(bounds.getSize(new Vector3()).length(), 1e-6);
-    const center = bounds.getCenter(new Vector3());
-    const away = new Vector3(0.35, 0.25, 1).normalize().multiplyScalar((0.95 * size) / (2 * Math.sin((FIELD_OF_VIEW * Math.PI) / 360)));
-    const [eye = center.clone().add(away), target = center] = asked ?? [];
-    this.camera.near = size * 2e-3;
-    this.camera.far = size * 40;
-    this.camera.position.copy(eye);
-    this.controls!.target.copy(target);
-    this.camera.updateProjectionMatrix();
-    this.controls!.update();
+  private describe(alt: string | null): void {
+    this.canvas.setAttribute("role", "img");
+    if (alt === null) this.canvas.removeAttribute("aria-label");
+    else this.canvas.setAttribute("aria-label", alt);
+  }
+
+  /** Let the visitor orbit by pointer and arrow keys, or not. */
+  private setControls(on: boolean): void {
+    if (on === (this.orbit !== null)) return;
+    this.orbit?.dispose();
+    this.orbit = null;
+    this.canvas.removeAttribute("tabindex");
+    if (!on) return;
+    this.canvas.tabIndex = 0;
+    this.orbit = new OrbitControls(this.camera, this.canvas);
+    this.orbit.enableDamping = true;
+    this.orbit.listenToKeyEvents(this.canvas);
+    this.orbit.addEventListener("change", () => this.invalidate());
+    if (this.shown) this.look(this.getAttribute("camera"), this.shown);
+  }
+
+  private look(asked: string | null, { gltf, learned }: Shown): void {
+    const target = placeCamera(this.camera, asked, gltf, learned.bounds);
+    this.camera.lookAt(target);
+    this.orbit?.target.copy(target);
+    this.orbit?.update();
   }
 
   private resize(): void {
-    if (!this.renderer) return;
     const [width, height] = [this.clientWidth || 1, this.clientHeight || 1];
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, MAX_PIXEL_RATIO));
-    this.renderer.setSize(width, height, false);
+    const ratio = Math.min(devicePixelRatio, MAX_PIXEL_RATIO);
+    [this.canvas.width, this.canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.draw();
@@ -183,13 +225,11 @@ export class LightwellViewer extends ElementBase {
 
   private draw(): void {
     this.requested = 0;
-    const { renderer, shown, controls } = this;
-    if (!renderer || !shown) return;
-    const gliding = controls?.update() ?? false;
-    const { width, height } = renderer.domElement;
-    shown.learned.tint();
-    shown.learned.update();
-    shown.learned.render(renderer, shown.scene, this.camera, width, height);
+    if (!this.shared || !this.shown) return;
+    const gliding = this.orbit?.update() ?? false;
+    const exposure = positive(this.getAttribute("exposure")) ?? this.shown.learned.exposure ?? 1;
+    const toneMapping = toneMappingOf(this.getAttribute("tone-mapping"));
+    this.shared.draw({ ...this.shown, camera: this.camera, toneMapping, exposure }, this.canvas);
     if (gliding) this.invalidate();
   }
 
@@ -197,19 +237,8 @@ export class LightwellViewer extends ElementBase {
     this.shown?.learned.dispose();
     this.shown?.learned.root.removeFromParent();
     this.shown = null;
-    this.message.textContent = "";
-    this.renderer?.clear();
+    this.say("");
+    this.bar.hidden = true;
+    this.canvas.getContext("2d")?.clearRect(0, 0, this.canvas.width, this.canvas.height);
   }
-}
-
-function positive(text: string | null): number | null {
-  const value = Number(text ?? Number.NaN);
-  return value > 0 && Number.isFinite(value) ? value : null;
-}
-
-/** `x y z / x y z` as vectors; null when it is anything else. */
-function vectors(text: string | null): Vector3[] | null {
-  const found = (text ?? "").split("/").map((part) => part.trim().split(/[\s,]+/).map(Number));
-  const fine = found.every((numbers) => numbers.length === 3 && numbers.every(Number.isFinite));
-  return fine ? found.map((numbers) => new Vector3().fromArray(numbers)) : null;
 }

@@ -2,6 +2,7 @@
 
 import { MODE_TEXTS, MODES } from "../modes.ts";
 import type { Viewer } from "../viewer.ts";
+import type { Shortcuts } from "./shortcuts.ts";
 
 /** Things that keys do beyond the viewer. */
 export interface KeyActions {
@@ -11,8 +12,10 @@ export interface KeyActions {
   link(): void;
 }
 
-export function listenToKeys(viewer: Viewer, actions: KeyActions): void {
+/** Listen while shortcuts are on; help opens in any case, for they are switched there. */
+export function listenToKeys(viewer: Viewer, shortcuts: Shortcuts, actions: KeyActions): void {
   addEventListener("keydown", (event) => {
+    if (event.key !== "?" && !shortcuts.on) return;
     if (event.ctrlKey || event.metaKey || event.altKey || isEntry(event.target)) return;
     const mode = MODES.find((name) => MODE_TEXTS[name].key === event.key);
     if (mode) return viewer.setMode(mode);

@@ -2,6 +2,7 @@
 
 import type { Viewer } from "../viewer.ts";
 import { el, ICONS, icon } from "./dom.ts";
+import { createKeepControls } from "./keep-controls.ts";
 import { createLensControls } from "./lens-controls.ts";
 import { createLights } from "./lights.ts";
 import { createNumbers } from "./numbers.ts";
@@ -34,7 +35,7 @@ export function createPanel(viewer: Viewer): HTMLElement {
   setOpen(matchMedia(WIDE).matches);
   body.classList.add("glass");
   viewer.on("loaded", () => {
-    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createNumbers(viewer), ...createTextures(viewer));
+    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
   });
   return panel;
 }

@@ -1,0 +1,76 @@
+/** Distances around a lamp of PlayCanvas, in six directions: the map that shadows are tested against. */
+
+import {
+  ADDRESS_CLAMP_TO_EDGE,
+  type AppBase,
+  ASPECT_MANUAL,
+  Color,
+  Entity,
+  FILTER_NEAREST,
+  type Layer,
+  PIXELFORMAT_R32F,
+  RenderTarget,
+  Texture,
+  type Vec3,
+} from "playcanvas";
+
+/** Edge of a face in texels. */
+export const CUBE_SIZE = 1024;
+/** Name of the pass, in which materials of the file write their distance from the camera. */
+export const DISTANCE_PASS = "lightwelldistance";
+/** Nearest occluder as a share of the farthest distance. */
+const NEAR_SHARE = 5e-4;
+/** What lies in a direction without a surface. */
+const NOTHING = new Color(1e9, 1e9, 1e9, 1);
+/** Before every other camera. */
+const PRIORITY = -1000;
+/** Euler angles of the cameras, degrees, in the order of the faces. */
+const FACES = [[0, 90, 180], [0, -90, 180], [90, 0, 0], [-90, 0, 0], [0, 180, 180], [0, 0, 180]] as const;
+
+/** Six cameras that draw a layer when they are asked to. */
+export class DistanceCube {
+  readonly texture: Texture;
+  private readonly eyes: readonly Entity[];
+  private readonly targets: readonly RenderTarget[];
+
+  constructor(app: AppBase, layer: Layer, reach: number) {
+    this.texture = new Texture(app.graphicsDevice, {
+      name: "lightwell distances",
+      cubemap: true,
+      ...{ width: CUBE_SIZE, height: CUBE_SIZE, format: PIXELFORMAT_R32F, mipmaps: false },
+      ...{ minFilter: FILTER_NEAREST, magFilter: FILTER_NEAREST, addressU: ADDRESS_CLAMP_TO_EDGE, addressV: ADDRESS_CLAMP_TO_EDGE },
+    });
+    this.targets = FACES.map((_, face) => new RenderTarget({ colorBuffer: this.texture, face, depth: true }));
+    this.eyes = FACES.map(([x, y, z], face) => {
+      const eye = new Entity(`lightwell distances ${face}`, app);
+      eye.addComponent("camera", {
+        ...{ renderTarget: this.targets[face]!, layers: [layer.id], priority: PRIORITY, clearColor: NOTHING },
+        ...{ aspectRatioMode: ASPECT_MANUAL, aspectRatio: 1, fov: 90, nearClip: reach * NEAR_SHARE, farClip: reach },
+      });
+      eye.setEulerAngles(x, y, z);
+      eye.camera!.setShaderPass(DISTANCE_PASS);
+      eye.camera!.enabled = false;
+      app.root.addChild(eye);
+      return eye;
+    });
+  }
+
+  /** Draw the distances from a place before the next frame. */
+  draw(place: Vec3): void {
+    for (const eye of this.eyes) {
+      eye.setPosition(place);
+      eye.camera!.enabled = true;
+    }
+  }
+
+  /** The next frame needs no other distances. */
+  rest(): void {
+    for (const eye of this.eyes) if (eye.camera!.enabled) eye.camera!.enabled = false;
+  }
+
+  dispose(): void {
+    for (const eye of this.eyes) eye.destroy();
+    for (const target of this.targets) target.destroy();
+    this.texture.destroy();
+  }
+}

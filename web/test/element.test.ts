@@ -1,0 +1,133 @@
+/** `<lightwell-viewer>`: what its attributes do, what it tells, and one renderer for all elements of a page. */
+
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, expect, it } from "vitest";
+import { launch, openPage, Site } from "./support/browser.ts";
+import { bundle, modulePage } from "./support/bundle.ts";
+import { plainRoom } from "./support/fixtures.ts";
+import { writeGlb } from "./support/glb.ts";
+
+/** Counts contexts that draw, and defines the element. */
+const ENTRY = `
+const own = HTMLCanvasElement.prototype.getContext;
+window.contexts = 0;
+HTMLCanvasElement.prototype.getContext = function (kind, options) {
+  if (kind === "webgl2") window.contexts++;
+  return own.call(this, kind, options);
+};
+import("lightwell/element");`;
+
+/** A room with two cameras: in front, and from above. */
+const room = plainRoom({
+  tamper: (json: any) => {
+    const perspective = { yfov: 0.6, znear: 0.1 };
+    json.cameras = [{ type: "perspective", perspective, name: "front" }, { type: "perspective", perspective, name: "near" }];
+    json.nodes.push({ camera: 0, name: "front", translation: [0, 1, 4.2] }, { camera: 1, name: "near", translation: [0.2, 1, 2] });
+    json.scenes[0].nodes.push(json.nodes.length - 2, json.nodes.length - 1);
+    json.extensions.LIGHTWELL_neural_radiance.exposure = 1.5;
+  },
+});
+const STYLE = "<style>body{margin:0} lightwell-viewer{width:120px;height:90px}</style>";
+
+let browser: Browser;
+let code = "";
+const site = new Site();
+
+beforeAll(async () => {
+  await site.open();
+  browser = await launch("swiftshader");
+  code = await bundle(ENTRY);
+  site.put("/scene.glb", writeGlb(room));
+  const svg = `<svg xmlns="http://www.w3.org/2000/svg" width="4" height="3"><rect width="4" height="3" fill="red"/></svg>`;
+  site.put("/poster.svg", Buffer.from(svg));
+});
+
+afterAll(async () => {
+  await browser?.close();
+  await site.close();
+});
+
+async function open(name: string, elements: string): Promise<{ page: Page; errors: string[] }> {
+  const tab = await openPage(browser, 400, 300);
+  await tab.page.goto(site.put(`/${name}.html`, modulePage(code, `${STYLE}${elements}`)));
+  return tab;
+}
+
+const loaded = (page: Page, count: number) =>
+  page.waitForFunction((wanted) => [...document.querySelectorAll("lightwell-viewer")].filter((viewer: any) => viewer.scene && !viewer.shadowRoot.querySelector("p").textContent).length === wanted, count);
+
+/** Mean of the middle of an element's canvas. */
+const middle = (page: Page, index = 0) =>
+  page.evaluate((i) => {
+    const canvas = document.querySelectorAll("lightwell-viewer")[i]!.shadowRoot!.querySelector("canvas")!;
+    const { data } = canvas.getContext("2d")!.getImageData(canvas.width / 4, canvas.height / 4, canvas.width / 2, canvas.height / 2);
+    return data.reduce((sum, x) => sum + x, 0) / data.length;
+  }, index);
+
+it("many on one page share one renderer, each with its own picture, and free it", async () => {
+  const { page, errors } = await open(
+    "many",
+    '<lightwell-viewer src="/scene.glb"></lightwell-viewer><lightwell-viewer src="/scene.glb" camera="near"></lightwell-viewer><lightwell-viewer src="/scene.glb" exposure="0.2"></lightwell-viewer>',
+  );
+  await loaded(page, 3);
+  const [first, near, dark] = [await middle(page, 0), await middle(page, 1), await middle(page, 2)];
+  expect(first).toBeGreaterThan(dark! + 20);
+  expect(Math.abs(first - near)).toBeGreaterThan(0.5);
+  expect(await page.evaluate(() => (window as any).contexts)).toBe(1);
+  // The last one takes the renderer along; the next one makes another.
+  await page.evaluate(() => {
+    for (const viewer of [...document.querySelectorAll("lightwell-viewer")].slice(1)) viewer.remove();
+    const viewer = document.querySelector("lightwell-viewer")!;
+    viewer.remove();
+    document.body.append(viewer);
+  });
+  await loaded(page, 1);
+  expect(await middle(page)).toBeCloseTo(first, 0);
+  expect(await page.evaluate(() => (window as any).contexts)).toBe(2);
+  // The test itself reads back often.
+  expect(errors.filter((text) => !text.startsWith("Canvas2D"))).toEqual([]);
+  await page.close();
+});
+
+it("stands at the file's camera of a name, at a place, or at the first camera, with the file's exposure", async () => {
+  const { page } = await open("cameras", '<lightwell-viewer src="/scene.glb" controls></lightwell-viewer>');
+  await loaded(page, 1);
+  const stand = (camera: string | null) =>
+    page.evaluate((text) => {
+      const viewer = document.querySelector("lightwell-viewer") as any;
+      if (text === null) viewer.removeAttribute("camera");
+      else viewer.setAttribute("camera", text);
+      return [...viewer.camera.position.toArray(), viewer.camera.fov].map((x: number) => Number(x.toFixed(2)));
+    }, camera);
+  expect(await stand(null)).toEqual([0, 1, 4.2, 34.38]);
+  expect(await stand("near")).toEqual([0.2, 1, 2, 34.38]);
+  expect(await stand("1 2 3 / 0 1 0")).toEqual([1, 2, 3, 40]);
+  expect(await page.evaluate(() => (document.querySelector("lightwell-viewer") as any).scene.exposure)).toBe(1.5);
+  await page.close();
+});
+
+it("shows a poster and how much has come, waits until it is near, and says what is seen", async () => {
+  const { page } = await open(
+    "lazy",
+    '<div style="height:4000px"></div><lightwell-viewer src="/scene.glb" poster="/poster.svg" alt="A red and green room" loading="lazy"></lightwell-viewer>',
+  );
+  const state = () =>
+    page.evaluate(() => {
+      const { shadowRoot } = document.querySelector("lightwell-viewer")!;
+      const canvas = shadowRoot!.querySelector("canvas")!;
+      return { poster: !shadowRoot!.querySelector("img")!.hidden, name: canvas.getAttribute("aria-label"), role: canvas.getAttribute("role"), tab: canvas.tabIndex };
+    });
+  await page.evaluate(() => {
+    const viewer = document.querySelector("lightwell-viewer")!;
+    viewer.addEventListener("progress", (event) => ((window as any).told = (event as ProgressEvent).loaded));
+  });
+  expect(await state()).toEqual({ poster: true, name: "A red and green room", role: "img", tab: -1 });
+  expect(await page.evaluate(() => (window as any).contexts)).toBe(0);
+  await page.evaluate(() => document.querySelector("lightwell-viewer")!.scrollIntoView());
+  await loaded(page, 1);
+  expect(await page.evaluate(() => (window as any).told)).toBe(writeGlb(room).length);
+  expect((await state()).poster).toBe(false);
+  await page.evaluate(() => document.querySelector("lightwell-viewer")!.setAttribute("controls", ""));
+  expect((await state()).tab).toBe(0);
+  await page.close();
+});

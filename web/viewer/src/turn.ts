@@ -1,0 +1,59 @@
+/** Pictures and films of what is shown, to keep. */
+
+import type { Viewer } from "./viewer.ts";
+
+/** Films that browsers may write, the best first. */
+const TYPES = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm", "video/mp4"];
+/** How long a turn takes, seconds. */
+export const TURN_SECONDS = 8;
+const FRAMES_PER_SECOND = 30;
+/** Bits per second of a film: enough for noise-free pictures of a screen's size. */
+const BITS = 12_000_000;
+
+/** The canvas as a PNG. */
+export function takePicture(viewer: Viewer): Promise<Blob> {
+  return new Promise((resolve, reject) => {
+    viewer.renderOnce();
+    // In the task that drew it: canvases forget.
+    viewer.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The browser could not write the picture."))), "image/png");
+  });
+}
+
+/**
+ * Film the scene while the eye goes once around what it looks at, and put the eye back.
+ *
+ * Args: the viewer; how long a turn takes, seconds; told the share that is done. Resolves with a WebM (MP4 where browsers write
+ * nothing else). Rejects where they write none.
+ */
+export async function recordTurn(viewer: Viewer, seconds = TURN_SECONDS, onProgress: (share: number) => void = () => {}): Promise<Blob> {
+  const type = globalThis.MediaRecorder && TYPES.find((name) => MediaRecorder.isTypeSupported(name));
+  if (!type) throw new Error("This browser cannot record a film.");
+  const stream = viewer.canvas.captureStream(FRAMES_PER_SECOND);
+  const recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS });
+  const parts: Blob[] = [];
+  recorder.addEventListener("dataavailable", ({ data }) => parts.push(data));
+  const stopped = new Promise((resolve) => recorder.addEventListener("stop", resolve, { once: true }));
+  recorder.start();
+  await turn(viewer, seconds, onProgress);
+  recorder.stop();
+  await stopped;
+  for (const track of stream.getTracks()) track.stop();
+  return new Blob(parts, { type: type.split(";")[0]! });
+}
+
+/** Turn the eye once around. */
+function turn(viewer: Viewer, seconds: number, onProgress: (share: number) => void): Promise<void> {
+  const start = performance.now();
+  let turned = 0;
+  return new Promise((resolve) => {
+    const step = (now: number) => {
+      const share = Math.min(1, Math.max(0, (now - start) / (1000 * seconds)));
+      viewer.orbit(2 * Math.PI * share - turned);
+      turned = 2 * Math.PI * share;
+      onProgress(share);
+      if (share < 1) requestAnimationFrame(step);
+      else resolve();
+    };
+    requestAnimationFrame(step);
+  });
+}
