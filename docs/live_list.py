@@ -1,4 +1,7 @@
-"""A directive that lists the live pages of a build, ``{live-pages}``: what tools/live_pages.py put into docs/_live."""
+"""Pages that a build has or has not: live pages, which tools/live_pages.py puts into docs/_live, and the zoo.
+
+The directive ``{live-pages}`` lists the live pages; docs/zoo.md, which benchmarks/zoo.py writes, joins docs/index.md.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,22 @@ class LivePages(Directive):
         Returns:
             A section for each page, or a sentence where the build has none.
         """
-        folders = sorted(path.parent for path in FOLDER.glob("*/report.json"))
-        if not folders:
-            return [nodes.paragraph(text="This build of the site has no live pages.")]
-        return [node for folder in folders for node in _page(folder)]
+        return listed(FOLDER)
+
+
+def listed(home: Path) -> list[nodes.Node]:
+    """List the pages in a folder.
+
+    Args:
+        home: Folder with a baked folder for each page.
+
+    Returns:
+        Heading, picture and facts of each, or a sentence where there is none.
+    """
+    folders = sorted(path.parent for path in home.glob("*/report.json"))
+    if not folders:
+        return [nodes.paragraph(text="This build of the site has no live pages.")]
+    return [node for folder in folders for node in _page(folder)]
 
 
 def _page(folder: Path) -> list[nodes.Node]:
@@ -50,8 +65,20 @@ def _link(address: str, text: str) -> nodes.Node:
     return nodes.reference(text, text, refuri=address)
 
 
+def add_zoo(app: Sphinx, name: str, source: list[str]) -> None:
+    """Put docs/zoo.md into the list of pages where there is one.
+
+    Args:
+        app: The application.
+        name: Document that was read.
+        source: Its text, changed in place.
+    """
+    if name == "docs/index" and (Path(__file__).parent / "zoo.md").is_file():
+        source[0] = source[0].replace("\nlive-pages\n", "\nlive-pages\nzoo\n")
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Add the directive.
+    """Add the directive and the hook.
 
     Args:
         app: The application.
@@ -60,6 +87,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
         Facts about the extension.
     """
     app.add_directive("live-pages", LivePages)
-    # The list depends on a folder, not on its page.
-    app.connect("env-get-outdated", lambda *_: ["docs/live-pages"])
+    app.connect("source-read", add_zoo)
+    # The lists depend on files beside their pages.
+    app.connect("env-get-outdated", lambda *_: ["docs/live-pages", "docs/index"])
     return {"parallel_read_safe": True, "version": "1"}

@@ -22,17 +22,18 @@ FILES = ("index.html", "report.html", "report.json", "scene.glb")
 WIDTH = 480
 
 
-def baked(source: str, quality: str) -> Path:
+def baked(source: str, quality: str, home: Path = FOLDER) -> Path:
     """Bake a scene into the folder of live pages, or copy what was baked.
 
     Args:
         source: Scene or baked folder.
         quality: Quality of a bake.
+        home: Folder of live pages.
 
     Returns:
         The folder of its page.
     """
-    out = FOLDER / Path(source).stem
+    out = home / Path(source).stem
     if (Path(source) / "report.json").is_file():
         out.mkdir(parents=True, exist_ok=True)
         for name in FILES:

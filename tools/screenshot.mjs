@@ -13,7 +13,7 @@ const browser = await chromium.launch({
   args: ["--no-sandbox", "--disable-gpu-watchdog", "--use-angle=gl-egl", "--ignore-gpu-blocklist"],
 });
 const tab = await browser.newPage({ viewport: { width, height } });
-tab.setDefaultTimeout(300_000);
+tab.setDefaultTimeout(1_800_000);
 tab.on("pageerror", (error) => console.error(String(error)));
 await tab.goto(`${pathToFileURL(page).href}?${query}`);
 const hasScene = !/(report|compare)\.html$/.test(page);
@@ -25,6 +25,6 @@ if (hasScene) {
   await tab.waitForTimeout(3000);
   await tab.evaluate(() => window.lightwell.renderOnce());
 }
-await tab.screenshot({ path: out, timeout: 300_000 });
+await tab.screenshot({ path: out, timeout: 1_800_000 });
 if (hasScene) console.log(JSON.stringify(await tab.evaluate(() => window.lightwell.stats())));
 await browser.close();
