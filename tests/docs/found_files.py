@@ -21,17 +21,30 @@ ROOM = """<scene version="3.0.0">
 </scene>
 """
 FRAME = (400, 700)
+# Settings of two scenes: `lightwell batch` bakes them.
+SETTINGS = """[scenes.kitchen]
+scene = "rooms/kitchen.glb"
+[scenes.hall]
+scene = "rooms/hall.glb"
+seed = 3
+"""
+# Ordinary scenes that readers bring along.
+SCENES = ("room.glb", "edited.glb", "flat.glb", "rooms/kitchen.glb", "rooms/hall.glb")
 
 
-def provide(folder: Path, baked: Path) -> None:
+def provide(folder: Path, baked: Path, settings: bool = False) -> None:
     """Write the files into a folder.
 
     Args:
         folder: Folder in which snippets run.
         baked: Folder of a bake of the Cornell box.
+        settings: Also write ``lightwell.toml``, which holds for every command in the folder.
     """
     shutil.copytree(baked, folder / "out")
-    for name in ("room.glb", "edited.glb"):
+    if settings:
+        (folder / "lightwell.toml").write_text(SETTINGS)
+    (folder / "rooms").mkdir()
+    for name in SCENES:
         (folder / name).write_bytes(without_learned_light((baked / "scene.glb").read_bytes()))
     for name in ("room.xml", "house.xml"):
         (folder / name).write_text(ROOM)

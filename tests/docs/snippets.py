@@ -33,13 +33,14 @@ PROGRAMS = {"sh", "python", "ts", "tsx", "js", "powershell"}
 _BAKE = ["--shards", "1", "--steps", "4", "--paths", "2", "--views", "1", "--truth", "0.1s"]
 SMALL: dict[str, list[str]] = {
     "bake": _BAKE,
+    "batch": _BAKE,
     "demo": [*_BAKE, "--no-open"],
     "compare": _BAKE,
     "render": ["--size", "32x20", "--spp", "1"],
     "samples": ["--samples", "256", "--paths", "2"],
 }
 # Options that are lowered where a command has them.
-SMALLER = {"--frames": "2", "--size": "64", "--largest": "4"}
+SMALLER = {"--frames": "2", "--size": "64", "--largest": "4", "--cluster": "local:1"}
 SMALL_PYTHON = [
     (re.compile(r'budget="[^"]*"'), 'shards=1, steps=4, paths=2, views=1, truth="0.1s"'),
     (re.compile(r"spp=\d+"), "spp=1"),
@@ -125,6 +126,8 @@ def lowered(words: list[str]) -> list[str]:
         added = []
     if "--rebake" in words:
         added = ["--paths", "2"]
+    if "--preview" in words:
+        added.append("--no-open")
     if verb != "render":
         for flag, value in SMALLER.items():
             if flag in words and "-" not in words[words.index(flag) + 1]:

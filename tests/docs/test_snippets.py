@@ -37,7 +37,22 @@ ALL = [snippet for page in PAGES for snippet in snippets(page)]
 MAKE = re.findall(r"^([\w.$()/-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
 NPM = json.loads((ROOT / "web/package.json").read_text())["scripts"]
 # Programs that are not lightwell's, and that need a network, a login or another machine.
-FOREIGN = {"docker", "curl", "npm", "npx", "node", "brew", "apt", "sudo", "git", "pip", "cd", "export", "man", "eval"}
+FOREIGN = {
+    "docker",
+    "curl",
+    "npm",
+    "npx",
+    "node",
+    "brew",
+    "apt",
+    "sudo",
+    "git",
+    "pip",
+    "cd",
+    "export",
+    "man",
+    "eval",
+} | {"dask", "kubectl"}
 
 
 def _of(language: str) -> list[Snippet]:

@@ -17,6 +17,8 @@ from .snippets import PAGES, ROOT, commands, lowered, small_python, snippets
 
 LIGHTWELL = [sys.executable, "-m", "lightwell"]
 SERVERS = ("view", "live")
+# A line that says that a server answers, or that a bake has ended.
+ANSWERS, ENDED = "http://127.0.0.1", "open "
 # Their exit code is 1 where they find something: a small library of spreadlets breaks its limits.
 FINDERS = ("doctor", "lens")
 # Commands that set up a machine, or are run by tests of their own (tests of the web package, of the wheel, of make).
@@ -36,6 +38,8 @@ LEFT_OUT = (
     "eval",
     "export",
     "man",
+    "dask",
+    "kubectl",
 )
 # Pages whose commands trace and train nothing: they run in every `make test`, on a bake that is kept in the repository.
 QUICK = {
@@ -78,7 +82,8 @@ def test_quick_pages_exist():
 @pytest.mark.parametrize("page", RUN)
 def test_snippets_run(page, request, tmp_path, monkeypatch, capfd):
     """As a reader would paste them: one after the other, in one folder, in a Python session that goes on."""
-    provide(tmp_path, request.getfixturevalue("kept" if _name(page) in QUICK else "fresh"))
+    out = request.getfixturevalue("kept" if _name(page) in QUICK else "fresh")
+    provide(tmp_path, out, settings=page.name == "batch.md")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LIGHTWELL_STORE", str(tmp_path.parent / "store"))
     session = ""
@@ -99,8 +104,12 @@ def _command(where: str, words: list[str], folder: Path, capfd) -> None:
         return
     if program == "python":
         _run([sys.executable, str(ROOT / words[1]), *words[2:]], folder)
+    elif "--cluster" in words and not words[words.index("--cluster") + 1].startswith("local:"):
+        return  # other machines
     elif len(words) > 1 and words[1] in SERVERS:
-        _serve([*LIGHTWELL, *words[1:], "--no-open", "--port", "0"], folder)
+        _serve([*LIGHTWELL, *words[1:], "--no-open", "--port", "0"], folder, ANSWERS)
+    elif "--watch" in words:
+        _serve([*LIGHTWELL, *lowered(words)[1:]], folder, ENDED)
     else:
         allowed = (0, 1) if words[1:2] and words[1] in FINDERS else (0,)
         code = _exit_code(lowered(words)[1:])
@@ -125,15 +134,15 @@ def _run(argv: list[str], folder: Path, allowed: tuple[int, ...] = (0,)) -> subp
     return done
 
 
-def _serve(argv: list[str], folder: Path) -> None:
-    """Start a server, wait for the line that names its address, and end it by Ctrl-C."""
+def _serve(argv: list[str], folder: Path, sign: str) -> None:
+    """Start what runs until it is ended, wait for a line with a sign, and end it by Ctrl-C."""
     with subprocess.Popen(
         argv, cwd=folder, env=_environment(folder), stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
     ) as server:
         lines = []
         for line in server.stdout:
             lines.append(line)
-            if "http://127.0.0.1" in line:
+            if sign in line:
                 break
         server.send_signal(signal.SIGINT)
         assert server.wait(120) == 130, "".join(lines)
