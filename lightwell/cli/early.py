@@ -7,8 +7,9 @@ from pathlib import Path
 
 from lightwell.cli.lens import TOOLS as LENS_TOOLS
 from lightwell.core.scene_options import check_source
+from lightwell.core.suggest import did_you_mean
 from lightwell.core.vary import parse_vary
-from lightwell.fields.registry import BUILT_IN, DEFAULT, check_preset, field_names, field_of, unknown_field
+from lightwell.fields.registry import BUILT_IN, PRESETS, check_preset, field_names, unknown_field
 
 
 def check_arguments(arguments: argparse.Namespace) -> None:
@@ -35,7 +36,7 @@ def check_names(arguments: argparse.Namespace) -> None:
     if getattr(arguments, "field", None):
         _check_field(arguments.field, preset)
     elif "field" in arguments:
-        _check_field(field_of(preset) if preset != "default" else DEFAULT, preset)
+        _check_preset_of_any(preset)
     for name in filter(None, (getattr(arguments, "fields", None) or "").split(",")):
         # Presets are told by the verb itself, in its own notation.
         _check_field(name.strip().partition(":")[0])
@@ -66,3 +67,11 @@ def _check_field(name: str, preset: str = "default") -> None:
         raise unknown_field(name)
     if name in BUILT_IN:
         check_preset(name, preset)
+
+
+def _check_preset_of_any(preset: str) -> None:
+    """Without a field, the first that has the preset is meant: one of them must have it."""
+    known = {name for presets in PRESETS.values() for name in presets}
+    if preset not in known:
+        cure = did_you_mean(preset, sorted(known), "lightwell bake --help lists them")
+        raise ValueError(f"bake: there is no preset '{preset}'; {cure}")

@@ -10,6 +10,10 @@ Print the manual page. To read it:
   lightwell man > lightwell.1
   man ./lightwell.1"""
 
+EXIT_CODES = (
+    "0: done. 1: a check found something, or a scene of a batch failed. 2: a mistake, told in one line. 130: Ctrl-C."
+)
+
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     """Add the arguments: none.
@@ -52,7 +56,7 @@ def manual_page() -> Iterator[str]:
         for action in parser._actions:
             if action.help != argparse.SUPPRESS and not isinstance(action, argparse._HelpAction):
                 yield from (".TP", _name(action), _plain(_help(parser, action)))
-    yield from (".SH EXIT STATUS", "0: done. 1: a check found something. 2: a mistake, told in one line. 130: Ctrl-C.")
+    yield from (".SH EXIT STATUS", EXIT_CODES)
     yield from (".SH EXAMPLES", ".nf", _plain(EXAMPLES.partition("\n")[2].rstrip()), ".fi")
 
 

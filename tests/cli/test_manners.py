@@ -26,6 +26,8 @@ MISTAKES = {
     "bake ruum.glb -o x": "there is no file 'ruum.glb'; did you mean 'room.glb'?",
     "bake cornell -o x --field mpl": "unknown field 'mpl'; did you mean 'mlp'?",
     "bake cornell -o x --preset larg": "no preset 'larg'; did you mean 'large'?",
+    "bake cornell -o x --preset reprot-20": "no preset 'reprot-20'; did you mean 'report-20'?",
+    "bake cornell -o x --field mlp --preset larg": "field 'mlp' has no preset 'larg'; did you mean 'large'?",
     "bake cornell -o x --vary light.position=foo": "expected box(x0,y0,z0,x1,y1,z1)",
     "bake cornell -o x --size 256": "--size is an option of the field 'lightmap'",
     "bake cornell -o x --threads 0": "--threads 0 is too small",

@@ -9,7 +9,7 @@ import pytest
 
 import lightwell
 from lightwell.cli.interrupts import INTERRUPTED
-from lightwell.cli.main import USAGE_ERROR, verb_parser
+from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
 from lightwell.cli.whole_parser import whole_verbs
 from lightwell.core.scene_options import BUILTINS, UNITS
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
@@ -103,6 +103,12 @@ def test_fields_scenes_units_and_exit_codes():
     scenes = (DOCS / "scenes.md").read_text()
     assert not [name for name in BUILTINS if f"| `{name}` |" not in scenes] and "|".join(UNITS) in scenes
     assert f"| {USAGE_ERROR} | a mistake" in REFERENCE and f"| {INTERRUPTED} | Ctrl-C" in REFERENCE
+
+
+def test_verbs_that_end_with_1_are_in_the_table_of_exit_codes():
+    (row,) = [line for line in REFERENCE.splitlines() if line.startswith("| 1 |")]
+    finders = [verb for verb in VERBS if re.search(r"\b1 where", import_module(f"lightwell.cli.{verb}").run.__doc__)]
+    assert len(finders) > 2 and not [verb for verb in finders if f"`{verb}" not in row]
 
 
 def test_environment_variables():
