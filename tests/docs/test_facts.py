@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,23 @@ def test_limits_of_files():
     assert (defaults["nodes"], defaults["instances"], defaults["lights"]) == (500_000, 500_000, 10_000)
     assert f"| `work` | {defaults['work']:,} |" in text
     assert not [name for name in defaults if f"`{name}`" not in text]
+
+
+def test_warnings_of_scenes_are_those_of_the_code():
+    """Most pairs of words of each documented warning stand in one message of the code, around its values."""
+    code = "\n".join(path.read_text() for path in sorted((ROOT / "lightwell").rglob("*.py")))
+    code = re.sub(r"\{[^{}]*\}", " … ", re.sub(r'"\s*\n\s*f?"', "", code))
+    tables = re.findall(r"\| the warning says \|\n\|[-|]+\n((?:\|.*\n)+)", (DOCS / "scenes.md").read_text())
+    phrases = [p for table in tables for row in _table(table, 2) for p in re.findall(r"`([^`]+)`", row[1])]
+    assert len(phrases) > 30 and _known("dropped n of m triangles, which have no area", code) > 0.6
+    assert _known("its surface is washed away by rain", code) < 0.6
+    assert not [phrase for phrase in phrases if _known(phrase, code) < 0.6]
+
+
+def _known(phrase: str, code: str) -> float:
+    words = phrase.split()
+    pairs = [f"{a} {b}" for a, b in pairwise(words) if not re.search(r"…|\d|_|\b[nm]\b", a + b)]
+    return sum(pair in code for pair in pairs) / max(len(pairs), 1) if pairs else 1.0
 
 
 def test_names_of_the_package_are_in_the_reference():
