@@ -19,6 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from lightwell import machine
 
 # The variants lightwell knows, best first. Both are RGB, single precision and differentiable.
@@ -134,7 +136,13 @@ with _interrupts_later():
 import drjit as dr  # noqa: E402  (the variant must be chosen first)
 import mitsuba as mi  # noqa: E402
 
-__all__ = ["ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "cure", "dr", "freeze", "mi"]
+__all__ = [
+    "ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "aligned", "cure", "dr", "freeze", "mi", "upload_floats",
+    "upload_integers",
+]  # fmt: skip
+
+# Bytes of the widest vector registers.
+ALIGNMENT = 64
 
 # Dr.Jit 1.5 records and replays frozen functions in one thread at a time: replays in two threads end with "determining
 # size of variable" or with wrong numbers.
@@ -159,3 +167,48 @@ def freeze(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
             return frozen(*arguments)
 
     return call
+
+
+def aligned(array: np.ndarray, kind: type) -> np.ndarray:
+    """Copy an array to memory that begins at a multiple of ``ALIGNMENT`` bytes.
+
+    Dr.Jit wraps the memory of a NumPy array without copying it, and writes its alignment into the kernels that read it:
+    for memory with another alignment they are compiled anew, and frozen functions are recorded again.
+
+    Args:
+        array: [...] numbers.
+        kind: NumPy type of the copy.
+
+    Returns:
+        [...] the same numbers.
+    """
+    array = np.asarray(array, kind)
+    memory = np.empty(array.nbytes + ALIGNMENT, np.uint8)
+    begin = -memory.ctypes.data % ALIGNMENT
+    copy: np.ndarray = memory[begin : begin + array.nbytes].view(kind).reshape(array.shape)
+    copy[...] = array
+    return copy
+
+
+def upload_floats(array: np.ndarray) -> Any:
+    """Copy numbers to the device.
+
+    Args:
+        array: [n] numbers.
+
+    Returns:
+        Float of width n.
+    """
+    return mi.Float(aligned(array, np.float32))
+
+
+def upload_integers(array: np.ndarray) -> Any:
+    """Copy integers to the device.
+
+    Args:
+        array: [n] numbers of 0 … 2³² − 1.
+
+    Returns:
+        UInt32 of width n.
+    """
+    return mi.UInt32(aligned(array, np.uint32))

@@ -29,6 +29,7 @@ def test_the_quick_benchmark_prints_rows_and_writes_nothing():
     assert (results.read_bytes() if results.exists() else None) == before
 
 
+@pytest.mark.slow
 def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/light_probes.json"
     before = results.read_bytes() if results.exists() else None
@@ -37,6 +38,7 @@ def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
     assert (results.read_bytes() if results.exists() else None) == before
 
 
+@pytest.mark.slow
 def test_the_quick_light_map_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/neural_lightmap.json"
     before = results.read_bytes() if results.exists() else None
@@ -45,6 +47,7 @@ def test_the_quick_light_map_benchmark_prints_rows_and_writes_nothing():
     assert (results.read_bytes() if results.exists() else None) == before
 
 
+@pytest.mark.slow
 def test_the_quick_radiance_cache_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/radiance_cache.json"
     before = results.read_bytes() if results.exists() else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats
 from lightwell.fields.base import query_inputs
 from lightwell.graph import Compiled, Graph, compile
 from lightwell.graph.graph import FRAME_INPUTS
@@ -58,4 +58,4 @@ def _columns(values: np.ndarray, per_frame: bool) -> list[mi.Float]:
     """Columns of an input [N, C]; single numbers where a frame input is the same for all, so that what depends on it
     alone is computed once."""
     same = per_frame and len(values) > 0 and bool((values == values[0]).all())
-    return [mi.Float(np.ascontiguousarray(c)) for c in (values[:1] if same else values).T]
+    return [upload_floats(c) for c in (values[:1] if same else values).T]

@@ -51,7 +51,7 @@ class Aperture:
         if self.kind == "mask":
             import hashlib
 
-            return "mask-" + hashlib.sha256(self.mask[0]).hexdigest()[:16]
+            return "mask-" + hashlib.sha256(self._mask[0]).hexdigest()[:16]
         return "disc" if self.kind == "disc" else f"polygon-{self.blades}-{self.angle:g}"
 
     def __call__(self, ux: np.ndarray, uy: np.ndarray) -> np.ndarray:
@@ -70,8 +70,14 @@ class Aperture:
             return _polygon(ux, uy, self.blades, np.deg2rad(self.angle))
         return _sample_mask(self._picture(), ux, uy)
 
+    @property
+    def _mask(self) -> tuple[bytes, int]:
+        if self.mask is None:
+            raise LensError("lens: an aperture of kind mask has no picture; give it with --aperture")
+        return self.mask
+
     def _picture(self) -> np.ndarray:
-        data, size = self.mask
+        data, size = self._mask
         if not size:
             raise LensError(f"lens: a library of {self.label} lacks a node; give the picture with --aperture")
         return np.frombuffer(data, np.float32).reshape(size, size)

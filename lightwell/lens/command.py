@@ -133,7 +133,7 @@ def _one(
     following: Path | None,
     number: int,
     convention: conventions.Motion | None,
-):
+) -> tuple[dict[str, Any], conventions.Motion | None]:
     """Read, blur and write one frame; return a summary and the convention of its motion vectors."""
     if target.suffix.lower() not in (".exr", ".png"):
         raise LensError(f"lens: cannot write {target}; its name must end in .exr or .png")
@@ -156,7 +156,7 @@ def _one(
         if min(out.shape[:2]) <= 2 * crop:
             raise LensError(f"lens: overscan {crop} leaves nothing of {out.shape[1]}x{out.shape[0]} pixels")
         out = out[crop:-crop, crop:-crop]
-        window = frame.window[0] + crop, frame.window[1] + crop
+        window = frame.window[0] + crop, frame.window[1] + crop, out.shape[1], out.shape[0]
     _write(target, out, window, None if crop else frame.display)
     return _summary(target, camera, frame, report), convention
 
@@ -179,7 +179,7 @@ def _summary(target: Path, camera: LensCamera, frame: frames.FrameFile, report: 
     }
 
 
-def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
+def _camera(arguments: argparse.Namespace, frame: frames.FrameFile) -> tuple[LensCamera, np.ndarray, Any]:
     """Return camera, planar depth and the layers behind; ray depth depends on the focus distance."""
     unit = distance(arguments.scene_unit, "--scene-unit", "m")
     lengths = {
@@ -189,14 +189,14 @@ def _camera(arguments: argparse.Namespace, frame: frames.FrameFile):
         "shutter": arguments.shutter,
         "scene_unit": unit,
     }
-    if arguments.focus is None and arguments.focus_at is None:
-        raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
     focus = distance(arguments.focus, "--focus", "m") if arguments.focus else None
     if arguments.focus_at is not None:
         far = LensCamera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
         x, y = _pair(arguments.focus_at, ",", "--focus-at")
         at_x, at_y = x + frame.display[0] - frame.window[0], y + frame.display[1] - frame.window[1]
         focus = frames.focus_at(frame.planar(far, arguments.depth_kind, arguments.near), at_x, at_y) * unit
+    if focus is None:
+        raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
     camera = LensCamera(**lengths, focus=focus)
     depth = frame.planar(camera, arguments.depth_kind, arguments.near)
     finite = depth[np.isfinite(depth) & (depth > 0)]
@@ -210,7 +210,7 @@ def _motion(
     frame: frames.FrameFile,
     following: Path | None,
     convention: conventions.Motion | None,
-):
+) -> tuple[np.ndarray | None, conventions.Motion | None]:
     """Return motion in pixels per frame, forward, y down, and its convention; or None."""
     words = (arguments.motion_kind or "").replace(",", " ").split()
     if words == ["none"] or frame.motion is None:
@@ -257,7 +257,7 @@ def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
     return out
 
 
-def _write(path: Path, image: np.ndarray, window: tuple[int, ...], display: Window | None) -> None:
+def _write(path: Path, image: np.ndarray, window: Window, display: Window | None) -> None:
     if path.suffix.lower() == ".exr":
         exr.write(path, image, window, display)
         return

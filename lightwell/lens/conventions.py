@@ -115,4 +115,4 @@ def guess_motion(raw: np.ndarray, frame: np.ndarray, following: np.ndarray) -> t
         m = convention.pixels(raw, width, height)
         at = [(y + m[..., 1])[moving], (x + m[..., 0])[moving]]
         errors[convention] = float(np.abs(map_coordinates(target, at, order=1, mode="nearest") - grey[moving]).mean())
-    return min(errors, key=errors.get), errors
+    return min(errors, key=lambda convention: errors[convention]), errors

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,8 @@ def _collect(found: Channels, part: DecodedPart, several: bool) -> None:
     left, top, across, down = part.header.window
     at = slice(top - y0, top - y0 + down), slice(left - x0, left - x0 + across)
     prefix = part.header.name
-    for name, pixels in {**part.flat, **part.deep}.items():
+    every: dict[str, Any] = {**part.flat, **part.deep}
+    for name, pixels in every.items():
         full = f"{prefix}.{name}" if several and prefix and "." not in name and name not in "RGBA" else name
         full = full if full not in found.names else f"{prefix}.{name}"
         if isinstance(pixels, tuple):

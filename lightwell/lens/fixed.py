@@ -46,7 +46,9 @@ def mantissas(rgba: np.ndarray, scale: np.ndarray, white: float = 1.0) -> tuple[
 
 
 @dr.syntax
-def _whole(target, base, m, shift, k, end, sign, delta, q, mode):
+def _whole(
+    target: Any, base: Any, m: Any, shift: Any, k: Any, end: Any, sign: Any, delta: Any, q: Any, mode: Any
+) -> None:
     """Scatter points at integer offsets."""
     e = mi.Vector4i((mi.Int32(1) << shift) >> 1)
     while k < end:
@@ -59,7 +61,10 @@ def _whole(target, base, m, shift, k, end, sign, delta, q, mode):
 
 
 @dr.syntax
-def _turned(target, x, y, base, width, m, shift, k, end, c, s, px, py, q, mode):
+def _turned(
+    target: Any, x: Any, y: Any, base: Any, width: Any, m: Any, shift: Any, k: Any, end: Any,
+    c: Any, s: Any, px: Any, py: Any, q: Any, mode: Any,
+) -> None:  # fmt: skip
     """Scatter rotated points: positions in 2⁻¹⁴ pixels, four writes each with 8-bit bilinear weights."""
     e = mi.Vector4i((mi.Int32(1) << shift) >> 1)
     while k < end:

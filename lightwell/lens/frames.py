@@ -163,7 +163,7 @@ def _motion(names: dict[str, np.ndarray], where: Path, asked: str | None) -> tup
         for name in sorted(names):
             layer, leaf = _split(name)
             if layer.split(".")[-1].lower().startswith(last) and leaf == leaves[0] and f"{layer}.{leaves[1]}" in names:
-                pair = name, f"{layer}.{leaves[1]}"
+                pair = [name, f"{layer}.{leaves[1]}"]
                 return np.stack([names[pair[0]], names[pair[1]]], -1), ", ".join(pair)
     return None, ""
 

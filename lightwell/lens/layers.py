@@ -128,13 +128,13 @@ def _filled(
     if peel is not None:
         second = Layer(peel.rgba[box], peel.s[box], None if peel.motion is None else peel.motion[box])
     made = _filled_part(part, weight[box], hidden[box], known[box], wanted[box], second, cut)
-    whole = [array.copy() for array in (layer.rgba, layer.s)]
-    whole[0][box], whole[1][box] = made.rgba, made.s
+    rgba, s = layer.rgba.copy(), layer.s.copy()
+    rgba[box], s[box] = made.rgba, made.s
     motion = layer.motion
     if motion is not None:
         motion = motion.copy()
         motion[box] = made.motion
-    return Layer(*whole, motion)
+    return Layer(rgba, s, motion)
 
 
 def _around(mask: np.ndarray) -> tuple[slice, slice]:
@@ -143,7 +143,8 @@ def _around(mask: np.ndarray) -> tuple[slice, slice]:
     for axis in (1, 0):
         where = np.flatnonzero(mask.any(axis))
         spans.append(slice(max(int(where[0]) - CONTEXT, 0), int(where[-1]) + 1 + CONTEXT))
-    return tuple(spans)
+    rows, columns = spans
+    return rows, columns
 
 
 def _filled_part(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +208,7 @@ def _loads(data: bytes, aperture: Aperture | None, limits: Limits) -> Library:
 def _family(header: dict[str, Any], aperture: Aperture | None) -> Family:
     if header["family"] not in NAMES:
         raise LensError(f"holds a family {header['family']!r:.40}, known are {', '.join(NAMES)}")
-    axes = []
+    axes: list[Any] = []
     for axis in header["axes"]:
         values = np.asarray(axis["values"], np.float64)
         if (
@@ -223,7 +223,8 @@ def _family(header: dict[str, Any], aperture: Aperture | None) -> Family:
     strength = header.get("strength", 0.0)
     if isinstance(strength, bool) or not isinstance(strength, (int, float)) or not 0 <= strength < 1.8:
         raise LensError(f"has a strength of {strength!r:.40}, expected 0 to 1.8")
-    return Family(header["family"], *axes, aperture=shape, strength=float(strength))
+    family = Family(header["family"], *axes)
+    return replace(family, aperture=shape, strength=float(strength))
 
 
 def _recipe(found: dict[str, Any]) -> Recipe:

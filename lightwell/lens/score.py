@@ -80,7 +80,7 @@ def score(kernel: np.ndarray, response: np.ndarray) -> LibraryScore:
         error=float(np.linalg.norm(difference) / np.linalg.norm(k)),
         leak=float(np.abs(response[outside]).sum() / total),
         mass=float(mass / total - 1),
-        centroid=float(np.hypot(*shift)),
+        centroid=float(np.hypot(shift[0], shift[1])),
         undershoot=float(max(0.0, -response.min()) / k.max()),
         peak=float(np.abs(difference).max()),
     )
@@ -96,4 +96,5 @@ def plane_of(kernel: np.ndarray) -> tuple[int, int]:
         Half height and half width, pixels.
     """
     reach = max(kernel.shape) // 2
-    return tuple(int(kernel.shape[i] // 2 + 3 * reach + 4) for i in (0, 1))
+    half_height, half_width = (int(kernel.shape[i] // 2 + 3 * reach + 4) for i in (0, 1))
+    return half_height, half_width

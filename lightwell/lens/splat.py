@@ -53,7 +53,7 @@ class Points:
         """
         count = np.array([len(s) for s in spreadlets], np.int64)
 
-        def together(name: str, kind) -> np.ndarray:
+        def together(name: str, kind: type[np.generic]) -> np.ndarray:
             return np.concatenate([np.zeros(0, kind), *(getattr(s, name).astype(kind) for s in spreadlets)])
 
         return cls(
@@ -116,7 +116,7 @@ class Frame:
     @property
     def padded(self) -> tuple[int, int]:
         """Height and width with the guard band on all sides, rounded up to fast transform sizes."""
-        return tuple(smooth_size(n + 2 * self.guard) for n in (self.height, self.width))
+        return smooth_size(self.height + 2 * self.guard), smooth_size(self.width + 2 * self.guard)
 
     def crop(self, image: np.ndarray) -> np.ndarray:
         """Remove the guard band.
@@ -159,7 +159,7 @@ def reduce_mode(size: int) -> Any:
 
 
 @dr.syntax
-def _scatter_whole(target, base, rgba, k, end, sign, pairs, mode):
+def _scatter_whole(target: Any, base: Any, rgba: Any, k: Any, end: Any, sign: Any, pairs: Any, mode: Any) -> None:
     """Scatter at integer offsets: one write per point, two points per iteration."""
     while k < end:
         pair = dr.gather(mi.Vector4f, pairs, k)
@@ -170,7 +170,10 @@ def _scatter_whole(target, base, rgba, k, end, sign, pairs, mode):
 
 
 @dr.syntax
-def _scatter_turned(target, x, y, base, width, rgba, k, end, c, s, px, py, value, mode):
+def _scatter_turned(
+    target: Any, x: Any, y: Any, base: Any, width: Any, rgba: Any, k: Any, end: Any,
+    c: Any, s: Any, px: Any, py: Any, value: Any, mode: Any,
+) -> None:  # fmt: skip
     """Scatter at rotated offsets: a bilinear write to four pixels per point."""
     while k < end:
         dx, dy = dr.gather(mi.Float, px, k), dr.gather(mi.Float, py, k)

@@ -91,7 +91,7 @@ def trace(
     radius = float(np.ravel(mi.traverse(eye)["aperture_radius"])[0])
     # Mitsuba's camera looks along +z with +x to the left of the picture and +y up: both are negated for image axes.
     disc = np.stack([-np.array(on_lens.x), -np.array(on_lens.y)], 1) / max(radius, 1e-30)
-    rgb = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
+    rgb: Any = np.array(radiance * weight).T if not isinstance(radiance, mi.Float) else None
     when = np.full(count, time, np.float32)
     return LensSamples(
         np.array(raster.x), np.array(raster.y), rgb, np.array(depth), disc, when, shape=_shape(scene, found)

@@ -52,7 +52,7 @@ class AtlasTexture:
             [B, C] interpolated values.
         """
         count, packets = places.shape[0], self.channels // PACKET
-        stored = self._minified(self._stored(table.array))
+        stored = self._minified(self.stored(table.array))
         total = [mi.Vector4f(0)] * packets
         for texel, weight in self._corners(places):
             rows = [dr.gather(mi.Vector4f, stored, texel * packets + k) for k in range(packets)]
@@ -111,8 +111,15 @@ class AtlasTexture:
         mean = (y * (self.width >> self.level) + x) * self.channels + channel
         return dr.gather(mi.Float, gradient, mean) * (0.25**self.level)
 
-    def _stored(self, values: Any) -> Any:
-        """Simulate the quantisation of the stored texture."""
+    def stored(self, values: Any) -> Any:
+        """Simulate the quantisation of the stored texture.
+
+        Args:
+            values: [K] texels, Dr.Jit floats.
+
+        Returns:
+            [K] what is read back.
+        """
         if self.quantiser in ("none", "frozen"):
             return values
         if self.quantiser == "noise":

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, freeze, mi
+from lightwell.backend import dr, freeze, mi, upload_integers
 from lightwell.files import Arrays, prefixed, under
 from lightwell.networks.checkpoint import check_like
-from lightwell.networks.device import integers, tensor, tensors
+from lightwell.networks.device import tensor, tensors
 from lightwell.networks.grouped import Runs
 from lightwell.networks.loop import learning_rate
 from lightwell.networks.losses import LOSSES
@@ -101,6 +101,7 @@ class BatchedTrainer:
         settings: TrainingSettings,
         seeds: Sequence[int] | np.ndarray,
         initial: Mapping[str, np.ndarray] | None = None,
+        memory: int = MEMORY,
     ) -> None:
         """Prepare a training.
 
@@ -109,15 +110,16 @@ class BatchedTrainer:
             settings: Loss, optimiser, batches and rates.
             seeds: [E] seeds of the initial weights and batches of each network.
             initial: Weights to start from, [E, ...] arrays; None: random ones.
+            memory: Bytes that one launch may take; more networks are trained in several launches per step.
         """
-        self.mlp, self.settings = mlp, settings
+        self.mlp, self.settings, self.memory = mlp, settings, memory
         self.seeds = np.asarray(seeds, np.int64)
         self.steps = 0
         start = initial_batch(mlp, self.seeds, settings.initial_bias) if initial is None else initial
         self.best = {name: np.array(value, np.float32) for name, value in start.items()}
         self.best_error = np.full(len(self), np.inf)
         # Networks per launch, and the first network of each launch.
-        self._size = min(_padded(len(self)), self._most_at_once())
+        self._size = min(padded(len(self)), self._most_at_once())
         self._begins = range(0, len(self), self._size)
         zeros = {name: np.zeros_like(value) for name, value in self.best.items()}
         self._values = [self._upload(self.best, begin) for begin in self._begins]
@@ -127,9 +129,9 @@ class BatchedTrainer:
         return len(self.seeds)
 
     def _most_at_once(self) -> int:
-        """Compute how many networks fit into ``MEMORY``."""
+        """Compute how many networks fit into the memory of a launch."""
         per_row = COPIES * sum(self.mlp.sizes) * 4
-        return max(MEMORY // (per_row * self.settings.batch), 1)
+        return max(self.memory // (per_row * self.settings.batch), 1)
 
     def _upload(self, arrays: Mapping[str, np.ndarray], begin: int) -> dict[str, Any]:
         """Upload the networks of one launch as tensors, padded with zeros."""
@@ -149,10 +151,21 @@ class BatchedTrainer:
 
     # ------------------------------------------------------------------ one step
 
-    def _starts(self, count: np.ndarray) -> np.ndarray:
-        """Compute [E] places of the next batch within each run, from (seed, step, count) alone.
+    @property
+    def launches(self) -> int:
+        """Launches of a step."""
+        return len(self._begins)
+
+    def starts(self, count: np.ndarray) -> np.ndarray:
+        """Compute where the next batch of each network begins, from (seed, step, count) alone.
 
         An epoch reads its rows, which are in random order, from a random phase on.
+
+        Args:
+            count: [E] rows of each network.
+
+        Returns:
+            [E] places within each run.
         """
         batches = np.maximum(count // self.settings.batch, 1)
         epoch, position = np.divmod(self.steps, batches)
@@ -174,12 +187,12 @@ class BatchedTrainer:
             Losses of the networks, one array per launch, on the device; see ``losses``.
         """
         count = data.runs.count
-        starts, rates = self._starts(count), self._rates(count, total)
+        starts, rates = self.starts(count), self._rates(count, total)
         table = (data.features, data.target, data.weight)
         step = recorded_step(self.mlp, self.settings, self._size, data.features.shape[0])
         losses = []
         for k, begin in enumerate(self._begins):
-            runs = tuple(integers(self._slice(a, begin)) for a in (data.runs.first, count, starts))
+            runs = tuple(upload_integers(self._slice(a, begin)) for a in (data.runs.first, count, starts))
             rate = tensor(self._slice(rates, begin)[:, None, None])
             self._values[k], self._moments[k], loss = step(self._values[k], self._moments[k], table, runs, rate)
             dr.eval(self._values[k], self._moments[k], loss)
@@ -259,7 +272,7 @@ def keep_better(
     return better
 
 
-def _padded(count: int) -> int:
+def padded(count: int) -> int:
     """Round up to the next of 16, 20, 24, 28, 32, 40, 48, …; small counts are not changed."""
     if count <= EXACT:
         return count

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
-from lightwell.networks.device import integers, tensor, tensors
+from lightwell.backend import dr, mi, upload_integers
+from lightwell.networks.device import tensor, tensors
 from lightwell.networks.mlp import Mlp
 
 # Rows that one launch evaluates; bounds memory.
@@ -103,7 +103,7 @@ class GroupedRows:
         step = max(ROWS_AT_ONCE // size, 1)
         for begin in range(0, len(owner), step):
             rows = padded[begin * size : (begin + step) * size].reshape(-1, size, features.shape[1])
-            self._chunks.append((tensor(rows), integers(owner[begin : begin + step])))
+            self._chunks.append((tensor(rows), upload_integers(owner[begin : begin + step])))
 
     @staticmethod
     def _block_size(counts: np.ndarray) -> int:

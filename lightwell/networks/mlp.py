@@ -11,6 +11,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.graph.ops.activate import EXP_HIGH, EXP_LOW
+from lightwell.networks.device import tensor, tensors
 
 
 def _silu(x: Any) -> Any:
@@ -121,10 +122,9 @@ def evaluate_network(network: Callable[..., Any], parameters: Mapping[str, np.nd
     Returns:
         [B, out] outputs.
     """
-    upload = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
-    values = {name: mi.TensorXf(value) for name, value in parameters.items()}
+    values = tensors(parameters)
     with dr.suspend_grad():
-        return np.array(network(values, tuple(map(upload, inputs)) if isinstance(inputs, tuple) else upload(inputs)))
+        return np.array(network(values, tuple(map(tensor, inputs)) if isinstance(inputs, tuple) else tensor(inputs)))
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from lightwell.backend import dr, freeze, mi
+from lightwell.backend import dr, freeze, mi, upload_floats
 from lightwell.files import Arrays
 from lightwell.networks.checkpoint import check_like
+from lightwell.networks.device import tensor, tensors
 from lightwell.networks.loop import Progress as Progress
 from lightwell.networks.loop import TrainingSettings as TrainingSettings
 from lightwell.networks.loop import TrainingState as TrainingState
@@ -46,8 +47,7 @@ class TrainingSet:
         Returns:
             The rows on the device.
         """
-        tensor = lambda a: mi.TensorXf(np.ascontiguousarray(a, np.float32))  # noqa: E731
-        return TrainingSet(tensor(features), tensor(target), mi.Float(np.ascontiguousarray(weight, np.float32)))
+        return TrainingSet(tensor(features), tensor(target), upload_floats(weight))
 
     def __len__(self) -> int:
         return self.features.shape[0]
@@ -153,8 +153,8 @@ class Trainer(Generic[N]):
         self.state = TrainingState()
         self.best = network.initial(seed, settings.initial_bias)
         # Weights and Adam's two moments on the device.
-        self._values = _upload(self.best)
-        self._moments = tuple(_upload({k: np.zeros_like(v) for k, v in self.best.items()}) for _ in range(2))
+        self._values = tensors(self.best)
+        self._moments = tuple(tensors({k: np.zeros_like(v) for k, v in self.best.items()}) for _ in range(2))
         # First rows of the current epoch's batches, and which epoch and set length they belong to.
         self._starts = np.zeros(0, np.int64)
         self._starts_key: tuple[int, int] = (-1, -1)
@@ -171,18 +171,25 @@ class Trainer(Generic[N]):
             parameters: New weights [...] by name.
             keep_moments: Keep the moments of Adam; otherwise they start at zero, and names and shapes may differ.
         """
-        self._values = _upload(dict(parameters))
+        self._values = tensors(dict(parameters))
         if not keep_moments:
             zeros = {name: np.zeros_like(value) for name, value in parameters.items()}
-            self._moments = tuple(_upload(zeros) for _ in range(2))
+            self._moments = tuple(tensors(zeros) for _ in range(2))
 
     # ------------------------------------------------------------------ one step
 
     def _batch(self, data: TrainingData) -> int:
         return max(min(self.settings.batch, len(data)) // data.grain, 1) * data.grain
 
-    def _next_start(self, data: TrainingData) -> int:
-        """Choose the first row of the next batch from (seed, step, rows) alone: a resumed training repeats it."""
+    def next_start(self, data: TrainingData) -> int:
+        """Choose the first row of the next batch from (seed, step, rows) alone: a resumed training repeats it.
+
+        Args:
+            data: Training set of N rows.
+
+        Returns:
+            Row in [0, N).
+        """
         batch, rows = self._batch(data), len(data)
         per_epoch = max(rows // batch, 1)
         epoch, position = divmod(self.state.step, per_epoch)
@@ -204,7 +211,7 @@ class Trainer(Generic[N]):
             The loss, an array of width 1 on the device.
         """
         rate = learning_rate(self.settings, self.state.step, total, self.state.samples_seen / len(data))
-        start = dr.opaque(mi.UInt32, self._next_start(data))
+        start = dr.opaque(mi.UInt32, self.next_start(data))
         self.state.step += 1
         step = frozen_step(self.network, self.settings, self._batch(data), len(data))
         rate = dr.opaque(mi.Float, rate)
@@ -275,8 +282,8 @@ class Trainer(Generic[N]):
         """
         check_like(arrays, self.arrays(), ("history",))
         self.state, names = TrainingState.of(arrays), list(self._values)
-        self._values = _upload({name: arrays[f"value.{name}"] for name in names})
-        self._moments = tuple(_upload({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
+        self._values = tensors({name: arrays[f"value.{name}"] for name in names})
+        self._moments = tuple(tensors({name: arrays[f"{m}.{name}"] for name in names}) for m in ("first", "second"))
         self.best = {name: arrays[f"best.{name}"] for name in names}
 
 
@@ -329,9 +336,3 @@ def _shaped(settings: TrainingSettings, gradients: dict[str, Any], values: dict[
     return {
         name: mi.TensorXf(dr.select(dr.isfinite(g.array), g.array, 0) * scale, g.shape) for name, g in gradients.items()
     }
-
-
-def _upload(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    tensors = {name: mi.TensorXf(np.ascontiguousarray(value, np.float32)) for name, value in arrays.items()}
-    dr.eval(tensors)
-    return tensors

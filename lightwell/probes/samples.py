@@ -106,7 +106,7 @@ def rows(
     """
     at, number, cell, own = places(geometry, effort, box, first)
     halves = _halves(scene, at, number, effort.paths, seed, effort.direct, variable, lights)
-    times = _times(_noise(halves), own, effort.most)
+    times = path_factors(_noise(halves), own, effort.most)
     for k in np.unique(times[times > 1]):
         asked = np.flatnonzero(times == k)
         paths = effort.paths * int(k - 1)
@@ -148,8 +148,17 @@ def _noise(halves: np.ndarray) -> np.ndarray:
     return 0.5 * relative_error(*halves.mean(axis=1))
 
 
-def _times(noise: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
-    """[I] factor, a power of two, on the paths of each sample that brings its cell's noise below ``QUIET``."""
+def path_factors(noise: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
+    """Choose how many times more paths bring the noise of each sample's cell below ``QUIET``.
+
+    Args:
+        noise: [I] relative noise of each sample.
+        cell: [I] cell of each sample.
+        most: Largest factor, a power of two.
+
+    Returns:
+        [I] factors, powers of two.
+    """
     _, index = np.unique(cell, return_inverse=True)
     mean = np.bincount(index, noise) / np.maximum(np.bincount(index), 1)
     asked = np.ceil(2 * np.log2(np.maximum(mean / QUIET, 1e-9)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_integers
 from lightwell.probes import rays, sh
 from lightwell.probes.diffusion import REACH, diffuse
 from lightwell.probes.lattice import CORNERS, ProbeLattice, _grid
@@ -274,7 +274,7 @@ def sees(scene: Scene, support: Support, nodes: np.ndarray) -> np.ndarray:
     origins = upload(mi.Point3f, support.origin[nodes])
     for start in range(0, len(row), rays.LAUNCH):
         part = slice(start, start + rays.LAUNCH)
-        r, q = mi.UInt32(row[part].astype(np.uint32)), mi.UInt32(point[part].astype(np.uint32))
+        r, q = upload_integers(row[part]), upload_integers(point[part])
         target = dr.gather(mi.Point3f, places, r) + dr.gather(mi.Point3f, offsets, q)
         valid[row[part], point[part]] = rays.free_rows(scene, dr.gather(mi.Point3f, origins, r), target)
     return valid

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_integers
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes.sh import TO_IRRADIANCE
 from lightwell.scenes.executor import Arrays
@@ -120,7 +120,7 @@ def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
     variable = None if settings["variable"] is None else from_json(settings["variable"])
     place, normal = upload(mi.Point3f, columns["point"]), upload(mi.Vector3f, columns["normal"])
     lights = None if variable is None else upload(mi.Vector3f, columns["light"])
-    streams = mi.UInt32(columns["stream"])
+    streams = upload_integers(columns["stream"])
     numbers = [dr.opaque(mi.UInt32, v) for v in (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((count, 2, 30), np.float32)

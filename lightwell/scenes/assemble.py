@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -81,7 +81,9 @@ def assemble(
     )
 
 
-def _kept(name: str, meshes: Sequence[Mesh], material_count: int, warn) -> list[tuple[int, Mesh]]:
+def _kept(
+    name: str, meshes: Sequence[Mesh], material_count: int, warn: Callable[[str], None]
+) -> list[tuple[int, Mesh]]:
     """Check and clean meshes; returns (index in ``meshes``, mesh) of every one that has a triangle."""
     whole = [checked(name, mesh, material_count) for mesh in meshes]
     points = [m.positions for m in whole if len(m.positions)]
@@ -98,13 +100,13 @@ def _kept(name: str, meshes: Sequence[Mesh], material_count: int, warn) -> list[
     return kept
 
 
-def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf, own_light):
+def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf: Any, own_light: Any) -> tuple[Mesh, Any]:
     """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh."""
     uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
     colors = None
     if mesh.colors is not None:
         # With a texture, the factor is multiplied into the texture; without one, into the vertex colours here.
-        factor = 1 if material.base_color_texture is not None else np.float32(material.base_color[:3])
+        factor = 1 if material.base_color_texture is not None else np.array(material.base_color[:3], np.float32)
         colors = mesh.colors[:, :3] * factor
     if own_bsdf is None:
         mirrored = mirrored_uv(mesh, uv)
@@ -119,7 +121,13 @@ def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf, own_light):
     return mesh, shape
 
 
-def _add_emitters(description: dict, lights: Sequence[Light], environment, emitters, warn) -> None:
+def _add_emitters(
+    description: dict[str, Any],
+    lights: Sequence[Light],
+    environment: Any,
+    emitters: Sequence[Any],
+    warn: Callable[[str], None],
+) -> None:
     for i, light in enumerate(lights):
         if light.range is not None:
             warn(

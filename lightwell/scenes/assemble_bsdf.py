@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -68,11 +69,11 @@ class Bsdfs:
         """
         self._materials = materials
         self._warn = warn
-        self._built: dict[tuple, object] = {}
+        self._built: dict[tuple[Any, ...], Any] = {}
         # One Mitsuba texture per (image, layout, use).
-        self._textures: dict[tuple, object] = {}
+        self._textures: dict[tuple[Any, ...], Any] = {}
 
-    def __call__(self, index: int, *, colors: bool, mirrored: bool):
+    def __call__(self, index: int, *, colors: bool, mirrored: bool) -> Any:
         """Return the BSDF of material ``index`` for a mesh with vertex ``colors``; ``mirrored``: mirrored texture."""
         material = self._materials[index]
         key = (index, colors, mirrored and material.normal_texture is not None)
@@ -93,19 +94,20 @@ class Bsdfs:
         if material.unlit:
             self._warn(f"material '{name}': unlit; the path tracer treats it as an ordinary lit surface")
 
-    def _build(self, material: Material, colors: bool, mirrored: bool):
+    def _build(self, material: Material, colors: bool, mirrored: bool) -> Any:
         transmissive = material.transmission > 0
         thin = transmissive and material.thickness == 0
         bsdf = mi.load_dict(self._thin(material, colors) if thin else self._solid(material, colors))
         if material.normal_texture is not None:
-            bsdf = mi.load_dict({"type": "normalmap", "normalmap": self._normal(material, mirrored), "nested": bsdf})
+            relief = self._normal(material.normal_texture, material.normal_scale, mirrored)
+            bsdf = mi.load_dict({"type": "normalmap", "normalmap": relief, "nested": bsdf})
         if not transmissive:
             bsdf = mi.load_dict({"type": "twosided", "nested": bsdf})
         if (opacity := self._opacity(material)) is not None:
             bsdf = mi.load_dict({"type": "mask", "opacity": opacity, "nested": bsdf})
         return bsdf
 
-    def _solid(self, material: Material, colors: bool) -> dict:
+    def _solid(self, material: Material, colors: bool) -> dict[str, Any]:
         roughness, metallic = self._roughness_metallic(material)
         first, last = CLEARCOAT_ALPHA
         gloss = (first - material.clearcoat_roughness**2) / (first - last)
@@ -124,7 +126,7 @@ class Bsdfs:
             description["spec_trans"] = min(material.transmission, 1.0)
         return description
 
-    def _thin(self, material: Material, colors: bool) -> dict:
+    def _thin(self, material: Material, colors: bool) -> dict[str, Any]:
         roughness, _ = self._roughness_metallic(material)
         return {
             "type": "principledthin",
@@ -136,8 +138,9 @@ class Bsdfs:
             "sheen": min(material.sheen, 1.0),
         }
 
-    def _base_color(self, material: Material, colors: bool):
-        factor, texture = np.clip(np.float32(material.base_color[:3]), 0, 1), material.base_color_texture
+    def _base_color(self, material: Material, colors: bool) -> Any:
+        factor = np.clip(np.array(material.base_color[:3], np.float32), 0, 1)
+        texture = material.base_color_texture
         if texture is None and not colors:
             return {"type": "rgb", "value": factor.tolist()}
         if texture is None:
@@ -148,31 +151,30 @@ class Bsdfs:
         vertex = {"type": "mesh_attribute", "name": "vertex_color"}
         return {"type": "lightwell_product", "a": picture, "b": vertex}
 
-    def _roughness_metallic(self, material: Material):
+    def _roughness_metallic(self, material: Material) -> tuple[Any, Any]:
         texture = material.metallic_roughness_texture
         if texture is None:
             return material.roughness, material.metallic
 
-        def one(name: str, channel: slice):
+        def one(name: str, channel: slice) -> Any:
             factor = getattr(material, name)
             return self._shared(texture, (name, factor), lambda: raw_pixels(texture.image, channel, factor))
 
         return one("roughness", slice(1, 2)), one("metallic", slice(2, 3))
 
-    def _normal(self, material: Material, mirrored: bool):
-        texture, scale = material.normal_texture, material.normal_scale
+    def _normal(self, texture: Texture, scale: float, mirrored: bool) -> Any:
         # Mitsuba's shading frame is right-handed, so the second axis is reversed where the texture is mirrored.
-        across = np.float32([scale, -scale if mirrored else scale, 1])
+        across = np.array([scale, -scale if mirrored else scale, 1], np.float32)
 
-        def pixels():
+        def pixels() -> np.ndarray:
             vectors = (raw_pixels(texture.image).astype(np.float32) * 2 - 1) * across
             length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-            vectors = np.where(length > 1e-6, vectors / np.maximum(length, 1e-6), np.float32([0, 0, 1]))
+            vectors = np.where(length > 1e-6, vectors / np.maximum(length, 1e-6), np.array([0, 0, 1], np.float32))
             return vectors * 0.5 + 0.5
 
         return self._shared(texture, ("normal", scale, mirrored), pixels)
 
-    def _opacity(self, material: Material):
+    def _opacity(self, material: Material) -> Any:
         texture, factor = material.base_color_texture, material.base_color[3]
         if material.alpha_mode == "OPAQUE":
             return None
@@ -188,7 +190,7 @@ class Bsdfs:
         pixels = opacity(raw_pixels(texture.image, slice(3, 4)).astype(np.float32))
         return None if pixels.min() == 1 else bitmap(pixels, texture, nearest=masked or texture.nearest)
 
-    def _shared(self, texture: Texture, use: tuple, pixels: Callable[[], np.ndarray]):
+    def _shared(self, texture: Texture, use: tuple[Any, ...], pixels: Callable[[], np.ndarray]) -> Any:
         key = (id(texture.image), texture.wrap, texture.nearest, texture.transform, use)
         if key not in self._textures:
             self._textures[key] = bitmap(pixels(), texture)

@@ -9,6 +9,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.assemble_textures import bitmap, linear_pixels
 from lightwell.scenes.scene import Light, Material
+from lightwell.scenes.vectors import vector
 
 
 class TwoSidedArea(mi.Emitter):
@@ -153,7 +154,7 @@ def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
     Returns:
         The Mitsuba emitter, and its mean radiance, linear RGB.
     """
-    factor, texture = np.float32(material.emissive) * coverage(material), material.emissive_texture
+    factor, texture = np.array(material.emissive, np.float32) * coverage(material), material.emissive_texture
     if texture is None:
         radiance: Any = {"type": "rgb", "value": factor.tolist()}
         mean = factor
@@ -162,7 +163,7 @@ def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
         radiance, mean = bitmap(pixels, texture), pixels.mean(axis=(0, 1), dtype=np.float64)
     one_sided = "area" if texture is None else "lightwell_textured_area"
     kind = "lightwell_two_sided_area" if material.double_sided else one_sided
-    return mi.load_dict({"type": kind, "radiance": radiance}), tuple(float(c) for c in mean)
+    return mi.load_dict({"type": kind, "radiance": radiance}), vector(mean)
 
 
 def coverage(material: Material) -> float:
@@ -192,7 +193,7 @@ def punctual(light: Light) -> dict[str, Any]:
     Returns:
         Dictionary for ``mi.load_dict``.
     """
-    power = (np.float64(light.color) * light.intensity).tolist()
+    power = (np.array(light.color, np.float64) * light.intensity).tolist()
     if light.kind == "point":
         return {"type": "point", "position": list(light.position), "intensity": {"type": "rgb", "value": power}}
     if light.kind == "directional":
@@ -201,7 +202,7 @@ def punctual(light: Light) -> dict[str, Any]:
             "direction": list(light.direction),
             "irradiance": {"type": "rgb", "value": power},
         }
-    origin, direction = np.float64(light.position), np.float64(light.direction)
+    origin, direction = np.array(light.position, np.float64), np.array(light.direction, np.float64)
     up = [1.0, 0.0, 0.0] if abs(direction[1]) > 0.9 * np.linalg.norm(direction) else [0.0, 1.0, 0.0]
     outer = float(np.degrees(light.outer_cone))
     target = (origin + direction).tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def clean(scene: str, mesh: Mesh, extent: float, warn: Callable[[str], None]) ->
     if not good.any():
         return None
     mesh = replace(mesh, indices=np.ascontiguousarray(mesh.indices[good]))
-    return mesh if mesh.normals is None else replace(mesh, normals=_unit_normals(mesh))
+    return mesh if mesh.normals is None else replace(mesh, normals=_unit_normals(mesh, mesh.normals))
 
 
 def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
@@ -51,12 +51,12 @@ def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
         The mesh with contiguous arrays.
     """
 
-    def fail(what: str):
+    def fail(what: str) -> NoReturn:
         raise SceneError(f"scene '{scene}': mesh '{mesh.name}' {what}")
 
     count = len(mesh.positions)
     shapes = {"positions": 3, "normals": 3, "uv0": 2, "uv1": 2, "colors": 4}
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, width in shapes.items():
         if (values := getattr(mesh, name)) is None:
             continue
@@ -73,16 +73,16 @@ def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:
         fail(f"names vertex {int(indices.max())} but has {count} vertices; export it again")
     if not 0 <= mesh.material < material_count:
         fail(f"names material {mesh.material} but the scene has {material_count}; export it again")
-    return replace(mesh, indices=indices, **arrays)
+    return replace(mesh, **(arrays | {"indices": indices}))
 
 
-def _unit_normals(mesh: Mesh) -> np.ndarray:
+def _unit_normals(mesh: Mesh, normals: np.ndarray) -> np.ndarray:
     """Normalise normals [V, 3]; a zero normal becomes that of the triangles around the vertex."""
-    length = np.linalg.norm(mesh.normals, axis=-1, keepdims=True)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
     if (bad := length[:, 0] < 1e-6).any():
         around = smooth_normals(mesh.positions, mesh.indices)
-        return np.where(bad[:, None], around, mesh.normals / np.maximum(length, 1e-6)).astype(np.float32)
-    return (mesh.normals / length).astype(np.float32)
+        return np.where(bad[:, None], around, normals / np.maximum(length, 1e-6)).astype(np.float32)
+    return (normals / length).astype(np.float32)
 
 
 def smooth_normals(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:

@@ -6,10 +6,10 @@ reader flips v because OBJ files count it upwards).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lightwell.backend import mi
 from lightwell.core.color import linear
@@ -23,7 +23,7 @@ HALF_MAX = 65504.0
 LINEAR_OF_SRGB8 = linear(np.arange(256) / 255.0).astype(np.float32)
 
 
-def linear_pixels(image: Image, factor: Sequence[float] = (1.0, 1.0, 1.0)) -> np.ndarray:
+def linear_pixels(image: Image, factor: ArrayLike = (1.0, 1.0, 1.0)) -> np.ndarray:
     """Decode an sRGB image to linear colour, times a factor.
 
     Args:
@@ -33,7 +33,7 @@ def linear_pixels(image: Image, factor: Sequence[float] = (1.0, 1.0, 1.0)) -> np
     Returns:
         [height, width, 3] linear colour; half precision if its range suffices, else float32.
     """
-    table = LINEAR_OF_SRGB8[:, None] * np.float32(factor)
+    table = LINEAR_OF_SRGB8[:, None] * np.array(factor, np.float32)
     return _looked_up(table.astype(np.float16 if table.max() <= HALF_MAX else np.float32), image.pixels)
 
 

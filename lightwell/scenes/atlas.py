@@ -139,7 +139,8 @@ OVERLAP = 0.005
 
 
 def _own_corners(scene: Scene) -> np.ndarray:
-    return np.concatenate([mesh.uv1[mesh.indices.astype(np.int64)] for mesh in scene.meshes]).astype(np.float32)
+    corners = [mesh.uv1[mesh.indices.astype(np.int64)] for mesh in scene.meshes if mesh.uv1 is not None]
+    return np.concatenate(corners).astype(np.float32)
 
 
 def own_fault(scene: Scene, size: int, lit: np.ndarray, mips: int) -> str:
@@ -285,7 +286,10 @@ def _charted(mesh: Mesh, indices: np.ndarray, uv: np.ndarray, name: str) -> Mesh
     key = np.concatenate([corner[:, None].astype(np.float64), uv.reshape(-1, 2)], axis=1)
     found, inverse = np.unique(key, axis=0, return_inverse=True)
     source = found[:, 0].astype(np.int64)
-    take = lambda a: None if a is None else a[source]  # noqa: E731
+
+    def take(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else values[source]
+
     return replace(
         mesh,
         name=name,

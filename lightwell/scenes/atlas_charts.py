@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from lightwell.scenes.packer import Packer, Packing
 from lightwell.scenes.scene import Scene
 
+# Points [N, 2], triangles [T, 3] and number of charts of a piece.
+Laid = tuple[np.ndarray, np.ndarray, int]
 # More charts than this on 1024 x 1024 are packed by xatlas' fast method: brute force takes seconds per thousand there,
 # and minutes on larger squares.
 BRUTE_CHARTS = 700
@@ -130,7 +132,7 @@ def _apart(packing: Packing) -> bool:
 
 
 def fitted(
-    laid: Sequence[tuple[np.ndarray, np.ndarray, int]],
+    laid: Sequence[Laid],
     size: int,
     pad: int,
     scale: float,
@@ -232,7 +234,9 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _merged(pieces: Sequence[Piece], flat, scale: float):
+def _merged(
+    pieces: Sequence[Piece], flat: Sequence[tuple[np.ndarray, np.ndarray]], scale: float
+) -> tuple[list[Piece], list[Laid]]:
     """Replace tiny charts by one small triangle for each direction; returns pieces and (points, corners, charts)."""
     made, laid = [], []
     for piece, (points, corners) in zip(pieces, flat):
@@ -252,7 +256,7 @@ def _merged(pieces: Sequence[Piece], flat, scale: float):
                         shared=piece.triangle[rows])
             )  # fmt: skip
             edge = SHARED_EDGE / scale
-            corner = np.float32([[0, 0], [edge, 0], [0, edge]])
+            corner = np.array([[0, 0], [edge, 0], [0, edge]], np.float32)
             laid.append((corner, np.arange(3, dtype=np.uint32)[None], 1))
     return made, laid
 
@@ -265,7 +269,9 @@ def _direction(piece: Piece) -> np.ndarray:
     return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
 
 
-def _scaled(laid, scale: float, pad: int, brute: bool, pack) -> tuple[Packing, float]:
+def _scaled(
+    laid: Sequence[Laid], scale: float, pad: int, brute: bool, pack: Callable[..., Packing]
+) -> tuple[Packing, float]:
     """Pack all charts at a scale; also returns the edge of the square that they take, with padding."""
     packing = pack([(points * np.float32(scale), corners) for points, corners, _ in laid], pad, brute)
     return packing, packing.extent + pad + 1

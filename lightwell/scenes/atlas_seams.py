@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.scenes.atlas import Atlas
-from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene import Mesh, Scene
 
 # Light is continuous across a seam when the shading normals of both sides are as near as this, in degrees.
 SMOOTH = 5.0
@@ -69,7 +69,7 @@ def seams(scene: Scene, atlas: Atlas) -> Seams:
     return Seams(*columns)
 
 
-def _of_mesh(scene: Scene, atlas: Atlas, number: int, side: int):
+def _of_mesh(scene: Scene, atlas: Atlas, number: int, side: int) -> tuple[np.ndarray, ...]:
     mesh, first = scene.meshes[number], atlas.first[number]
     indices = mesh.indices.astype(np.int64)
     stored = atlas.chart[side, first : first + len(indices)] >= 0
@@ -99,7 +99,7 @@ def _ends(begin: np.ndarray, turned: np.ndarray) -> np.ndarray:
     return np.where(turned[:, None], ends[:, ::-1], ends)
 
 
-def _smooth(mesh, indices: np.ndarray, pair: np.ndarray, ends: np.ndarray) -> np.ndarray:
+def _smooth(mesh: Mesh, indices: np.ndarray, pair: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Test [E] whether both sides have the same normals at both ends."""
     p = mesh.positions[indices].astype(np.float64)
     flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])

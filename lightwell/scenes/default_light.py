@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from lightwell.backend import mi
 from lightwell.scenes.scene import Scene
@@ -37,7 +38,7 @@ def with_lamp(scene: Scene, place: Sequence[float]) -> Scene:
     return _with(scene, {"type": "point", "position": [float(c) for c in place], "intensity": LAMP})
 
 
-def _with(scene: Scene, emitter: dict) -> Scene:
+def _with(scene: Scene, emitter: dict[str, Any]) -> Scene:
     shapes = {f"mesh_{k:06d}": shape for k, shape in enumerate(scene.mi.shapes())}
     built = mi.load_dict({"type": "scene", **shapes, "still_light": emitter}, optimize=False)
     return replace(scene, mi=built, digest=f"{scene.digest}:{sorted(emitter)}")

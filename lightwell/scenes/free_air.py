@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats
 
 from .scene import Mesh, Scene
 from .scene_cache import Derived
@@ -128,7 +128,7 @@ class FreeAir:
         way = targets - origins
         length = np.linalg.norm(way, axis=1)
         ray = mi.Ray3f(mi.Point3f(_columns(origins)), _columns(way / length[:, None]))
-        ray.maxt = mi.Float(np.maximum(length - slack, 0).astype(np.float32))
+        ray.maxt = upload_floats(np.maximum(length - slack, 0))
         return np.array(self._scene.ray_test(ray))
 
     def accepts(self, points: np.ndarray, clearance: float, rays: int = RAYS) -> np.ndarray:
@@ -219,10 +219,8 @@ def _segment_distance(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 
 def _columns(vectors: np.ndarray) -> mi.Vector3f:
-    """Upload [K, 3] vectors; evaluated, so that the kernels that read them are the same for every K."""
-    columns = mi.Vector3f(np.ascontiguousarray(np.asarray(vectors).T, dtype=np.float32))
-    dr.eval(columns)
-    return columns
+    """Upload [K, 3] vectors, each column by itself, so that the kernels that read them are the same for every K."""
+    return mi.Vector3f(*map(upload_floats, np.asarray(vectors).T))
 
 
 def _surface_points(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,13 +22,13 @@ from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_geometry import DRACO, Geometry
 from lightwell.scenes.gltf_images import Textures
-from lightwell.scenes.gltf_json import Place
+from lightwell.scenes.gltf_json import Place, texts
 from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
 from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
 from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
 from lightwell.scenes.gltf_rest import poses_for_flat_nodes
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
-from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
+from lightwell.scenes.scene import Camera, Light, LightKind, Material, Mesh, Scene
 
 KNOWN_EXTENSIONS = READ | {
     DRACO,
@@ -126,10 +127,10 @@ class _Reader:
 
     def _check_extensions(self) -> None:
         root = self.document.root
-        for name in root.texts("extensionsRequired"):
+        for name in texts(root, "extensionsRequired"):
             if name not in KNOWN_EXTENSIONS:
                 root.fail(f"requires the extension '{name[:60]}', which lightwell does not read", "export without it")
-        for name in root.texts("extensionsUsed"):
+        for name in texts(root, "extensionsUsed"):
             known = name in KNOWN_EXTENSIONS | HARMLESS_EXTENSIONS
             if not known and not name.startswith(("KHR_materials_", "EXT_materials_")):
                 self.warnings.append(f"the extension '{name[:60]}' is ignored")
@@ -154,9 +155,9 @@ class _Reader:
                     "its meshes are left out because they would enclose the scene"
                 )
                 continue
-            same = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
+            same: dict[str, Any] = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
             repeated = {k: v if v is None or copies == 1 else np.tile(v, (copies, 1)) for k, v in same.items()}
-            self.meshes.append(Mesh(name, material=material, **arrays, **repeated))
+            self.meshes.append(Mesh(name, material=material, **(arrays | repeated)))
 
     def _joints(self, node: PlacedNode) -> np.ndarray | None:
         """[J, 4, 4] matrices of the joints that hold a node's mesh, or None when it has no skin."""
@@ -229,8 +230,8 @@ class _Reader:
             f"light '{light.name or node}': an intensity of {light.intensity:g} times a colour of {brightest:g} is "
             f"more than any light has; it is cut to {MOST_INTENSITY:g}"
         )
-        color = tuple(c / brightest for c in light.color)
-        return replace(light, color=color, intensity=MOST_INTENSITY)
+        red, green, blue = (c / brightest for c in light.color)
+        return replace(light, color=(red, green, blue), intensity=MOST_INTENSITY)
 
 
 def _is_outline(material: Material) -> bool:
@@ -250,10 +251,11 @@ def _light(place: Place) -> Light:
         place.fail(f"has type '{kind[:20]}', expected point, spot or directional")
     spot = place.need("spot") if kind == "spot" else Place(place.scene, place.what, {})
     outer = spot.number("outerConeAngle", math.pi / 4, low=0)
+    red, green, blue = (max(c, 0.0) for c in place.numbers("color", 3, (1.0, 1.0, 1.0)))
     return Light(
-        kind=kind,
+        kind=cast(LightKind, kind),
         name=place.text("name", ""),
-        color=tuple(max(c, 0.0) for c in place.numbers("color", 3, (1.0, 1.0, 1.0))),
+        color=(red, green, blue),
         intensity=place.number("intensity", 1.0, low=0),
         range=place.number("range", low=0) if "range" in place else None,
         inner_cone=min(spot.number("innerConeAngle", 0.0, low=0), outer),

@@ -8,7 +8,7 @@ import hashlib
 import json
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from urllib.parse import unquote
 
 from lightwell.limits import Limits
@@ -74,7 +74,7 @@ class Document:
             self.fail(f"{what} {index} is named, but there are {len(values)}")
         return Place(self.scene, f"{what} {index}", values[index])
 
-    def fail(self, problem: str, cure: str = CURE):
+    def fail(self, problem: str, cure: str = CURE) -> NoReturn:
         """Raise an error about the file.
 
         Args:

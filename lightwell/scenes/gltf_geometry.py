@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,9 +100,9 @@ class Geometry:
             return None
         if mode not in (TRIANGLES, STRIP, FAN):
             place.fail(f"has mode {mode}, expected 0..6")
-        self.ignored.update(
-            name for name in place.keys("attributes") if name not in ATTRIBUTES and name not in SILENT_ATTRIBUTES
-        )
+        attributes = place.place("attributes")
+        names = attributes.value if attributes else ()
+        self.ignored.update(name for name in names if name not in ATTRIBUTES and name not in SILENT_ATTRIBUTES)
         if "targets" in place:
             self._warn(f"{place.what}: morph targets are ignored")
         draco = place.extension(DRACO)
@@ -155,7 +156,7 @@ class Geometry:
                 arrays[name] = self._draco_attribute(mesh, ids, attributes, name)
         return arrays, faces
 
-    def _draco_attribute(self, mesh, ids: Place, attributes: Place, name: str) -> np.ndarray:
+    def _draco_attribute(self, mesh: Any, ids: Place, attributes: Place, name: str) -> np.ndarray:
         wanted = ids.integer(name)
         found = mesh.get_attribute_by_unique_id(wanted)
         values = None if found is None else np.asarray(found["data"])
@@ -180,9 +181,9 @@ class Geometry:
         colors = arrays.get("COLOR_0")
         if colors is not None and colors.shape[1] == 3:
             colors = np.concatenate([colors, np.ones((count, 1), np.float32)], axis=1)
-        optional = (arrays.get(n) for n in ("NORMAL", "TEXCOORD_0", "TEXCOORD_1"))
+        normals, uv0, uv1 = (arrays.get(n) for n in ("NORMAL", "TEXCOORD_0", "TEXCOORD_1"))
         joints, weights = arrays.get("JOINTS_0"), arrays.get("WEIGHTS_0")
-        return Primitive(positions, indices, *optional, colors, material, joints, weights)
+        return Primitive(positions, indices, normals, uv0, uv1, colors, material, joints, weights)
 
 
 def triangles(corners: np.ndarray, mode: int) -> np.ndarray:

@@ -77,9 +77,10 @@ class Textures:
             return ("repeat", "repeat"), False
         sampler = self._document.item("samplers", number)
         wrap = tuple(WRAPS.get(sampler.integer(key, 10497)) for key in ("wrapS", "wrapT"))
-        if None in wrap:
+        u, v = wrap
+        if u is None or v is None:
             sampler.fail("has an unknown wrap mode, expected 33071, 33648 or 10497")
-        return wrap, sampler.integer("magFilter", 9729) == NEAREST
+        return (u, v), sampler.integer("magFilter", 9729) == NEAREST
 
     def _source(self, place: Place) -> Image | None:
         number = self._image_number(place)
@@ -150,14 +151,14 @@ class Textures:
                 with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
                     width, height = picture.size
         except PillowImage.DecompressionBombError:
-            place.fail(f"is a picture of more than {2 * PillowImage.MAX_IMAGE_PIXELS} texels", "make it smaller")
+            place.fail(f"is a picture of more than {2 * (PillowImage.MAX_IMAGE_PIXELS or 0)} texels", "make it smaller")
         except Exception:  # reported where it is decoded
             return
         self._document.budget.check_picture(width, height, place.what)
 
     def _bytes(self, place: Place) -> bytes:
-        if "bufferView" in place:
-            view = place.index("bufferView", self._document.count("bufferViews"), "bufferView")
+        view = place.index("bufferView", self._document.count("bufferViews"), "bufferView")
+        if view is not None:
             return bytes(self._accessors.view(view, place))
         return self._document.resource(place, place.text("uri"))
 
@@ -174,7 +175,7 @@ def encoded_image(name: str, data: bytes) -> Image:
     """
     with PillowImage.open(io.BytesIO(data), formats=FORMATS) as picture:
         if picture.format in ("PNG", "JPEG"):
-            return Image(name, data, f"image/{picture.format.lower()}")
+            return Image(name, data, "image/png" if picture.format == "PNG" else "image/jpeg")
         lossy = picture.format == "WEBP" and data[12:16] != b"VP8L" and not picture.has_transparency_data
         out = io.BytesIO()
         if lossy:

@@ -75,7 +75,7 @@ class Place:
         Returns:
             The number.
         """
-        number = self.value.get(key, default)
+        number: Any = self.value.get(key, default)
         if not _is_finite(number) or number < low:
             self.fail(
                 f"has {key} {_shown(number)}, expected a finite number" + (f" >= {low:g}" if low > -math.inf else "")
@@ -129,21 +129,6 @@ class Place:
             self.fail(f"has {key} {_shown(value)}, expected true or false")
         return value
 
-    def texts(self, key: str) -> list[str]:
-        """Read a list of strings.
-
-        Args:
-            key: Name of the property.
-
-        Returns:
-            The strings; empty when it is missing.
-        """
-        values = self.items(key)
-        for value in values:
-            if not isinstance(value, str):
-                self.fail(f"has {_shown(value)} in {key}, expected text")
-        return values
-
     def place(self, key: str) -> Place | None:
         """Read an object.
 
@@ -154,18 +139,6 @@ class Place:
             The object, or None when it is missing.
         """
         return Place(self.scene, f"{self.what} {key}", self.value[key]) if key in self.value else None
-
-    def keys(self, key: str) -> list[str]:
-        """List the names in an object, in order.
-
-        Args:
-            key: Name of the property.
-
-        Returns:
-            The names; empty when it is missing.
-        """
-        inner = self.place(key)
-        return list(inner.value) if inner else []
 
     def need(self, key: str) -> Place:
         """Read a required object.
@@ -238,6 +211,23 @@ class Place:
         if value >= limit:
             self.fail(f"names {of} {value}, but there are {limit}")
         return value
+
+
+def texts(place: Place, key: str) -> list[str]:
+    """Read a list of strings.
+
+    Args:
+        place: Object that holds the list.
+        key: Name of the property.
+
+    Returns:
+        The strings; empty when it is missing.
+    """
+    values = place.items(key)
+    for value in values:
+        if not isinstance(value, str):
+            place.fail(f"has {_shown(value)} in {key}, expected text")
+    return values
 
 
 def _are_finite(values: list[Any]) -> bool:

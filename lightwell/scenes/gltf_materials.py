@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import cast
 
 from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place
-from lightwell.scenes.scene import Material
+from lightwell.scenes.scene import AlphaMode, Material
+from lightwell.scenes.vectors import vector
 
 # A microfacet lobe below this roughness is so narrow that BSDF sampling rarely finds lights through it.
 NEAR_DELTA_ROUGHNESS = 0.1
@@ -67,13 +69,19 @@ def _unit(value: float) -> float:
     return min(max(value, 0.0), 1.0)
 
 
+def _color(values: Sequence[float]) -> tuple[float, float, float, float]:
+    """Limit four numbers to [0, 1]."""
+    red, green, blue, alpha = map(_unit, values)
+    return red, green, blue, alpha
+
+
 def _metallic_roughness(place: Place, name: str, textures: Textures) -> Material:
     pbr = place.place("pbrMetallicRoughness")
     if pbr is None:
         return Material(name)
     return Material(
         name,
-        base_color=tuple(map(_unit, pbr.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)))),
+        base_color=_color(pbr.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0))),
         base_color_texture=textures.read(pbr, "baseColorTexture"),
         metallic=_unit(pbr.number("metallicFactor", 1.0)),
         roughness=_unit(pbr.number("roughnessFactor", 1.0)),
@@ -88,7 +96,7 @@ def _specular_glossiness(glossy: Place, material: Material, textures: Textures) 
     metal = "specularGlossinessTexture" not in glossy and max(specular) > METAL_F0 and max(specular) > max(diffuse[:3])
     return replace(
         material,
-        base_color=tuple(map(_unit, (*specular, diffuse[3]) if metal else diffuse)),
+        base_color=_color((*specular, diffuse[3]) if metal else diffuse),
         base_color_texture=None if metal else texture,
         metallic=1.0 if metal else 0.0,
         roughness=1.0 - _unit(glossy.number("glossinessFactor", 1.0)),
@@ -99,10 +107,10 @@ def _specular_glossiness(glossy: Place, material: Material, textures: Textures) 
 def _surface(place: Place, material: Material, textures: Textures, lost: list[str]) -> Material:
     strength = place.extension("KHR_materials_emissive_strength")
     factor = strength.number("emissiveStrength", 1.0, low=0) if strength else 1.0
-    emissive = tuple(max(c, 0.0) * factor for c in place.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)))
+    emissive = vector(max(c, 0.0) * factor for c in place.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)))
     if max(emissive) > MOST_RADIANCE:
         lost.append(f"its emission of {max(emissive):g} is more than any light has; it is cut to {MOST_RADIANCE:g}")
-        emissive = tuple(min(c, MOST_RADIANCE) for c in emissive)
+        emissive = vector(min(c, MOST_RADIANCE) for c in emissive)
     mode = place.text("alphaMode", "OPAQUE")
     if mode not in ("OPAQUE", "MASK", "BLEND"):
         place.fail(f"has alphaMode '{mode[:20]}', expected OPAQUE, MASK or BLEND")
@@ -113,7 +121,7 @@ def _surface(place: Place, material: Material, textures: Textures, lost: list[st
         normal_scale=normal.number("scale", 1.0) if normal else 1.0,
         emissive=emissive,
         emissive_texture=textures.read(place, "emissiveTexture") if max(emissive) > 0 else None,
-        alpha_mode=mode,
+        alpha_mode=cast(AlphaMode, mode),
         alpha_cutoff=place.number("alphaCutoff", 0.5),
         double_sided=place.flag("doubleSided"),
     )

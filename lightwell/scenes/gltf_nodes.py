@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class PlacedNode:
 
 
 def placed_nodes(
-    document: Document, unit: float = 1.0, poses: Mapping[int, dict] | None = None
+    document: Document, unit: float = 1.0, poses: Mapping[int, dict[str, Any]] | None = None
 ) -> Iterator[PlacedNode]:
     """Iterate over the nodes of the default scene, parents first.
 

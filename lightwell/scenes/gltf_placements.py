@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def placements(document: Document, accessors: Accessors, nodes: Sequence[PlacedN
     return _joined(made) if len(made) > MOST_SEPARATE else made
 
 
-def placed_copies(primitive: Primitive, matrices: np.ndarray) -> dict[str, np.ndarray | None]:
+def placed_copies(primitive: Primitive, matrices: np.ndarray) -> dict[str, Any]:
     """Transform a primitive by each of several matrices; the copies follow one another.
 
     A mirroring matrix reverses the winding.
@@ -151,7 +152,7 @@ def _matrices(document: Document, accessors: Accessors, node: PlacedNode, extens
 
 def _joined(made: Sequence[Placement]) -> list[Placement]:
     """Join the placements of each mesh to one; those of skinned meshes are kept, because joints place them."""
-    groups: dict[tuple, list[Placement]] = {}
+    groups: dict[tuple[str, int], list[Placement]] = {}
     for i, placement in enumerate(made):
         key = ("skin", i) if "skin" in placement.node.place else ("mesh", placement.mesh)
         groups.setdefault(key, []).append(placement)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,8 @@ def poses_for_flat_nodes(
     flat = [i for i in range(document.count("nodes")) if _is_flat(document.item("nodes", i))]
     if not flat:
         return {}
-    wanted, poses = set(flat), {}
+    wanted: set[int] = set(flat)
+    poses: dict[int, dict[str, Any]] = {}
     for i in range(document.count("animations")):
         animation = document.item("animations", i)
         for node in _nodes_scaled_by(document, animation) & (wanted - poses.keys()):
@@ -100,10 +102,10 @@ def _track(
     """Read times [K] and values [K, width] of a sampler; of cubic splines the values without their tangents."""
     place = Place(animation.scene, f"{animation.what} sampler {sampler}", animation.items("samplers")[sampler])
     count = document.count("accessors")
-    numbers = [place.index(key, count, "accessor") for key in ("input", "output")]
-    if None in numbers:
+    first, second = (place.index(key, count, "accessor") for key in ("input", "output"))
+    if first is None or second is None:
         place.fail("has no input or output")
-    times, values = (accessors.floats(number) for number in numbers)
+    times, values = accessors.floats(first), accessors.floats(second)
     if place.text("interpolation", "LINEAR") == "CUBICSPLINE":
         values = values[1::3]
     if times.shape[1] != 1 or values.shape != (len(times), width) or not np.isfinite(values).all():

@@ -5,6 +5,8 @@ The joints determine the position of a skinned mesh; the transform of its own no
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.scenes.gltf_accessors import Accessors
@@ -42,7 +44,7 @@ def joint_matrices(
     return np.stack([worlds[joint] for joint in joints]) @ inverse_bind
 
 
-def skinned(document: Document, primitive: Primitive, matrices: np.ndarray) -> dict[str, np.ndarray | None]:
+def skinned(document: Document, primitive: Primitive, matrices: np.ndarray) -> dict[str, Any]:
     """Transform a primitive by the joints of its skin.
 
     Args:
@@ -53,6 +55,8 @@ def skinned(document: Document, primitive: Primitive, matrices: np.ndarray) -> d
     Returns:
         World-space positions, normals and indices by name.
     """
+    if primitive.joints is None or primitive.weights is None:
+        document.fail("a mesh with a skin has no joints or weights")
     joints = primitive.joints.astype(np.int64)
     if joints.min() < 0 or joints.max() >= len(matrices):
         document.fail(f"a vertex names joint {int(joints.max())}, but its skin has {len(matrices)}")

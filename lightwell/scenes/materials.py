@@ -51,16 +51,18 @@ def surface_lookup(
     )
     for i in np.unique(index):
         rows = np.flatnonzero(index == i)
-        here = tuple(uv[rows] for uv in uvs)
+        here = uvs[0][rows], uvs[1][rows]
         color[rows], roughness[rows], metallic[rows] = _material(scene.materials[i], here)
     color *= vertex_color
     reflectance = np.maximum(color + DIELECTRIC_F0 * (1 - metallic), MINIMUM_REFLECTANCE)
     return reflectance, roughness, metallic
 
 
-def _material(material: Material, uvs: tuple[np.ndarray, np.ndarray]):
+def _material(
+    material: Material, uvs: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray | np.float32, np.ndarray | np.float32]:
     """Evaluate base colour [N, 3], roughness [N, 1] and metallic [N, 1] without vertex colours."""
-    color = np.float32(material.base_color[:3])
+    color = np.array(material.base_color[:3], np.float32)
     roughness, metallic = np.float32(material.roughness), np.float32(material.metallic)
     if (texture := material.base_color_texture) is not None:
         color = color * sampled(texture, uvs, linear=False)[:, :3]

@@ -121,7 +121,8 @@ def _binary(path: Path, order: str, elements: list[_Rows], begin: int, place: st
             f"{place}: has {size} bytes, but its header says {wanted} (faces must be triangles); "
             "triangulate it, or export it again"
         )
-    tables, at = {}, begin
+    tables: dict[str, np.ndarray] = {}
+    at = begin
     for rows, kind in zip(elements, kinds, strict=True):
         if rows.count:
             tables[rows.name] = np.memmap(path, kind, "r", at, (rows.count,))
@@ -144,11 +145,12 @@ def _ascii(path: Path, order: str, elements: list[_Rows], begin: int, place: str
             f"{place}: holds {len(numbers)} numbers, but its header says {wanted} (faces must be triangles); "
             "triangulate it, or export it again"
         )
-    tables, at = {}, 0
+    tables: dict[str, np.ndarray] = {}
+    at = 0
     for rows in elements:
         width = len(rows.columns)
         block = numbers[at : at + rows.count * width].reshape(rows.count, width)
-        tables[rows.name] = np.rec.fromarrays(list(block.T), names=[name for name, _ in rows.columns])
+        tables[rows.name] = np.rec.fromarrays(list(block.T), dtype=[(name, np.float64) for name, _ in rows.columns])
         at += rows.count * width
     return tables
 

@@ -174,7 +174,7 @@ class MitsubaDocument:
                 f"scene '{self.path.name}': cannot be made with its media ({self._one_line(error)}); correct the file"
             ) from error
 
-    def _parsed(self):
+    def _parsed(self) -> Any:
         try:
             state = mi.parser.parse_string(self._config, self._gated.text)
             mi.parser.transform_all(self._config, state)

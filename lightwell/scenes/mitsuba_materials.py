@@ -127,7 +127,7 @@ class Materials:
         self._lost.append(f"'{node.plugin}' is shown as diffuse grey")
         return Material(node.name, base_color=(0.5, 0.5, 0.5, 1.0), metallic=0.0, ior=DIFFUSE_IOR)
 
-    def _values(self, node: MitsubaElement) -> dict:
+    def _values(self, node: MitsubaElement) -> dict[str, Any]:
         """Read the numbers of the BSDF object, by Mitsuba's parameter names."""
         params = mi.traverse(self._graph.make(node))
         return {key: params[key] for key in params.keys()}

@@ -58,7 +58,7 @@ def _against(positions: np.ndarray, indices: np.ndarray, normals: np.ndarray) ->
     return float((np.cross(b - a, c - a) * normals[indices].sum(axis=1)).sum()) < 0
 
 
-def _rows(buffer, width: int) -> np.ndarray:
+def _rows(buffer: Any, width: int) -> np.ndarray:
     return np.array(buffer).reshape(-1, width).astype(np.float32)
 
 

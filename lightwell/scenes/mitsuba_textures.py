@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -42,7 +43,7 @@ class BitmapTextures:
             warn: Called for each image that cannot be read.
         """
         self._graph, self._warn = graph, warn
-        self._images: dict[tuple, Image] = {}
+        self._images: dict[tuple[Any, ...], Image] = {}
 
     def read(self, node: MitsubaElement, *, raw: bool = False) -> Texture | None:
         """Convert a texture node.
@@ -58,7 +59,9 @@ class BitmapTextures:
             image = self._bitmap(node, raw)
             wrap = node.get("wrap_mode", "repeat")
             nearest = node.get("filter_type", "bilinear") == "nearest"
-            return image and Texture(image, (wrap, wrap), nearest, transform=self._transform(node))
+            if image is None:
+                return None
+            return Texture(image, (wrap, wrap), nearest, transform=self._transform(node))
         if node.plugin == "checkerboard":
             first, second = self.mean(node, "color0"), self.mean(node, "color1")
             pixels = srgb_bytes(np.array([[first, second], [second, first]]))
@@ -120,6 +123,6 @@ class BitmapTextures:
         return png(Path(name).stem if name else node.name, codes)
 
 
-def _three(values) -> np.ndarray:
+def _three(values: Any) -> np.ndarray:
     values = np.array(values, np.float64).ravel()
     return np.repeat(values, 3) if values.size == 1 else values[:3]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from lightwell.scenes.mitsuba_gate import gate
 from lightwell.scenes.mitsuba_graph import MitsubaDocument, MitsubaElement
 from lightwell.scenes.mitsuba_materials import Materials
 from lightwell.scenes.mitsuba_shapes import ANALYTIC, Triangles, moved, of_analytic, of_mesh
-from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
+from lightwell.scenes.scene import Camera, Light, LightKind, Material, Mesh, Scene
+from lightwell.scenes.vectors import vector
 
 # Emitters that may sit on a shape.
 SURFACE_EMITTERS = ("area", "directionalarea")
@@ -88,7 +89,7 @@ class _Reader:
         self.environment: Any = None
         self._records = Materials(self.graph, self.warnings.append)
         # Index into ``materials`` per (BSDF node, emission); a lamp and a wall may share a BSDF.
-        self._material_of: dict[tuple, int] = {}
+        self._material_of: dict[tuple[Any, ...], int] = {}
         self._names: dict[str, int] = {}
 
     def read(self) -> None:
@@ -224,7 +225,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / max(float(np.linalg.norm(vector)), 1e-30)
 
 
-def _punctual(node: MitsubaElement, made) -> Light | None:
+def _punctual(node: MitsubaElement, made: Any) -> Light | None:
     """Make the record of a punctual emitter; None when a record cannot represent it (a textured spot, a spectrum)."""
     params = mi.traverse(made)
     key = "irradiance.value" if node.plugin == "directional" else "intensity.value"
@@ -233,8 +234,8 @@ def _punctual(node: MitsubaElement, made) -> Light | None:
     values = np.array(params[key], np.float64).ravel()
     power = np.repeat(values, 3) if values.size == 1 else values[:3]
     strength = float(power.max())
-    color = tuple((power / strength).tolist()) if strength > 0 else (1.0, 1.0, 1.0)
-    light = Light(node.plugin, node.name, color=color, intensity=strength)
+    color = vector(power / strength) if strength > 0 else (1.0, 1.0, 1.0)
+    light = Light(cast(LightKind, node.plugin), node.name, color=color, intensity=strength)
     if node.plugin == "point":
         return replace(light, position=tuple(np.array(params["position"], np.float64).ravel()[:3].tolist()))
     matrix = np.array(params["to_world"].matrix, np.float64).reshape(4, 4)
@@ -243,5 +244,5 @@ def _punctual(node: MitsubaElement, made) -> Light | None:
         return light
     cutoff = float(node.get("cutoff_angle", 20.0))
     beam = float(node.get("beam_width", cutoff * 3 / 4))
-    cones = {"inner_cone": float(np.radians(beam)), "outer_cone": float(np.radians(cutoff))}
-    return replace(light, position=tuple(matrix[:3, 3].tolist()), **cones)
+    inner, outer = float(np.radians(beam)), float(np.radians(cutoff))
+    return replace(light, position=vector(matrix[:3, 3]), inner_cone=inner, outer_cone=outer)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.scenes.materials import sampled
-from lightwell.scenes.scene import Material, Scene
+from lightwell.scenes.scene import Material, Mesh, Scene
 
 # Texels and tangents shorter than this have no direction; the normal is not changed.
 SHORTEST = 1e-6
@@ -60,18 +60,23 @@ def shading_normals(
     return bent
 
 
-def _uv(scene: Scene, mesh) -> np.ndarray | None:
+def _uv(scene: Scene, mesh: Mesh) -> np.ndarray | None:
     texture = scene.materials[mesh.material].normal_texture
+    if texture is None:
+        return None
     return mesh.uv1 if texture.uv_set else mesh.uv0
 
 
-def _bent(scene: Scene, mesh, triangle: np.ndarray, barycentric: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _bent(scene: Scene, mesh: Mesh, triangle: np.ndarray, barycentric: np.ndarray, normal: np.ndarray) -> np.ndarray:
     material, corners = scene.materials[mesh.material], mesh.indices[triangle].astype(np.int64)
     b = np.asarray(barycentric, np.float64)
     weights = np.stack([1 - b[:, 0] - b[:, 1], b[:, 0], b[:, 1]], axis=1)
-    uv, place = _uv(scene, mesh)[corners].astype(np.float64), mesh.positions[corners].astype(np.float64)
+    texture, coordinates = material.normal_texture, _uv(scene, mesh)
+    # Only meshes with relief come here.
+    assert texture is not None and coordinates is not None
+    uv, place = coordinates[corners].astype(np.float64), mesh.positions[corners].astype(np.float64)
     at = (weights[..., None] * uv).sum(axis=1)
-    texel = sampled(material.normal_texture, (at, at), linear=True).astype(np.float64) * 2 - 1
+    texel = sampled(texture, (at, at), linear=True).astype(np.float64) * 2 - 1
     texel *= [material.normal_scale, material.normal_scale, 1]
     (u1, v1), (u2, v2) = (uv[:, k].T - uv[:, 0].T for k in (1, 2))
     e1, e2 = place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]

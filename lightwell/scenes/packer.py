@@ -18,7 +18,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -84,6 +84,11 @@ class Packer:
             charts += found.charts
         return flat, charts
 
+    @property
+    def process_id(self) -> int | None:
+        """Number of the running process; None: there is none."""
+        return None if self._process is None else self._process.pid
+
     def pack(self, charts: Sequence[Flat], pad: int, brute: bool) -> Packing:
         """Pack charts into one atlas.
 
@@ -109,6 +114,7 @@ class Packer:
             self._stop()
         for _ in range(ATTEMPTS):
             process = self._process or self._start()
+            assert process.stdin is not None and process.stdout is not None
             self._atlases += atlases
             try:
                 send(process.stdin, arrays)
@@ -116,8 +122,9 @@ class Packer:
             except OSError:
                 answer = None
             if answer is not None:
-                size = (int(answer[n]) for n in ("width", "height", "squares", "charts"))
-                return Packing(*size, tuple((answer[f"a{k}"], answer[f"b{k}"]) for k in range(len(meshes))))
+                width, height, squares, charts = (int(answer[n]) for n in ("width", "height", "squares", "charts"))
+                packed = tuple((answer[f"a{k}"], answer[f"b{k}"]) for k in range(len(meshes)))
+                return Packing(width, height, squares, charts, packed)
             code = self._stop()
         raise ValueError(
             f"atlas: the packer of charts ended with code {code}; clean the meshes (no zero-size or repeated "
@@ -141,7 +148,7 @@ class Packer:
         if self._process is None:
             return 0
         process, self._process, self._atlases = self._process, None, 0
-        for pipe in (process.stdin, process.stdout):
+        for pipe in filter(None, (process.stdin, process.stdout)):
             try:
                 pipe.close()
             except OSError:
@@ -151,7 +158,7 @@ class Packer:
         return process.wait()
 
 
-def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
+def send(stream: IO[bytes], arrays: Mapping[str, np.ndarray]) -> None:
     """Write a message: the length of an npz archive and the archive.
 
     Args:
@@ -159,13 +166,14 @@ def send(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
         arrays: Name → array of any shape.
     """
     body = io.BytesIO()
-    np.savez(body, **arrays)
+    # numpy declares its further options among the keywords.
+    np.savez(body, **cast(dict[str, Any], arrays))
     stream.write(SIZE.pack(body.tell()))
     stream.write(body.getvalue())
     stream.flush()
 
 
-def receive(stream: BinaryIO) -> dict[str, np.ndarray] | None:
+def receive(stream: IO[bytes]) -> dict[str, np.ndarray] | None:
     """Read a message that ``send`` has written.
 
     Args:
@@ -218,7 +226,7 @@ def _answer(request: Mapping[str, np.ndarray], kept: list[object]) -> dict[str, 
     answer["charts"] = np.asarray(sum(atlas.chart_count for atlas in atlases))
     for k, (atlas, number) in enumerate(found):
         _, corners, uv = atlas.get_mesh(number)
-        answer[f"a{k}"] = (uv * np.float32([atlas.width, atlas.height])).astype(np.float32)
+        answer[f"a{k}"] = (uv * np.array([atlas.width, atlas.height], np.float32)).astype(np.float32)
         answer[f"b{k}"] = np.ascontiguousarray(corners)
     return answer
 

@@ -23,6 +23,9 @@ from lightwell.scenes.scene_cache import Derived, SceneCache
 # Reflectance of a dielectric with an index of refraction of 1.5 at normal incidence (glTF 2.0, appendix B).
 DIELECTRIC_F0 = 0.04
 
+AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
+LightKind = Literal["point", "spot", "directional"]
+
 BOUNDS = Derived[np.ndarray]("scene.bounds")
 
 
@@ -83,7 +86,7 @@ class Material:
     emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Emitted radiance, strength included."""
     emissive_texture: Texture | None = None
-    alpha_mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
+    alpha_mode: AlphaMode = "OPAQUE"
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     transmission: float = 0.0
@@ -133,7 +136,7 @@ class Mesh:
 class Light:
     """A punctual light of the scene (KHR_lights_punctual units)."""
 
-    kind: Literal["point", "spot", "directional"]
+    kind: LightKind
     name: str = ""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: tuple[float, float, float] = (0.0, -1.0, 0.0)

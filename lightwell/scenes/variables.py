@@ -6,7 +6,7 @@ clockwise seen from above (90 is east, +X; 180 is south, +Z), elevation is the a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from lightwell.core.vary import Declaration as Declaration
 from lightwell.core.vary import parse_vary as parse_vary
+from lightwell.scenes.vectors import Vector, vector
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -28,8 +29,6 @@ PROBES, HALVINGS = 512, 8
 
 # Elevation in the middle of an arc of half a turn (sunrise to sunset), degrees: noon in a temperate summer.
 NOON_ELEVATION = 60.0
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class Sun:
         """
         return self.direction(np.asarray(u).reshape(-1)).astype(np.float32)
 
-    def _circle(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
+    def _circle(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Compute centre, two perpendicular radii [3] (the first to ``start``), angles of ``middle`` and ``end``."""
         start, middle, end = (np.asarray(d, dtype=np.float64) for d in (self.start, self.middle, self.end))
         axis = np.cross(middle - start, end - middle)
@@ -152,13 +151,8 @@ def sun_arc(az0: float, el0: float, az1: float, el1: float, name: str = "sun") -
     """
     mean, span = (el0 + el1) / 2, min(abs(az1 - az0) / 180, 1)
     rise = max(NOON_ELEVATION - mean, 0) * span**2
-    ends = [toward(az0, el0), toward((az0 + az1) / 2, mean + rise), toward(az1, el1)]
-    return Sun(*(_vector(d) for d in ends), name=name)
-
-
-def _vector(values: Sequence[float]) -> Vector:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
+    start, middle, end = toward(az0, el0), toward((az0 + az1) / 2, mean + rise), toward(az1, el1)
+    return Sun(vector(start), vector(middle), vector(end), name=name)
 
 
 def default_variable(scene: Scene) -> PointLight:
@@ -179,7 +173,7 @@ def default_variable(scene: Scene) -> PointLight:
     clearance, shortest = CLEARANCE * float((high - low).max()), float((scene.bounds[1] - scene.bounds[0]).min())
     if shortest > 0:
         clearance = min(clearance, shortest / 8)
-    return PointLight(_vector(low), _vector(high), clearance=clearance)
+    return PointLight(vector(low), vector(high), clearance=clearance)
 
 
 def _fitting_clearance(scene: Scene, default: PointLight) -> float:
@@ -230,7 +224,8 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     if "direction" in given:
         if len(given) > 1:
             raise ValueError(f"vary: '{names[0]}' is a sun, it has a direction only; drop {', '.join(given)} or it")
-        return sun_arc(*given["direction"], name=names[0])
+        az0, el0, az1, el1 = given["direction"]
+        return sun_arc(az0, el0, az1, el1, name=names[0])
     return _point_light(given, scene, names[0] if names else "light")
 
 
@@ -245,7 +240,7 @@ def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:
     """
     given = {d.parameter: d.values for d in map(parse_vary, texts) if not d.learned and d.values}
     intensity = given.get("intensity", (None,))[0]
-    return intensity, _vector(given.get("color", (1.0, 1.0, 1.0)))
+    return intensity, vector(given.get("color", (1.0, 1.0, 1.0)))
 
 
 def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -> PointLight:
@@ -258,7 +253,7 @@ def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -
     clearance = given.get("clearance", (CLEARANCE * edge,))[0]
     radius = given.get("radius", (0.0,))[0]
     # A sphere must not intersect the wall from which its centre keeps the clearance.
-    return PointLight(_vector(box[:3]), _vector(box[3:]), max(clearance, radius), radius, name)
+    return PointLight(vector(box[:3]), vector(box[3:]), max(clearance, radius), radius, name)
 
 
 def _check_place(box: Sequence[float], scene: Scene, name: str) -> None:
@@ -291,7 +286,7 @@ def to_json(
     """
     if isinstance(variable, Sun):
         middle = variable.middle
-        own = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
+        own: dict[str, Any] = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
     else:
         middle = variable.sample(np.full((1, 3), 0.5))[0]
         own = {"low": [float(v) for v in variable.low], "high": [float(v) for v in variable.high]}
@@ -314,7 +309,7 @@ def from_json(entry: dict[str, Any]) -> Variable:
         ValueError: The kind is unknown, or a value is missing or wrong.
     """
     name, kind = entry.get("name", "?"), entry.get("kind")
-    makers = {"point": _point_from_json, "sun": _sun_from_json}
+    makers: dict[Any, Callable[[dict[str, Any]], Variable]] = {"point": _point_from_json, "sun": _sun_from_json}
     if kind not in makers:
         raise ValueError(f"variable '{name}': kind is {kind!r}, expected 'point' or 'sun'; write the asset again")
     try:
@@ -325,8 +320,8 @@ def from_json(entry: dict[str, Any]) -> Variable:
 
 def _point_from_json(entry: dict[str, Any]) -> PointLight:
     clearance, radius = float(entry["clearance"]), float(entry.get("radius", 0))
-    return PointLight(_vector(entry["low"]), _vector(entry["high"]), clearance, radius, entry["name"])
+    return PointLight(vector(entry["low"]), vector(entry["high"]), clearance, radius, entry["name"])
 
 
 def _sun_from_json(entry: dict[str, Any]) -> Sun:
-    return Sun(*(_vector(entry[key]) for key in ("start", "middle", "end")), name=entry["name"])
+    return Sun(vector(entry["start"]), vector(entry["middle"]), vector(entry["end"]), name=entry["name"])

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import qmc
+
+from lightwell.scenes.vectors import vector
 
 from .free_air import FreeAir, free_air
 from .scene import Camera, Scene
@@ -55,12 +59,27 @@ def view_directions(camera: Camera, width: int, height: int) -> np.ndarray:
     Returns:
         [width * height, 3] unit directions.
     """
-    right, up, forward = camera_frame(camera)
-    half = np.tan(np.radians(camera.fov_y) / 2)
+    return _directions(np.array(camera_frame(camera))[:, None], camera.fov_y, width, height)[0]
+
+
+def _directions(frames: np.ndarray, fov_y: float, width: int, height: int) -> np.ndarray:
+    """Directions [K, width * height, 3] through the pixels of K cameras, whose axes are ``frames`` [3, K, 3]."""
+    right, up, forward = frames[:, :, None]
+    half = np.tan(np.radians(fov_y) / 2)
     y, x = np.meshgrid(1 - 2 * (np.arange(height) + 0.5) / height, np.arange(width) + 0.5, indexing="ij")
     x = (2 * x / width - 1) * width / height
-    ways = forward + half * (x[..., None] * right + y[..., None] * up)
-    return (ways / np.linalg.norm(ways, axis=-1, keepdims=True)).reshape(-1, 3)
+    ways = forward + half * (x.reshape(-1, 1) * right + y.reshape(-1, 1) * up)
+    return ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+
+
+def _frames(looks: Sequence[Camera]) -> np.ndarray:
+    """Axes [3, K, 3] of K cameras at once: right, up and forward, as of ``camera_frame``."""
+    position, target, above = (np.array([getattr(c, name) for c in looks]) for name in ("position", "target", "up"))
+    forward = target - position
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.cross(forward, above)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return np.stack([right, np.cross(right, forward), forward])
 
 
 def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, authored: bool = False) -> list[Camera]:
@@ -114,14 +133,14 @@ def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[
     azimuth = 2 * np.pi * (np.arange(LOOKS) + random.random()) / LOOKS
     pitch = np.radians(random.uniform(*PITCH, LOOKS))
     ways = np.stack([np.cos(pitch) * np.sin(azimuth), np.sin(pitch), -np.cos(pitch) * np.cos(azimuth)], axis=1)
-    position = tuple(float(v) for v in eye)
-    return [Camera(position, tuple(float(v) for v in eye + 0.25 * extent * w), fov_y=FOV_Y) for w in ways]
+    position = vector(eye)
+    return [Camera(position, vector(eye + 0.25 * extent * w), fov_y=FOV_Y) for w in ways]
 
 
 def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
     """Rank each view [K] by depth and variety."""
     rays = GRID[0] * GRID[1]
-    directions = np.concatenate([view_directions(camera, *GRID) for camera in looks])
+    directions = _directions(_frames(looks), FOV_Y, *GRID).reshape(-1, 3)
     origins = np.repeat([camera.position for camera in looks], rays, axis=0)
     hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
     depth = np.where(hit, np.clip(distance, 1e-3 * extent, extent) / extent, 0)

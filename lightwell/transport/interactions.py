@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.scene import Scene
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.tables import tables
@@ -46,8 +46,8 @@ class DevicePoints:
         Args:
             points: N points.
         """
-        self.shape = mi.UInt32(np.asarray(points.shape, np.uint32))
-        self.triangle = mi.UInt32(np.asarray(points.triangle, np.uint32))
+        self.shape = upload_integers(points.shape)
+        self.triangle = upload_integers(points.triangle)
         self.barycentric = upload(mi.Point2f, points.barycentric)
         self.view = upload(mi.Vector3f, points.view)
 
@@ -62,11 +62,9 @@ def upload(kind: Any, array: np.ndarray) -> Any:
     Returns:
         A vector of type ``kind`` with N lanes, single precision.
     """
-    rows = kind(np.ascontiguousarray(np.asarray(array, np.float32).T))
-    # Left to the kernels that use them, the offsets of the columns would be constants there: each kernel would be
-    # compiled anew for every N.
-    dr.eval(rows)
-    return rows
+    # Columns of their own: as parts of one array, their offsets would be constants in the kernels that read them, each
+    # of which would be compiled anew for every N.
+    return kind(*map(upload_floats, np.asarray(array).T))
 
 
 def interaction(scene: Scene, points: SurfacePoints) -> mi.SurfaceInteraction3f:

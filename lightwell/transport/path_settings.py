@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+# Lanes of one launch: enough to use all cores, few enough for some hundred megabytes.
+LAUNCH = 1 << 20
+
 
 @dataclass
 class PathReport:
@@ -28,3 +31,5 @@ class PathSettings:
     rr_depth: int
     include_direct: bool
     connections: int
+    launch: int = LAUNCH
+    """Paths that are traced at a time, ≥ 2; bounds memory."""

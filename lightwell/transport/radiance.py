@@ -27,8 +27,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_settings import PathReport as PathReport
-from lightwell.transport.path_settings import PathSettings
+from lightwell.transport.path_settings import LAUNCH, PathReport, PathSettings
 from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, Source, declared
@@ -38,8 +37,6 @@ from lightwell.transport.tables import tables
 MAX_DEPTH = 32
 # Depth from which Russian roulette may end a path; Mitsuba's default.
 RR_DEPTH = 5
-# Lanes of one launch: enough to use all cores, few enough for some hundred megabytes.
-LAUNCH = 1 << 20
 
 
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
@@ -209,6 +206,7 @@ def indirect(
     rr_depth: int = RR_DEPTH,
     connections: int = CONNECTIONS,
     report: PathReport | None = None,
+    launch: int = LAUNCH,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace the indirect radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
@@ -225,12 +223,13 @@ def indirect(
         rr_depth: Depth from which Russian roulette may end a path.
         connections: Vertices that are connected to light rays, see ``trace``.
         report: Receives the path counts.
+        launch: Paths that are traced at a time, ≥ 2; bounds memory.
 
     Returns:
         Two independent means, [N, 3] float32 each; NaN where no path of a half is finite.
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
-    limits = PathSettings(paths, seed, max_depth, rr_depth, False, connections)
+    limits = PathSettings(paths, seed, max_depth, rr_depth, False, connections, launch)
     return _traced(scene, points, limits, variable, light, report)
 
 
@@ -357,8 +356,8 @@ def _means(
 
     half = limits.paths // 2
     device = DevicePoints(points)
-    per_point = min(half, LAUNCH // 2)  # Paths of one half in one launch
-    batch = max(1, LAUNCH // (2 * per_point))  # Points of one launch
+    per_point = min(half, limits.launch // 2)  # Paths of one half in one launch
+    batch = max(1, limits.launch // (2 * per_point))  # Points of one launch
     numbers = (limits.seed & 0xFFFFFFFF, limits.max_depth, limits.rr_depth, first)
     settings = [dr.opaque(mi.UInt32, v) for v in numbers]
     total = np.zeros((len(points), 2, 3), np.float64)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
@@ -91,7 +91,7 @@ class Radiosity:
         way = np.asarray(b - a, np.float32)
         length = np.linalg.norm(way, axis=1)
         ray = mi.Ray3f(upload(mi.Point3f, a), upload(mi.Vector3f, way / np.maximum(length, 1e-20)[:, None]))
-        ray.maxt = mi.Float(length)
+        ray.maxt = upload_floats(length)
         return ~np.array(self.scene.mi.ray_test(ray)) | (length < 1e-6 * self.scene.extent)
 
     # ------------------------------------------------------------------ rays
@@ -279,8 +279,8 @@ class Gather:
     def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
         halves = _sum_of_rays(
-            mi.UInt32(np.asarray(point, np.uint32)),
-            mi.UInt32(np.asarray(light, np.uint32)),
+            upload_integers(point),
+            upload_integers(light),
             (self._bin, self._weight, self._direct, self._indirect, self._coarse),
             tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._fine, self._coarse_count)),
         )

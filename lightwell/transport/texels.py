@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_integers
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import Scene
 from lightwell.transport.samples import SurfacePoints
@@ -96,7 +96,7 @@ def _flat_scene(uv: np.ndarray):
 
 def _met(flat, n: int, texel: np.ndarray, x: float, y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Trace rays through one place of some texels; returns hits, triangles and barycentric weights."""
-    index = mi.UInt32(texel.astype(np.uint32))
+    index = upload_integers(texel)
     at = mi.Point3f((mi.Float(index % n) + x) / n, (mi.Float(index // n) + y) / n, HEIGHT)
     pi = flat.ray_intersect_preliminary(mi.Ray3f(at, mi.Vector3f(0, 0, -1)))
     hit, triangle, uv = pi.is_valid(), pi.prim_index, pi.prim_uv

@@ -19,9 +19,9 @@ def small(out: Path, **changes) -> BakeSettings:
         "paths": 8,
         "lights_per_shard": 32,
         "views": 2,
-        "view_size": (48, 32),
-        # A reference of a second instead of twelve: these tests look at what is written, not at how good it is.
-        "truth": Budget(1.0),
+        "view_size": (36, 24),
+        # A reference of a fifth of a second: these tests look at what is written, not at how good it is.
+        "truth": Budget(0.2),
     }
     return BakeSettings(**(settings | changes))
 

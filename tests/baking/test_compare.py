@@ -151,9 +151,10 @@ def test_the_table_is_sorted_by_error(compared):
 
 def test_other_fields_join_a_kept_comparison(tmp_path):
     """With --keep, --resume trains only the new field, on the samples that are there."""
-    first = compare_fields(small(tmp_path, fields=parse_fields("mlp:small"), keep=True))
+    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
+    first = compare_fields(small(tmp_path, fields=parse_fields("mlp:small"), keep=True, **few))
     before = checkpoints(tmp_path)
-    again = compare_fields(small(tmp_path, keep=True, resume=True))
+    again = compare_fields(small(tmp_path, keep=True, resume=True, **few))
     after = checkpoints(tmp_path)
     assert len(before) == 1 and len(after) == 2 and before.items() <= after.items()
     assert again["fields"][0]["relative_error"] == first["fields"][0]["relative_error"]
@@ -194,7 +195,8 @@ def test_interrupted_by_the_keyboard(tmp_path, capsys, monkeypatch):
 
 def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
     failing(monkeypatch, "report-20", RuntimeError("train: loss nan at step 3 is not finite"))
-    numbers = compare_fields(small(tmp_path, views=1, view_size=(24, 16), shards=1, lights_per_shard=8))
+    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
+    numbers = compare_fields(small(tmp_path, **few))
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]
     assert "not finite" in numbers["failed"]["mlp:report-20"]
     assert "mlp:report-20 failed" in (tmp_path / "compare.html").read_text()
@@ -202,7 +204,7 @@ def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
 
 def test_a_time_budget_becomes_steps(tmp_path):
     """Without --steps the time decides; every field gets as much of it, and at least a few steps."""
-    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8}
+    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
     settings = small(tmp_path, steps=None, budget=Budget(2.0), fields=parse_fields("mlp:small"), **few)
     numbers = compare_fields(settings)
     (field,) = numbers["fields"]

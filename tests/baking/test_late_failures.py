@@ -33,12 +33,18 @@ def test_a_failure_becomes_a_note_and_the_rest_goes_on():
         notes.attempt("c", lambda: (_ for _ in ()).throw(OSError("the disk is full")), 0)
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_a_late_failure_costs_no_bake(stage, tmp_path, monkeypatch):
-    module, function, word = STAGES[stage]
-    monkeypatch.setattr(module, function, broken)
+# Several at once, and each alone; a view that is not traced has no reference picture.
+@pytest.mark.parametrize(
+    "stages",
+    [("points", "sweep", "picture"), ("view",), *(pytest.param((s,), marks=pytest.mark.slow) for s in STAGES)],
+    ids="+".join,
+)
+def test_a_late_failure_costs_no_bake(stages, tmp_path, monkeypatch):
+    for module, function, _ in (STAGES[stage] for stage in stages):
+        monkeypatch.setattr(module, function, broken)
     report = bake(small(tmp_path / "out", steps=10, views=1))
-    assert any(word in note for note in report["warnings"])
+    for _, _, word in (STAGES[stage] for stage in stages):
+        assert any(word in note for note in report["warnings"])
     for name in ("scene.glb", "index.html", "report.html", "report.json"):
         assert (tmp_path / "out" / name).stat().st_size > 1000
     assert json.loads((tmp_path / "out/report.json").read_text()) == report

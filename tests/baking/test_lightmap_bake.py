@@ -17,9 +17,15 @@ from lightwell.asset.container import unpack
 from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli import main
+from lightwell.core.formats import JSON
 from lightwell.core.progress import Progress
-from lightwell.core.work import store_of
+from lightwell.core.work import Work, WorkPart, store_of
 from lightwell.fields.budget import Budget
+from lightwell.fields.lightmap.field import LightmapField
+from lightwell.fields.lightmap.fit import PRESETS
+from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
+from lightwell.fields.protocol import Job
+from lightwell.fields.request import Request
 
 # Few samples: the shards of a test are small.
 SMALL = dict(
@@ -56,22 +62,20 @@ def test_plain_has_no_network(tmp_path):
 
 
 def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
-    from lightwell.fields.lightmap import fit as field
-
     whole, halved = tmp_path / "whole", tmp_path / "halved"
     bake(BakeSettings("cornell", whole, **SMALL))
-    phase, calls = field.LightmapFit._phase, []
+    get, calls = WorkPart.get, []
 
-    def killed(self, *arguments):
-        calls.append(0)
-        if len(calls) == 2:
+    def killed(self, function, *arguments):
+        calls.append(function)
+        if calls.count("lightmap.phase") == 2:
             raise KeyboardInterrupt
-        phase(self, *arguments)
+        return get(self, function, *arguments)
 
-    monkeypatch.setattr(field.LightmapFit, "_phase", killed)
-    with pytest.raises(KeyboardInterrupt):
-        bake(BakeSettings("cornell", halved, **SMALL))
-    monkeypatch.setattr(field.LightmapFit, "_phase", phase)
+    with monkeypatch.context() as patch:
+        patch.setattr(WorkPart, "get", killed)
+        with pytest.raises(KeyboardInterrupt):
+            bake(BakeSettings("cornell", halved, **SMALL))
     kept = {entry.function for entry in store_of(halved).entries()}
     assert {f"lightmap.{name}" for name in ("sides", "counts", "light", "views", "phase")} <= kept
     bake(BakeSettings("cornell", halved, resume=True, **SMALL))
@@ -110,18 +114,14 @@ def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
     assert (killed / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
 
 
-def test_small_charts_get_a_larger_square(monkeypatch):
-    from lightwell.fields.lightmap import sides, square
+def test_small_charts_get_a_larger_square():
+    from lightwell.fields.lightmap import sides
     from lightwell.scenes import load
 
     scene, _ = sides.lit_scene(load("cornell"))
     stored = sides.lit_sides(scene, 0)
-    sizes = {}
-    for bar in (0.0, 1.0):
-        monkeypatch.setattr(square, "ROOMY", bar)
-        sizes[bar] = square.roomy_atlas(scene, 64, 0, stored).size
-    monkeypatch.setattr(square, "MOST_ROOMY", 64)
-    assert sizes == {0.0: 64, 1.0: 128} and square.roomy_atlas(scene, 64, 0, stored).size == 64
+    for least, largest, size in ((0.0, 2048, 64), (1.0, 2048, 128), (1.0, 64, 64)):
+        assert roomy_atlas(scene, 64, 0, stored, AtlasLimits(least, largest)).size == size
 
 
 @pytest.fixture
@@ -132,7 +132,15 @@ def kept(monkeypatch):
     monkeypatch.setattr(fitting, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
 
 
-@pytest.mark.parametrize("preset", ["report", "siren", "siren-two-stage", "directional", "default-int8"])
+@pytest.mark.parametrize(
+    "preset",
+    [
+        "siren-two-stage",
+        "directional",
+        "default-int8",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("report", "siren")),
+    ],
+)
 def test_every_preset_bakes(tmp_path, preset, kept):
     bake(BakeSettings("cornell", tmp_path, preset=preset, **SMALL | {"steps": 10}))
     graph = read_fields(tmp_path / "scene.glb")[0][0].graph
@@ -184,17 +192,14 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     assert code == 2 and words in text and text.count("\n") == 1
 
 
-def test_the_best_of_several_starts_is_taken(monkeypatch):
+def test_the_best_of_several_starts_is_taken():
     """By samples that training never saw; too few steps for two starts are one."""
     from lightwell.fields.lightmap import fitting, sides, trace, views
-    from lightwell.fields.lightmap.fit import PRESETS
     from lightwell.scenes import load
 
     scene, _ = sides.lit_scene(load("cornell"))
     made = trace.chart(scene, 64, 0, 4, 0)
     eyes = views.eye_samples(scene, made, 1 << 12, 4, 5, made.image)
-    monkeypatch.setattr(fitting, "ENOUGH_STEPS", 10)
-    monkeypatch.setattr(fitting, "HELD", 400)
     errors = {0: 0.3, fitting.START_SEED: 0.1, 2 * fitting.START_SEED: 0.2}
     seen = []
 
@@ -202,38 +207,31 @@ def test_the_best_of_several_starts_is_taken(monkeypatch):
         seen.append((fit.seed, bool(fit.preset.hidden), len(samples.weight)))
         return errors[fit.seed] if fit.preset.hidden else 1.0
 
-    monkeypatch.setattr(fitting, "shown_error", error)
-    best = fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 30)
+    starts = fitting.Starts(enough_steps=10, held=400, error=error)
+    best = fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 30, starts=starts)
     assert best.seed == fitting.START_SEED and best.history[-1][0] == 10
     assert [s[1] for s in seen] == [True, True, True, False] and 200 < seen[0][2] < 600
     seen.clear()
-    assert fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 19).seed == 0 and len(seen) == 2
+    assert fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 19, starts=starts).seed == 0 and len(seen) == 2
 
 
-def test_a_larger_square_needs_the_paths_for_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("fewest", "size", "times"), [(2, 128, 1), (100_000, 64, 4)])
+def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size, times):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
-    from lightwell.fields.lightmap import field as lightmap
-    from lightwell.fields.lightmap import square
+    from lightwell.scenes import load
 
-    monkeypatch.setattr(square, "ROOMY", 1.0)
-    monkeypatch.setattr(square, "MOST_ROOMY", 128)
-    settings = BakeSettings("cornell", tmp_path, **SMALL | {"options": {"mips": 0}, "steps": 10, "shards": None})
-    monkeypatch.setitem(lightmap.PRESETS, "plain", dataclasses.replace(lightmap.PRESETS["plain"], size=64))
-    traced = {}
-    trace_ = lightmap.chart
-
-    def chart(scene, size, mips, paths, seed, **more):
-        traced[size] = paths
-        return trace_(scene, size, mips, paths, seed, **more)
-
-    monkeypatch.setattr(lightmap, "chart", chart)
-    for fewest, size, paths in ((2, 128, 6), (1000, 64, 24)):
-        monkeypatch.setattr(lightmap, "ROOMY_PATHS", fewest)
-        monkeypatch.setattr(lightmap, "_counts", lambda *_: (6, 1 << 12))
-        out = tmp_path / str(fewest)
-        bake(dataclasses.replace(settings, out=out, preset="plain"))
-        assert traced[size] == paths
-        assert read_fields(out / "scene.glb")[0][0].graph.buffers["e"].shape[:2] == (size, size)
+    presets = {"plain": dataclasses.replace(PRESETS["plain"], size=64)}
+    field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest))
+    settings = BakeSettings("cornell", tmp_path, preset="plain", **SMALL | {"options": {"mips": 0}, "steps": 10})
+    request = Request(preset="plain", budget=Budget(0.1), steps=10, paths=4)
+    scene = load("cornell")
+    work = Work(settings, scene.digest)
+    state = field.prepare(Job(scene, request, settings.options, work, Progress(quiet=True)))
+    planned, _ = work.part(field="lightmap").find("lightmap.counts", JSON)
+    assert (state.atlas.size, state.paths) == (size, times * planned)
+    fit = field.fit(state, "static", field.sample(state, "static"))
+    assert fit.plan["texel_paths"] == state.paths and fit.chart.atlas.size == size
+    assert fit.lower().graph.buffers["e"].shape[:2] == (size, size)
 
 
 def test_an_error_budget_takes_rounds_and_says_what_was_reached(tmp_path):

@@ -76,12 +76,19 @@ def test_the_same_seed_gives_the_same_bytes(baked, tmp_path):
     assert (tmp_path / "again/scene.glb").read_bytes() == (baked[0] / "scene.glb").read_bytes()
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_field(baked, tmp_path):
     bake(small(tmp_path / "other", seed=1, views=1))
     assert (tmp_path / "other/scene.glb").read_bytes() != (baked[0] / "scene.glb").read_bytes()
 
 
-@pytest.mark.parametrize("vary", ["sun.direction=arc(100,20,260,20)", "light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)"])
+@pytest.mark.parametrize(
+    "vary",
+    [
+        "sun.direction=arc(100,20,260,20)",
+        pytest.param("light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)", marks=pytest.mark.slow),
+    ],
+)
 def test_declared_variables_reach_the_asset(tmp_path, vary):
     bake(small(tmp_path / "out", vary=(vary,), views=1, steps=10))
     (variable,) = read_fields(tmp_path / "out/scene.glb")[1]

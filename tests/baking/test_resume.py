@@ -57,6 +57,7 @@ def _interrupt(child: subprocess.Popen) -> None:
             continue
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", ["plan.samples"])
 def test_killed_and_resumed(tmp_path, moment, uninterrupted):
     out = tmp_path / "out"

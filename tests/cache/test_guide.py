@@ -147,7 +147,10 @@ COATED = {"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": [0.
 GLASS = {"type": "roughdielectric", "alpha": 0.3}
 
 
-@pytest.mark.parametrize(("bsdf", "trained"), [(GLOSSY, 0), (COATED, 0), (GLASS, 0), (GLOSSY, 6)])
+@pytest.mark.parametrize(
+    ("bsdf", "trained"),
+    [(GLASS, 0), (GLOSSY, 6), *(pytest.param(bsdf, 0, marks=pytest.mark.slow) for bsdf in (GLOSSY, COATED))],
+)
 def test_the_mean_is_the_path_tracer_s_whatever_the_guide_holds(bsdf, trained):
     scene = room(16, bsdf)
     assert abs(z_of_means(scene, guided(scene, trained))) < 2.6

@@ -15,8 +15,10 @@ from lightwell.fields.surface.cells import Cells, light_bins, signature
 from lightwell.fields.surface.examples import Examples
 from lightwell.fields.surface.inputs import Inputs
 from lightwell.fields.surface.lattice import Gate, VertexLattice
+from lightwell.files import under
 from lightwell.graph import evaluate, graph_from_json, graph_to_json
 from lightwell.networks.checkpoint import restore
+from lightwell.networks.grouped import GroupedRows
 from lightwell.transport.samples import Query, Samples
 
 EXPERTS, STEPS = 6, 240
@@ -91,8 +93,18 @@ def walk(count: int = 40_001, height: float = 0.31) -> Query:
 def alone(fit, query: Query) -> np.ndarray:
     """[N, 3] prediction of the first expert by itself, as hard gates have it."""
     split = fit.gate(query)
-    split = replace(split, share=np.zeros_like(split.share))
-    return fit._blended(fit._inputs.rows(query), split, fit.weights) * SETUP.unit * query.reflectance
+    rows = Inputs(SETUP, fit.preset.inputs, fit.preset.octaves).rows(query)
+    outputs = GroupedRows(rows, split.first, fit.preset.experts).evaluate(fit.mlp, fit.weights)
+    return outputs * SETUP.unit * query.reflectance
+
+
+def folded(fit) -> dict[str, np.ndarray]:
+    """[M, …] current weights for inputs as they are: W (x − c) / s + b = (W / s) x + (b − (W / s) c)."""
+    arrays = under("field", fit.arrays())
+    weights = under("trainer.value", arrays)
+    weights["w0"] = weights["w0"] / arrays["spread"][:, :, None]
+    weights["b0"] = weights["b0"] - np.einsum("ef,efo->eo", arrays["center"], weights["w0"])[:, None]
+    return weights
 
 
 def largest(steps: np.ndarray) -> float:
@@ -238,15 +250,19 @@ def test_killed_and_resumed_ends_with_the_same_bits(tmp_path):
 
 def test_dealing_anew_changes_no_expert():
     """New cells scale an expert's inputs anew, and what it computes stays the same."""
-    fit = begin()
-    fit.train(8, 100_000)
-    before = fit._folded()
-    fit._deal()
-    fit._arrange()
-    after = fit._folded()
+    trained = begin(replace(SMALL, rounds=1))
+    trained.train(30, 100_000)
+    # A rate of 0: training changes no weight, so that what changes is the cells.
+    fit = begin(replace(SMALL, rounds=1, training=replace(SMALL.training, rate=0.0)))
+    restore(fit, trained.arrays())
+    before, first = folded(fit), {name: value.copy() for name, value in fit.arrays().items()}
+    # A hundred steps: a quarter of them is over, and the second assignment is due.
+    fit.train(31, 100)
+    after, second = folded(fit), fit.arrays()
     for name, value in before.items():
         assert np.allclose(after[name], value, rtol=1e-4, atol=1e-5)
-    assert fit._dealt == 2
+    assert first["field.counts"].tolist() == [1, 1] and second["field.counts"].tolist() == [2, 2]
+    assert not np.array_equal(first["field.center"], second["field.center"])
 
 
 @pytest.mark.parametrize("kind", ["sun", "static"])

@@ -67,7 +67,7 @@ def test_no_expert_is_called_dead_that_has_samples():
 def test_an_expert_without_samples_is_reported_and_harmless():
     fit = _fit("report", steps=0)
     # A gate that never chooses expert 3.
-    fit._learn_gate()
+    fit.learn_gate()
     last = max(int(name[1:]) for name in fit.gate_weights)
     fit.gate_weights[f"b{last}"][0, 3] = -100.0
     fit.train(20, 20)
@@ -92,14 +92,14 @@ def test_the_gate_of_default_sees_place_alone():
 def test_borders_weigh_double():
     fit = _fit("report-border-boost", steps=1)
     rows = fit.gate_inputs.rows(fit.examples.query)
-    border = fit._border(rows)
+    border = fit.at_border(rows)
     assert border.mean() == pytest.approx(BORDER_SHARE, abs=0.01)
-    weight = np.array(fit._data.weight).ravel()
+    weight = np.array(fit.training_set.weight).ravel()
     # Every run has mean 1, so that border and interior differ by two within it.
-    first, count = fit._data.runs.first[0], fit._data.runs.count[0]
+    first, count = fit.training_set.runs.first[0], fit.training_set.runs.count[0]
     levels = np.unique(np.round(weight[first : first + count], 5))
     assert len(levels) == 1 or levels[-1] / levels[0] == pytest.approx(2.0, rel=1e-3)
-    assert np.array(_fit("report", steps=1)._data.weight) == pytest.approx(1.0)
+    assert np.array(_fit("report", steps=1).training_set.weight) == pytest.approx(1.0)
 
 
 # --------------------------------------------------------------------- hard mixture
@@ -115,13 +115,13 @@ def _hard(steps=60, rounds=3, **changes):
 
 def test_the_first_split_is_even_and_random():
     fit = _hard(steps=0)
-    assert np.bincount(fit._assignment()).tolist() == [300] * 10
+    assert np.bincount(fit.assignment()).tolist() == [300] * 10
 
 
 def test_reassignment_keeps_the_cap():
     fit = _hard(margin=0.1)
     assert len(fit.facts["rounds"]) == 3
-    assert np.bincount(fit._assignment(), minlength=10).max() <= 330
+    assert np.bincount(fit.assignment(), minlength=10).max() <= 330
     assert fit.facts["rounds"][0]["moved"] > 0.5
 
 
@@ -135,21 +135,23 @@ def test_it_stops_when_rounds_no_longer_help():
 
 def test_the_gate_prefers_the_better_expert():
     """Two frozen experts, one right on the left and one on the right: the gate finds the border."""
-    fit = HardMixtureFit(SETUP, replace(HARD_PRESETS["default"], experts=2, gate_inputs="place"), 0)
-    values = fit._experts.parameters
-    for name, value in values.items():
-        value[:] = 0
-        if name == f"b{fit.mlp.layers - 1}":
+    frozen = replace(HARD_PRESETS["default"].training, rate=0.0)
+    preset = replace(HARD_PRESETS["default"], experts=2, gate_inputs="place", rounds=1, training=frozen)
+    fit = HardMixtureFit(SETUP, preset, 0)
+    arrays = fit.arrays()
+    for name, value in arrays.items():
+        if name.startswith("field.experts.value."):
+            value[:] = 0
+        if name == f"field.experts.value.b{fit.mlp.layers - 1}":
             # The output is e^bias: 0.2 and 0.8 of the unit.
             value[0], value[1] = np.log(0.2), np.log(0.8)
-    fit._experts = type(fit._experts)(fit.mlp, fit.preset.training, fit._expert_seeds, values)
     left = lambda q: SETUP.unit * q.reflectance * np.where(q.position[:, :1] < 0, 0.2, 0.8)  # noqa: E731
     fit.learn_from(make_samples(4000, 1, left))
     fit.validate_on(make_samples(300, 2, left))
-    fit._arrange_gate()
-    for _ in range(150):
-        fit._gate.step(fit._gate_data, 150)
-    weights = {name: value[0] for name, value in fit._gate.parameters.items()}
+    fit.restore(arrays)
+    # One round: two thirds of the steps are the experts', 150 the gate's.
+    fit.train(450, 450)
+    weights = fit.gate_weights
     query = make_query(2000, 3)
     chosen = gate.choose(fit.gate, weights, fit.gate_inputs.rows(query))
     # 150 steps of a gate with 20 soft units: the border is not yet straight.

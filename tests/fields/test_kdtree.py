@@ -81,8 +81,10 @@ def test_caps_are_kept_and_named(changes, reason):
 def test_leaves_with_few_samples_are_not_split():
     fit = _fit(replace(LINEAR, goal=0.0), count=3000, steps=100)
     count = np.bincount(fit.segment(fit.examples.query)[is_trained(fit.examples)])
-    # A leaf that was split had twice 39 samples per weight of 13 · 3; its halves may have fewer.
-    assert (count < fit._fewest).all() and fit.facts["leaves_by_status"].keys() <= {"few samples", "met"}
+    # A leaf that was split had twice the least samples per weight; its halves may have fewer.
+    weights = sum(a * b + b for a, b in zip(fit.mlp.sizes, fit.mlp.sizes[1:]))
+    fewest = int(fit.preset.samples_per_weight * weights)
+    assert (count < fewest).all() and fit.facts["leaves_by_status"].keys() <= {"few samples", "met"}
 
 
 def test_halves_of_default_are_given_up_when_they_are_no_better():

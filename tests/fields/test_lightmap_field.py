@@ -220,7 +220,7 @@ def test_what_ships_is_what_was_trained(glossy):
 def test_int8_weights_take_half_and_lose_little(glossy):
     fit, truth, _ = glossy
     query = queries(1024)
-    small = replace(fit.nodes, preset=replace(fit.preset, storage="int8")).lowered(fit._features, fit._parameters)
+    small = replace(fit.nodes, preset=replace(fit.preset, storage="int8")).lowered(fit.features, fit.parameters)
     inputs = {name: value for name, value in query_inputs(query).items() if name in small.inputs}
     light = evaluate(small, inputs)["radiance"] * query.reflectance
     error = lambda f: np.sqrt(np.mean((f - truth(query)) ** 2))  # noqa: E731
@@ -263,7 +263,7 @@ def test_means_are_rounded_at_every_level():
     assert np.abs(minified(many, 3) - many.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))).max() < 1.6
 
 
-def test_training_at_random_levels_keeps_minified_pictures_right(monkeypatch):
+def test_training_at_random_levels_keeps_minified_pictures_right():
     """Light that repeats every four texels, known through features alone: level 2 shall show its mean."""
     from lightwell.fields.lightmap import fit as lightmap
 
@@ -273,8 +273,7 @@ def test_training_at_random_levels_keeps_minified_pictures_right(monkeypatch):
     preset = LightmapPreset("", channels=3, share=1.0, hidden=(16,), rate=2e-2)
     shown = {}
     for share in (0.0, lightmap.FAR_SHARE):
-        monkeypatch.setattr(lightmap, "FAR_SHARE", share)
-        fit = LightmapFit(preset, SIZE, 1.0, batch=1 << 12, mips=2)
+        fit = LightmapFit(preset, SIZE, 1.0, batch=1 << 12, mips=2, far_share=share)
         fit.train(query, target, np.ones(len(query), np.float32), 300)
         assert [p.mips for p in fit.pictures.values()] == [2]
         found = []

@@ -134,7 +134,9 @@ def test_later_samples_replace_earlier_ones():
     fit = MlpFit(SETUP, QUICK, 0)
     fit.learn_from(_samples(100, 1))
     fit.learn_from(_samples(50, 2))
-    assert len(fit._data) == 50
+    fit.validate_on(_samples(50, 3))
+    fit.train(1, 1)
+    assert fit.state.samples_seen == 50
 
 
 def test_unknown_names_say_what_exists():

@@ -36,9 +36,10 @@ def test_leaves_hold_the_weighted_mean():
     fit.learn_from(samples)
     fit.validate_on(make_samples(400, 2))
     fit.train(10, 10)
-    leaf = walk(fit._nodes, fit._examples.features)
+    grown = fit.arrays()
+    leaf = walk(grown["nodes"], fit.inputs.rows(samples.query))
     target = samples.radiance / SETUP.unit / samples.query.reflectance
-    np.testing.assert_allclose(fit._values[leaf].mean(axis=0), target.mean(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(grown["values"][leaf].mean(axis=0), target.mean(axis=0), rtol=1e-4)
 
 
 def step(query):

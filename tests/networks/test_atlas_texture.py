@@ -24,11 +24,11 @@ def test_it_reads_as_the_graph_does():
 
 def test_rounding_is_to_the_nearest_byte_and_truncation_would_be_seen():
     rounded = AtlasTexture(6, 5, 4, "round")
-    stored = np.array(rounded._stored(mi.Float(TABLE.ravel())))
+    stored = np.array(rounded.stored(mi.Float(TABLE.ravel())))
     assert np.abs(stored - TABLE.ravel()).max() <= 0.5 / STEPS + 1e-6
     # Truncation shifts every value by half a step on average; the mean of many shows it.
     many = RNG.random(40000).astype(np.float32)
-    error = np.array(rounded._stored(mi.Float(many))) - many
+    error = np.array(rounded.stored(mi.Float(many))) - many
     truncated = np.floor(many * STEPS) / STEPS - many
     bound = 4 * 0.29 / STEPS / np.sqrt(len(many))
     assert abs(error.mean()) < bound < abs(truncated.mean())
@@ -37,7 +37,7 @@ def test_rounding_is_to_the_nearest_byte_and_truncation_would_be_seen():
 def test_noise_has_the_spread_of_rounding():
     texture = AtlasTexture(100, 100, 4, "noise")
     values = mi.Float(RNG.random(40000).astype(np.float32))
-    noise = (np.array(texture._stored(values)) - np.array(values)) * STEPS
+    noise = (np.array(texture.stored(values)) - np.array(values)) * STEPS
     assert abs(noise.mean()) < 0.01 and abs(noise.std() - np.sqrt(1 / 12)) < 0.01
 
 

@@ -23,8 +23,8 @@ def _runs(counts):
     return Runs(np.concatenate([[0], np.cumsum(counts)[:-1]]), np.asarray(counts))
 
 
-def _train(rows, runs, seeds, settings, steps=30):
-    trainer = BatchedTrainer(MLP, settings, seeds)
+def _train(rows, runs, seeds, settings, steps=30, **options):
+    trainer = BatchedTrainer(MLP, settings, seeds, **options)
     data = BatchedSet.from_numpy(*rows, runs)
     for _ in range(steps):
         trainer.step(data, steps)
@@ -77,12 +77,12 @@ def test_a_step_is_plain_gradient_descent():
         assert step == pytest.approx(-0.1 * gradient, rel=1e-3, abs=1e-7)
 
 
-def test_launches_do_not_matter(monkeypatch):
+def test_launches_do_not_matter():
     """Memory for two networks a launch gives what one launch gives."""
     whole = _train(_rows(), _runs(COUNTS), SEEDS, SETTINGS["adam"])
-    monkeypatch.setattr(batched, "MEMORY", 2 * batched.COPIES * sum(MLP.sizes) * 4 * 16)
-    parts = _train(_rows(), _runs(COUNTS), SEEDS, SETTINGS["adam"])
-    assert len(parts._begins) == 3
+    memory = 2 * batched.COPIES * sum(MLP.sizes) * 4 * 16
+    parts = _train(_rows(), _runs(COUNTS), SEEDS, SETTINGS["adam"], memory=memory)
+    assert whole.launches == 1 and parts.launches == 3
     for key, value in whole.parameters.items():
         np.testing.assert_allclose(parts.parameters[key], value, rtol=1e-4, atol=1e-5)
 
@@ -135,13 +135,13 @@ def test_batches_cover_every_row_in_an_epoch():
     trainer = BatchedTrainer(MLP, TrainingSettings(batch=16), [9])
     seen = np.zeros(64, int)
     for trainer.steps in range(4):
-        seen[(trainer._starts(np.array([64]))[0] + np.arange(16)) % 64] += 1
+        seen[(trainer.starts(np.array([64]))[0] + np.arange(16)) % 64] += 1
     assert (seen == 1).all()
 
 
 def test_padding_wastes_at_most_a_quarter():
-    sizes = {batched._padded(n) for n in range(1, 5000)}
-    assert all(n <= batched._padded(n) <= max(1.25 * n, n) for n in range(1, 5000))
+    sizes = {batched.padded(n) for n in range(1, 5000)}
+    assert all(n <= batched.padded(n) <= max(1.25 * n, n) for n in range(1, 5000))
     assert len(sizes) < 60
 
 

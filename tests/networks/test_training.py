@@ -111,7 +111,7 @@ def test_batches_cover_every_row_in_an_epoch(data):
     seen = np.zeros(ROWS, int)
     for step in range(ROWS // 512):
         trainer.state.step = step
-        start = trainer._next_start(TrainingSet.from_numpy(*data, np.ones(ROWS)))
+        start = trainer.next_start(TrainingSet.from_numpy(*data, np.ones(ROWS)))
         seen[(start + np.arange(512)) % ROWS] += 1
     assert (seen == 1).all()
 

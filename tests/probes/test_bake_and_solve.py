@@ -12,7 +12,7 @@ from lightwell.probes.diffusion import LEAST, REACH, diffuse
 from lightwell.probes.fallbacks import fallbacks, sealed, spread
 from lightwell.probes.light import light_volume, refined, relit
 from lightwell.probes.pattern import pattern
-from lightwell.probes.samples import ProbeSampling, _times, rows
+from lightwell.probes.samples import ProbeSampling, path_factors, rows
 from lightwell.probes.solve import SolveRows, smape, solve
 from lightwell.probes.support import cube_edges, cube_valid, sees
 from lightwell.probes.volume import OPEN, WEIGHTED, coefficients, query, trust_at
@@ -264,7 +264,7 @@ def test_noisy_light_is_not_taken_for_dark_light(baked):
 
 def test_noisy_cells_get_more_paths(rooms, baked):
     noise, cell = np.array([0.01, 0.05, 0.3, 0.3, 0.09, 0.09]), np.array([5, 5, 2, 2, 9, 9])
-    assert _times(noise, cell, 16).tolist() == [1, 1, 16, 16, 8, 8] and _times(noise, cell, 1).max() == 1
+    assert path_factors(noise, cell, 16).tolist() == [1, 1, 16, 16, 8, 8] and path_factors(noise, cell, 1).max() == 1
     few, many = (rows(rooms.scene, baked, ProbeSampling(4, 16, 16, most=most), 3)[0] for most in (1, 16))
     assert np.array_equal(few.place, many.place) and many.noise.mean() < 0.5 * few.noise.mean()
 

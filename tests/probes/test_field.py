@@ -121,9 +121,11 @@ def test_every_weight_function_can_be_baked(name):
     assert found.function == preset.function and np.abs(query(found, x, n)[1] - z).max() < 1e-4
 
 
-def test_without_a_generator_a_bake_fits_directly(monkeypatch):
-    monkeypatch.setattr(generator, "_shipped", lambda: None)
-    assert fit_of(PRESETS["mlp"]) is None
+def test_without_a_generator_a_bake_fits_directly(tmp_path):
+    assert generator.load(tmp_path / "missing.npz") is None
+    other = replace(generator.load(), networks={})
+    assert generator.fit_with(PRESETS["mlp"].function, other) is None
+    assert fit_of(replace(PRESETS["mlp"], generator=False)) is None
 
 
 # ---------------------------------------------------------------------- incremental

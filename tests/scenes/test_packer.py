@@ -1,8 +1,10 @@
 """The packer of charts: what comes back, what happens when its process dies, and that none is left behind."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -37,7 +39,7 @@ def test_hundreds_of_atlases_neither_crash_nor_hang():
 def test_a_process_that_dies_is_replaced_once():
     with Packer() as packer:
         packer.cut([SQUARE], 20.0)
-        packer._process.kill()
+        os.kill(packer.process_id, signal.SIGKILL)
         assert packer.cut([SQUARE], 20.0)[1] == 1
 
 
@@ -49,8 +51,9 @@ def test_a_mesh_that_kills_the_process_twice_is_one_line():
 
 def test_no_process_is_left_when_ours_is_killed(tmp_path):
     program = (
-        "import os, sys; from lightwell.scenes.packer import Packer\n"
-        "p = Packer(); p._start(); print(p._process.pid, flush=True); os.kill(os.getpid(), 9)\n"
+        "import os, sys; import numpy as np; from lightwell.scenes.packer import Packer\n"
+        "corner = np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), np.uint32([[0, 1, 2]])\n"
+        "p = Packer(); p.cut([corner], 20.0); print(p.process_id, flush=True); os.kill(os.getpid(), 9)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     pid = int(ended.stdout)
@@ -61,5 +64,5 @@ def test_no_process_is_left_when_ours_is_killed(tmp_path):
             return
         if "Z" in open(f"/proc/{pid}/stat").read().split(") ")[1][:1]:
             return
-        __import__("time").sleep(0.01)
+        time.sleep(0.01)
     pytest.fail("the packer outlives its parent")

@@ -43,7 +43,9 @@ def estimate(scene, points, light, variable, seed: int = 7) -> Estimate:
     return ours(scene, points, light, variable, PATHS, seed, max_depth=DEPTH)
 
 
-@pytest.mark.parametrize("name", ["cornell", "glossy", "principled"])
+@pytest.mark.parametrize(
+    "name", ["principled", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cornell", "glossy"))]
+)
 def test_point_light(name, request, roaming):
     scene = request.getfixturevalue(name)
     points = sample_surface(scene, POINTS, 11, floor=4)
@@ -53,7 +55,7 @@ def test_point_light(name, request, roaming):
     assert passed, text
 
 
-@pytest.mark.parametrize("connections", [0, 1, 2])
+@pytest.mark.parametrize("connections", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 2))])
 def test_every_number_of_light_rays_has_the_same_mean(cornell, roaming, connections):
     points = sample_surface(cornell, POINTS, 11, floor=4)
     few = ours(cornell, points, LIGHT, roaming, PATHS, 7, max_depth=DEPTH, connections=connections)
@@ -82,7 +84,9 @@ def test_more_paths_shrink_the_noise_of_stratified_paths(cornell, roaming):
     assert noise[1] < 1.5 * noise[0] * 64 / 4096
 
 
-@pytest.mark.parametrize("name", ["cornell", "glossy", "principled"])
+@pytest.mark.parametrize(
+    "name", ["glossy", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cornell", "principled"))]
+)
 def test_sphere_light(name, request):
     # A large sphere, so that BSDF sampling finds it often. Mitsuba's is of null material: it blocks nothing.
     scene, radius = request.getfixturevalue(name), 0.2

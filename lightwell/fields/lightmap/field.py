@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -23,7 +24,7 @@ from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
-from lightwell.fields.lightmap.square import roomy_atlas
+from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
@@ -42,8 +43,6 @@ from lightwell.transport.samples import SurfacePoints
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
-# An atlas is not made larger for its small charts where its texels would get fewer paths than this.
-ROOMY_PATHS = 32
 # Paths per sample of radiance towards views, and bounds of the number of samples.
 EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
@@ -185,9 +184,17 @@ class LightmapField:
     """See ``lightwell.fields.protocol.Field``."""
 
     name = "lightmap"
-    presets = PRESETS
     Options = LightmapOptions
     shares = "lightmap"
+
+    def __init__(self, presets: Mapping[str, LightmapPreset] = PRESETS, limits: AtlasLimits | None = None) -> None:
+        """Set up the field.
+
+        Args:
+            presets: Settings by name, the default first.
+            limits: When an atlas becomes larger for its small charts; None: the defaults.
+        """
+        self.presets, self.limits = presets, limits or AtlasLimits()
 
     # ------------------------------------------------------------------ prepare
 
@@ -201,7 +208,7 @@ class LightmapField:
         Returns:
             The prepared scene.
         """
-        request, preset = job.request, PRESETS[job.request.preset]
+        request, preset = job.request, self.presets[job.request.preset]
         scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
         variable = declare(request.vary, scene) if request.vary else None
         roles: tuple[Role, ...] = ("static",) if request.static and scene.has_static_light and not job.shared else ()
@@ -214,7 +221,7 @@ class LightmapField:
         warnings = [*filter(None, [missing(), note])]
         state = LightmapState(job, scene, variable, roles, warnings, preset)
         with job.work.timed("trace"), job.progress.stage("atlas", 2, "") as stage:
-            _lay_out(state)
+            _lay_out(state, self.limits)
             stage.advance(2, f"{state.paths} paths per texel, {state.eyes} eye samples")
         atlas, size = state.atlas, state.size
         job.progress.say(f"atlas: {atlas.charts} charts, {atlas.coverage:.0%} of {size} x {size}, {atlas.origin}")
@@ -321,7 +328,7 @@ def _check(job: Job, roles: tuple[Role, ...]) -> None:
 # ---------------------------------------------------------------------- prepare
 
 
-def _lay_out(state: LightmapState) -> None:
+def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     """Find the sides that are stored, the atlas, and the counts of paths and samples."""
     job, scene, preset = state.job, state.scene, state.preset
     request, options = job.request, job.options
@@ -329,25 +336,27 @@ def _lay_out(state: LightmapState) -> None:
     look = lit_sides if state.variable is None else seen_sides
     part = job.work.part(field="lightmap")
     sides = part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
-    atlas = _atlas(scene, options, preset, sides)
+    atlas = _atlas(scene, options, preset, sides, limits)
     size = atlas.size
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
     if first is not None:
         own_light = "static" in state.roles
         state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light)
     state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
-    if first is not None and state.paths < ROOMY_PATHS and atlas.size > (options.size or preset.size):
+    if first is not None and state.paths < limits.fewest_paths and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.
         atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
         state.paths *= 4
     state.atlas = atlas
 
 
-def _atlas(scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides) -> Atlas:
+def _atlas(
+    scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides, limits: AtlasLimits
+) -> Atlas:
     """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
     size = options.size or preset.size
     if preset.base and not options.size:
-        return roomy_atlas(scene, size, options.mips, sides)
+        return roomy_atlas(scene, size, options.mips, sides, limits)
     atlas = build(scene, size, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
     return atlas if preset.base else replace(atlas, size=min(size, COARSE))
 

@@ -25,6 +25,7 @@ from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Graph
 from lightwell.graph.pictures import Picture, encode
 from lightwell.networks.atlas_texture import AtlasTexture
+from lightwell.networks.device import tensor
 from lightwell.networks.hashgrid import PACKET
 from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
@@ -137,16 +138,18 @@ class LightmapFit:
     """Mask of the surfaces; see ``MapNodes``."""
     relief: bool = False
     """Whether normal maps bend the normals of a surface that is lit."""
+    far_share: float = FAR_SHARE
+    """Share of the steps that read the textures at a random level of their mip chain."""
 
     def __post_init__(self) -> None:
         extra: dict[str, Any] = {"size": self.size, "relief": self.relief}
         self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
-        self._features: dict[str, Picture] = {}
+        self.features: dict[str, Picture] = {}
         self.history: list[tuple[int, float]] = []
         if self.preset.hidden:
             self._rows = Tabulated(row_graph(self.nodes))
             self.network = self._make_network(PLACES[0] if self.nodes.learns_places else "noise")
-            self._parameters = self.network.initial(self.seed)
+            self.parameters: dict[str, np.ndarray] = self.network.initial(self.seed)
 
     def _make_network(self, quantiser: Any) -> LightmapNetwork:
         p, edge = self.preset, max(round(self.size * self.preset.share), 4)
@@ -169,7 +172,7 @@ class LightmapFit:
         """Buffer name → picture of everything that is stored as one."""
         made = {} if self.base is None else {"e": self.base}
         made |= {"d": self.direction} if self.direction is not None and self.preset.stores_direction else {}
-        return made | ({} if self.mask is None else {"m": self.mask}) | self._features
+        return made | ({} if self.mask is None else {"m": self.mask}) | self.features
 
     # ------------------------------------------------------------------ fit
 
@@ -229,12 +232,12 @@ class LightmapFit:
         """Train one phase; its last step, mean loss and parameters as arrays."""
         self._phase(*arguments)
         step, loss = self.history.pop()
-        return {"step": np.array(step), "loss": np.array(loss)} | prefixed("p", self._parameters)
+        return {"step": np.array(step), "loss": np.array(loss)} | prefixed("p", self.parameters)
 
     def _adopt(self, arrays: Arrays) -> None:
         """Take the result of ``_phase_arrays``, perhaps of an earlier run."""
         self.history.append((int(arrays["step"]), float(arrays["loss"])))
-        self._parameters = under("p", arrays)
+        self.parameters = under("p", arrays)
 
     @property
     def levels(self) -> range:
@@ -254,20 +257,20 @@ class LightmapFit:
         """Steps up to ``until`` with the quantiser as it is; a quarter of them read a random level of the mip chain."""
         settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
         trainer = Trainer(self.network, settings, self.seed)
-        trainer.adopt(self._parameters, keep_moments=False)
+        trainer.adopt(self.parameters, keep_moments=False)
         trainer.state.step = self.history[-1][0] if self.history else 0
         networks = [self._from_afar(m) for m in self.levels]
         losses = []
         while trainer.state.step < until:
             # Which level a step reads depends on (seed, step) alone, so that a resumed training repeats it.
             rng = np.random.default_rng((self.seed, 0xFA4, trainer.state.step))
-            level = int(rng.integers(1, len(data))) if len(data) > 1 and rng.random() < FAR_SHARE else 0
+            level = int(rng.integers(1, len(data))) if len(data) > 1 and rng.random() < self.far_share else 0
             trainer.network = networks[level]
             losses.append(trainer.step(data[level], steps))
             if progress and trainer.state.step % 50 == 0:
                 dr.eval(losses[-1])
                 progress(trainer.state.step)
-        self._parameters = trainer.parameters
+        self.parameters = trainer.parameters
         loss = float(np.mean([x.numpy() for x in losses])) if losses else float("nan")
         if losses and not np.isfinite(loss):
             raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
@@ -275,11 +278,11 @@ class LightmapFit:
 
     def _lay_out(self, rows: Any) -> None:
         """Store the features of the sine layers as a texture: means of the rows [N, …] that lie in each texel."""
-        if "t0" in self._parameters:
+        if "t0" in self.parameters:
             return
         texture: Any = self._make_network("frozen").texture
         used = self.preset.channels
-        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        tensors = {k: mi.TensorXf(v) for k, v in self.parameters.items()}
         found, places = [], np.array(rows[:, PLACE])
         network = self._make_network(PLACES[0])
         made, begin = network.made, HEAD + network.inputs
@@ -296,16 +299,16 @@ class LightmapFit:
         image = push_pull(image.reshape(*shape, used).astype(np.float32), (count > 0).reshape(shape))
         table = np.full((len(count), texture.channels), 0.5, np.float32)
         table[:, :used] = image.reshape(len(count), used)
-        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "uv"} | {"t0": table}
+        self.parameters = {k: v for k, v in self.parameters.items() if k[0] not in "uv"} | {"t0": table}
 
     def _freeze(self) -> None:
         """Make the feature textures those of the file."""
         p, network = self.preset, self._make_network("frozen")
         if p.channels:
-            values = self._baked_stage(network.texture) if p.stage else self._parameters["t0"]
+            values = self._baked_stage(network.texture) if p.stage else self.parameters["t0"]
             self._store("t0", network.texture, values, "f", p.channels)
         for k, mirror in enumerate(network.mirrors, 1):
-            self._store(f"t{k}", mirror, self._parameters[f"t{k}"], f"r{k - 1}", p.mirror_channels)
+            self._store(f"t{k}", mirror, self.parameters[f"t{k}"], f"r{k - 1}", p.mirror_channels)
 
     def _store(self, name: str, texture: AtlasTexture, values: np.ndarray, prefix: str, channels: int) -> None:
         """Pictures of one texture; its parameters become what they hold."""
@@ -316,8 +319,8 @@ class LightmapFit:
             three = np.zeros((*bytes_.shape[:2], 3), np.uint8)
             held = bytes_[..., 3 * k : 3 * k + 3]
             three[..., : held.shape[2]] = held
-            self._features[f"{prefix}{k}"] = encode(three, "webp", mips)
-        self._parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
+            self.features[f"{prefix}{k}"] = encode(three, "webp", mips)
+        self.parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
 
     def _feature_mips(self) -> int:
         return max(self.mips - round(-np.log2(self.preset.share)), 0)
@@ -326,12 +329,12 @@ class LightmapFit:
         """[texels, C] features of the first stage at the texels, in [0, 1]."""
         y, x = np.mgrid[0 : texture.height, 0 : texture.width] + 0.5
         places = np.stack([x / texture.width, y / texture.height], axis=-1).reshape(-1, 2).astype(np.float32)
-        tensors = {k: mi.TensorXf(v) for k, v in self._parameters.items()}
+        tensors = {k: mi.TensorXf(v) for k, v in self.parameters.items()}
         with dr.suspend_grad():
-            found = np.array(self.network.features(tensors, mi.TensorXf(places)))
+            found = np.array(self.network.features(tensors, tensor(places)))
         values = np.full((len(places), texture.channels), 0.5, np.float32)
         values[:, : self.preset.channels] = (found - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
-        self._parameters = {k: v for k, v in self._parameters.items() if k[0] not in "sc"}
+        self.parameters = {k: v for k, v in self.parameters.items() if k[0] not in "sc"}
         return values
 
     # ------------------------------------------------------------------ result
@@ -345,7 +348,7 @@ class LightmapFit:
         Returns:
             [N, 3] radiance, reflectance included.
         """
-        return self.network.evaluate(self._parameters, self.rows(query)) * self.unit
+        return self.network.evaluate(self.parameters, self.rows(query)) * self.unit
 
     def lower(self) -> Graph:
         """Return the shading graph that is written.
@@ -353,4 +356,4 @@ class LightmapFit:
         Returns:
             The graph.
         """
-        return self.nodes.lowered(self._features, self._parameters if self.preset.hidden else {})
+        return self.nodes.lowered(self.features, self.parameters if self.preset.hidden else {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,27 @@ from lightwell.transport.samples import Samples
 
 # Edge of the features of a larger atlas, relative to those of one of the usual size.
 FINER = 1.5
-# Held-out samples that decide whether the network lowers the error.
-HELD = 1 << 13
-# Trainings from different starts, of which the best on held-out samples is taken; each has at least so many steps.
-STARTS, ENOUGH_STEPS, START_SEED = 3, 800, 0x10001
+# Trainings from different starts, and the distance of their seeds.
+STARTS, START_SEED = 3, 0x10001
 # Edge of the fallback.
 FALLBACK_SIZE = 512
 FALLBACK_CODEC = "jpeg90"
 # The brightest irradiance of the fallback, as a quantile of all texels: bytes are not spent on a few highlights.
 FALLBACK_QUANTILE = 0.999
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Trainings from different starts, of which the best on held-out samples is taken."""
+
+    most: int = STARTS
+    """Number of trainings, at most."""
+    enough_steps: int = 800
+    """Least steps of each."""
+    held: int = 1 << 13
+    """Held-out samples, at most."""
+    error: Callable[[LightmapFit, ViewSamples], float] | None = None
+    """Error on held-out samples, also by which the network is left out; None: ``shown_error``."""
 
 
 def fitted(
@@ -45,6 +57,7 @@ def fitted(
     progress: Callable[[int], None] | None = None,
     part: WorkPart | None = None,
     size: int | None = None,
+    starts: Starts | None = None,
 ) -> LightmapFit:
     """Encode the irradiance as a picture and train the network.
 
@@ -58,6 +71,7 @@ def fitted(
         progress: Called with the number of the step, every 50 steps.
         part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
         size: Texels along the edge of the features' atlas; None: as ``made``.
+        starts: How many trainings are compared, and by what; None: the defaults.
 
     Returns:
         The fit.
@@ -83,7 +97,7 @@ def fitted(
         fit = start(0)
         fit.train(samples.query, samples.radiance, samples.weight, steps, progress, part)
         return fit
-    return _best_start(start, samples, seed, steps, progress, part)
+    return _best_start(start, samples, seed, steps, progress, part, starts or Starts())
 
 
 def _best_start(
@@ -93,11 +107,14 @@ def _best_start(
     steps: int,
     progress: Callable[[int], None] | None,
     part: WorkPart | None,
+    choice: Starts,
 ) -> LightmapFit:
     """The best of several trainings, and of no network, on held-out samples."""
-    held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(HELD / len(samples.weight), 0.1)
+    held = np.random.default_rng([seed, 0x6A7E]).random(len(samples.weight)) < min(
+        choice.held / len(samples.weight), 0.1
+    )
     seen, judged = samples[np.flatnonzero(~held)], samples[np.flatnonzero(held & (samples.weight > 0))]
-    starts = int(np.clip(steps // ENOUGH_STEPS, 1, STARTS)) if len(judged.weight) else 1
+    starts = int(np.clip(steps // choice.enough_steps, 1, choice.most)) if len(judged.weight) else 1
     fits = []
     for k in range(starts):
         fits.append(start(k))
@@ -106,7 +123,8 @@ def _best_start(
     if not len(judged.weight):
         return fits[0]
     plain = replace(fits[0], preset=replace(PRESETS["plain"], base=fits[0].preset.base), direction=None)
-    return min([*fits, plain], key=lambda fit: shown_error(fit, judged))
+    error = choice.error or shown_error
+    return min([*fits, plain], key=lambda fit: error(fit, judged))
 
 
 def shown_error(fit: LightmapFit, samples: ViewSamples) -> float:

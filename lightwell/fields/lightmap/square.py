@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from lightwell.fields.lightmap.sides import TriangleSides
 from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.scene import Scene
 
-# An atlas that is covered less than this becomes twice as large, up to a size.
-ROOMY, MOST_ROOMY = 0.65, 2048
+
+@dataclass(frozen=True)
+class AtlasLimits:
+    """When the atlas of a scene of small charts becomes twice as large."""
+
+    least_coverage: float = 0.65
+    """Share of covered texels below which it does, ..."""
+    largest: int = 2048
+    """... up to this edge, texels, ..."""
+    fewest_paths: int = 32
+    """... and unless its texels would get fewer paths than this: noise costs more than small texels gain."""
 
 
-def roomy_atlas(scene: Scene, size: int, mips: int, sides: TriangleSides) -> Atlas:
+def roomy_atlas(scene: Scene, size: int, mips: int, sides: TriangleSides, limits: AtlasLimits | None = None) -> Atlas:
     """Make an atlas, twice as large where the charts are so small that padding would take much of it.
 
     Args:
@@ -18,11 +29,13 @@ def roomy_atlas(scene: Scene, size: int, mips: int, sides: TriangleSides) -> Atl
         size: Texels along the edge.
         mips: Levels of the mip chain.
         sides: Sides to store.
+        limits: When it becomes larger; None: the defaults.
 
     Returns:
         The atlas.
     """
+    limits = limits or AtlasLimits()
     made = build(scene, size, sides.lit, mips, dark=sides.dark, faint=sides.faint)
-    if made.coverage >= ROOMY or 2 * size > MOST_ROOMY:
+    if made.coverage >= limits.least_coverage or 2 * size > limits.largest:
         return made
     return build(scene, 2 * size, sides.lit, mips, dark=sides.dark, faint=sides.faint)

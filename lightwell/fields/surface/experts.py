@@ -156,7 +156,7 @@ class CodedFit(GatedFit):
         self._trainer = BatchedTrainer(self.mlp, preset.training, seeds)
         self._gated = False
         # Computed from the samples when needed: training set; validation's expert of each row.
-        self._data: Any = None
+        self.training_set: Any = None
         self._owner: np.ndarray | None = None
 
     @property
@@ -165,11 +165,12 @@ class CodedFit(GatedFit):
         return self._trainer.best
 
     def _rearrange(self) -> None:
-        self._data = self._owner = None
+        self.training_set = self._owner = None
 
     # ------------------------------------------------------------------ gate
 
-    def _learn_gate(self) -> None:
+    def learn_gate(self) -> None:
+        """Train the auto-encoder on the inputs of the training samples; its encoder becomes the gate."""
         rows = self.gate_inputs.rows(self.examples.query)
         code, history = self._coder.train(rows, self.preset.gate_training, self._seed)
         self.gate_weights = {
@@ -180,8 +181,15 @@ class CodedFit(GatedFit):
         self.facts["gate_loss"] = [round(value, 5) for value in history]
         self._gated = True
 
-    def _border(self, rows: np.ndarray) -> np.ndarray:
-        """[N] whether a sample is at a border: its two largest codes are among the nearest to each other."""
+    def at_border(self, rows: np.ndarray) -> np.ndarray:
+        """Find samples at a border: their two largest codes are among the nearest to each other.
+
+        Args:
+            rows: [N, G] inputs of the gate.
+
+        Returns:
+            [N] bool.
+        """
         code = expit(self.gate.evaluate(self.gate_weights, rows))
         largest = np.partition(code, -2, axis=1)[:, -2:]
         margin = largest[:, 1] - largest[:, 0]
@@ -195,18 +203,18 @@ class CodedFit(GatedFit):
         self.facts |= share_facts(expert, self.preset.experts)
         weight = examples.weight
         if self.preset.border_weight != 1.0:
-            weight = weight * np.where(self._border(rows), self.preset.border_weight, 1.0)
+            weight = weight * np.where(self.at_border(rows), self.preset.border_weight, 1.0)
         order, runs = sort_into_runs(expert, self.preset.experts, (self._seed, len(examples)))
-        self._data = BatchedSet.from_numpy(examples.features[order], examples.target[order], weight[order], runs)
+        self.training_set = BatchedSet.from_numpy(examples.features[order], examples.target[order], weight[order], runs)
 
     # ------------------------------------------------------------------ fit
 
     def _step(self, total: int) -> bool:
         if not self._gated:
-            self._learn_gate()
-        if self._data is None:
+            self.learn_gate()
+        if self.training_set is None:
             self._arrange()
-        self._last = self._trainer.step(self._data, total)
+        self._last = self._trainer.step(self.training_set, total)
         self.state.samples_seen += self.preset.training.batch * self.preset.experts
         return False
 

@@ -125,8 +125,12 @@ class HardMixtureFit(GatedFit):
             self._gate_rows[kind] = self.gate_inputs.rows(getattr(self, kind).query)
         return self._gate_rows[kind]
 
-    def _assignment(self) -> np.ndarray:
-        """[n] expert of each training sample."""
+    def assignment(self) -> np.ndarray:
+        """Assign training samples to experts: at random in the first round, then by the gate, within the cap.
+
+        Returns:
+            [n] expert of each training sample.
+        """
         count, experts = len(self.examples), self.preset.experts
         if self._assigning is None:
             return np.random.default_rng((self._seed, count)).permutation(count) % experts
@@ -134,7 +138,7 @@ class HardMixtureFit(GatedFit):
         return assign_within(preference, int(np.ceil(count / experts * (1 + self.preset.margin))))
 
     def _arrange_experts(self) -> None:
-        examples, expert = self.examples, self._assignment()
+        examples, expert = self.examples, self.assignment()
         self.facts |= share_facts(expert, self.preset.experts)
         order, runs = sort_into_runs(expert, self.preset.experts, (self._seed, len(examples)))
         features, target, weight = examples.features[order], examples.target[order], examples.weight[order]
@@ -181,9 +185,9 @@ class HardMixtureFit(GatedFit):
         self._idle = 0 if error < self._round_error else self._idle + 1
         self._round_error = min(error, self._round_error)
         experts, gate = self._experts.parameters, self._gate.parameters
-        old = self._assignment()
+        old = self.assignment()
         self._assigning = {name: value[0] for name, value in gate.items()}
-        moved = float((self._assignment() != old).mean())
+        moved = float((self.assignment() != old).mean())
         self._round += 1
         self.facts["rounds"].append({"round": self._round, "error": round(error, 5), "moved": round(moved, 4)})
         self._step_in_round = 0

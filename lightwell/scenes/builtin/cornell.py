@@ -16,8 +16,8 @@ SCALE = 2.0 / 548.8
 WIDTH, HEIGHT, DEPTH = 556.0 * SCALE, 2.0, 559.2 * SCALE
 
 # Floor corners (x, z) of the blocks and their heights, in published millimetres.
-SHORT_BLOCK = ([(130, 65), (82, 225), (240, 272), (290, 114)], 165.0)
-TALL_BLOCK = ([(423, 247), (265, 296), (314, 456), (472, 406)], 330.0)
+SHORT_BLOCK: tuple[list[tuple[float, float]], float] = ([(130, 65), (82, 225), (240, 272), (290, 114)], 165.0)
+TALL_BLOCK: tuple[list[tuple[float, float]], float] = ([(423, 247), (265, 296), (314, 456), (472, 406)], 330.0)
 
 # The lamp's patch in the ceiling, published millimetres: x and z ranges.
 LAMP = ((213.0, 343.0), (227.0, 332.0))

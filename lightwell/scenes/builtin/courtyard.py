@@ -106,7 +106,16 @@ def _shaft(kit: Kit) -> None:
     _potted(kit, "small_plant", (1.0, 0, -1.1), radius=0.21, height=0.34, plant=0.85, stems=11, seed=8)
 
 
-def _potted(kit: Kit, name: str, at: tuple, radius: float, height: float, plant: float, stems: int, seed: int) -> None:
+def _potted(
+    kit: Kit,
+    name: str,
+    at: tuple[float, float, float],
+    radius: float,
+    height: float,
+    plant: float,
+    stems: int,
+    seed: int,
+) -> None:
     stalks, leaves = furniture.plant(plant, stems, seed)
     top = (at[0], at[1] + height - 0.05, at[2])
     kit.add(f"{name}_pot", "clay", move(furniture.pot(radius, height), at))
@@ -131,7 +140,9 @@ def _gallery(kit: Kit) -> None:
     _hang(kit, "gallery_picture", "painting_hills", (0.9, 0.7), (1.0, UPPER + 1.55, -SHAFT - GALLERY), 0.0)
 
 
-def _hang(kit: Kit, name: str, art: str, size: tuple[float, float], at: tuple, turn: float) -> None:
+def _hang(
+    kit: Kit, name: str, art: str, size: tuple[float, float], at: tuple[float, float, float], turn: float
+) -> None:
     """A framed picture; it faces +z turned by ``turn`` degrees."""
     frame, canvas = furniture.picture(*size)
     kit.add(f"{name}_frame", "oak", move(rotate(frame, turn), at))

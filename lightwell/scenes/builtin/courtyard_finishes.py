@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..scene import Image, Material, Texture
 from . import patterns
 from .kit import Kit
 
 
-def _matt(name: str, image: Image, roughness: float = 0.9, **more) -> Material:
+def _matt(name: str, image: Image, roughness: float = 0.9, **more: Any) -> Material:
     """A textured dielectric."""
     texture = Texture(image)
     return Material(name, base_color_texture=texture, metallic=0.0, roughness=roughness, **more)
 
 
 def _plain(
-    name: str, color: tuple[float, float, float], roughness: float = 0.8, metallic: float = 0.0, **more
+    name: str, color: tuple[float, float, float], roughness: float = 0.8, metallic: float = 0.0, **more: Any
 ) -> Material:
     """A dielectric (or metal) of one linear colour."""
     return Material(name, base_color=(*color, 1.0), metallic=metallic, roughness=roughness, **more)

@@ -85,7 +85,7 @@ class Masonry:
         planes = [self._planes(axis) for axis in range(3)]
         finishes = [step[1] for step in self._steps]
         air = self._cells(planes)
-        found: dict[str, list[np.ndarray]] = {}
+        found: dict[str, list[tuple[np.ndarray, ...]]] = {}
         for axis in range(3):
             near, far = np.moveaxis(air, axis, 0)[:-1], np.moveaxis(air, axis, 0)[1:]
             for sign, cut, wall in (("-", near, far), ("+", far, near)):

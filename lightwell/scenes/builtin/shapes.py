@@ -10,14 +10,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Triangles smaller than this (square metres) are poles of a lathe and are left out.
 SMALLEST_AREA = 1e-9
 
 # Outward axis, then the two in-plane axes u and v with u x v = outward.
 FACES: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {
-    name: tuple(np.array(axis, dtype=np.float64) for axis in axes)
-    for name, axes in {
+    name: (np.array(outward, np.float64), np.array(u, np.float64), np.array(v, np.float64))
+    for name, (outward, u, v) in {
         "+x": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
         "-x": ((-1, 0, 0), (0, 0, 1), (0, 1, 0)),
         "+y": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
@@ -101,7 +102,7 @@ def _without_slivers(positions: np.ndarray, indices: np.ndarray) -> np.ndarray:
     return indices[0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) > SMALLEST_AREA]
 
 
-def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: bool = False) -> MeshPart:
+def quad(corner: ArrayLike, u: ArrayLike, v: ArrayLike, fit: bool = False) -> MeshPart:
     """Make the parallelogram corner, corner+u, corner+u+v, corner+v; it faces along u x v.
 
     Args:
@@ -114,7 +115,7 @@ def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: b
     Returns:
         Its triangles.
     """
-    corner, u, v = (np.asarray(x, dtype=np.float64) for x in (corner, u, v))
+    corner, u, v = np.asarray(corner, np.float64), np.asarray(u, np.float64), np.asarray(v, np.float64)
     positions = corner + np.array([0 * u, u, u + v, v])
     normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
     along, up = u / np.linalg.norm(u), v / np.linalg.norm(v)
@@ -124,7 +125,7 @@ def quad(corner: Sequence[float], u: Sequence[float], v: Sequence[float], fit: b
     return MeshPart(positions, np.tile(normal, (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def box(low: Sequence[float], high: Sequence[float], skip: Sequence[str] = (), grain: bool = False) -> MeshPart:
+def box(low: ArrayLike, high: ArrayLike, skip: Sequence[str] = (), grain: bool = False) -> MeshPart:
     """Make an axis-aligned box.
 
     Args:
@@ -197,8 +198,8 @@ def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bo
     Returns:
         Its triangles.
     """
-    profile = np.asarray(profile, dtype=np.float64)
-    steps = np.diff(profile, axis=0)
+    points = np.asarray(profile, dtype=np.float64)
+    steps = np.diff(points, axis=0)
     slopes = np.stack([steps[:, 1], -steps[:, 0]], axis=1) / np.linalg.norm(steps, axis=1)[:, None]
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(steps, axis=1))])
     bands = []
@@ -206,7 +207,7 @@ def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bo
         ends = [slopes[k], slopes[k]]
         if smooth:
             ends = [slopes[max(k - 1, 0)] + slopes[k], slopes[k] + slopes[min(k + 1, len(steps) - 1)]]
-        bands.append(_band(profile[k : k + 2], np.array(ends), arc[k : k + 2], segments))
+        bands.append(_band(points[k : k + 2], np.array(ends), arc[k : k + 2], segments))
     return merge(bands)
 
 
@@ -311,7 +312,7 @@ def _cap(center: np.ndarray, ring: np.ndarray, flip: bool) -> MeshPart:
     return MeshPart(positions, np.tile(normal, (len(positions), 1)), uv, indices)
 
 
-def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 8) -> MeshPart:
+def rod(start: ArrayLike, end: ArrayLike, radius: float, segments: int = 8) -> MeshPart:
     """Make a straight round rod.
 
     Args:
