@@ -30,7 +30,7 @@ test: lint web/node_modules/.installed
 
 # For work: the checks of the code and the tests that trace and train nothing, at most 90 s.
 FAST := tests/core tests/graph tests/asset tests/report tests/test_rooms.py tests/test_files.py tests/test_limits.py \
-  tests/test_exr.py tests/test_interrupts.py tests/test_isolated.py tests/test_serve.py
+  tests/test_exr.py tests/test_interrupts.py tests/test_isolated.py tests/test_serve.py tests/test_tests.py
 test-fast: lint
 	$(VENV)/bin/python -m pytest -x -n 2 $(FAST)
 

@@ -69,8 +69,10 @@ def test_an_unknown_room_is_refused(capsys):
 
 
 def test_make_test_runs_every_file_of_tests():
-    places = [ROOT / one.name for one in run_tests.python_rooms("")]
+    places = [ROOT / word for one in run_tests.python_rooms("") for word in one.command if word.startswith("tests/")]
     for path in (ROOT / "tests").rglob("test_*.py"):
         assert any(path.is_relative_to(place) for place in places), path
+    fast = re.search(r"^FAST := ((?:.*\\\n)*.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert fast and tuple(fast[1].replace("\\\n", " ").split()) == run_tests.QUICK
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert recipe and "tools/run_tests.py" in recipe[1].splitlines()[-1]

@@ -2,8 +2,9 @@
 
     python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...]
 
-A room is a folder of ``tests/``, a file ``tests/test_*.py`` or ``web``. Each is a process of its own, so that no room
-sees what another left in Mitsuba. Exit code 1 when a test failed or a room ended in an error.
+A room is a folder of ``tests/``, a file ``tests/test_*.py``, ``quick`` (tests without tracing) or ``web``. Each
+is a process of its own, so that no room sees what another left in Mitsuba. Exit code 1 when a test failed or a room
+ended in an error.
 """
 
 from __future__ import annotations
@@ -26,6 +27,12 @@ ROOT = Path(__file__).parents[1]
 MARKS = "not slow"
 # pytest: "no tests collected", such as a file of slow tests only when those are deselected.
 NOTHING_SELECTED = 5
+# What traces and trains nothing is one room: importing Mitsuba takes longer than these tests do.
+QUICK = (
+    "tests/core", "tests/graph", "tests/asset", "tests/report", "tests/test_rooms.py", "tests/test_files.py",
+    "tests/test_limits.py", "tests/test_exr.py", "tests/test_interrupts.py", "tests/test_isolated.py",
+    "tests/test_serve.py", "tests/test_tests.py",
+)  # fmt: skip
 # Seconds between two looks at the running rooms.
 POLL = 0.05
 
@@ -121,11 +128,12 @@ def python_rooms(marks: str) -> list[Room]:
     Returns:
         Folders of tests first, then single files.
     """
-    places = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
+    folders = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
+    found = [str(path.relative_to(ROOT)) for path in folders + sorted((ROOT / "tests").glob("test_*.py"))]
     pytest = (sys.executable, "-m", "pytest", "-m", marks, "--durations=5", "--durations-min=1")
     return [
-        Room(name, (*pytest, name), "--junitxml=", read_junit, may_be_empty=True)
-        for name in (str(path.relative_to(ROOT)) for path in places + sorted((ROOT / "tests").glob("test_*.py")))
+        Room(name, (*pytest, *places), "--junitxml=", read_junit, may_be_empty=True)
+        for name, places in [*((one, (one,)) for one in found if one not in QUICK), ("quick", QUICK)]
     ]
 
 
