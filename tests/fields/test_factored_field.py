@@ -47,8 +47,15 @@ def fitted(setup: FieldSetup = SETUP, steps: int = 200, lights: int = 32) -> fac
     return fit
 
 
-@pytest.mark.parametrize("light", ["point", "sun", "static"])
-@pytest.mark.parametrize("matte", [False, True])
+@pytest.mark.parametrize(
+    ("light", "matte"),
+    [
+        ("point", False),
+        ("sun", True),
+        ("static", False),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("point", True), ("sun", False), ("static", True))),
+    ],
+)
 def test_the_graph_is_what_was_learned(light, matte):
     fit = fitted(replace(SETUP, light=light, matte=matte), steps=20)
     graph, query = fit.lower(), samples(light, 4, seed=2).query

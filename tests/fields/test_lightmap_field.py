@@ -237,7 +237,13 @@ def test_a_view_turned_round_is_caught(glossy):
     assert error(radiance(fit, wrong)) > 3 * error(radiance(fit, query))
 
 
-@pytest.mark.parametrize("name", [*PRESETS, "environment"])
+# One of every kind of inputs; the other presets differ in numbers.
+KINDS = ("default", "siren-two-stage", "environment")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in KINDS else pytest.mark.slow) for n in (*PRESETS, "environment")]
+)
 def test_every_preset_trains_and_ships(name):
     preset = PRESETS[name] if name in PRESETS else replace(PRESETS["default"], mirrors=(8, 16))
     preset = replace(preset, share=min(preset.share, 0.25), base="png" if preset.base else "")
