@@ -110,7 +110,14 @@ def test_a_file_beside_it_holds_the_baselines(moving, tmp_path):
     assert moments.light.max() > 0 and moments.alive.any() and moments.maps[moments.alive].max() > 0
 
 
-@pytest.mark.parametrize("name", ["product-field", "mlp", "mlp-generated", "bare-relu-field-5"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mlp",
+        "mlp-generated",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("product-field", "bare-relu-field-5")),
+    ],
+)
 def test_every_weight_function_can_be_baked(name):
     preset, (x, n) = PRESETS[name], places(200)
     volume = bake_geometry(load("two-rooms"), 1.5, preset.function, fit=fit_of(preset)).volume
