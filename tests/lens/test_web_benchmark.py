@@ -20,6 +20,7 @@ def _run(*argv: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (ROOT / "web/node_modules/postprocessing").exists(), reason="the web's packages are missing")
 @pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium")
 def test_ours_is_closer_to_the_lens_than_every_other_page():
