@@ -39,7 +39,7 @@ class MitsubaElement:
         Returns:
             Its value.
         """
-        return self.props[key] if self.props.has_property(key) else default
+        return self.props[key] if key in self.props else default
 
 
 class MitsubaDocument:
@@ -146,7 +146,7 @@ class MitsubaDocument:
             SceneError: Mitsuba cannot make the object.
         """
         for key, child in self.children(node):
-            if props.has_property(key):
+            if key in props:
                 props[key] = self.make(child)
         try:
             made = mi.PluginManager.instance().create_object(props)

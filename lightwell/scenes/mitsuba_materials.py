@@ -146,7 +146,7 @@ class Materials:
         """Compute the glTF roughness: the root of the microfacet alpha; 0 for smooth plugins."""
         if not node.plugin.startswith("rough"):
             return 0.0
-        if node.props.has_property("alpha_u") or node.props.has_property("alpha_v"):
+        if "alpha_u" in node.props or "alpha_v" in node.props:
             self._lost.append("anisotropic roughness is replaced by its mean")
             alpha = (self._number(node, "alpha_u", 0.1) + self._number(node, "alpha_v", 0.1)) / 2
         else:
