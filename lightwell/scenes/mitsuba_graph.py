@@ -194,14 +194,14 @@ class MitsubaDocument:
             if node.kind == mi.ObjectType.Shape:
                 self.missing.add(node.index)
             elif node.kind == mi.ObjectType.Texture:
-                node.props.remove_property("filename")
+                del node.props["filename"]
                 node.props["bitmap"] = mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32))
             return None
         if name in files.pictures:
             pixels, srgb = files.pictures[name]
             picture = mi.Bitmap(pixels)
             picture.set_srgb_gamma(srgb)
-            node.props.remove_property("filename")
+            del node.props["filename"]
             node.props["bitmap"] = picture
         return Path(name)
 

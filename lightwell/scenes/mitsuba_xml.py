@@ -132,7 +132,7 @@ class _Reader:
         """Make the triangles of a single shape, without its BSDF and emitter, which are made separately."""
         props = mi.Properties(node.props)
         for key, _ in self.graph.children(node):
-            props.remove_property(key)
+            del props[key]
         shape = self.graph.create(node, props)
         if isinstance(shape, mi.Mesh):
             return of_mesh(shape)
