@@ -138,10 +138,12 @@ class Preview:
         self._clock, self._begin = clock, clock()
         self._changed = threading.Condition()
         self._glb, self._version, self._published = b"", 0, -np.inf
-        self._graphs: dict[Role, Graph] = {}
+        self.graphs: dict[Role, Graph] = {}
+        """The best graph of each role so far."""
         self._best: dict[Role, float] = {}
         self._curve: dict[Role, list[tuple[float, float]]] = {}
-        self._shown: PreviewScene | None = None
+        self.shown: PreviewScene | None = None
+        """What the page shows; None before ``begin``."""
         self._paused, self._stage, self._out = False, "loading", Path()
         self.enough = False
         """Whether the viewer has said that the light is good enough."""
@@ -155,11 +157,11 @@ class Preview:
             scene: The scene.
             request: Settings of the bake.
         """
-        self._shown = PreviewScene.of(scene, request)
-        self._publish("first light")
+        self.shown = PreviewScene.of(scene, request)
+        self.publish("first light")
         self._opened()
         for number, (lights, steps) in enumerate(ROUNDS):
-            for role in self._shown.roles:
+            for role in self.shown.roles:
                 if self.enough:
                     return
                 self._learn(role, lights, steps, number)
@@ -167,7 +169,7 @@ class Preview:
 
     def _learn(self, role: Role, lights: int, steps: int, number: int) -> None:
         """Train a small field for a moment and show it."""
-        shown = self._shown
+        shown = self.shown
         assert shown is not None
         samples = shown.samples(lights, role, SEED + 2 * number)
         setup = FieldSetup.of(
@@ -178,7 +180,7 @@ class Preview:
         learner.validate_on(shown.samples(HELD_OUT_LIGHTS, role, SEED + 1))
         learner.train(steps, steps)
         self._note(role, learner)
-        self._publish("first light")
+        self.publish("first light")
 
     def evaluated(self, role: Role, learner: Learner) -> float:
         """Take note of an evaluation of the bake's own training; wait while it is paused.
@@ -194,7 +196,7 @@ class Preview:
             GoodEnough: The training is to end.
         """
         if self._note(role, learner) and self._clock() - self._published >= LEAST_SECONDS:
-            self._publish("training")
+            self.publish("training")
         start = self._clock()
         with self._changed:
             while self._paused and not self.enough:
@@ -241,12 +243,17 @@ class Preview:
         if not error < self._best.get(role, np.inf):
             return False
         self._best[role] = error
-        self._graphs[role] = learner.lower()
+        self.graphs[role] = learner.lower()
         return True
 
-    def _publish(self, stage: str) -> None:
-        assert self._shown is not None
-        glb = self._shown.glb(self._graphs)
+    def publish(self, stage: str) -> None:
+        """Write the asset of the best graphs so far; pages that are open fetch it.
+
+        Args:
+            stage: Name of the stage of the bake.
+        """
+        assert self.shown is not None
+        glb = self.shown.glb(self.graphs)
         with self._changed:
             self._glb, self._version, self._stage = glb, self._version + 1, stage
         self._published = self._clock()
@@ -294,8 +301,8 @@ class Preview:
         Returns:
             JSON values.
         """
-        title = self._shown.scene.name if self._shown else ""
-        home = camera_json(self._shown.camera) if self._shown else None
+        title = self.shown.scene.name if self.shown else ""
+        home = camera_json(self.shown.camera) if self.shown else None
         return {"title": title, "exposure": None, "home": home, "views": [], "report": {}, "links": []}
 
     def application(self) -> Application:

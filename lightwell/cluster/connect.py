@@ -53,7 +53,7 @@ def connected(
     logging.getLogger("distributed").setLevel(logging.ERROR)
     assert options.cluster is not None
     with ExitStack() as stack:
-        security = _security(options.cluster_tls)
+        security = security_of(options.cluster_tls)
         address = _started(options.cluster, security, stack)
 
         def connect() -> Client:
@@ -167,7 +167,18 @@ def read_profile(path: str, kind: str) -> dict[str, Any]:
         raise ValueError(f"--cluster {kind}: '{path}' is not TOML ({error}); correct that line") from None
 
 
-def _security(folder: Path | None) -> Any:
+def security_of(folder: Path | None) -> Any:
+    """Read the keys of an encrypted cluster.
+
+    Args:
+        folder: Folder with certificate, key and authority; None: not encrypted.
+
+    Returns:
+        ``distributed``'s ``Security``, or None.
+
+    Raises:
+        ValueError: A file is missing.
+    """
     if folder is None:
         return None
     from distributed.security import Security

@@ -27,7 +27,9 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_settings import LAUNCH, PathReport, PathSettings
+from lightwell.transport.path_settings import LAUNCH as LAUNCH
+from lightwell.transport.path_settings import PathReport as PathReport
+from lightwell.transport.path_settings import PathSettings
 from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, Source, declared

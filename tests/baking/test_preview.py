@@ -48,8 +48,8 @@ class Shown:
 def page():
     now = SimpleNamespace(seconds=0.0)
     preview = Preview(clock=lambda: now.seconds)
-    preview._shown = Shown()
-    preview._publish("first light")
+    preview.shown = Shown()
+    preview.publish("first light")
     return preview, now
 
 
@@ -58,7 +58,7 @@ def test_a_better_fit_is_shown_and_a_worse_one_is_not(page):
     for seconds, error in ((5, 0.4), (6, 0.3), (11, 0.2), (20, 0.25)):
         now.seconds = seconds
         preview.evaluated("indirect", Learned(error))
-    assert preview._shown.written == [{}, {"indirect": "graph of 0.4"}, {"indirect": "graph of 0.2"}]
+    assert preview.shown.written == [{}, {"indirect": "graph of 0.4"}, {"indirect": "graph of 0.2"}]
     state = preview.state()
     assert state["version"] == 3 and state["best"] == {"indirect": 0.2}
     assert state["curve"]["indirect"] == [(5, 0.4), (6, 0.3), (11, 0.2), (20, 0.25)]
@@ -88,7 +88,7 @@ def test_a_pause_is_left_out_of_the_clock():
 
 def test_the_page_is_served_and_takes_commands(page):
     preview, _ = page
-    preview._shown.scene, preview._shown.camera = load("cornell"), load("cornell").cameras[0]
+    preview.shown.scene, preview.shown.camera = load("cornell"), load("cornell").cameras[0]
     with LocalServer(preview.application(), 0, "bake") as server:
 
         def get(path, data=None):
@@ -118,4 +118,4 @@ def test_a_bake_with_a_page_shows_light_and_ends_when_it_is_good_enough(tmp_path
     preview.evaluated = lambda role, learner: (_ for _ in ()).throw(GoodEnough)
     report = bake(small(tmp_path / "out", steps=400), preview=preview)
     assert preview.state()["version"] > 2 and preview.state()["stage"] == "done"
-    assert preview._graphs.keys() == {"indirect", "static"} and report["relative_error"] < 2
+    assert preview.graphs.keys() == {"indirect", "static"} and report["relative_error"] < 2

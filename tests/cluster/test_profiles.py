@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from lightwell.cli import main
-from lightwell.cluster.connect import _security, read_profile
+from lightwell.cluster.connect import read_profile, security_of
 from lightwell.core.cluster_options import parse_cluster
 
 EXAMPLES = Path(__file__).parents[2] / "examples/cluster"
@@ -43,7 +43,7 @@ def test_mistakes_are_one_line(tmp_path, capsys):
 
 def test_missing_certificates_are_named(tmp_path):
     with pytest.raises(ValueError, match=r"there is no '.*ca.pem'; the folder holds ca.pem, cert.pem, key.pem"):
-        _security(tmp_path)
+        security_of(tmp_path)
 
 
 def test_the_job_script_of_the_slurm_example():

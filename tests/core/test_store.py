@@ -226,7 +226,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_half_written(tmp_path):
     assert len(Store(tmp_path).entries()) == 2
 
 
-def test_entries_of_other_processes_count_after_a_while(tmp_path):
+def test_entries_of_other_processes_count_after_a_while(tmp_path, monkeypatch):
     one = {"x": np.zeros(1000, np.uint8)}
     store, other = Store(tmp_path, limit=10_000), Store(tmp_path, limit=None)
     store.put(key("a", 1), one)
@@ -234,6 +234,7 @@ def test_entries_of_other_processes_count_after_a_while(tmp_path):
         other.put(key("b", 1, k=k), one)
     store.put(key("a", 2), one)
     assert len(store.entries()) == 22
-    store._counted -= 100
+    now = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: now() + 100)
     store.put(key("a", 3), one)
     assert sum(entry.bytes for entry in store.entries()) <= 10_000
