@@ -4,9 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from lightwell.backend import cure
+from lightwell.backend import ACTIVE, aligned, cure, dr, mi, upload_floats
 
 PROGRAM = """
 import sys; sys.path[:] = sys.argv[1:]
@@ -41,3 +42,25 @@ def test_the_cure_of_each_platform_is_one_line_and_in_the_docs(system, processor
     assert what in line and "\n" not in line and "DRJIT_LIBLLVM_PATH" in line
     table = (Path(__file__).parents[1] / "docs/tutorials/install.md").read_text()
     assert (what.removeprefix("pip install ") if system != "win32" else "the LLVM installer") in table
+
+
+def test_kernels_are_the_same_for_arrays_of_every_alignment():
+    """Dr.Jit writes the alignment of the memory that it wraps into its kernels."""
+    memory = np.zeros(256, np.uint8)
+    hashes = {}
+    for upload in (upload_floats, mi.Float):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            for begin in (0, 4, 16, 36):
+                dr.eval(upload(memory[begin : begin + 64].view(np.float32)) * 3)
+            hashes[upload] = {kernel["hash"] for kernel in dr.kernel_history() if "hash" in kernel}
+    assert len(hashes[upload_floats]) == 1
+    # Without the copy they differ, on a processor.
+    assert len(hashes[mi.Float]) > 1 or not ACTIVE.variant.startswith("llvm")
+
+
+def test_aligned_copies_are_copies():
+    for shape in ((0,), (3,), (5, 2)):
+        original = np.arange(np.prod(shape), dtype=np.float64).reshape(shape)
+        copy = aligned(original, np.float32)
+        assert copy.dtype == np.float32 and (not copy.size or copy.ctypes.data % 64 == 0)
+        assert np.array_equal(copy, original) and not np.shares_memory(copy, original)
