@@ -55,11 +55,15 @@ def fingerprint() -> dict[str, str]:
     import mitsuba
 
     from lightwell.backend import mi
-    from lightwell.transport import draw_surface, static
+    from lightwell.scenes.placing import sample_lights
+    from lightwell.scenes.variables import declare
+    from lightwell.transport import draw_surface, indirect
 
     with _LOCK:
         scene = load("cornell")
-        a, b = static(scene, draw_surface(scene, POINTS, SEED).points, PATHS, SEED)
+        variable = declare((), scene)
+        lights = sample_lights(scene, variable, POINTS, SEED)
+        a, b = indirect(scene, draw_surface(scene, POINTS, SEED).points, lights, variable, PATHS, SEED)
     return {
         "lightwell": lightwell.__version__,
         "mitsuba": mitsuba.__version__,

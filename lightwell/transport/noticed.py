@@ -30,6 +30,7 @@ def noticed(
     boxes: np.ndarray,
     lamps: np.ndarray,
     seed: int,
+    rays: int = RAYS,
 ) -> np.ndarray:
     """Find the points that could notice a change.
 
@@ -41,6 +42,7 @@ def noticed(
         boxes: [B, 2, 3] boxes around what has changed, metres.
         lamps: [L, 2, 3] those that emit light; they are looked at for the scene's own light only.
         seed: Seed of the directions.
+        rays: Directions that are followed from a point.
 
     Returns:
         [N] bool.
@@ -52,7 +54,7 @@ def noticed(
     start = position + lift * normal
     for lamp in lamps:
         found |= _sees(scene, start, lamp.mean(axis=0))
-    for _ in range(RAYS):
+    for _ in range(rays):
         direction = _cosine(normal, random)
         distance = _distance(scene, start, direction)
         # Not quite to the surface: the next segments begin in front of it.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -273,28 +273,6 @@ def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int 
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
     return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
-
-
-def stored_columns(folder: str | Path, shards: int, names: Sequence[str]) -> list[np.ndarray]:
-    """Read columns of a folder of shards that are no part of samples, such as ``triangle``.
-
-    Args:
-        folder: Folder that ``generate`` has written.
-        shards: Number of shards to read, from the first.
-        names: Names of columns.
-
-    Returns:
-        The columns [N, ...], in the order of ``names``.
-
-    Raises:
-        ValueError: A shard is missing.
-    """
-    folder = Path(folder)
-    found, store = _read_manifest(folder, None), Store(folder, limit=None)
-    parts = [store.find(shard_key(found, index), formats.COLUMNS) for index in range(shards)]
-    if any(part is None for part in parts):
-        raise ValueError(f"samples: '{folder}' has lost a shard; run generate() again")
-    return [np.concatenate([part[name] for part in parts if part is not None]) for name in names]
 
 
 def shard_key(manifest: dict, index: int) -> Key:

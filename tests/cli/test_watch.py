@@ -53,7 +53,7 @@ def test_a_built_in_scene_has_no_file(tmp_path, capsys):
     assert "--watch looks at a file" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("field", ["kdtree", "lightmap"])
+@pytest.mark.parametrize("field", ["kdtree", "tree"])
 def test_rebake_is_refused_where_there_is_none(field, capsys, tmp_path):
     assert main(["bake", "cornell", "-o", str(tmp_path / "x"), "--field", field, "--rebake", "old"]) == 2
     assert "--rebake" in capsys.readouterr().err

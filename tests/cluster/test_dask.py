@@ -19,7 +19,9 @@ from lightwell.cluster.roster import Roster
 from lightwell.cluster.worker import SceneSource
 from lightwell.core.store import Store
 from lightwell.scenes import load
-from lightwell.transport import draw_surface, static
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.variables import declare
+from lightwell.transport import draw_surface, indirect
 
 ROOT = Path(__file__).parents[2]
 # Rows, paths of each, and paths of a unit: 40 units of work.
@@ -76,7 +78,9 @@ def executor(processes, folder, said, **options):
 
 
 def trace(scene):
-    return static(scene, draw_surface(scene, POINTS, 1).points, PATHS, 3)
+    variable = declare((), scene)
+    lights = sample_lights(scene, variable, POINTS, 1)
+    return indirect(scene, draw_surface(scene, POINTS, 1).points, lights, variable, PATHS, 3)
 
 
 @pytest.fixture(scope="module")

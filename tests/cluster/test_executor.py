@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from distributed import Client, LocalCluster
+from plain_glb import write_plain
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.executor import DaskExecutor
@@ -11,7 +12,9 @@ from lightwell.cluster.roster import Roster
 from lightwell.cluster.worker import SceneSource
 from lightwell.core.store import Store
 from lightwell.scenes import load
-from lightwell.transport import draw_surface, static
+from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.variables import declare
+from lightwell.transport import draw_surface, indirect
 
 # 64 rows of 16 paths, 16 rows to a unit: four units.
 POINTS, PATHS, LANES = 64, 16, 256
@@ -41,14 +44,16 @@ def scene(client, own, tmp_path):
 
 
 def trace(scene):
-    return static(scene, draw_surface(scene, POINTS, 1).points, PATHS, 3)
+    variable = declare((), scene)
+    lights = sample_lights(scene, variable, POINTS, 1)
+    return indirect(scene, draw_surface(scene, POINTS, 1).points, lights, variable, PATHS, 3)
 
 
 def test_bytes_and_store_and_a_full_disk(scene):
     found, moved = trace(scene), scene.executor.moved
     assert moved.units == 4 and moved.from_store == 0 and scene.executor.roster.seen in (1, 2)
     assert "4 units on" in scene.executor.summary()
-    assert moved.bytes_sent == POINTS * 28
+    assert moved.bytes_sent == POINTS * 40
     again = trace(scene)
     assert moved.units == 4 and moved.from_store == 4
 
@@ -58,6 +63,7 @@ def test_bytes_and_store_and_a_full_disk(scene):
     scene.executor.store = Store(scene.executor.store.folder.with_name("other"))
     scene.executor.store.put = full
     third = trace(scene)
+    assert np.isfinite(found).all() and np.any(found)
     assert moved.units == 8 and not scene.executor.stores
     scene.executor = None
     whole = trace(scene)
@@ -82,9 +88,7 @@ def test_workers_of_other_bytes_are_refused_or_taken(client, own):
 
 
 def test_scene_files_are_sent_where_the_path_is_unknown(tmp_path):
-    from lightwell.asset.write import write_glb
-
-    write_glb(tmp_path / "room.glb", load("cornell"), [], [])
+    write_plain(tmp_path / "room.glb", load("cornell"))
     scene = load(tmp_path / "room.glb")
     files = remote.scene_files(SceneSource(str(tmp_path / "room.glb"), scene.digest))
     hidden = SceneSource("/nowhere/room.glb", scene.digest)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_glb import write_plain
 
 from lightwell.api import bake
 from lightwell.core.formats import ARRAYS
@@ -77,18 +78,13 @@ def state(out, role="indirect"):
 
 @pytest.mark.slow
 def test_an_edit_keeps_what_it_does_not_touch(tmp_path, cornell):
-    import lightwell.asset.write as glb
-
-    def save(scene, name):
-        glb.write_glb(tmp_path / name, scene, [], [])
-
-    save(cornell, "room.glb")
+    write_plain(tmp_path / "room.glb", cornell)
     few = {"shards": 1, "steps": 60, "lights_per_shard": 32, "static": False, "views": 1, "truth": "1s"}
     bake(tmp_path / "room.glb", tmp_path / "old", keep=True, view_size=(48, 32), **few)
     same = bake(tmp_path / "room.glb", tmp_path / "same", rebake=tmp_path / "old")
     assert same["changed"] == [] and same["roles"]["indirect"]["traced_again"] == 0
     moved = with_mesh(cornell, -1, positions=cornell.meshes[-1].positions + np.float32([0.05, 0, 0]))
-    save(moved, "room.glb")
+    write_plain(tmp_path / "room.glb", moved)
     told = bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "old")["roles"]["indirect"]
     assert 0 < told["traced_again"] <= told["samples"] and told["error"] <= told["error_before"]
     old, new = state(tmp_path / "old"), state(tmp_path / "new")

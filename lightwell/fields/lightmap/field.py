@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -12,12 +12,17 @@ import numpy as np
 
 from lightwell.core.denoise import missing
 from lightwell.core.formats import JSON, RecordFormat
-from lightwell.core.store import Store
 from lightwell.core.work import WorkPart
-from lightwell.fields.baked import Baked
 from lightwell.fields.budget import Budget, learning_seconds
+from lightwell.fields.lightmap.edits import (
+    EditedLightmap,
+    edited_chart,
+    edited_fit,
+    edited_lightmap,
+    keep_lightmap,
+)
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap.fitting import atlas_facts, fallback, fitted, sample_unit, texel_facts
+from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions
 from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
@@ -25,159 +30,32 @@ from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
 from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
+from lightwell.fields.lightmap.state import EYE_PATHS, FittedLightmap, LightmapState, StillSamples
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
+from lightwell.fields.lightmap.validation import LightmapValidation
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
-from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
+from lightwell.fields.protocol import Job, Role
 from lightwell.fields.surface.tracing import path_rate
-from lightwell.networks.losses import EPSILON
-from lightwell.scenes.atlas import Atlas, build, charted_meshes
+from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
-from lightwell.transport import draw_surface, indirect, static
 from lightwell.transport.irradiance import Irradiance, irradiance
-from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
-from lightwell.transport.samples import SurfacePoints
 
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
-# Paths per sample of radiance towards views, and bounds of the number of samples.
-EYE_PATHS, FEWEST_EYES, MOST_EYES = 8, 1 << 12, 1 << 20
+# Bounds of the number of samples of radiance towards views.
+FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 20
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
 POINTS_PER_LIGHT = 128
 # Seconds of a training step of 2^14 rows on two cores, and the fewest steps.
 STEP_SECONDS, LEAST_STEPS = 0.04, 200
 # Edge of the light that the fallback is made from where there is no ordinary light map.
 COARSE = 1024
-# Paths per second that the reference's budget assumes until the scene's rate is measured.
-RATE = 3e5
-# The validation points of an error budget: their number, seed and paths.
-VALIDATION_POINTS, VALIDATION_SEED, VALIDATION_PATHS = 4096, 0xA11D, 256
 # Formats of stored samples.
 LIGHT, VIEWS = RecordFormat(Irradiance), RecordFormat(ViewSamples)
-
-
-@dataclass
-class LightmapState(State):
-    """A scene with its atlas."""
-
-    preset: LightmapPreset = PRESETS["default"]
-    atlas: Atlas = field(init=False)
-    paths: int = 0
-    """Paths per texel."""
-    eyes: int = 0
-    """Number of samples of radiance towards views."""
-    rate: float = RATE
-    """Paths per second."""
-    round: int = 0
-    """Of an error budget: each has twice the paths, radiance samples and steps of the last."""
-    facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
-
-    @property
-    def part(self) -> WorkPart:
-        """Part of the bake that stores the results of this round."""
-        counts = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
-        return self.job.work.part(field="lightmap", **counts)
-
-    @property
-    def size(self) -> int:
-        """Edge of the atlas that viewers read; that of the fallback's light may be smaller."""
-        return self.job.options.size or max(self.preset.size, self.atlas.size)
-
-    @property
-    def shipped(self) -> Scene:
-        """The scene with the atlas's coordinates; its lights are in the light map."""
-        return replace(self.scene, meshes=charted_meshes(self.scene, self.atlas), lights=[])
-
-
-@dataclass(frozen=True)
-class StillSamples:
-    """Samples of the light of the scene's own emitters: irradiance at texels and radiance towards views."""
-
-    chart: AtlasIrradiance
-    eyes: ViewSamples
-
-
-@dataclass
-class FittedLightmap:
-    """See ``lightwell.fields.protocol.Fit``."""
-
-    state: LightmapState
-    role: Role
-    map: LightmapFit
-    paths: int
-    seconds: float
-    chart: AtlasIrradiance | None = None
-    note: str = ""
-
-    @property
-    def unit(self) -> float:
-        """Radiance unit S."""
-        return self.map.unit
-
-    @property
-    def traced(self) -> Traced:
-        """Cost of the samples."""
-        return Traced(self.paths, 0, self.state.eyes, self.state.rate)
-
-    @property
-    def training(self) -> Training:
-        """Summary of the training."""
-        return Training(self.seconds, self.map.history[-1][0] if self.map.history else 0)
-
-    @property
-    def plan(self) -> dict[str, Any]:
-        """Counts that the budget bought."""
-        texel_paths = self.state.paths if self.chart else 0
-        return {
-            "size": self.state.size,
-            "texel_paths": texel_paths,
-            "eye_samples": self.state.eyes,
-            "steps": self.training.steps,
-        }
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Facts about the atlas and the stored pictures for the report, of all roles so far."""
-        self.state.facts["textures"][self.role] = {name: len(p.data) for name, p in self.map.pictures.items()}
-        self.state.facts["atlas"] |= atlas_facts(self.state.atlas) | (texel_facts(self.chart) if self.chart else {})
-        return self.state.facts
-
-    def query(self, points: SurfacePoints, light: np.ndarray) -> LightmapQuery:
-        """Return the inputs of the graph at surface points.
-
-        Args:
-            points: N surface points.
-            light: [3] or [N, 3] position of the light in metres, or direction towards the sun.
-
-        Returns:
-            N queries.
-        """
-        return query_of_lightmap(self.state.scene, self.state.atlas, points, light)
-
-    def lower(self) -> Lowered:
-        """Return the shading graph that is written, with its pictures and an ordinary light map for other viewers.
-
-        Returns:
-            The graph and what is stored beside it.
-        """
-        ordinary = fallback(self.chart) if self.chart else None
-        return Lowered(self.map.lower(), self.map.pictures, ordinary, f"lightmap {self.role}")
-
-    def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
-        """List the files beside the asset: a light map has none.
-
-        Args:
-            glb: Path of the asset.
-            shown: The light under which the bake is shown first.
-            store: Where to keep what an incremental bake starts from; None: it is not kept.
-
-        Returns:
-            An empty list.
-        """
-        return []
 
 
 class LightmapField:
@@ -208,6 +86,8 @@ class LightmapField:
         Returns:
             The prepared scene.
         """
+        if job.options.rebake:
+            return edited_lightmap(job)
         request, preset = job.request, self.presets[job.request.preset]
         scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
         variable = declare(request.vary, scene) if request.vary else None
@@ -229,7 +109,7 @@ class LightmapField:
 
     # ------------------------------------------------------------------ sample
 
-    def sample(self, state: LightmapState, role: Role) -> StillSamples | ViewSamples:
+    def sample(self, state: LightmapState, role: Role) -> StillSamples | ViewSamples | AtlasIrradiance:
         """Trace irradiance at texels and radiance towards views; for a variable light, only the latter.
 
         Args:
@@ -241,6 +121,9 @@ class LightmapField:
         """
         job, seed = state.job, state.job.request.seed
         with job.work.timed("trace"), job.progress.stage(f"trace {role}", 2, "") as stage:
+            if isinstance(state, EditedLightmap):
+                made, state.touched = edited_chart(state.scene, state.before, state.changes, state.paths)
+                return made
             if role == "indirect":
                 make = lambda: moving_samples(  # noqa: E731
                     state.scene, state.atlas, state.variable, state.eyes, EYE_PATHS, seed + 6
@@ -257,7 +140,11 @@ class LightmapField:
     # ------------------------------------------------------------------ fit
 
     def fit(
-        self, state: LightmapState, role: Role, samples: StillSamples | ViewSamples, part: WorkPart | None = None
+        self,
+        state: LightmapState,
+        role: Role,
+        samples: StillSamples | ViewSamples | AtlasIrradiance,
+        part: WorkPart | None = None,
     ) -> FittedLightmap:
         """Fit the light map; with a target error, again with twice the samples until the error is reached.
 
@@ -270,11 +157,15 @@ class LightmapField:
         Returns:
             The finished fit.
         """
+        if isinstance(state, EditedLightmap):
+            begin, made = perf_counter(), edited_fit(state.scene, state.before, samples)
+            paths = int(state.touched.sum()) * state.paths
+            return _keeping(FittedLightmap(state, role, made, paths, perf_counter() - begin, samples))
         budget: Budget = state.job.request.budget
         fit = self._fit_once(state, role, samples)
         if budget.error is None:
             return fit
-        held = _Validation.of(state, role)
+        held = LightmapValidation.of(state.scene, state.variable, state.job.request.seed, role)
         for _ in range(budget.rounds):
             error = held.error(fit)
             if error <= budget.error or (state.paths >= MOST_PATHS and state.eyes >= MOST_EYES):
@@ -301,10 +192,17 @@ class LightmapField:
             fit = _fit_still(state, samples)
             stage.advance()
         paths = len(samples.chart.texels.index) * state.paths + state.eyes * EYE_PATHS
-        return FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
+        return _keeping(FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart))
 
 
 FIELD = LightmapField()
+
+
+def _keeping(fitted: FittedLightmap) -> FittedLightmap:
+    """The light map of a bake from which an incremental one can start: of light that stands still alone."""
+    if len(fitted.state.roles) == 1:
+        fitted.keep = partial(keep_lightmap, fitted.state.scene, fitted)
+    return fitted
 
 
 def _check(job: Job, roles: tuple[Role, ...]) -> None:
@@ -414,29 +312,3 @@ def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
     if preset.hidden and not fit.preset.hidden:
         say("the network was no better than none on held-out samples: the light map is plain")
     return fit
-
-
-@dataclass(frozen=True)
-class _Validation:
-    """Held-out surface points and the radiance that leaves them."""
-
-    points: SurfacePoints
-    light: np.ndarray
-    radiance: np.ndarray
-
-    @staticmethod
-    def of(state: LightmapState, role: Role) -> _Validation:
-        seed = state.job.request.seed + VALIDATION_SEED
-        points = draw_surface(state.scene, VALIDATION_POINTS, seed, floor=8).points
-        if role == "static":
-            a, b = static(state.scene, points, VALIDATION_PATHS, seed)
-            return _Validation(points, np.zeros(3, np.float32), 0.5 * (a + b))
-        light = sample_lights(state.scene, state.variable, len(points), seed)
-        a, b = indirect(state.scene, points, light, state.variable, VALIDATION_PATHS, seed)
-        return _Validation(points, light, 0.5 * (a + b))
-
-    def error(self, fit: FittedLightmap) -> float:
-        """Mean |f − y| / (y + 0.01) in unit S of the graph that would be written."""
-        f = Baked(fit.lower().graph)(fit.query(self.points, self.light)) / fit.unit
-        y = np.nan_to_num(self.radiance) / fit.unit
-        return float(np.mean(np.abs(f - y) / (y + EPSILON)))

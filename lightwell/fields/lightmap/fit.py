@@ -337,6 +337,11 @@ class LightmapFit:
         self.parameters = {k: v for k, v in self.parameters.items() if k[0] not in "sc"}
         return values
 
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Parameters of the trained network, by name."""
+        return self._parameters
+
     # ------------------------------------------------------------------ result
 
     def predict(self, query: LightmapQuery) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from lightwell.core.options import option
 from lightwell.core.units import byte_count
@@ -27,6 +28,12 @@ class LightmapOptions:
         check=_power_of_two,
     )
     mips: int = option(1, "mip level up to which charts do not mix (default: 1)", least=0)
+    rebake: Path | None = option(
+        None,
+        "an edit of the bake in OLD (made with --keep): only texels that could notice a change are traced again",
+        parse=Path,
+        metavar="OLD",
+    )
     max_bytes: int | None = option(
         None,
         "the best that fits, 1MB or 250kB, by short trial fits",

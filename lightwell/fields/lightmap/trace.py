@@ -104,6 +104,29 @@ def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradia
     return replace(light, **columns)
 
 
+def traced_again(
+    scene: Scene, covered: Texels, before: Irradiance, rows: np.ndarray, paths: int, seed: int
+) -> Irradiance:
+    """Trace some texels again; the others keep their bytes.
+
+    Args:
+        scene: The scene.
+        covered: K covered texels.
+        before: Irradiance at all of them.
+        rows: [R] texels to trace.
+        paths: Paths per texel, even, ≥ 2.
+        seed: Seed of the sampler.
+
+    Returns:
+        Irradiance at all of them.
+    """
+    made = _arriving(scene, covered.points[rows], paths, seed)
+    columns = {name: getattr(before, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
+    for name, column in columns.items():
+        column[rows] = getattr(made, name)
+    return replace(before, **columns)
+
+
 def narrow(covered: Texels) -> np.ndarray:
     """Find the texels of charts, or of parts of them, that are too narrow for the denoiser.
 

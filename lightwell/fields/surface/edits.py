@@ -32,7 +32,7 @@ from lightwell.transport.noticed import noticed
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.samples import Samples, SurfacePoints
-from lightwell.transport.shards import stored_columns
+from lightwell.transport.stored_columns import stored_columns
 from lightwell.transport.surface import draw_surface
 
 ROLES: tuple[Role, ...] = ("indirect", "static")
