@@ -214,15 +214,14 @@ def edited_fit(scene: Scene, before: LightmapEdit, made: AtlasIrradiance) -> Lig
     return fit
 
 
-def keep_lightmap(scene: Scene, fitted: FittedLightmap, store: Store) -> None:
+def keep_lightmap(fitted: FittedLightmap, store: Store) -> None:
     """Store what an incremental bake starts from.
 
     Args:
-        scene: The scene.
-        fitted: Its light map.
+        fitted: The light map.
         store: Where to keep it.
     """
-    store.put(KEY, LightmapEdit.after(scene, fitted).arrays(), ARRAYS)
+    store.put(KEY, LightmapEdit.after(fitted.state.scene, fitted).arrays(), ARRAYS)
 
 
 def lightmap_changes(before: LightmapEdit, scene: Scene) -> SceneChanges:
@@ -301,7 +300,14 @@ def edited_lightmap(job: Job) -> EditedLightmap:
     # The next incremental bake may start from this one.
     job.work.keep = True
     state = EditedLightmap(
-        job, scene, None, ("static",), preset=before.preset, paths=before.facts["paths"], before=before
+        job,
+        scene,
+        None,
+        ("static",),
+        preset=before.preset,
+        paths=before.facts["paths"],
+        before=before,
+        keep=keep_lightmap,
     )
     state.atlas, state.changes = before.atlas, lightmap_changes(before, scene)
     return state

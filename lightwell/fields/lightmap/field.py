@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -99,7 +98,7 @@ class LightmapField:
         if note:
             job.progress.say(f"[yellow]warning[/] {note}")
         warnings = [*filter(None, [missing(), note])]
-        state = LightmapState(job, scene, variable, roles, warnings, preset)
+        state = LightmapState(job, scene, variable, roles, warnings, preset, keep=keep_lightmap)
         with job.work.timed("trace"), job.progress.stage("atlas", 2, "") as stage:
             _lay_out(state, self.limits)
             stage.advance(2, f"{state.paths} paths per texel, {state.eyes} eye samples")
@@ -160,7 +159,7 @@ class LightmapField:
         if isinstance(state, EditedLightmap):
             begin, made = perf_counter(), edited_fit(state.scene, state.before, samples)
             paths = int(state.touched.sum()) * state.paths
-            return _keeping(FittedLightmap(state, role, made, paths, perf_counter() - begin, samples))
+            return FittedLightmap(state, role, made, paths, perf_counter() - begin, samples)
         budget: Budget = state.job.request.budget
         fit = self._fit_once(state, role, samples)
         if budget.error is None:
@@ -192,17 +191,10 @@ class LightmapField:
             fit = _fit_still(state, samples)
             stage.advance()
         paths = len(samples.chart.texels.index) * state.paths + state.eyes * EYE_PATHS
-        return _keeping(FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart))
+        return FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
 
 
 FIELD = LightmapField()
-
-
-def _keeping(fitted: FittedLightmap) -> FittedLightmap:
-    """The light map of a bake from which an incremental one can start: of light that stands still alone."""
-    if len(fitted.state.roles) == 1:
-        fitted.keep = partial(keep_lightmap, fitted.state.scene, fitted)
-    return fitted
 
 
 def _check(job: Job, roles: tuple[Role, ...]) -> None:

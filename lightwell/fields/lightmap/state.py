@@ -43,6 +43,9 @@ class LightmapState(State):
     """Of an error budget: each has twice the paths, radiance samples and steps of the last."""
     facts: dict[str, Any] = field(default_factory=lambda: {"textures": {}, "atlas": {}})
 
+    keep: Callable[[FittedLightmap, Store], None] = lambda fitted, store: None
+    """Stores what an incremental bake starts from."""
+
     @property
     def part(self) -> WorkPart:
         """Part of the bake that stores the results of this round."""
@@ -79,8 +82,6 @@ class FittedLightmap:
     seconds: float
     chart: AtlasIrradiance | None = None
     note: str = ""
-    keep: Callable[[Store], None] | None = None
-    """Stores what an incremental bake starts from; None: there is none."""
 
     @property
     def unit(self) -> float:
@@ -147,6 +148,7 @@ class FittedLightmap:
         Returns:
             An empty list.
         """
-        if store is not None and self.keep is not None:
-            self.keep(store)
+        # An incremental bake can start from light that stands still alone.
+        if store is not None and self.chart is not None and len(self.state.roles) == 1:
+            self.state.keep(self, store)
         return []
