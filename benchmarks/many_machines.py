@@ -1,7 +1,7 @@
 """Many machines, small edits, first light: bytes, overhead, efficiency, and what an edit costs.
 
-    python benchmarks/many_machines.py [--only bytes,kills,overhead,efficiency,moved,preview,edits,batch,model]
-                                       [--quick]
+    python benchmarks/many_machines.py [--only bytes,kills,overhead,efficiency,moved,preview,edits,lightmaps,
+                                       batch,model] [--quick]
 
 Schedulers and workers are processes on this machine. With two cores eight workers cannot trace eight times as fast:
 ``efficiency`` therefore measures with workers that sleep for the time of a unit. ``model`` is a simulation with assumed
@@ -301,12 +301,23 @@ def edits(folder: Path, quick: bool) -> list[Row]:
         told = json.loads((out / "rebake.json").read_text())["roles"]
         ratios[name] = max(told[role]["error"] / error for role, error in full.items() if told[role]["error"])
     worst, error = max(shares, key=shares.__getitem__), max(ratios, key=ratios.__getitem__)
-    note = "benchmarks/many_machines.py measures fields only"
     return [
         asked("edit", shares[worst], worst, quick),
         asked("error", ratios[error], error, quick),
-        asked("lightmap", None, note, quick),
     ]
+
+
+def lightmaps(folder: Path, quick: bool) -> list[Row]:
+    """Time of incremental bakes of a light map, for edits that keep its atlas."""
+    paths, common = edited_scenes(folder), ["--field", "lightmap", "--views", "1"]
+    budget = ["--budget", "30s" if quick else "180s"]
+    whole = run("bake", str(paths["before"]), "-o", str(folder / "before"), *common, *budget, "--keep")
+    shares = {}
+    for name in ("recolour",) if quick else ("recolour", "move", "lamp"):
+        old = ["--rebake", str(folder / "before")]
+        shares[name] = run("bake", str(paths[name]), "-o", str(folder / name), "--field", "lightmap", *old) / whole
+    worst = max(shares, key=shares.__getitem__)
+    return [asked("lightmap", shares[worst], worst, quick)]
 
 
 def batch(folder: Path, quick: bool) -> list[Row]:
@@ -353,6 +364,7 @@ PARTS = {
     "moved": moved,
     "preview": preview,
     "edits": edits,
+    "lightmaps": lightmaps,
     "batch": batch,
     "model": model,
 }
