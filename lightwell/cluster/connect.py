@@ -128,7 +128,8 @@ def _slurm(rest: str, security: Any) -> Any:
         raise ValueError('--cluster slurm: needs dask-jobqueue; pip install "lightwell[cluster]"') from None
     options = read_profile(rest, "slurm")
     count = int(options.pop("workers", WORKERS))
-    cluster = SLURMCluster(**{"processes": 1, "cores": 1, "memory": "8GB", "security": security, **options})
+    usual = {"processes": 1, "cores": 1, "memory": "8GB", "scheduler_options": {"dashboard_address": ":0"}}
+    cluster = SLURMCluster(**{**usual, "security": security, **options})
     cluster.scale(count)
     return cluster
 
