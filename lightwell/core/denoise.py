@@ -58,6 +58,9 @@ def denoise(
         raise ValueError(f"denoise: {MISSING}") from None
     as_image = partial(np.ascontiguousarray, dtype=np.float32)
     noisy = as_image(color)
+    # Open Image Denoise takes what is below about 1e-8 for black: the light of 1 cd in a scene of kilometres is.
+    mean = float(np.nan_to_num(noisy, posinf=0, neginf=0).mean(dtype=np.float64))
+    scale = np.float32(1 / mean) if mean > 0 else np.float32(1)
     guides = {name: as_image(image) for name, image in (("albedo", albedo), ("normal", normal)) if image is not None}
-    clean = np.asarray(oidn.denoise(noisy, hdr=True, filter=filter, **guides), np.float32)
+    clean = np.asarray(oidn.denoise(noisy * scale, hdr=True, filter=filter, **guides), np.float32) / scale
     return np.where(np.isfinite(clean).all(axis=-1, keepdims=True), np.maximum(clean, 0), noisy)

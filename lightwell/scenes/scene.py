@@ -27,6 +27,13 @@ AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
 LightKind = Literal["point", "spot", "directional"]
 
 BOUNDS = Derived[np.ndarray]("scene.bounds")
+CORE = Derived[np.ndarray]("scene.core")
+# A scene as long as this, metres, may be ground or sky for the most part: its core is where its objects are, if they
+# take at most this share of its longest edge. Meshes of more than half the edge and few triangles are ground or sky.
+LARGE_SCENE, CORE_SHARE, HUGE_SHARE, SIMPLE_TRIANGLES = 100.0, 0.25, 0.5, 2048
+# Share of the triangles of a huge mesh of many that may lie outside, at either end; and what is added around the core,
+# relative to its longest edge.
+CORE_OUTLIERS, CORE_MARGIN = 0.02, 0.15
 
 
 @dataclass(frozen=True)
@@ -207,6 +214,34 @@ class Scene:
     def extent(self) -> float:
         """Longest edge of the bounds, metres."""
         return float((self.bounds[1] - self.bounds[0]).max())
+
+    @property
+    def core(self) -> np.ndarray:
+        """[2, 3] float64: the part of the bounds in which people look around: all of it, but for ground of kilometres
+        and domes of sky."""
+        return self.cache.get(CORE, self._core)
+
+    def _core(self) -> np.ndarray:
+        boxes = [] if self.extent < LARGE_SCENE else [box for mesh in self.meshes if (box := self._detail(mesh))]
+        if not boxes:
+            return self.bounds
+        low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+        edge = float((high - low).max())
+        if not 0 < edge <= CORE_SHARE * self.extent:
+            return self.bounds
+        margin = CORE_MARGIN * edge
+        low, high = np.maximum(low - margin, self.bounds[0]), np.minimum(high + margin, self.bounds[1])
+        return np.stack([low, high]).astype(np.float64)
+
+    def _detail(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray] | None:
+        """Bounds of a mesh that is an object; None for ground and sky."""
+        low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+        if (high - low).max() < HUGE_SHARE * self.extent:
+            return low, high
+        if len(mesh.indices) < SIMPLE_TRIANGLES:
+            return None
+        low, high = np.quantile(mesh.positions[mesh.indices].mean(axis=1), [CORE_OUTLIERS, 1 - CORE_OUTLIERS], axis=0)
+        return low, high
 
     def _repr_html_(self) -> str:
         """A picture of the surfaces, counts and bounds, for notebooks."""

@@ -156,7 +156,7 @@ def sun_arc(az0: float, el0: float, az1: float, el1: float, name: str = "sun") -
 
 
 def default_variable(scene: Scene) -> PointLight:
-    """Make a point light that may be anywhere in the scene's air: the bounds of the scene, reduced by the clearance.
+    """Make a point light that may be anywhere in the scene's air: its core (``Scene.core``), reduced by the clearance.
 
     The clearance is 2.5 % of the box's longest edge, but at most an eighth of the scene's shortest. Along an edge that
     is too short for it (a flat scene) the box is the middle half. Free air is tested when lights are placed.
@@ -167,10 +167,11 @@ def default_variable(scene: Scene) -> PointLight:
     Returns:
         The light.
     """
-    low, high = scene.bounds
-    inset = np.minimum(CLEARANCE * scene.extent, (high - low) / 4)
+    low, high = scene.core
+    size = high - low
+    inset = np.minimum(CLEARANCE * float(size.max()), size / 4)
     low, high = low + inset, high - inset
-    clearance, shortest = CLEARANCE * float((high - low).max()), float((scene.bounds[1] - scene.bounds[0]).min())
+    clearance, shortest = CLEARANCE * float((high - low).max()), float(size.min())
     if shortest > 0:
         clearance = min(clearance, shortest / 8)
     return PointLight(vector(low), vector(high), clearance=clearance)

@@ -27,6 +27,8 @@ PITCH = (-28.0, 14.0)
 
 # Views rank lower when a larger share than this escapes, shows back faces, or surfaces nearer than NEAR of the extent.
 ESCAPING, BACK, CLOSE, NEAR = 0.3, 0.05, 0.2, 0.08
+# What is farther than so many longest edges of the looked-at part counts as escaping.
+FAR = 2.0
 
 # Cameras nearer than this (distance relative to the extent, plus a third of the change of direction) are alike.
 APART = 0.4
@@ -102,16 +104,22 @@ def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, auth
         return own
     air, random = free_air(scene), np.random.default_rng(np.random.SeedSequence([seed, 17]))
     eyes = _eyes(scene, variable, max(LEAST_EYES, EYES_PER_CAMERA * count), random)
-    looks = [camera for eye in eyes for camera in _looks(eye, scene.extent, random)]
-    chosen = _spread(looks, _worth(air, looks, scene.extent), count - len(own), scene.extent)
+    extent = _extent(scene)
+    looks = [camera for eye in eyes for camera in _looks(eye, extent, random)]
+    chosen = _spread(looks, _worth(air, looks, extent), count - len(own), extent)
     return own + [
         Camera(looks[k].position, looks[k].target, fov_y=FOV_Y, name=f"view {n + 1}") for n, k in enumerate(chosen)
     ]
 
 
+def _extent(scene: Scene) -> float:
+    """Longest edge of the part of the scene that is looked at, metres."""
+    return float((scene.core[1] - scene.core[0]).max())
+
+
 def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Generator) -> np.ndarray:
     """Draw up to ``count`` points [K, 3] of free air in and around the light's box, with the largest clearance."""
-    low, high = scene.bounds
+    low, high = scene.core
     if isinstance(variable, PointLight):
         # Positions are drawn where the light can be: its box and a tenth of the scene around it.
         margin = 0.1 * (high - low)
@@ -120,7 +128,7 @@ def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Genera
     points = low + qmc.Sobol(3, scramble=True, seed=random).random(2048) * (high - low)
     air = free_air(scene)
     for halving in range(HALVINGS):
-        free = points[air.accepts(points, EYE_CLEARANCE * scene.extent / 2**halving)]
+        free = points[air.accepts(points, EYE_CLEARANCE * _extent(scene) / 2**halving)]
         if len(free) >= count:
             return free[:count]
     if len(free) == 0:
@@ -143,6 +151,8 @@ def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
     directions = _directions(_frames(looks), FOV_Y, *GRID).reshape(-1, 3)
     origins = np.repeat([camera.position for camera in looks], rays, axis=0)
     hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
+    # Domes of sky and ground of kilometres are not what a view is chosen for.
+    hit &= distance < FAR * extent
     depth = np.where(hit, np.clip(distance, 1e-3 * extent, extent) / extent, 0)
     # Rays that escape have no depth and do not count in the variety.
     log_depth = np.ma.masked_array(np.log(np.where(hit, depth, 1)), mask=~hit)

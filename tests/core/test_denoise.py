@@ -26,6 +26,12 @@ def test_noise_goes_and_the_mean_stays():
         assert abs(out.mean() / clean.mean() - 1) < 0.03
 
 
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6])
+def test_the_unit_of_the_picture_does_not_matter(scale):
+    noisy = RNG.gamma(4, 0.25, (32, 32, 3)).astype(np.float32)
+    assert denoise(scale * noisy) / scale == pytest.approx(denoise(noisy), rel=0.02, abs=0.01)
+
+
 def test_pixels_without_a_finite_value_keep_theirs_and_none_is_negative():
     noisy = RNG.gamma(4, 0.25, (32, 32, 3))
     out = denoise(noisy, np.full((32, 32, 3), 0.5), np.tile([0.0, 0.0, 1.0], (32, 32, 1)))

@@ -19,7 +19,14 @@ from lightwell.scenes.variables import (
     toward,
 )
 
-ROOM = SimpleNamespace(bounds=np.array([[0.0, 0, 0], [4, 2, 3]]), extent=4.0, vary=())
+
+def bounded(*size):
+    """What declarations ask of a scene: its bounds."""
+    bounds = np.array([[0.0, 0, 0], size])
+    return SimpleNamespace(bounds=bounds, core=bounds, extent=float(max(size)), vary=())
+
+
+ROOM = bounded(4, 2, 3)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +129,7 @@ def test_the_default_light_roams_the_air_of_the_scene():
 
 
 def test_the_default_box_of_a_flat_scene_has_a_volume():
-    flat = SimpleNamespace(bounds=np.array([[0.0, 0, 0], [10, 0.2, 10]]), extent=10.0, vary=())
+    flat = bounded(10, 0.2, 10)
     light = default_variable(flat)
     assert all(a < b for a, b in zip(light.low, light.high))
 
@@ -136,7 +143,7 @@ def test_declarations_complete_each_other():
 
 
 def test_the_default_clearance_fits_into_low_rooms():
-    hall = SimpleNamespace(bounds=np.array([[0.0, 0, 0], [140, 4, 80]]), extent=140.0, vary=())
+    hall = bounded(140, 4, 80)
     assert default_variable(hall).clearance == 0.5
     assert default_variable(ROOM).clearance == pytest.approx(0.025 * (4 - 2 * 0.1))
 

@@ -1,0 +1,42 @@
+"""The core of a scene: where its objects are, without ground of kilometres and domes of sky."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.scenes.placing import sample_cameras
+from lightwell.scenes.variables import default_variable
+from tests.transport.rooms import WHITE, box, build, diffuse
+
+GROUND = ((-1000, -1.0, -1000), (1000, 0.0, 1000))
+TOWN = [((8.0 * k, 0.0, 5.0 * k), (8.0 * k + 4, 6.0, 5.0 * k + 4)) for k in range(6)]
+
+
+def box_scene(boxes):
+    meshes = [box(f"box {k}", low, high) for k, (low, high) in enumerate(boxes)]
+    return build(f"{len(boxes)} boxes", meshes, [diffuse(WHITE)] * len(meshes))
+
+
+@pytest.fixture(scope="module")
+def town():
+    return box_scene([GROUND, *TOWN])
+
+
+def test_ground_of_kilometres_is_not_part_of_the_core(town):
+    low, high = town.core
+    assert (low <= (0, 0, 0)).all() and (high >= (44, 6, 29)).all()
+    assert (high - low).max() < 100 < town.extent
+
+
+def test_a_light_and_cameras_are_placed_in_the_core(town):
+    light = default_variable(town)
+    assert (np.array(light.low) >= town.core[0]).all() and (np.array(light.high) <= town.core[1]).all()
+    for camera in sample_cameras(town, light, 4, 0):
+        assert np.linalg.norm(np.array(camera.position) - town.core.mean(axis=0)) < 100
+
+
+@pytest.mark.parametrize("boxes", [[((0, 0, 0), (10, 3, 10)), ((4, 0, 4), (4.5, 1, 4.5))], TOWN])
+def test_rooms_and_places_without_wide_ground_are_their_own_core(boxes):
+    scene = box_scene(boxes)
+    assert np.array_equal(scene.core, scene.bounds)
