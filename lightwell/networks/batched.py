@@ -273,7 +273,14 @@ def keep_better(
 
 
 def padded(count: int) -> int:
-    """Round up to the next of 16, 20, 24, 28, 32, 40, 48, …; small counts are not changed."""
+    """Round up to the next of 16, 20, 24, 28, 32, 40, 48, …; small counts are not changed.
+
+    Args:
+        count: Number of networks, ≥ 0.
+
+    Returns:
+        Number of networks of a launch.
+    """
     if count <= EXACT:
         return count
     step = 1 << (max((count - 1).bit_length() - 3, 0))
