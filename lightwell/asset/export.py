@@ -56,6 +56,8 @@ class Exported:
     """Little-endian numbers by name of the uniform, four per texel; the shader's header gives size and format."""
     pictures: dict[str, bytes]
     """PNG files by name of the uniform."""
+    sizes: dict[str, tuple[int, int, str]]
+    """Width and height in texels and format of each table: rgba16float, rgba32float or storage."""
 
 
 def export_field(
@@ -109,7 +111,8 @@ def export_field(
     pictures = {
         uniform: encode(np.asarray(buffers[buffer].array), "png").data for uniform, buffer in answer["pictures"].items()
     }
-    return Exported(answer["text"], tables, pictures)
+    sizes = {table["name"]: (table["width"], table["height"], table["format"]) for table in answer["tables"]}
+    return Exported(answer["text"], tables, pictures, sizes)
 
 
 def write_export(out: Path, exported: Exported) -> list[Path]:

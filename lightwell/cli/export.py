@@ -10,9 +10,10 @@ from lightwell.cli.arguments import add_options, given_options
 from lightwell.core.scene_options import LimitOptions
 from lightwell.core.units import size_text
 
-LANGUAGES = (
-    "glsl, wgsl, shadertoy or hlsl; msl (checked by clang, never compiled by Apple's compiler) or gdshader (checked "
-    "against Godot's grammar, never compiled by Godot)"
+TARGETS_HELP = (
+    "a language: glsl, wgsl, shadertoy, hlsl; msl (checked by clang, never compiled by Apple's compiler) or gdshader "
+    "(checked against Godot's grammar, never compiled by Godot). An engine: threejs, playcanvas, babylon; "
+    "godot, unity, unreal, bevy (written from their documentation, never run in them)"
 )
 
 
@@ -24,8 +25,8 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
         argv: Words after the verb.
     """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
-    parser.add_argument("--to", required=True, metavar="LANGUAGE", help=LANGUAGES)
-    parser.add_argument("-o", "--out", help="file to write, and what it binds beside it (default: beside the asset)")
+    parser.add_argument("--to", required=True, metavar="TARGET", help=TARGETS_HELP)
+    parser.add_argument("-o", "--out", help="file of a language, folder of an engine (default: beside the asset)")
     parser.add_argument("--field", default="", help="name of the field (default: the first)")
     parser.add_argument("--name", default="lightwell", help="name of the function (default: %(default)s)")
     parser.add_argument(
@@ -35,7 +36,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the shader, and print the names of the files.
+    """Write a shader or the files of an engine, and print their names.
 
     Args:
         arguments: Parsed arguments.
@@ -43,13 +44,40 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code.
     """
-    from lightwell.asset.export import ENDINGS, export_field, write_export
+    from lightwell.engines import ENGINES
 
+    files = _engine(arguments) if arguments.to in ENGINES else _language(arguments)
+    for written in files:
+        print(f"{written}: {size_text(written.stat().st_size)}")
+    return 0
+
+
+def _language(arguments: argparse.Namespace) -> list[Path]:
+    """Write one field as a shader."""
+    from lightwell.asset.export import ENDINGS, TARGETS, export_field, write_export
+    from lightwell.engines import ENGINES
+
+    if arguments.to not in TARGETS:
+        known = ", ".join([*TARGETS, *ENGINES])
+        raise ValueError(f"export: expected --to {known}, found '{arguments.to}'; choose one of them")
     path = Path(arguments.path)
     names = {"field": arguments.field, "name": arguments.name, "weights": arguments.weights}
     exported = export_field(path, arguments.to, **names, **given_options(arguments, LimitOptions, "export"))
-    folder = path if path.is_dir() else path.parent
-    out = Path(arguments.out) if arguments.out else folder / f"{arguments.name}{ENDINGS[arguments.to]}"
-    for written in write_export(out, exported):
-        print(f"{written}: {size_text(written.stat().st_size)}")
-    return 0
+    out = Path(arguments.out) if arguments.out else _beside(path) / f"{arguments.name}{ENDINGS[arguments.to]}"
+    return write_export(out, exported)
+
+
+def _engine(arguments: argparse.Namespace) -> list[Path]:
+    """Write the files of an engine."""
+    from lightwell.engines import export_engine
+
+    for name, default in (("field", ""), ("name", "lightwell"), ("weights", "")):
+        if getattr(arguments, name) != default:
+            raise ValueError(f"export: --{name} is for languages; an engine is given all fields, so drop it")
+    path = Path(arguments.path)
+    out = Path(arguments.out) if arguments.out else _beside(path) / arguments.to
+    return export_engine(path, arguments.to, out, **given_options(arguments, LimitOptions, "export"))
+
+
+def _beside(path: Path) -> Path:
+    return path if path.is_dir() else path.parent

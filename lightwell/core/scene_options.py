@@ -15,7 +15,12 @@ from lightwell.limits import DEFAULT_LIMITS, NAMES, Limits
 # Scenes that lightwell makes itself, and the files that it loads.
 BUILTINS = ("cornell", "courtyard", "two-rooms")
 GLTF_SUFFIXES = (".gltf", ".glb")
-SCENE_SUFFIXES = (*GLTF_SUFFIXES, ".xml")
+# Files that are converted to glTF first; the packages that do so are extras.
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+MESH_SUFFIXES = (".obj", ".ply")
+BLEND_SUFFIXES = (".blend",)
+CONVERTED_SUFFIXES = (*USD_SUFFIXES, *MESH_SUFFIXES, *BLEND_SUFFIXES)
+SCENE_SUFFIXES = (*GLTF_SUFFIXES, ".xml", *CONVERTED_SUFFIXES)
 # Metres per unit of length.
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 
@@ -59,7 +64,7 @@ def check_source(source: str | os.PathLike[str]) -> None:
         what = f"'{kind}' is not a scene" if kind else "there is no scene of that name"
         raise ValueError(
             f"scene '{path.name}': {what}; {near}{' or ' if near else ''}"
-            f"give a .glb, .gltf or Mitsuba .xml file or one of {', '.join(BUILTINS)}"
+            f"give a .glb, .gltf, .usd, .obj, .ply, .blend or Mitsuba .xml file or one of {', '.join(BUILTINS)}"
         )
     if not path.is_file():
         cure = did_you_mean(path.name, _scene_files(path.parent), "check the path")
@@ -88,7 +93,7 @@ class SceneOptions:
     )
     unit: float = option(
         1.0,
-        f"length of one unit in a glTF scene: {', '.join(UNITS)}, or a number of metres (default: m)",
+        f"length of one unit in a glTF, OBJ or PLY scene: {', '.join(UNITS)}, or a number of metres (default: m)",
         flag="--scene-unit",
         parse=metres_per_unit,
         metavar="UNIT",

@@ -1,4 +1,4 @@
-"""Loading a scene: a builtin name, a glTF file or a Mitsuba XML file."""
+"""Loading a scene: a builtin name, a glTF file, a Mitsuba XML file, or one that is converted to glTF."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lightwell.core.scene_options import BUILTINS as BUILTINS
-from lightwell.core.scene_options import GLTF_SUFFIXES, check_source
+from lightwell.core.scene_options import CONVERTED_SUFFIXES, GLTF_SUFFIXES, check_source
 from lightwell.limits import Limits
 from lightwell.scenes.errors import SceneError as SceneError
 from lightwell.scenes.scene import Scene
@@ -20,12 +20,13 @@ def load(
     unit: float = 1.0,
     allow_paths: Sequence[str | os.PathLike[str]] = (),
 ) -> Scene:
-    """Load a builtin scene, a glTF file or a Mitsuba XML file.
+    """Load a builtin scene or a scene file.
 
     Args:
-        source: A name of ``BUILTINS``, or the path of a .glb, .gltf or .xml file.
+        source: A name of ``BUILTINS``, or the path of a .glb, .gltf or Mitsuba .xml file, or of a .usd, .obj, .ply or
+            .blend file (``lightwell.scenes.converted``).
         limits: Limits on sizes and counts in the file; None: ``Limits()``.
-        unit: Metres per unit of length of a glTF file, > 0: 0.01 for a scene in centimetres.
+        unit: Metres per unit of length of a glTF, OBJ or PLY file, > 0: 0.01 for a scene in centimetres.
         allow_paths: Further folders whose files a Mitsuba scene may name (textures, meshes, includes), besides its own.
 
     Returns:
@@ -60,6 +61,10 @@ def _load(
         from lightwell.scenes.gltf import load_gltf
 
         return load_gltf(path, limits, unit)
+    if kind in CONVERTED_SUFFIXES:
+        from lightwell.scenes.converted import load_converted
+
+        return load_converted(path, limits, unit)
     if unit != 1:
         raise SceneError(f"scene '{path.name}': --scene-unit is for glTF files; scale a Mitsuba scene in its own file")
     from lightwell.scenes.mitsuba_xml import load_mitsuba

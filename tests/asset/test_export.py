@@ -46,7 +46,7 @@ def test_tables_go_beside_the_text(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--to", "cobol"], "export: expected --to glsl, wgsl, shadertoy, hlsl, msl, gdshader, found 'cobol'"),
+        (["--to", "cobol"], "export: expected --to glsl, wgsl, shadertoy, hlsl, msl, gdshader, godot, unity"),
         (["--to", "shadertoy"], "shadertoy: expected a field without textures or tables"),
         (["--to", "glsl", "--field", "sky"], "has no field 'sky'; it has 'lightmap'"),
         (["--to", "glsl", "--name", "a b"], "name: expected letters, digits and _"),

@@ -47,6 +47,7 @@ WRITTEN = {
     *("index.html", "report.html", "report.json", "compare.html", "compare.json", "probes.html", "rebake.json"),
     *("animation.json", "bake.json", "radiance-cache.npz", "OUT.json", "TOPIC.json", "lightwell-viewer.js"),
     "lightwell-aframe.js",
+    "lightwell.js",
 }
 PATH = re.compile(r"`([\w./-]+\.(?:py|ts|tsx|mjs|md|json|js|html|npz|yml|sh))`")
 

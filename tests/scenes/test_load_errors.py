@@ -41,7 +41,7 @@ def test_what_is_no_scene(tmp_path):
         f"scene 'room.glb': there is no file '{tmp_path / 'room.glb'}'; check the path"
     )
     assert message("room.obj") == (
-        "scene 'room.obj': '.obj' is not a scene; give a .glb, .gltf or Mitsuba .xml file "
+        "scene 'room.fbx': '.fbx' is not a scene; give a .glb, .gltf, .usd, .obj, .ply, .blend or Mitsuba .xml file "
         "or one of cornell, courtyard, two-rooms"
     )
     (tmp_path / "text.glb").write_text("hello")

@@ -1,0 +1,237 @@
+"""Converts USD stages to GLB with usd-core; runs in a process of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightwell.core.isolated import Arrays
+from lightwell.scenes.convert_files import Folder
+from lightwell.scenes.convert_usd_materials import Materials
+from lightwell.scenes.glb_writer import GlbWriter
+
+# From z up to y up.
+Z_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+# Types of primitives that hold no light and no surface, and need no word.
+SILENT = {
+    "",
+    "Scope",
+    "Xform",
+    "Material",
+    "Shader",
+    "NodeGraph",
+    "GeomSubset",
+    "SkelRoot",
+    "Skeleton",
+    "SkelAnimation",
+}
+
+
+def convert(request: Arrays) -> Arrays:
+    """Convert a stage.
+
+    Args:
+        request: ``path``, the file; ``most_bytes``, what may be read in all.
+
+    Returns:
+        ``glb`` [n] uint8, the file in metres with y up; ``lost`` [m] text, what it does not hold.
+
+    Raises:
+        ValueError: The stage cannot be opened.
+    """
+    from pxr import Tf, Usd, UsdGeom
+
+    path = Path(str(request["path"]))
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException:
+        raise ValueError("its content is damaged, or it names a layer that is missing") from None
+    writer, lost = GlbWriter(), set[str]()
+    scale = UsdGeom.GetStageMetersPerUnit(stage)
+    if not 0 < scale < np.inf:
+        raise ValueError(f"its metersPerUnit is {scale}, expected a number above 0")
+    world = np.diag([scale, scale, scale, 1.0])
+    if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
+        world = Z_UP @ world
+    reader = _Reader(
+        writer, world, scale, Materials(writer, Folder(path.parent, int(request["most_bytes"])), lost), lost
+    )
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        reader.add(prim)
+    return {"glb": np.frombuffer(writer.encoded(), np.uint8), "lost": np.array(sorted(lost), dtype=str)}
+
+
+class _Reader:
+    """Adds the primitives of a stage to a GLB."""
+
+    def __init__(
+        self, writer: GlbWriter, world: np.ndarray, scale: float, materials: Materials, lost: set[str]
+    ) -> None:
+        from pxr import Usd, UsdGeom
+
+        self._writer, self._world, self._scale = writer, world, scale
+        self._materials, self._lost = materials, lost
+        self._cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+
+    def add(self, prim: Any) -> None:
+        """Add a primitive; what cannot be added is listed as lost."""
+        from pxr import UsdGeom
+
+        imageable = UsdGeom.Imageable(prim)
+        if imageable and (
+            imageable.ComputeVisibility() == "invisible" or imageable.ComputePurpose() in ("guide", "proxy")
+        ):
+            return
+        kind, name = str(prim.GetTypeName()), str(prim.GetPath())
+        adders = {"Mesh": self._mesh, "Camera": self._camera, "SphereLight": self._lamp, "DistantLight": self._sun}
+        if kind in adders:
+            adders[kind](prim, name)
+        elif kind not in SILENT:
+            self._lost.add(f"{kind} '{name}' is left out")
+
+    def _matrix(self, prim: Any) -> np.ndarray:
+        """World matrix of column vectors, in metres with y up."""
+        return self._world @ np.array(self._cache.GetLocalToWorldTransform(prim)).T
+
+    def _rigid(self, prim: Any) -> np.ndarray:
+        """The same without scale: for lights and cameras."""
+        matrix = self._matrix(prim)
+        lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+        matrix[:3, :3] /= np.where(lengths > 0, lengths, 1)
+        return matrix
+
+    def _mesh(self, prim: Any, name: str) -> None:
+        from pxr import Usd, UsdGeom
+
+        mesh, first = UsdGeom.Mesh(prim), Usd.TimeCode.EarliestTime()
+        points = np.asarray(mesh.GetPointsAttr().Get(first) or [], np.float64).reshape(-1, 3)
+        counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(first) or [], np.int64)
+        corners = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(first) or [], np.int64)
+        if (
+            counts.sum() != len(corners)
+            or counts.min(initial=3) < 0
+            or (len(corners) and not _inside(corners, len(points)))
+        ):
+            raise ValueError(f"mesh '{name}': its faces name vertices that do not exist")
+        if mesh.GetSubdivisionSchemeAttr().Get() not in (None, "none") and counts.max(initial=3) > 3:
+            self._lost.add(f"mesh '{name}': its subdivision is ignored")
+        matrix = self._matrix(prim)
+        flipped = (mesh.GetOrientationAttr().Get() == "leftHanded") != (np.linalg.det(matrix[:3, :3]) < 0)
+        attributes = {"POSITION": (points @ matrix[:3, :3].T + matrix[:3, 3])[corners]}
+        normals = _values(UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals"), counts, corners, 3)
+        if normals is None:
+            normals = _attribute(mesh.GetNormalsAttr(), str(mesh.GetNormalsInterpolation()), counts, corners)
+        if normals is not None:
+            attributes["NORMAL"] = _directions(normals, matrix)
+        uv = _values(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st"), counts, corners, 2)
+        if uv is not None:
+            attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
+        for material, faces in self._materials.parts(prim, len(counts)):
+            triangles = _fans(counts, faces)
+            if len(triangles):
+                used, indices = np.unique(triangles, return_inverse=True)
+                indices = indices.reshape(-1, 3)[:, ::-1] if flipped else indices.reshape(-1, 3)
+                self._writer.mesh(name, {key: values[used] for key, values in attributes.items()}, indices, material)
+
+    def _camera(self, prim: Any, name: str) -> None:
+        from pxr import Usd, UsdGeom
+
+        camera = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode.EarliestTime())
+        if str(camera.projection) != "Gf.Camera.Perspective":
+            self._lost.add(f"camera '{name}' is not perspective and is left out")
+            return
+        fov_y = 2 * np.arctan(0.5 * camera.verticalAperture / max(camera.focalLength, 1e-6))
+        self._writer.camera(prim.GetName(), float(fov_y), self._rigid(prim))
+
+    def _power(self, prim: Any) -> tuple[np.ndarray, float]:
+        from pxr import UsdLux
+
+        light = UsdLux.LightAPI(prim)
+        intensity = float(light.GetIntensityAttr().Get()) * 2.0 ** float(light.GetExposureAttr().Get())
+        return np.asarray(light.GetColorAttr().Get(), float), intensity
+
+    def _lamp(self, prim: Any, name: str) -> None:
+        """A sphere that emits radiance L is a lamp of π r² L candela seen from afar."""
+        from pxr import UsdLux
+
+        color, radiance = self._power(prim)
+        lamp = UsdLux.SphereLight(prim)
+        radius = float(lamp.GetRadiusAttr().Get()) * self._scale
+        if not lamp.GetTreatAsPointAttr().Get():
+            self._lost.add(f"SphereLight '{name}': its shadows are those of a point")
+        if UsdLux.LightAPI(prim).GetNormalizeAttr().Get():
+            radiance /= max(4 * np.pi * radius**2 / self._scale**2, 1e-12)
+        entry = {
+            "type": "point",
+            "name": prim.GetName(),
+            "color": color.tolist(),
+            "intensity": np.pi * radius**2 * radiance,
+        }
+        self._writer.light(entry, self._rigid(prim))
+
+    def _sun(self, prim: Any, name: str) -> None:
+        """A distant light of radiance L over a disc of angle a gives π sin²(a/2) L lux; where normalised, L lux."""
+        from pxr import UsdLux
+
+        color, radiance = self._power(prim)
+        angle = np.radians(float(UsdLux.DistantLight(prim).GetAngleAttr().Get()))
+        normalised = UsdLux.LightAPI(prim).GetNormalizeAttr().Get() or angle <= 0
+        lux = radiance if normalised else np.pi * np.sin(angle / 2) ** 2 * radiance
+        entry = {"type": "directional", "name": prim.GetName(), "color": color.tolist(), "intensity": float(lux)}
+        self._writer.light(entry, self._rigid(prim))
+
+
+def _inside(indices: np.ndarray, count: int) -> bool:
+    return bool(indices.min() >= 0 and indices.max() < count)
+
+
+def _fans(counts: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """[T, 3] corners of the triangles of some faces, each cut into a fan."""
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else counts
+    parts = []
+    for n in np.unique(counts[faces]):
+        first = starts[faces[counts[faces] == n]]
+        parts += [np.stack([first, first + k, first + k + 1], axis=1) for k in range(1, int(n) - 1)]
+    return np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
+
+
+def _values(primvar: Any, counts: np.ndarray, corners: np.ndarray, width: int) -> np.ndarray | None:
+    """A primvar at every corner; None where it is missing or has another size."""
+    from pxr import Usd
+
+    if not primvar or not primvar.HasValue():
+        return None
+    values = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
+    return _spread(np.asarray(values, float), str(primvar.GetInterpolation()), counts, corners, width)
+
+
+def _attribute(attribute: Any, interpolation: str, counts: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
+    from pxr import Usd
+
+    values = attribute.Get(Usd.TimeCode.EarliestTime())
+    return None if not values else _spread(np.asarray(values, float), interpolation, counts, corners, 3)
+
+
+def _spread(
+    values: np.ndarray, interpolation: str, counts: np.ndarray, corners: np.ndarray, width: int
+) -> np.ndarray | None:
+    """Values by vertex, corner, face or mesh as values by corner."""
+    if values.ndim != 2 or values.shape[1] != width:
+        return None
+    face = np.repeat(np.arange(len(counts)), counts)
+    index = {
+        "vertex": corners,
+        "varying": corners,
+        "faceVarying": np.arange(len(corners)),
+        "uniform": face,
+        "constant": np.zeros(len(corners), np.int64),
+    }.get(interpolation)
+    return values[index] if index is not None and (not len(index) or _inside(index, len(values))) else None
+
+
+def _directions(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Unit normals in world space."""
+    turned = normals @ np.linalg.pinv(matrix[:3, :3])
+    return turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)

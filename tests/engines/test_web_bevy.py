@@ -1,0 +1,132 @@
+"""Files of three.js, Babylon.js, PlayCanvas and Bevy."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tree_sitter_rust
+from tree_sitter import Language, Parser
+
+from lightwell.engines.bake import read_bake
+from lightwell.engines.ktx2 import encode_rgba16f
+from lightwell.engines.probe_grid import read_grid
+from lightwell.probes import sh
+
+ROOT = Path(__file__).parents[2]
+WEB = ROOT / "web"
+
+
+def node(program: str, *arguments: str) -> str:
+    """What a module prints that runs beside the web's packages."""
+    command = ["node", "--input-type=module", "-e", program, *arguments]
+    done = subprocess.run(command, cwd=WEB, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("engine", ["threejs", "babylon", "playcanvas"])
+def test_the_module_is_javascript_and_the_light_map_has_its_size(exported, engine):
+    path = exported(engine) / "lightwell.js"
+    copy = path.with_suffix(".mjs")
+    copy.write_text(path.read_text())
+    subprocess.run(["node", "--check", str(copy)], check=True, capture_output=True)
+    assert 'new Set(["floor", "wall"])' in path.read_text()
+    assert (exported(engine) / "light_map.bin").stat().st_size == 16 * 16 * 4 * 2
+
+
+THREE = """
+import { readFileSync } from "node:fs";
+import { Group, Mesh, MeshStandardMaterial } from "three";
+import { LightProbeGridWebGL } from "three/addons/lighting/LightProbeGridWebGL.js";
+const folder = process.argv[1];
+globalThis.fetch = async (url) => ({ ok: true, arrayBuffer: async () => new Uint8Array(readFileSync(url)).buffer });
+const three = JSON.stringify(import.meta.resolve("three"));
+const text = readFileSync(folder + "lightwell.js", "utf8").replace('"three"', three);
+const made = await import("data:text/javascript;base64," + Buffer.from(text).toString("base64"));
+const root = new Group();
+for (const name of ["floor", "sky"]) root.add(Object.assign(new Mesh(undefined, new MeshStandardMaterial()), { name }));
+const map = await made.applyLightMap(root, folder);
+const grid = await made.probeGrid(LightProbeGridWebGL, folder);
+const { width, height, depth } = grid.texture.image;
+const place = grid.getProbePosition(1, 0, 1, grid.position.clone());
+console.log(JSON.stringify({
+  maps: root.children.map(({ material }) => [material.lightMap === map, material.lightMapIntensity]),
+  sizes: [map.image.width, map.image.height, map.channel, width, height, depth, grid.texture.image.data.length],
+  place: place.toArray(),
+}));
+"""
+
+
+def test_three_takes_the_light_map_and_the_grid_of_probes(exported, bake_folder):
+    found = json.loads(node(THREE, str(exported("threejs")) + "/"))
+    assert found["maps"] == [[True, pytest.approx(np.pi)], [False, 1]]
+    lattice = read_grid([bake_folder / "probes-static.lwp"]).lattice
+    nx, ny, nz = lattice.shape
+    assert found["sizes"] == [16, 16, 1, nx, ny, 7 * (nz + 2), nx * ny * 7 * (nz + 2) * 4]
+    np.testing.assert_allclose(found["place"], lattice.origin + lattice.spacing * np.array([1, 0, 1]), atol=1e-5)
+
+
+def test_threes_sum_of_the_packed_harmonics_is_the_irradiance(exported, bake_folder):
+    grid = read_grid([bake_folder / "probes-static.lwp"])
+    nx, ny, nz = grid.lattice.shape
+    atlas = np.fromfile(exported("threejs") / "probes.bin", "<f2").astype(float).reshape(7, nz + 2, ny, nx, 4)
+    np.testing.assert_array_equal(atlas[:, 0], atlas[:, 1])
+    np.testing.assert_array_equal(atlas[:, -1], atlas[:, -2])
+    packed = atlas[:, 1:-1].transpose(1, 2, 3, 0, 4).reshape(-1, 28)[:, :27].reshape(-1, 9, 3)
+    normals = sh.directions(5)
+    x, y, z = normals.T
+    # getLightProbeGridIrradiance of three.js (ShaderChunk/lightprobes_pars_fragment).
+    a, b = 2 * 0.511664, 2 * 0.429043
+    terms = [0.886227 + 0 * x, a * y, a * z, a * x, b * x * y, b * y * z, 0.743125 * z * z - 0.247708, b * x * z]
+    terms += [0.429043 * (x * x - y * y)]
+    found = np.einsum("kn,pkc->pnc", np.array(terms), packed)
+    expected = np.stack([sh.evaluate(e, normals) for e in grid.irradiance])
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+
+
+KTX = """
+import { readFileSync } from "node:fs";
+import { read } from "ktx-parse";
+const { vkFormat, typeSize, pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount, levels, dataFormatDescriptor } =
+  read(new Uint8Array(readFileSync(process.argv[1])));
+const [{ colorModel, transferFunction, samples }] = dataFormatDescriptor;
+console.log(JSON.stringify({ vkFormat, typeSize, size: [pixelWidth, pixelHeight, pixelDepth], layerCount, faceCount,
+  colorModel, transferFunction, samples: samples.map((s) => [s.bitOffset, s.bitLength, s.channelType]),
+  data: Buffer.from(levels[0].levelData).toString("base64") }));
+"""
+
+
+def test_bevys_volume_has_the_sides_where_bevy_reads_them(exported, bake_folder):
+    import base64
+
+    grid = read_grid([bake_folder / "probes-static.lwp"])
+    nx, ny, nz = grid.lattice.shape
+    found = json.loads(node(KTX, str(exported("bevy") / "irradiance.ktx2")))
+    assert (found["vkFormat"], found["typeSize"], found["size"]) == (97, 2, [nx, 2 * ny, 3 * nz])
+    assert (found["layerCount"], found["faceCount"], found["colorModel"], found["transferFunction"]) == (0, 1, 1, 1)
+    assert found["samples"] == [[16 * i, 15, c | 0xC0] for i, c in enumerate((0, 1, 2, 15))]
+    voxels = np.frombuffer(base64.b64decode(found["data"]), "<f2").astype(float).reshape(3 * nz, 2 * ny, nx, 4)
+    probe = 1 + nx * (0 + ny * 1)
+    for axis in range(3):
+        for sign in (-1, 1):
+            side = sign * np.eye(3)[axis]
+            expected = np.maximum(sh.evaluate(grid.irradiance[probe], side[None])[0], 0) / np.pi
+            texel = voxels[1 + axis * nz, ny if sign > 0 else 0, 1, :3]
+            np.testing.assert_allclose(texel, expected, rtol=2e-3, atol=1e-4)
+
+
+def test_bevys_light_map_is_a_picture_and_its_module_is_rust(exported, bake_folder):
+    assert json.loads(node(KTX, str(exported("bevy") / "light_map.ktx2")))["size"] == [16, 16, 0]
+    rust = Parser(Language(tree_sitter_rust.language()))
+    text = (exported("bevy") / "lightwell.rs").read_text()
+    assert not rust.parse(text.encode()).root_node.has_error
+    assert rust.parse(text.replace("};", "}", 1).encode()).root_node.has_error
+    assert 'const LIT: [&str; 2] = ["floor", "wall"];' in text
+    assert read_bake(bake_folder).probes is not None
+
+
+def test_light_beyond_half_floats_is_refused():
+    with pytest.raises(ValueError, match="range of half floats"):
+        encode_rgba16f(np.full((1, 1, 4), 1e6))

@@ -1,0 +1,200 @@
+"""USD, OBJ and PLY scenes: units, axes, materials, lights, what is lost, and files that must be refused."""
+
+import shutil
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image as PillowImage
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
+
+from lightwell.limits import Limits
+from lightwell.scenes import SceneError, load
+
+OBJ = """
+mtllib room.mtl
+v 0 0 0
+v 2 0 0
+v 2 0 -3
+v 0 0 -3
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+usemtl lamp
+f 1/1 2/2 3/3
+usemtl floor
+f 1/1 3/3 4/4
+"""
+MTL = """
+newmtl lamp
+Kd 0.1 0.2 0.3
+Ke 4 2 1
+Ns 98
+newmtl floor
+Kd 0.5 0.5 0.5
+map_Kd wood.png
+map_Bump bumps.png
+"""
+
+
+@pytest.fixture
+def obj(tmp_path):
+    (tmp_path / "room.obj").write_text(OBJ)
+    (tmp_path / "room.mtl").write_text(MTL)
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.png")
+    return tmp_path / "room.obj"
+
+
+def bounds(scene):
+    points = np.concatenate([mesh.positions for mesh in scene.meshes])
+    return points.min(axis=0).tolist(), points.max(axis=0).tolist()
+
+
+def test_an_obj_has_its_materials_lamps_and_pictures(obj):
+    scene = load(obj)
+    materials = {material.name: material for material in scene.materials}
+    lamp, floor = materials["lamp"], materials["floor"]
+    assert lamp.base_color[:3] == pytest.approx((0.1, 0.2, 0.3)) and lamp.emissive == pytest.approx((4, 2, 1))
+    assert lamp.roughness == pytest.approx((2 / 100) ** 0.25) and lamp.metallic == 0
+    assert floor.base_color_texture is not None and floor.base_color[:3] == (1, 1, 1)
+    assert bounds(scene) == ([0, 0, -3], [2, 0, 0])
+    assert any("'map_bump' is ignored" in line for line in scene.warnings)
+    assert scene.name == "room.obj" and scene.source == str(obj)
+    uv = next(mesh.uv0 for mesh in scene.meshes if scene.materials[mesh.material].name == "floor")
+    # OBJ counts v from below, glTF from above.
+    assert sorted(map(tuple, uv.tolist())) == [(0, 0), (0, 1), (1, 0)]
+
+
+def test_the_unit_of_an_obj_is_what_is_said(obj):
+    assert bounds(load(obj, unit=0.01))[1] == pytest.approx([0.02, 0, 0])
+
+
+def test_an_obj_reads_no_file_outside_of_its_folder(obj, tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    shutil.move(obj, inner / "room.obj")
+    (inner / "room.obj").write_text(OBJ.replace("room.mtl", "../room.mtl"))
+    scene = load(inner / "room.obj")
+    assert all(max(material.emissive) == 0 for material in scene.materials)
+
+
+def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
+    mesh = trimesh.creation.box((1, 2, 3))
+    mesh.visual.vertex_colors = np.tile(np.uint8([255, 188, 0, 255]), (len(mesh.vertices), 1))
+    mesh.export(tmp_path / "box.ply")
+    scene = load(tmp_path / "box.ply")
+    [box] = scene.meshes
+    assert bounds(scene) == ([-0.5, -1, -1.5], [0.5, 1, 1.5])
+    assert box.colors[0, :3] == pytest.approx([1, ((188 / 255 + 0.055) / 1.055) ** 2.4, 0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", b"\0\1\2"),
+        ("a.obj", b"v 0 0 0\nf 1 2 900000\n"),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n"),
+        ("a.ply", b""),
+        ("a.usda", b"#usda 1.0\ndef Mesh 'm' {"),
+        ("a.usdc", b"PXR-USDC" + bytes(200)),
+        ("a.usdz", b"PK\3\4"),
+    ],
+)
+def test_damaged_files_are_one_line(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SceneError) as error:
+        load(tmp_path / name)
+    assert str(error.value).startswith(f"scene '{name}': ") and "\n" not in str(error.value)
+
+
+def test_limits_hold_for_converted_files(obj):
+    with pytest.raises(SceneError, match="vertices"):
+        load(obj, limits=Limits(vertices=3))
+    with pytest.raises(SceneError, match="bytes"):
+        load(obj, limits=Limits(file_bytes=10))
+
+
+def stage(path, up=UsdGeom.Tokens.z, unit=0.01):
+    """A square of one metre on the floor with a lamp, a sun and a camera, in centimetres with z up."""
+    made = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(made, up)
+    UsdGeom.SetStageMetersPerUnit(made, unit)
+    mesh = UsdGeom.Mesh.Define(made, "/floor")
+    mesh.CreatePointsAttr([(0, 0, 0), (100, 0, 0), (100, 200, 0), (0, 200, 0)])
+    mesh.CreateFaceVertexCountsAttr([4])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    mesh.CreateSubdivisionSchemeAttr("none")
+    UsdGeom.Xformable(mesh).AddTranslateOp().Set(Gf.Vec3d(0, 0, 50))
+    return made, mesh
+
+
+def painted(made, mesh):
+    material = UsdShade.Material.Define(made, "/paint")
+    shader = UsdShade.Shader.Define(made, "/paint/surface")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set((0.2, 0.4, 0.6))
+    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(0.25)
+    shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(1.0)
+    shader.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set((0, 3, 0))
+    shader.CreateInput("clearcoat", Sdf.ValueTypeNames.Float).Set(1.0)
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc"])
+def test_a_stage_of_centimetres_with_z_up_becomes_metres_with_y_up(tmp_path, suffix):
+    made, mesh = stage(tmp_path / f"room.{suffix}")
+    painted(made, mesh)
+    made.GetRootLayer().Save()
+    scene = load(tmp_path / f"room.{suffix}")
+    assert np.allclose(bounds(scene), ([0, 0.5, -2], [1, 0.5, 0]), atol=1e-6)
+    [floor] = scene.meshes
+    a, b, c = (floor.positions[floor.indices[0, k]] for k in range(3))
+    assert np.cross(b - a, c - a)[1] > 0
+    paint = scene.materials[floor.material]
+    assert paint.base_color[:3] == pytest.approx((0.2, 0.4, 0.6)) and (paint.roughness, paint.metallic) == (0.25, 1)
+    assert paint.emissive == pytest.approx((0, 3, 0))
+    assert any("'clearcoat' is ignored" in line for line in scene.warnings)
+
+
+def test_lights_and_cameras_of_a_stage(tmp_path):
+    made, _ = stage(tmp_path / "room.usda", UsdGeom.Tokens.y, 1.0)
+    lamp = UsdLux.SphereLight.Define(made, "/lamp")
+    lamp.CreateRadiusAttr(0.5)
+    lamp.CreateIntensityAttr(8.0)
+    lamp.CreateExposureAttr(1.0)
+    lamp.CreateColorAttr((1, 0.5, 0.25))
+    UsdGeom.Xformable(lamp).AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
+    sun = UsdLux.DistantLight.Define(made, "/sun")
+    sun.CreateIntensityAttr(1000.0)
+    sun.CreateAngleAttr(0.5)
+    UsdLux.RectLight.Define(made, "/panel")
+    camera = UsdGeom.Camera.Define(made, "/camera")
+    camera.CreateFocalLengthAttr(24.0)
+    camera.CreateVerticalApertureAttr(24.0)
+    made.GetRootLayer().Save()
+    scene = load(tmp_path / "room.usda")
+    point, directional = scene.lights
+    assert point.position == pytest.approx((1, 2, 3)) and point.color == pytest.approx((1, 0.5, 0.25))
+    assert point.intensity == pytest.approx(np.pi * 0.25 * 16)
+    assert directional.direction == pytest.approx((0, 0, -1))
+    assert directional.intensity == pytest.approx(np.pi * np.sin(np.radians(0.25)) ** 2 * 1000)
+    assert scene.cameras[0].fov_y == pytest.approx(np.degrees(2 * np.arctan(0.5)))
+    assert any("RectLight '/panel' is left out" in line for line in scene.warnings)
+
+
+def test_a_stage_states_its_unit(tmp_path):
+    made, _ = stage(tmp_path / "room.usda")
+    made.GetRootLayer().Save()
+    with pytest.raises(SceneError, match="states its own unit"):
+        load(tmp_path / "room.usda", unit=0.01)
+
+
+def test_a_blend_file_without_blender_says_what_it_needs(tmp_path, monkeypatch):
+    monkeypatch.delenv("BLENDER", raising=False)
+    monkeypatch.delenv("LIGHTWELL_BPY", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "room.blend").write_bytes(b"BLENDER-v405")
+    with pytest.raises(SceneError, match="need Blender; install it"):
+        load(tmp_path / "room.blend")
