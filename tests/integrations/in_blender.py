@@ -101,7 +101,7 @@ def main() -> None:
     assert bake.modal(given, SimpleNamespace(type="MOUSEMOVE")) == {"PASS_THROUGH"}
     result, longest, seconds = drive(given, bake, escape_after=0.5)
     assert result == {"CANCELLED"} and bake.lines[-1] == ({"WARNING"}, "Cancelled"), bake.lines
-    print(f"longest step {1000 * longest:.1f} ms, cancel {seconds:.2f} s")
+    print(f"Blender {bpy.app.version_string.split()[0]}, longest step {1000 * longest:.1f} ms, cancel {seconds:.2f} s")
     assert operators.LIGHTWELL_OT_bake.poll(given) and (folder / "out/exported.glb").is_file()
 
     bake = Reported()

@@ -55,6 +55,12 @@ def request_of(context, quality: str | None = None) -> Request:
     )
 
 
+def show_status(context, text: str | None) -> None:
+    """Show a text in Blender's status bar; None shows Blender's own again."""
+    if context.workspace is not None:
+        context.workspace.status_text_set(text)
+
+
 class LIGHTWELL_OT_bake(bpy.types.Operator):
     """Bake the scene's indirect light in a process of its own; Esc ends it"""
 
@@ -101,7 +107,7 @@ class LIGHTWELL_OT_bake(bpy.types.Operator):
             return {"RUNNING_MODAL"} if event.type == "ESC" else {"PASS_THROUGH"}
         code = job.poll()
         if code is None:
-            self._show(context, f"Lightwell: {job.stage()}, {job.seconds:.0f} s (Esc ends it)")
+            show_status(context, f"Lightwell: {job.stage()}, {job.seconds:.0f} s (Esc ends it)")
             return {"PASS_THROUGH"}
         return self._end(context, code)
 
@@ -123,7 +129,7 @@ class LIGHTWELL_OT_bake(bpy.types.Operator):
     def _end(self, context, code: int):
         job, LIGHTWELL_OT_bake.running = LIGHTWELL_OT_bake.running, None
         context.window_manager.event_timer_remove(self._timer)
-        self._show(context, None)
+        show_status(context, None)
         return self._result(context, code, job)
 
     def _result(self, context, code: int, job: Job):
@@ -134,11 +140,6 @@ class LIGHTWELL_OT_bake(bpy.types.Operator):
             self.report({"WARNING"}, line)
         self.report({"INFO"}, f"Baked in {job.seconds:.0f} s")
         return {"FINISHED"}
-
-    @staticmethod
-    def _show(context, text: str | None) -> None:
-        if context.workspace is not None:
-            context.workspace.status_text_set(text)
 
 
 class LIGHTWELL_OT_cancel(bpy.types.Operator):
