@@ -63,7 +63,8 @@ class Tree:
         return np.concatenate([planes, children], axis=1)
 
     def _add(self, normal: np.ndarray, distance: float) -> int:
-        self.rows.append((*map(float, normal), distance, EMPTY, EMPTY))
+        x, y, z = normal.tolist()
+        self.rows.append((x, y, z, distance, EMPTY, EMPTY))
         return len(self.rows) - 1
 
     def _set(self, node: int, over: int, under: int) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lightwell.asset.export import ENDINGS, Exported, export_field
@@ -14,7 +16,7 @@ from lightwell.limits import Limits
 # Longest name of a printed function.
 MAX_FUNCTION = 32
 # NumPy types of the formats of tables.
-FORMATS = {"rgba16float": np.dtype("<f2"), "rgba32float": np.dtype("<f4")}
+FORMATS: dict[str, np.dtype[Any]] = {"rgba16float": np.dtype("<f2"), "rgba32float": np.dtype("<f4")}
 
 
 def function_name(entry: FieldEntry) -> str:
