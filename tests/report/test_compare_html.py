@@ -60,6 +60,11 @@ def written(tmp_path, fields):
     return numbers, (tmp_path / "out/compare.html").read_text("utf-8"), tmp_path / "out"
 
 
+@pytest.mark.slow
+def test_page_is_accessible_and_fits_a_phone(written, accessible):
+    assert accessible(written[2] / "compare.html")
+
+
 def test_json_holds_every_field(written):
     numbers, _, out = written
     assert json.loads((out / "compare.json").read_text("utf-8")) == numbers

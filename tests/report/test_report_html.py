@@ -70,6 +70,11 @@ def test_unit_does_not_change_scores(data):
     assert other["psnr_db"] is None and other["per_view"] == []
 
 
+@pytest.mark.slow
+def test_page_is_accessible_and_fits_a_phone(tmp_path, data, accessible):
+    assert accessible(write_report(tmp_path / "out", data).html)
+
+
 def test_terms_are_explained_where_they_stand(page):
     assert page.count('role="tooltip"') >= 5
     assert '<th class="n"><abbr title="Structural similarity' in page and '<abbr title=""' not in page
