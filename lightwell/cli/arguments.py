@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from lightwell.core.options import Option, flag_of, options_of, parsed
+from lightwell.core.scene_options import BUILTINS, SCENE_SUFFIXES
 
 # How plain numbers and words are read, by the type of an option as it is written.
 _TYPES = {"int": int, "float": float, "str": str}
@@ -90,7 +91,9 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         parser: Parser to add to.
     """
     parser.add_argument(
-        "scene", metavar="SCENE", help="a .glb, .gltf or Mitsuba .xml, or cornell, courtyard, two-rooms"
+        "scene",
+        metavar="SCENE",
+        help=f"a {', '.join(SCENE_SUFFIXES)} file (.xml: Mitsuba), or {', '.join(BUILTINS)}",
     )
 
 

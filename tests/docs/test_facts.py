@@ -12,7 +12,7 @@ import lightwell
 from lightwell.cli.interrupts import INTERRUPTED
 from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
 from lightwell.cli.whole_parser import whole_verbs
-from lightwell.core.scene_options import BUILTINS, UNITS
+from lightwell.core.scene_options import BUILTINS, SCENE_SUFFIXES, UNITS
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
 from lightwell.fields.registry import BUILT_IN, PRESETS, QUALITY_PRESETS
 from lightwell.limits import Limits
@@ -120,6 +120,9 @@ def test_fields_scenes_units_and_exit_codes():
     ]
     assert f"`{next(iter(BUILT_IN))}` (default)" in row
     scenes = (DOCS / "scenes.md").read_text()
+    assert not [
+        suffix for suffix in SCENE_SUFFIXES if f"`{suffix}`" not in REFERENCE or suffix.strip(".") not in scenes.lower()
+    ]
     assert not [name for name in BUILTINS if f"| `{name}` |" not in scenes] and "|".join(UNITS) in scenes
     assert f"| {USAGE_ERROR} | a mistake" in REFERENCE and f"| {INTERRUPTED} | Ctrl-C" in REFERENCE
 
