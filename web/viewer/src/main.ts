@@ -90,6 +90,7 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
     status.replaceChildren(createWelcome((file) => void show(viewer, file).catch(explain)));
     return;
   }
+  status.replaceChildren("Preparing the light…");
   // From the first frame on, which has direct light alone, the page can be used.
   const stop = viewer.on("loaded", () => {
     status.hidden = true;
@@ -103,7 +104,6 @@ function sayProgress(loaded: number, total: number): void {
   const of = total >= loaded && total > 0 ? ` of ${size(total)}` : "";
   const bar = el("progress", total > 0 ? { max: total, value: loaded, "aria-label": "Download" } : { "aria-label": "Download" });
   status.replaceChildren(`Loading ${size(loaded)}${of}`, bar);
-  if (loaded === total) status.replaceChildren("Preparing the light…");
 }
 
 /** What the address asks for; a visitor first sees what the learned light adds. */

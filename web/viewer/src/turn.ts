@@ -6,7 +6,6 @@ import type { Viewer } from "./viewer.ts";
 const TYPES = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm", "video/mp4"];
 /** How long a turn takes, seconds. */
 export const TURN_SECONDS = 8;
-const FRAMES_PER_SECOND = 30;
 /** Bits per second of a film: enough for noise-free pictures of a screen's size. */
 const BITS = 12_000_000;
 
@@ -28,21 +27,30 @@ export function takePicture(viewer: Viewer): Promise<Blob> {
 export async function recordTurn(viewer: Viewer, seconds = TURN_SECONDS, onProgress: (share: number) => void = () => {}): Promise<Blob> {
   const type = globalThis.MediaRecorder && TYPES.find((name) => MediaRecorder.isTypeSupported(name));
   if (!type) throw new Error("This browser cannot record a film.");
-  const stream = viewer.canvas.captureStream(FRAMES_PER_SECOND);
+  // Frames are taken when they are drawn, not by a clock: a slow device loses none.
+  const stream = viewer.canvas.captureStream(0);
+  const [track] = stream.getVideoTracks() as CanvasCaptureMediaStreamTrack[];
   const recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS });
   const parts: Blob[] = [];
   recorder.addEventListener("dataavailable", ({ data }) => parts.push(data));
   const stopped = new Promise((resolve) => recorder.addEventListener("stop", resolve, { once: true }));
   recorder.start();
-  await turn(viewer, seconds, onProgress);
+  await turn(viewer, seconds, (share) => {
+    onProgress(share);
+    track!.requestFrame();
+    viewer.renderOnce();
+  });
+  // The last frame is taken when it has been shown.
+  await shown();
+  await shown();
   recorder.stop();
   await stopped;
-  for (const track of stream.getTracks()) track.stop();
+  track!.stop();
   return new Blob(parts, { type: type.split(";")[0]! });
 }
 
-/** Turn the eye once around. */
-function turn(viewer: Viewer, seconds: number, onProgress: (share: number) => void): Promise<void> {
+/** Turn the eye once around; `onStep` after every step. */
+function turn(viewer: Viewer, seconds: number, onStep: (share: number) => void): Promise<void> {
   const start = performance.now();
   let turned = 0;
   return new Promise((resolve) => {
@@ -50,10 +58,14 @@ function turn(viewer: Viewer, seconds: number, onProgress: (share: number) => vo
       const share = Math.min(1, Math.max(0, (now - start) / (1000 * seconds)));
       viewer.orbit(2 * Math.PI * share - turned);
       turned = 2 * Math.PI * share;
-      onProgress(share);
+      onStep(share);
       if (share < 1) requestAnimationFrame(step);
       else resolve();
     };
     requestAnimationFrame(step);
   });
+}
+
+function shown(): Promise<void> {
+  return new Promise((resolve) => void requestAnimationFrame(() => setTimeout(resolve)));
 }
