@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lightwell.asset.exposure import declare_exposure
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
@@ -159,8 +158,6 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         data = replace(data, training=[(traced + seconds, error) for seconds, error in data.training])
     data = replace(data, seconds={name: round(value, 3) for name, value in job.work.seconds.items()})
     with job.work.timed("write"):
-        if reference.pictures:
-            size = declare_exposure(settings.out / "scene.glb", exposure(reference.pictures))
         pages: list[str] = []
         try:
             pages = _write_files(settings, job, shipped, shown)
