@@ -12,6 +12,7 @@ import { bundle, modulePage } from "./support/bundle.ts";
 import { furnishedRoom, plainRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 import { buildPackage } from "./support/package.ts";
+import { likeness, standStill } from "./support/stored-picture.ts";
 
 const ROOT = fileURLToPath(new URL("../../", import.meta.url));
 const TYPES: Record<string, string> = { ".html": "text/html", ".js": "text/javascript", ".glb": "model/gltf-binary" };
@@ -61,16 +62,49 @@ async function colours(page: Page): Promise<number> {
   }, png.toString("base64"));
 }
 
+/** A few per cent: rasterisers round, and drivers filter shadows, each in its own way. */
+const ALIKE = { mean: 0.02, off: 0.05 };
+const SCREENS = { phone: [120, 220], desktop: [200, 150] } as const;
+
+async function expectStored(page: Page, name: string): Promise<void> {
+  const { mean, off } = await likeness(page, name);
+  expect(mean).toBeLessThan(ALIKE.mean);
+  expect(off).toBeLessThan(ALIKE.off);
+}
+
 describe("examples/web", () => {
-  it.each(["three.html", "webgpu.html", "lens.html"])("%s draws, frame after frame", async (name) => {
-    const { page, errors } = await openPage(browser, 200, 150);
+  it.each([
+    ["three.html", "phone"],
+    ["three.html", "desktop"],
+    ["webgpu.html", "desktop"],
+  ] as const)("%s on a %s shows the stored picture, frame after frame", async (name, screen) => {
+    const { page, errors } = await openPage(browser, ...SCREENS[screen]);
+    await standStill(page);
     await page.goto(`${origin}/examples/web/${name}`);
+    await page.waitForFunction(() => Number(document.body.dataset.frames) > 2).catch(() => expect(errors).toEqual([]));
+    await expectStored(page, `${name.replace(".html", "")}-${screen}`);
+    expect(errors).toEqual([]);
+    await page.close();
+  });
+
+  it("a picture without the learned light is told from the stored one", async () => {
+    const { page } = await openPage(browser, ...SCREENS.desktop);
+    await standStill(page);
+    await page.route("**/scene.glb", (route) => route.fulfill({ body: Buffer.from(writeGlb(furnishedRoom({ fields: [] }))) }));
+    await page.goto(`${origin}/examples/web/three.html`);
+    await page.waitForFunction(() => Number(document.body.dataset.frames) > 2);
+    await expect(expectStored(page, "three-desktop")).rejects.toThrow();
+    await page.close();
+  });
+
+  it("lens.html draws, frame after frame", async () => {
+    const { page, errors } = await openPage(browser, 200, 150);
+    await page.goto(`${origin}/examples/web/lens.html`);
     await page.waitForFunction(() => Number(document.body.dataset.frames) > 2).catch(() => expect(errors).toEqual([]));
     expect(await colours(page)).toBeGreaterThan(200);
     expect(errors).toEqual([]);
     await page.close();
   });
-
 });
 
 /** @react-three/fiber 9 uses a clock and a kind of shadow map that three.js 0.187 warns of. */
