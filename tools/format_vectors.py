@@ -314,9 +314,24 @@ def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.n
     return {name: (graph, scene) for name, graph in out.items()}
 
 
+def _lamps(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+    """Five lamps whose layers are added up once per frame."""
+    count, width, frame = 5, 12, dict(per_frame=True)
+    b = Builder(**dict.fromkeys(("position", "normal"), 3), lamps=3 * count)
+    x = b.affine("position", [0.5] * 3, [0.5] * 3)
+    features = b.concat(_hashgrid(b, rng, x, 2, 3, 2, 6, 2), "normal")
+    features = b.activate(perceptron(b, features, (7, 16, width), "silu", rng), "exp")
+    dimmers = b.affine("lamps", rng.uniform(0.5, 2, 3 * count), [0.0] * 3 * count, **frame)
+    parts = [b.slice(dimmers, c * count, count, **frame) for c in range(3)]
+    merged = [b.linear(part, rng.uniform(0, 0.3, (width, count)), np.zeros(width), **frame) for part in parts]
+    graph = b.build(radiance=b.matvec(b.concat(*merged, **frame), features, 3))
+    scene = _scene(rng) | {"lamps": rng.uniform(0, 1.5, (1, 3 * count)) * (rng.random((1, 3 * count)) < 0.7)}
+    return {"network_lamps": (graph, scene)}
+
+
 def cases() -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
     """Every test vector: name to graph and inputs (float32 [N, C], or [1, C] for what a frame shares)."""
-    makers = (_small_ops, _encodings, _tables, _layers, _networks, _lookups)
+    makers = (_small_ops, _encodings, _tables, _layers, _networks, _lookups, _lamps)
     found = {}
     for number, maker in enumerate(makers):
         found |= maker(np.random.default_rng((SEED, number)))

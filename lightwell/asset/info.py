@@ -24,7 +24,8 @@ def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
     Returns:
         Bytes of the file, its generator, numbers of triangles, vertices, meshes, materials, images, cameras and lights;
         ``fields`` (name, role, variable, nodes, bytes of the buffers, multiply-adds per pixel and per frame) and
-        ``variables``, both empty for a GLB without learned light; sums ``field_bytes`` and ``macs_per_pixel``.
+        ``variables``, both empty for a GLB without learned light; ``lamps``, names of its lights with a switch; sums
+        ``field_bytes`` and ``macs_per_pixel``.
     """
     document, _ = read_file(path, limits)
     with refusing(path):
@@ -36,6 +37,7 @@ def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
         "bytes": Path(path).stat().st_size,
         **counts,
         "variables": variables,
+        "lamps": [lamp["name"] for lamp in document.get("extensions", {}).get(EXTENSION, {}).get("lamps", [])],
         "fields": [_field(field) for field in fields],
         "field_bytes": sum(field.graph.nbytes for field in fields),
         "macs_per_pixel": sum(field.graph.macs for field in fields),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from lightwell.graph import Graph
 
 EXTENSION = "LIGHTWELL_neural_radiance"
-# Version of the extension's JSON (format/FORMAT.md).
-VERSION = 1
+# Versions of the extension's JSON (format/FORMAT.md): a file has the oldest that can say what is in it.
+VERSION, VERSION_WITH_LAMPS = 1, 2
 
 
 # Notebooks show the largest buffers of a field as pictures, so many pixels a side at most.
@@ -43,6 +43,33 @@ def buffer_picture(values: np.ndarray) -> np.ndarray:
     numbers = values.ravel()[: side * side]
     grey[: numbers.size] = numbers / scale
     return np.repeat(np.rint(127.5 + 127.5 * grey).astype(np.uint8).reshape(side, side, 1), 3, axis=2)
+
+
+@dataclass(frozen=True)
+class LampEntry:
+    """A group of the scene's own lights as it is stored: it has a switch, a dimmer and a colour."""
+
+    name: str
+    """Unique in the file."""
+    nodes: tuple[str, ...] = ()
+    """Names of the nodes whose emission or light follows it."""
+    intensity: float = 1.0
+    """First position of the dimmer; 1 is the light as it was baked."""
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """First colour, linear sRGB; multiplies that of the lights."""
+
+    def json(self) -> dict[str, Any]:
+        """Convert the group to the JSON of the extension.
+
+        Returns:
+            JSON object.
+        """
+        return {
+            "name": self.name,
+            "nodes": list(self.nodes),
+            "intensity": self.intensity,
+            "color": list(self.color),
+        }
 
 
 @dataclass(frozen=True)

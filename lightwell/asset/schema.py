@@ -51,10 +51,16 @@ def validate(extension: Any) -> None:
 
 def _check_references(extension: dict[str, Any]) -> None:
     """Check what a JSON schema cannot express: unique names, and indices that exist."""
-    for table in ("variables", "fields"):
-        names = [entry["name"] for entry in extension[table]]
+    lamps = extension.get("lamps", ())
+    for table in ("variables", "fields", "lamps"):
+        names = [entry["name"] for entry in extension.get(table, ())]
         if len(set(names)) < len(names):
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
     for i, field in enumerate(extension["fields"]):
         if field.get("variable", -1) >= len(extension["variables"]):
             raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no variable {field['variable']}")
+        width = field["graph"]["inputs"].get("lamps", 3 * len(lamps))
+        if width != 3 * len(lamps):
+            raise ValueError(
+                f"{EXTENSION}.fields[{i}].graph.inputs.lamps: width {width}, expected 3 for each of {len(lamps)} lamps"
+            )

@@ -40,7 +40,19 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
         problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
-        return problems + _missing_coordinates(document, wanted)
+        return problems + _missing_coordinates(document, wanted) + _missing_nodes(document)
+
+
+def _missing_nodes(document: dict[str, Any]) -> list[str]:
+    """Lamps whose nodes do not exist: their surfaces would not follow the switch."""
+    known = {node.get("name") for node in document.get("nodes", ())}
+    lamps = document["extensions"][EXTENSION].get("lamps", ())
+    return [
+        f"lamps[{k}]: no node is called '{name}'; name one of the file, or leave it out"
+        for k, lamp in enumerate(lamps)
+        for name in lamp["nodes"]
+        if name not in known
+    ]
 
 
 def _missing_coordinates(document: dict[str, Any], wanted: set[str]) -> list[str]:

@@ -14,7 +14,7 @@ from lightwell.asset import geometry
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
-from lightwell.asset.records import EXTENSION, VERSION, Fallback, FieldEntry
+from lightwell.asset.records import EXTENSION, VERSION, VERSION_WITH_LAMPS, Fallback, FieldEntry, LampEntry
 from lightwell.asset.schema import validate
 from lightwell.files import write_atomically
 
@@ -31,6 +31,7 @@ def write_glb(
     variables: Sequence[dict[str, Any]],
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
+    lamps: Sequence[LampEntry] = (),
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -44,11 +45,12 @@ def write_glb(
         variables: JSON objects of the variables that the fields depend on (format/FORMAT.md).
         generator: Program that made the file, for ``asset.generator``.
         fallback: Light map for viewers that do not know the extension, or None.
+        lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
 
     Returns:
         Number of bytes written.
     """
-    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback))
+    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps))
 
 
 def glb_bytes(
@@ -57,6 +59,7 @@ def glb_bytes(
     variables: Sequence[dict[str, Any]],
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
+    lamps: Sequence[LampEntry] = (),
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -66,6 +69,7 @@ def glb_bytes(
         variables: JSON objects of the variables that the fields depend on (format/FORMAT.md).
         generator: Program that made the file, for ``asset.generator``.
         fallback: Light map for viewers that do not know the extension, or None.
+        lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
 
     Returns:
         The bytes of the file.
@@ -78,7 +82,7 @@ def glb_bytes(
     document["scene"] = 0
     if fallback is not None:
         add_fallback(document, binary, fallback)
-    extension = extension_json(fields, variables, binary, document)
+    extension = extension_json(fields, variables, binary, document, lamps)
     validate(extension)
     document.setdefault("extensions", {})[EXTENSION] = extension
     document["extensionsUsed"] = sorted({*document.get("extensionsUsed", ()), EXTENSION})
@@ -137,14 +141,16 @@ def extension_json(
     variables: Sequence[dict[str, Any]],
     binary: Binary,
     document: dict[str, Any] | None = None,
+    lamps: Sequence[LampEntry] = (),
 ) -> dict[str, Any]:
-    """Convert fields and variables to the JSON of the extension.
+    """Convert fields, variables and lamps to the JSON of the extension.
 
     Args:
         fields: Baked fields.
         variables: JSON objects of the variables.
         binary: Receives the bytes of the buffers and pictures.
         document: glTF JSON whose texture tables receive the pictures; None when no field has one.
+        lamps: Groups of the scene's own lights; a file without them has version 1.
 
     Returns:
         The JSON of the extension.
@@ -156,7 +162,8 @@ def extension_json(
         if field.variable is not None:
             entry["variable"] = field.variable
         entries.append(entry)
-    return {"version": VERSION, "variables": list(variables), "fields": entries}
+    head = {"version": VERSION_WITH_LAMPS if lamps else VERSION, "variables": list(variables)}
+    return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | {"fields": entries}
 
 
 def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:

@@ -51,7 +51,7 @@ class Shipped:
         Returns:
             The compiled fit.
         """
-        return Shipped(role, fit, lowered, Baked(lowered.graph))
+        return Shipped(role, fit, lowered, Baked(lowered.graph, lowered.frame))
 
     def at(self, points: SurfacePoints, light: np.ndarray) -> np.ndarray:
         """Evaluate radiance for a unit light.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lightwell.asset.page import write_page
-from lightwell.asset.records import FieldEntry
+from lightwell.asset.records import FieldEntry, LampEntry
 from lightwell.asset.write import write_glb
 from lightwell.baking.evaluate import Shipped, lit_views
 from lightwell.baking.late_notes import LateNotes
@@ -24,6 +24,7 @@ from lightwell.baking.reference import Reference, choose_stage, trace_reference
 from lightwell.baking.score import exposure, reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.cluster.attach import attached
+from lightwell.core.lamps import parse_lamps
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.units import size_text, time_text
@@ -92,6 +93,8 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     if preview:
         preview.begin(job.scene, job.request)
     state = field.prepare(job)
+    if job.request.lamps and not state.lamps and parse_lamps(job.request.lamps).mode != "none":
+        raise ValueError(f"bake: field '{name}' learns all lights together; use --field factored, or leave out --lamps")
     _say_plan(settings, name, job.progress)
     for warning in warnings(state):
         job.progress.say(f"[yellow]warning[/] {warning}")
@@ -205,6 +208,7 @@ def write_asset(
         Bytes of the file.
     """
     variables = [] if state.variable is None else [to_json(state.variable, light, intensity, color)]
+    lamps = [LampEntry(group.name, group.nodes) for group in state.lamps]
     entries = [
         FieldEntry(
             s.lowered.name or s.role,
@@ -216,7 +220,7 @@ def write_asset(
         for s in shipped
     ]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
-    return write_glb(out / "scene.glb", state.shipped, entries, variables, fallback=fallback)
+    return write_glb(out / "scene.glb", state.shipped, entries, variables, fallback=fallback, lamps=lamps)
 
 
 def write_report_and_page(

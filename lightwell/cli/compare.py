@@ -18,7 +18,7 @@ lightwell compare --fields A,B,… SCENE -o OUT    train each field on the same 
   OUT/FIELD/         scene.glb, page and report of each field, as bake writes them
 Ctrl-C keeps what is done; --resume goes on."""
 # Options of a bake without meaning here: each field has its own preset, and only the variable light is compared.
-WITHOUT = ("preset", "static")
+WITHOUT = ("preset", "static", "lamps")
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lightwell.core.suggest import did_you_mean
+from lightwell.core.sun_path import EXAMPLE, sun_day
 
 # Two directions count as one when all their components differ by less.
 SAME_DIRECTION = 1e-4
@@ -22,7 +23,8 @@ class Declaration:
     parameter: str
     """'position', 'radius', 'clearance', 'direction', 'intensity' or 'color'."""
     values: tuple[float, ...] = ()
-    """box: 6 numbers, arc: 4, radius and clearance: 1; intensity 1 or none, color 3 or none (their first setting)."""
+    """box: 6 numbers, arc: 4, day: 9 (three directions), radius and clearance: 1; intensity 1 or none, color 3 or none
+    (their first setting)."""
 
     @property
     def learned(self) -> bool:
@@ -69,7 +71,8 @@ def parse_vary(text: str) -> Declaration:
 
     Args:
         text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
-            ``sun.direction=arc(az0,el0,az1,el1)``, ``light.intensity`` or ``light.color``.
+            ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
+            ``light.intensity`` or ``light.color``.
 
     Returns:
         The declaration.
@@ -83,6 +86,12 @@ def parse_vary(text: str) -> Declaration:
     name, parameter, value = match.groups()
     if parameter not in _FORMS:
         raise ValueError(_unknown(text, parameter))
+    day = re.fullmatch(r"day\s*\((.*)\)", (value or "").strip(), re.DOTALL) if parameter == "direction" else None
+    if day:
+        try:
+            return Declaration(name, parameter, sun_day(day.group(1)))
+        except ValueError as error:
+            raise ValueError(_wrong(text, str(error), EXAMPLE)) from None
     values = _numbers(text, _FORMS[parameter], (value or "").strip())
     _check_range(text, parameter, values)
     return Declaration(name, parameter, values)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import copy
+
 import numpy as np
 
 from lightwell.fields.tabulate import Tabulated
@@ -12,18 +15,33 @@ from lightwell.transport.samples import Query
 class Baked:
     """A shading graph as it is written, evaluated on queries; the result is radiance, reflectance included."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, frame: Mapping[str, np.ndarray] | None = None) -> None:
         """Compile a graph.
 
         Args:
             graph: Shading graph with an output ``radiance`` that is divided by the reflectance.
+            frame: Inputs [C] that are the same at all points, by name.
         """
         self.graph = graph
-        self._table = Tabulated(graph)
+        self._table = Tabulated(graph, frame)
 
     def __call__(self, query: Query) -> np.ndarray:
         """[N, 3] radiance for a unit light."""
         return self._table(query, "radiance")["radiance"] * query.reflectance
+
+    def with_frame(self, **frame: np.ndarray) -> Baked:
+        """Return the same graph with other inputs that all points share, such as ``lamps``; nothing is compiled anew.
+
+        Args:
+            **frame: Inputs [C] by name.
+
+        Returns:
+            The graph.
+        """
+        other = copy(self)
+        other._table = copy(self._table)
+        other._table.frame = {**self._table.frame, **frame}
+        return other
 
     @property
     def segmented(self) -> bool:

@@ -24,6 +24,7 @@ from lightwell.core.work import Work, WorkPart
 from lightwell.fields.request import Request
 from lightwell.graph import Graph
 from lightwell.graph.pictures import Fallback, Picture
+from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.samples import Query, SurfacePoints
@@ -84,6 +85,8 @@ class State:
     """Parts of the light that are learned, in this order; the report's headline figures are those of the first."""
     warnings: list[str] = field(default_factory=list)
     """Notes of the field, for the report."""
+    lamps: tuple[LampGroup, ...] = field(default=(), kw_only=True)
+    """Groups of the scene's own lights that have a switch each; none: their light cannot be changed."""
 
     @property
     def shipped(self) -> Scene:
@@ -147,6 +150,8 @@ class Lowered:
     """An ordinary light map for viewers that know no more."""
     name: str = ""
     """Of the field in the asset; empty: its role."""
+    frame: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Inputs of the graph that are the same at all points, such as ``lamps``, as the scene has them; [C] each."""
 
 
 @dataclass(frozen=True)

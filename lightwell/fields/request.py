@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lightwell.core.lamps import MODES, parse_lamps
 from lightwell.core.options import option
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS, Budget
 
@@ -33,9 +34,18 @@ class Request:
     vary: tuple[str, ...] = option(
         (),
         "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, sun.direction=arc(az0,el0,az1,el1) "
-        "in degrees, light.clearance=c; light.intensity and light.color set what may always change "
-        "(default: what the scene suggests, else a point light anywhere in its air)",
+        "in degrees or day(2026-06-21,48.1,11.6), light.clearance=c; light.intensity and light.color set "
+        "what may always change (default: what the scene suggests, else a point light anywhere in its air)",
         metavar="WHAT=RANGE",
+        repeat=True,
+        group="what may move",
+    )
+    lamps: tuple[str, ...] = option(
+        (),
+        'switches of the scene\'s own lights: "desk=Desk*" groups lights by name or material, '
+        + ", ".join(MODES)
+        + " group all of them (repeatable; default: none)",
+        metavar="NAME=PATTERN",
         repeat=True,
         group="what may move",
     )
@@ -69,5 +79,6 @@ class Request:
 
     def __post_init__(self) -> None:
         """Take the time of the quality where neither a time nor an error is asked for."""
+        parse_lamps(self.lamps)
         if self.quality in QUALITY_SECONDS:
             object.__setattr__(self, "budget", self.budget.or_of(self.quality))

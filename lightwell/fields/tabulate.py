@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats
@@ -17,13 +19,14 @@ ROWS_AT_ONCE = 1 << 20
 class Tabulated:
     """A graph over queries, as a function that returns NumPy arrays."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, frame: Mapping[str, np.ndarray] | None = None) -> None:
         """Compile a graph.
 
         Args:
             graph: Graph with the inputs of a query.
+            frame: Inputs [C] that are the same for all queries, by name.
         """
-        self.graph = graph
+        self.graph, self.frame = graph, frame or {}
         self._compiled: Compiled = compile(graph)
 
     def width(self, output: str) -> int:
@@ -44,7 +47,12 @@ class Tabulated:
         for begin in range(0, len(query), ROWS_AT_ONCE):
             part = query[begin : begin + ROWS_AT_ONCE]
             inputs = query_inputs(part)
-            columns = {name: _columns(inputs[name], name in FRAME_INPUTS) for name in self.graph.inputs}
+            columns = {
+                name: _columns(inputs[name], name in FRAME_INPUTS)
+                for name in self.graph.inputs
+                if name not in self.frame
+            }
+            columns |= {name: [dr.opaque(mi.Float, float(c)) for c in value] for name, value in self.frame.items()}
             outputs = self._compiled(columns)
             values = {name: outputs[name] for name in names}
             dr.eval(values)

@@ -21,7 +21,9 @@ from lightwell.graph.ops.op import MAX_ELEMENTS, MAX_MACS, MAX_NODES, MAX_WIDTH
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
-FRAME_INPUTS = ("light",)
+FRAME_INPUTS = ("light", "lamps")
+# Inputs that `per_frame` nodes alone may use: shaders have no such value.
+FRAME_ONLY = ("lamps",)
 MAX_INPUTS = 64
 # Widths of the outputs that runtimes know; a graph may have others, of any width.
 OUTPUT_WIDTHS = {"radiance": 3, "segment": 1, "overlap": 1, "second": 1}
@@ -215,6 +217,8 @@ def _check_node(
     for name in node.inputs:
         if name not in widths:
             _fail(where, "inputs that are graph inputs or earlier nodes", repr(name)[:80], "reorder or rename")
+        if name in FRAME_ONLY and not node.per_frame:
+            _fail(where, f"a per_frame node where the input is '{name}'", "one per pixel", "mark it per_frame")
         if node.per_frame and name not in frame:
             _fail(where, "a per_frame node to use frame inputs only", f"'{name}'", "drop per_frame or the input")
     input_widths = tuple(widths[name] for name in node.inputs)

@@ -6,9 +6,15 @@ from time import perf_counter
 from typing import Any
 
 from lightwell.cluster.attach import attached
+from lightwell.core.lamps import parse_lamps, parse_settings
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
+from lightwell.scenes.dimmed import dimmed
+from lightwell.scenes.lamps import group_lamps
 from lightwell.transport.camera import total_image
+
+# What ``--set`` calls the light that is not of the scene.
+POINT_LIGHT = "light"
 
 
 def render_path(settings: RenderSettings) -> dict[str, Any]:
@@ -23,8 +29,12 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     check_picture_name(settings.out)
     shot = Shot.of(settings)
     place, intensity = shot.good_light, shot.intensity
+    state = parse_settings(settings.set)
+    point = max(state.pop(POINT_LIGHT, (1.0,)))
+    groups = group_lamps(shot.scene, parse_lamps(settings.lamps)) if state else ()
     start = perf_counter()
-    with attached(shot.scene, settings.loading, settings, lambda line: None):
+    here = attached(shot.scene, settings.loading, settings, lambda line: None)
+    with here, dimmed(shot.scene, groups, state):
         picture = total_image(
             shot.scene,
             shot.camera,
@@ -33,7 +43,7 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
             *settings.size,
             settings.spp,
             settings.seed,
-            intensity=1.0 if intensity is None else intensity,
+            intensity=point * (1.0 if intensity is None else intensity),
             with_static=True,
         )
     seconds = perf_counter() - start

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.core.cluster_options import ClusterOptions
+from lightwell.core.lamps import parse_lamps, parse_settings
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.core.suggest import did_you_mean
@@ -144,6 +145,15 @@ class RenderSettings(SceneOptions, ClusterOptions):
         "candela of that light (default: 1; a .png is then exposed by itself)",
         check=lambda v: "" if 0 < v < math.inf else "is not a light; give a positive number of candela",
     )
+    set: tuple[str, ...] = option(
+        (),
+        "a state of the scene's own lamps, such as desk=0.3 or desk=1,0.8,0.6; light=0 turns the point light off",
+        metavar="NAME=DIMMER",
+        repeat=True,
+    )
+    lamps: tuple[str, ...] = option(
+        (), "groups of the scene's own lamps, as for bake", metavar="NAME=PATTERN", repeat=True
+    )
     seed: int = option(0, "seed of the random numbers (default: 0)", least=0)
     integrator: str = option("path", "path, or nrc: the radiance cache", choices=tuple(INTEGRATORS))
     aov: tuple[str, ...] = option(
@@ -155,6 +165,11 @@ class RenderSettings(SceneOptions, ClusterOptions):
     def __post_init__(self) -> None:
         """Refuse values out of range, by the name of their option."""
         check(self, "render")
+        parse_lamps(self.lamps)
+        if parse_settings(self.set) and self.integrator != "path":
+            raise ValueError("render: --set is for --integrator path; leave one of them out")
+        if self.set and self.cluster:
+            raise ValueError("render: --set is for this machine alone; leave out --cluster")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", _options(self.integrator, self.options or {}))
         if self.aov and (Path(self.out).suffix.lower() != ".exr" or getattr(self.options, "frames", None)):

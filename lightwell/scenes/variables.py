@@ -225,9 +225,16 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     if "direction" in given:
         if len(given) > 1:
             raise ValueError(f"vary: '{names[0]}' is a sun, it has a direction only; drop {', '.join(given)} or it")
-        az0, el0, az1, el1 = given["direction"]
-        return sun_arc(az0, el0, az1, el1, name=names[0])
+        return _sun(given["direction"], names[0])
     return _point_light(given, scene, names[0] if names else "light")
+
+
+def _sun(values: tuple[float, ...], name: str) -> Sun:
+    """The sun of ``arc(...)``, 4 numbers, or of ``day(...)``, three directions."""
+    if len(values) == 4:
+        az0, el0, az1, el1 = values
+        return sun_arc(az0, el0, az1, el1, name=name)
+    return Sun(vector(values[:3]), vector(values[3:6]), vector(values[6:]), name=name)
 
 
 def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:

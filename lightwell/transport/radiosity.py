@@ -167,7 +167,7 @@ class Radiosity:
         batch = max(1, LANES // self.bins.count)
         for start in range(0, len(lights), batch):
             direct[start : start + batch, :-1] = self._irradiance(variable, lights[start : start + batch], seed + start)
-        return BinLight(direct, self._solve(direct), np.asarray(lights, np.float32))
+        return BinLight(direct, self.indirect(direct), np.asarray(lights, np.float32))
 
     def _irradiance(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
         """[k, F] direct irradiance at a random place of each bin."""
@@ -192,8 +192,16 @@ class Radiosity:
         E = dr.select(E > 0, dr.select(self.scene.mi.ray_test(ray, E > 0), 0, E), 0)
         return np.array(E).reshape(len(lights), count)
 
-    def _solve(self, direct: np.ndarray) -> np.ndarray:
-        """[K, C, 3] indirect irradiance of the coarse bins."""
+    def indirect(self, direct: np.ndarray) -> np.ndarray:
+        """Solve for the indirect irradiance of the coarse bins.
+
+        Args:
+            direct: [K, F + 1] direct irradiance of the bins under K white lights, or [K, F + 1, 3] under coloured ones;
+                the last bin is dark.
+
+        Returns:
+            [K, C, 3] float32.
+        """
         from scipy.linalg import lu_factor, lu_solve
         from scipy.sparse import csr_matrix
 
@@ -202,10 +210,11 @@ class Radiosity:
         coarse_of = csr_matrix(ones, shape=(bins.count + 1, count))
         out = np.empty((len(direct), count, 3), np.float32)
         for c, transfer in enumerate(self._transfer):
+            of_channel = direct if direct.ndim == 2 else np.ascontiguousarray(direct[..., c])
             factors = lu_factor(np.eye(count, dtype=np.float32) - (transfer @ coarse_of).toarray())
             for start in range(0, len(direct), LIGHTS_AT_ONCE):
                 part = slice(start, start + LIGHTS_AT_ONCE)
-                out[part, :, c] = lu_solve(factors, transfer @ direct[part].T, check_finite=False).T
+                out[part, :, c] = lu_solve(factors, transfer @ of_channel[part].T, check_finite=False).T
         return np.maximum(out, 0)
 
 

@@ -113,7 +113,7 @@ def rename_second(document):
 REFUSALS = [
     (lambda d: d["extensions"].pop(EXTENSION), "has no LIGHTWELL_neural_radiance; bake the scene"),
     (lambda d: d.update(extensions=[]), "has no LIGHTWELL_neural_radiance"),
-    (lambda d: extension(d).update(version=2), "version: 1 was expected"),
+    (lambda d: extension(d).update(version=3), "version: 3 is not one of [1, 2]"),
     (lambda d: extension(d).update(fields=[]), "fields: "),
     (lambda d: extension(d).update(extra=1), "'extra' was unexpected"),
     (lambda d: extension(d)["fields"][0].update(role="magic"), r"fields[0].role: 'magic' is not one of"),

@@ -27,7 +27,7 @@ def test_the_example_follows_the_specification(capsys):
         (lambda d: d["extensionsUsed"].remove(NAME), "extensionsUsed: LIGHTWELL_neural_radiance is missing"),
         (lambda d: d.update(extensionsRequired=[NAME]), "must be optional"),
         (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("TEXCOORD_1"), "no TEXCOORD_1"),
-        (lambda d: d["extensions"][NAME].update(version=2), "version"),
+        (lambda d: d["extensions"][NAME].update(version=3), "version"),
         (lambda d: buffers(d)["e"].update(shape=[8, 16, 3]), "buffer 'e': its picture is RGB (16, 16)"),
         (lambda d: buffers(d)["e"].update(texture=99), "textures[99] does not exist"),
         (lambda d: buffers(d)["e"].update(accessor=0), "buffers.e"),

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.builtin import NAMES, build
 from lightwell.scenes.builtin.kit import content_digest
 from lightwell.scenes.free_air import even_directions, free_air, is_closed
+from lightwell.scenes.lamps import group_lamps
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -19,17 +21,18 @@ def courtyard():
 
 
 def test_names():
-    assert NAMES == ("cornell", "courtyard", "two-rooms")
+    assert NAMES == ("cornell", "courtyard", "loft", "two-rooms")
 
 
 def test_an_unknown_name_says_which_exist():
-    with pytest.raises(ValueError, match="no built-in scene 'atrium'; choose one of cornell, courtyard, two-rooms"):
+    message = "no built-in scene 'atrium'; choose one of cornell, courtyard, loft, two-rooms"
+    with pytest.raises(ValueError, match=message):
         build("atrium")
 
 
-def test_the_scene_is_clean_and_has_no_light(scene):
+def test_the_scene_is_clean_and_only_the_loft_has_lamps(scene):
     assert scene.warnings == []
-    assert not scene.has_static_light
+    assert scene.has_static_light == (scene.name == "loft")
     assert scene.source == f"builtin:{scene.name}"
     assert scene.cameras[0].name == "home"
     assert 5 <= len(scene.cameras) <= 7
@@ -117,6 +120,12 @@ def test_textures_repeat_without_a_seam(courtyard):
             seam = np.abs(pixels.take(0, axis) - pixels.take(-1, axis)).mean()
             # Joints are the largest steps; one of them may lie on the border.
             assert seam <= 1.1 * inner.max() + 1, material.name
+
+
+def test_the_loft_has_nine_lamps_and_a_screen():
+    groups = group_lamps(build("loft"), parse_lamps(()))
+    names = {"counter", "cove", "pendants", "floor", "ball", "desk", "bath", "bed_left", "bed_right", "screen"}
+    assert {group.name for group in groups} == names
 
 
 def test_the_digest_is_the_same_every_time(scene):

@@ -12,6 +12,7 @@ import { afterAll, beforeAll, expect, test } from "vitest";
 import {
   evaluate,
   evaluateFrame,
+  FRAME_INPUTS,
   printGlsl,
   printWgsl,
   readGraph,
@@ -173,7 +174,10 @@ ${printed.code}
 }
 
 const frameData = (vector: Vector) => [
-  ...evaluateFrame(vector.graph, { light: row(vector.inputs.light!, 0) }),
+  ...evaluateFrame(
+    vector.graph,
+    Object.fromEntries(FRAME_INPUTS.flatMap((name) => (vector.inputs[name] ? [[name, row(vector.inputs[name], 0)]] : []))),
+  ),
 ];
 
 /** Largest error of a result over all outputs. */

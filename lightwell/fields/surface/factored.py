@@ -13,12 +13,18 @@ from itertools import pairwise
 
 import numpy as np
 
+from lightwell.core.lamps import parse_lamps
+from lightwell.core.work import WorkPart
 from lightwell.fields.features import grid_point, light_features, local_features, open_builder
-from lightwell.fields.surface.field import SurfaceField
+from lightwell.fields.protocol import Job, Role, State
+from lightwell.fields.surface.field import SurfaceField, SurfaceFit
+from lightwell.fields.surface.lamp_samples import LampTraining, trace_lamps
+from lightwell.fields.surface.lamps import fit_lamps
 from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.options import SurfaceOptions
 from lightwell.fields.surface.sample_weights import by_object
+from lightwell.fields.surface.training import SurfaceSamples
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.graph.layers import add_layers
@@ -26,6 +32,7 @@ from lightwell.networks import Trainer, TrainingSettings
 from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.light_major import LightMajorSet, light_runs
+from lightwell.scenes.lamps import group_lamps
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -181,4 +188,52 @@ class FactoredFit(NetworkFit):
         return b.add(b.matvec(matrix, u, units), offset)
 
 
-FIELD = SurfaceField("factored", PRESETS, FactoredFit, SurfaceOptions)
+class FactoredField(SurfaceField):
+    """The default field: a moving light by ``FactoredFit``, the scene's own lamps by ``LampsFit``."""
+
+    def prepare(self, job: Job) -> State:
+        """Find the variable light, and the groups of the scene's own lamps.
+
+        Args:
+            job: Scene and settings.
+
+        Returns:
+            The prepared scene.
+        """
+        state = super().prepare(job)
+        if job.request.lamps and "static" in state.roles:
+            state.lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
+        return state
+
+    def sample(self, state: State, role: Role) -> SurfaceSamples | LampTraining:
+        """Trace samples of a role, or read those of an interrupted bake.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to sample.
+
+        Returns:
+            The samples; shares of all groups of lamps for the scene's own light.
+        """
+        return trace_lamps(state) if role == "static" and state.lamps else super().sample(state, role)
+
+    def fit(
+        self, state: State, role: Role, samples: SurfaceSamples | LampTraining, part: WorkPart | None = None
+    ) -> SurfaceFit:
+        """Fit a role.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light that the samples hold.
+            samples: Samples from ``sample``.
+            part: Part of the bake that stores plan and checkpoints; None: that of the role.
+
+        Returns:
+            The finished fit.
+        """
+        if isinstance(samples, LampTraining):
+            return fit_lamps(state, samples)
+        return super().fit(state, role, samples, part)
+
+
+FIELD = FactoredField("factored", PRESETS, FactoredFit, SurfaceOptions)

@@ -43,6 +43,7 @@ const MEANINGS: Readonly<Record<string, string>> = {
   position: "surface point, world space, metres",
   normal: "unit vertex normal, world space, on the side of the eye, without normal map",
   view: "unit direction from the point to the eye",
+  lamps: "what each of the scene's own lamps is multiplied by: red of all lamps, then green, then blue",
   light: "position of the declared point light in metres, or unit direction to the declared sun",
   reflectance: "base colour + 0.04 (1 - metallic), at least 0.001, linear",
   roughness: "glTF roughness",
@@ -83,7 +84,8 @@ function exportGlsl(graph: Graph, name: string, { title, weights = "inline" }: E
     ...tables.map((t) => `${t.name}: ${t.width} x ${t.height} texels, ${t.format.toUpperCase()}, nearest, no mipmaps`),
     ...[...program.pictures].map(([uniform, buffer]) => pictureNote(uniform, buffer)),
   ];
-  const call = `vec3 ${name}(${program.parameters.map((p) => `${p.width === 1 ? "float" : `vec${p.width}`} ${p.name}`).join(", ")})`;
+  const type = (width: number) => (width > 4 ? `vec4[${Math.ceil(width / 4)}]` : width === 1 ? "float" : `vec${width}`);
+  const call = `vec3 ${name}(${program.parameters.map((p) => `${type(p.width)} ${p.name}`).join(", ")})`;
   const head = header("GLSL ES 3.00 with precision highp float and int", graph, call, bindings, title);
   return { text: `${head}\n${program.code}\n`, tables, pictures: program.pictures };
 }
@@ -117,7 +119,8 @@ function exportWgsl(graph: Graph, name: string, { title, weights = "inline" }: E
     ...tables.map((t) => `@binding(0) ${t.name}: ${t.width} vec4f, a read-only storage buffer`),
     ...program.pictures.map((p) => `@binding(${p.binding}) ${pictureNote(p.name, p.buffer)}; @binding(${p.binding + 1}) its sampler`),
   ];
-  const call = `fn ${name}(${program.parameters.map((p) => `${p.name}: ${p.width === 1 ? "f32" : `vec${p.width}f`}`).join(", ")}) -> vec3f`;
+  const type = (width: number) => (width > 4 ? `array<vec4f, ${Math.ceil(width / 4)}>` : width === 1 ? "f32" : `vec${width}f`);
+  const call = `fn ${name}(${program.parameters.map((p) => `${p.name}: ${type(p.width)}`).join(", ")}) -> vec3f`;
   const pictures = new Map(program.pictures.map((p) => [p.name, p.buffer]));
   const needsFragment = program.pictures.some(({ buffer }) => buffer.picture!.mips > 0);
   const where = `WGSL${needsFragment ? ", in uniform control flow of a fragment shader" : ""}; bindings in group 0`;

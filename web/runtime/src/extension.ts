@@ -10,11 +10,12 @@ import type { Graph } from "./graph/node.ts";
 import type { BufferType, StoredBuffer } from "./graph/stored.ts";
 import { opsFor } from "./graph/ops/on-demand.ts";
 import { EXTENSION } from "./extension-name.ts";
+import { type LampRecord, readLamps } from "./switches.ts";
 import { TRIAL } from "./trial.ts";
 import { readVariables, type Variable } from "./variables.ts";
 
-/** Version of the format that this package reads. */
-export const FORMAT_VERSION = 1;
+/** Newest version of the format that this package reads; it reads the older ones too. */
+export const FORMAT_VERSION = 2;
 
 /** Largest number of fields, and of buffer elements in all of them: limits against hostile files. */
 const MAX_FIELDS = 8;
@@ -35,6 +36,8 @@ export interface FieldRecord {
 /** Everything the extension declares. */
 export interface NeuralRadiance {
   readonly variables: readonly Variable[];
+  /** Groups of the scene's own lamps, in the order of the graphs' input `lamps`. */
+  readonly lamps: readonly LampRecord[];
   readonly fields: readonly FieldRecord[];
   /** Linear factor before tone mapping that suits the scene; null when the file says none. */
   readonly exposure: number | null;
@@ -102,17 +105,20 @@ export async function readExtension(
   const extensions = json.extensions === undefined ? {} : record(json.extensions, "extensions");
   if (extensions[EXTENSION] === undefined) return null;
   const extension = record(extensions[EXTENSION], EXTENSION);
-  if (extension.version !== FORMAT_VERSION) fail(`${EXTENSION}.version`, `${FORMAT_VERSION}`);
+  const { version } = extension;
+  if (version !== 1 && version !== FORMAT_VERSION) fail(`${EXTENSION}.version`, `1 or ${FORMAT_VERSION}`);
   const variables = readVariables(extension.variables, `${EXTENSION}.variables`);
+  if (version === 1 && extension.lamps !== undefined) fail(`${EXTENSION}.lamps`, "nothing of that name in version 1");
+  const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
   for (const [i, entry] of entries.entries()) {
-    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget }));
+    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget, lamps: lamps.length }));
     const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
     if (work > budget.work) fail(`${EXTENSION}.fields[${i}]`, overBudget(budget.work, "operations per pixel in all fields", "work"));
   }
   const { exposure } = extension;
-  return { variables, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
+  return { variables, lamps, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
 }
 
 /** What the parts of the extension are read from. */
@@ -120,6 +126,8 @@ interface Reading {
   readonly json: GltfJson;
   readonly sources: Sources;
   readonly budget: Budget;
+  /** Number of lamps with a switch. */
+  readonly lamps: number;
 }
 
 async function readField(value: unknown, where: string, variableCount: number, from: Reading): Promise<FieldRecord> {
@@ -128,7 +136,7 @@ async function readField(value: unknown, where: string, variableCount: number, f
   if (role !== "indirect" && role !== "static") fail(`${where}.role`, '"indirect" or "static"');
   const document = record(entry.graph, `${where}.graph`);
   const buffers = await readBuffers(document.buffers ?? {}, `${where}.graph.buffers`, from);
-  const graph = await readFieldGraph(document, buffers, `${where}.graph`, from.budget);
+  const graph = await readFieldGraph(document, buffers, `${where}.graph`, from);
   warnOfOverflow(graph, where);
   return {
     name: text(entry.name ?? role, `${where}.name`),
@@ -143,7 +151,7 @@ async function readField(value: unknown, where: string, variableCount: number, f
 /** Finite weights may still overflow: try the field at one point, and say so when its light is no number there. */
 function warnOfOverflow(graph: Graph, where: string): void {
   if (graph.nodes.some(({ use }) => Object.values(use.buffer).some(({ picture }) => picture))) return;
-  const found = evaluate(graph, TRIAL).radiance!;
+  const found = evaluate(graph, { ...TRIAL, lamps: Array(graph.inputs.get("lamps") ?? 0).fill(1) }).radiance!;
   if (found.every(Number.isFinite)) return;
   console.warn(`lightwell: ${where}: expected finite radiance at the origin, found ${found.join(", ")}; bake the field again`);
 }
@@ -153,12 +161,12 @@ async function readFieldGraph(
   document: Record<string, unknown>,
   buffers: ReadonlyMap<string, StoredBuffer>,
   where: string,
-  budget: Budget,
+  { budget, lamps }: Reading,
 ): Promise<Graph> {
   const nodes: { op?: unknown }[] = Array.isArray(document.nodes) ? document.nodes : [];
   const graph = readGraphOf(await opsFor(nodes.map((node) => String(node?.op))), document, buffers, budget);
   for (const [name, width] of graph.inputs) {
-    if (INPUT_WIDTHS[name] !== width)
+    if (name === "lamps" ? lamps === 0 || width !== 3 * lamps : INPUT_WIDTHS[name] !== width)
       fail(`${where}.inputs.${name}`, "an input of a surface");
   }
   if (!graph.outputs.has("radiance")) fail(`${where}.outputs.radiance`, "a value of width 3");

@@ -19,4 +19,5 @@ export { loadLight } from "./load-light.ts";
 export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
+export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SWITCHES, readLampSettings } from "./switches.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

@@ -43,6 +43,8 @@ export abstract class LearnedField {
   protected readonly gainSlots = slots();
   /** Values of the declared light that the field is evaluated for; shared with the lamps. */
   private lights: readonly Vector3[] = [];
+  /** What the scene's own lamps are multiplied by, as the per-frame values have it; empty where the field has none. */
+  private readonly dimmed: Float32Array;
   /** The lights that the per-frame values belong to. */
   private readonly evaluated = slots(Number.NaN);
 
@@ -52,6 +54,7 @@ export abstract class LearnedField {
     this.name = name;
     this.placement = placement;
     this.blocks = frameLayout(this.graph).blocks;
+    this.dimmed = new Float32Array(this.graph.inputs.get("lamps") ?? 0).fill(Number.NaN);
     this.frameValues = new Float32Array(4 * this.blocks * MAX_LAMPS);
   }
 
@@ -88,14 +91,21 @@ export abstract class LearnedField {
     this.gainSlots[lamp]!.copy(gain);
   }
 
-  /** Evaluate the per-frame part of each light that has moved; call before drawing. */
-  update(): void {
+  /**
+   * Evaluate the per-frame part of each light that has moved, and of all where a lamp of the scene was dimmed; call before drawing.
+   * `dimmers`: what the scene's own lamps are multiplied by.
+   */
+  update(dimmers: ArrayLike<number> = []): void {
+    if (this.dimmed.some((x, i) => x !== dimmers[i])) {
+      this.dimmed.set(dimmers);
+      for (const evaluated of this.evaluated) evaluated.setScalar(Number.NaN);
+    }
     this.lights.forEach((light, lamp) => {
       this.lightSlots[lamp]!.copy(light);
       if (this.blocks === 0 || this.evaluated[lamp]!.equals(light)) return;
       this.evaluated[lamp]!.copy(light);
       const size = 4 * this.blocks;
-      evaluateFrame(this.graph, { light: light.toArray() }, this.frameValues.subarray(size * lamp, size * (lamp + 1)));
+      evaluateFrame(this.graph, { light: light.toArray(), lamps: this.dimmed }, this.frameValues.subarray(size * lamp, size * (lamp + 1)));
       if (this.frameTexture) this.frameTexture.needsUpdate = true;
     });
   }

@@ -76,7 +76,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], fields: [], exposure: null }), lightmaps };
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], lamps: [], fields: [], exposure: null }), lightmaps };
       gltf.userData.lightwell = loaded;
     }
   }

@@ -1,15 +1,16 @@
 /** What a scene with learned light is for either renderer: its root, lamps, fields, and what is shown of them. */
 
-import { type Box3, type Camera, Color, type Group, type Object3D, type Scene, type Texture, Vector3 } from "three";
+import { type Box3, type Camera, Color, type Group, type Material, type Object3D, type Scene, type Texture, Vector3 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { FieldRecord } from "./extension.ts";
 import { createLamp, type Lamp, ShadowKeeper } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
-import { type LoadedLight, learnedLight } from "./loaded-light.ts";
+import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
 import { OwnLights } from "./own-lights.ts";
 import { boundsOf, Placement } from "./placement.ts";
+import { type LampSetting, type LampSwitch, Switches } from "./switches.ts";
 import type { SurfaceMaterials } from "./surface-materials.ts";
 import { MAX_LAMPS, type Variable } from "./variables.ts";
 
@@ -64,6 +65,9 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   readonly fields: readonly F[];
   /** The declared lights in their order, then those that were added. */
   lamps: readonly Lamp[];
+  /** Switches of the scene's own lamps, one a group; empty where their light cannot be changed. */
+  readonly switches: readonly LampSwitch[];
+  private readonly ownLamps: Switches;
   protected readonly options: SceneOptions<R>;
   protected readonly lightmaps: LoadedLight["lightmaps"];
   protected readonly placement: Placement;
@@ -77,8 +81,10 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, fields, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
     this.exposure = exposure;
+    this.ownLamps = new Switches(lamps);
+    this.switches = this.ownLamps.all;
     this.root = gltf.scene;
     this.options = options;
     OWNERS.get(this.root)?.detach();
@@ -118,6 +124,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.attached = true;
     if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
     for (const lamp of this.lamps) lamp.attach();
+    this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>);
     this.materials.attach(this.root);
   }
 
@@ -129,6 +136,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     OWNERS.delete(this.root);
     for (const lamp of this.lamps) lamp.detach();
     this.materials.detach();
+    this.ownLamps.detach();
     this.ownLights.restore();
   }
 
@@ -184,6 +192,19 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.tint();
   }
 
+  /**
+   * Dim, tint or switch one of the scene's own lamps: `setLamp("desk", 0.3)`, `setLamp("desk", { intensity: 1, color: "orange" })`.
+   * Throws when the file has no lamp of this name.
+   */
+  setLamp(name: string, setting: LampSetting): void {
+    this.ownLamps.set(name, setting);
+  }
+
+  /** The switch of an object under the root, such as one that a ray has met; null where it belongs to none. */
+  switchOf(object: Object3D): LampSwitch | null {
+    return this.ownLamps.of(object);
+  }
+
   /** Carry the lamps' colours and intensities over to the shaders. */
   tint(): void {
     for (const lamp of this.lamps) lamp.tint();
@@ -208,7 +229,8 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.shadows.ask(this.lamps, renderer ?? this);
     this.tint();
     this.materials.show("learned");
-    for (const field of this.programs) field.update();
+    this.ownLamps.follow();
+    for (const field of this.programs) field.update(this.ownLamps.factors);
   }
 
   /**

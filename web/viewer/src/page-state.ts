@@ -1,16 +1,17 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
+import { lampSettingsText } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** Options of the address that say what is shown, by name. */
-export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "lights", "exposure", "tonemap", "half"] as const;
+export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "lights", "lamps", "exposure", "tonemap", "half"] as const;
 
 export type PageState = Partial<Record<(typeof STATE_NAMES)[number], string>>;
 
 /** The part of the options that a state may change. */
-export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "lights" | "exposure" | "toneMapping" | "half">;
+export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "lights" | "lamps" | "exposure" | "toneMapping" | "half">;
 
 /** Digits that a link keeps: a tenth of a millimetre in a room. */
 const DIGITS = 5;
@@ -24,11 +25,13 @@ export function stateOf(viewer: Viewer): PageState {
   const lights = viewer.lamps.map(({ value, color, intensity }) =>
     [short(value.toArray()), color.getHexString(SRGBColorSpace), short([intensity])].join(","),
   );
+  const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {
     mode,
     ...(mode === "split" ? { against, split: short([split]) } : {}),
     ...(view === null ? { camera: short([...position, ...target, fovY]) } : { view: String(view) }),
     ...(lights.length > 0 ? { lights: lights.join(";") } : {}),
+    ...(lamps ? { lamps } : {}),
     exposure: short([exposure]),
     tonemap: toneMapping,
     ...(half ? { half: "1" } : {}),
@@ -41,7 +44,7 @@ export function linkTo(viewer: Viewer, address: string): string {
   for (const name of STATE_NAMES) url.searchParams.delete(name);
   for (const [name, value] of Object.entries(stateOf(viewer))) url.searchParams.set(name, value);
   // Commas and semicolons mean nothing else in a query.
-  url.search = url.search.replaceAll("%2C", ",").replaceAll("%3B", ";");
+  url.search = url.search.replaceAll("%2C", ",").replaceAll("%3B", ";").replaceAll("%3A", ":");
   return url.href;
 }
 
@@ -57,6 +60,7 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
   if (toneMapping) viewer.setToneMapping(toneMapping);
   if (options.half !== viewer.half) viewer.setHalf(options.half);
   applyLights(viewer, options);
+  applyLamps(viewer, options);
   if (against) viewer.setAgainst(against);
   if (split !== null) viewer.setSplit(split);
   if (mode) viewer.setMode(mode);
@@ -76,6 +80,14 @@ function applyLights(viewer: Viewer, { lights }: Pick<Options, "lights">): void 
     if (color && `#${shown.color.getHexString(SRGBColorSpace)}` !== color) viewer.desk.setColor(lamp, new Color(color));
     if (intensity !== undefined && short([intensity]) !== short([shown.intensity])) viewer.desk.setIntensity(lamp, intensity);
   });
+}
+
+/** The scene's own lamps that are named; a saved view keeps its light where all are as they were. */
+function applyLamps(viewer: Viewer, { lamps }: Pick<Options, "lamps">): void {
+  for (const { name } of viewer.learned?.switches ?? []) {
+    const setting = lamps.get(name);
+    if (setting !== undefined) viewer.setLamp(name, setting);
+  }
 }
 
 const near = (a: Vector3, b: Vector3): boolean => a.distanceTo(b) <= 10 ** (1 - DIGITS) * Math.max(1, b.length());

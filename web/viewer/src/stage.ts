@@ -87,6 +87,7 @@ export class Stage {
 
   /** Intensity and colour as they were baked: the references were traced with them. */
   resetLamps(): void {
+    for (const lamp of this.learned?.switches ?? []) lamp.reset();
     for (const lamp of this.lamps) {
       lamp.intensity = lamp.variable.intensity;
       lamp.color.setRGB(...(lamp.variable.color as [number, number, number]));

@@ -1,5 +1,6 @@
 /** The viewer without its controls: what is loaded, and what is shown of it. */
 
+import type { LampSetting } from "lightwell";
 import { Box3, type DataTexture, Vector3 } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { overview } from "./camera-rig.ts";
@@ -166,6 +167,12 @@ export class Viewer extends ViewerFrames {
     this.toneMapping = name;
     this.presenter.pipeline.setToneMapping(name);
     this.changed();
+  }
+
+  /** Set a lamp of the scene by its name. */
+  setLamp(name: string, setting: LampSetting): void {
+    this.learned?.setLamp(name, setting);
+    this.relit();
   }
 
   setStillLight(on: boolean): void {

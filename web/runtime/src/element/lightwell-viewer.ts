@@ -5,6 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
+import { readLampSettings } from "../switches.ts";
 import { positive, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
 import { placeCamera } from "./view-camera.ts";
@@ -40,11 +41,11 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `light` (place of the first lamp); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
-  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light"];
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "lamps"];
   private readonly canvas = document.createElement("canvas");
   private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
@@ -182,6 +183,12 @@ export class LightwellViewer extends ElementBase implements Client {
     else if (name === "light") {
       const place = vectors(value)?.[0];
       if (place) this.shown?.learned.lamps[0]?.move(place);
+    } else if (name === "lamps") {
+      const settings = readLampSettings(value);
+      for (const lamp of this.shown?.learned.switches ?? []) {
+        lamp.reset();
+        if (settings.has(lamp.name)) lamp.set(settings.get(lamp.name)!);
+      }
     } else if (name === "camera" && this.shown) this.look(value, this.shown);
     this.invalidate();
   }

@@ -18,7 +18,9 @@ import type { Graph, GraphNode } from "./node.ts";
 import { costs } from "./part.ts";
 
 /** Inputs that are the same for every pixel of a frame. */
-export const FRAME_INPUTS: readonly string[] = ["light"];
+export const FRAME_INPUTS: readonly string[] = ["light", "lamps"];
+/** Inputs that `per_frame` nodes alone may use: shaders have no such value. */
+export const FRAME_ONLY: readonly string[] = ["lamps"];
 const MAX_INPUTS = 64;
 const NAME = /^[A-Za-z_][A-Za-z0-9_.]{0,63}$/;
 const NODE_KEYS = ["id", "op", "inputs", "per_frame"];
@@ -146,6 +148,7 @@ function readNode(
   const inputs = list(json.inputs, `${where}.inputs`, 256).map((input) => {
     if (typeof input !== "string" || !widths.has(input))
       fail(`${where}.inputs`, "graph inputs or earlier nodes");
+    if (!perFrame && FRAME_ONLY.includes(input)) fail(`${where}.per_frame`, `true, because '${input}' is an input`);
     if (perFrame && !frame.has(input))
       fail(`${where}.inputs`, "frame inputs only, because the node is per_frame");
     return input;

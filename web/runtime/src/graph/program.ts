@@ -1,6 +1,7 @@
 /** Prints the body of a graph's function: parameters, statements, result; shared by GLSL and WGSL. */
 
 import { type FrameLayout, frameLayout } from "./frame.ts";
+import { FRAME_ONLY } from "./graph.ts";
 import { neededNodes } from "./needed.ts";
 import type { Graph } from "./node.ts";
 import type { Language } from "./language.ts";
@@ -22,7 +23,11 @@ export function printProgram(graph: Graph, language: Language, options: PrinterO
   const printer = new Printer(language, options);
   const frame = frameLayout(graph);
   const values = new Map<string, Value>();
-  const parameters = [...graph.inputs].map(([name, width], i) => {
+  // What per-frame nodes alone read is no parameter.
+  const needed = neededNodes(graph);
+  const read = new Set([...needed.flatMap((node) => node.inputs), ...graph.outputs.values()]);
+  const given = [...graph.inputs].filter(([name]) => !FRAME_ONLY.includes(name) || read.has(name));
+  const parameters = given.map(([name, width], i) => {
     const value = new Value(`i${i}`, width);
     values.set(name, value);
     return { name, width, value };
@@ -37,7 +42,7 @@ export function printProgram(graph: Graph, language: Language, options: PrinterO
     value.first = first;
     values.set(name, value);
   }
-  for (const [i, node] of neededNodes(graph).entries()) {
+  for (const [i, node] of needed.entries()) {
     const out = new Value(`v${i}`, node.width);
     printer.emit(`// ${node.id}: ${node.opName}`);
     const inputs = node.inputs.map((input) => values.get(input)!);

@@ -7,6 +7,7 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene as Learned, type LearnedSceneOptions } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import type { Parts } from "../scene-core.ts";
+import type { LampSetting } from "../switches.ts";
 
 /** Options of `useLearnedScene`. */
 export type UseLearnedSceneOptions = Pick<LearnedSceneOptions, "weights" | "environment">;
@@ -43,6 +44,8 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
   readonly src: string;
   /** Place of the first lamp, metres; it stays inside the box in which its light was learned. */
   readonly light?: readonly [number, number, number];
+  /** Settings of the scene's own lamps by name, such as `{ desk: 0.3 }`; the others are as in the file. */
+  readonly lamps?: Readonly<Record<string, LampSetting>>;
   /** Which parts of the light are shown; all of them unless given. */
   readonly parts?: Parts;
   /** The scene, for lamps, looks and all else. */
@@ -50,13 +53,18 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 }
 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
-export function LearnedScene({ src, light, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
+export function LearnedScene({ src, light, lamps, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
   useImperativeHandle(ref, () => scene, [scene]);
   const [x, y, z] = light ?? [];
   useEffect(() => {
     if (x !== undefined) scene.lamps[0]?.move(new Vector3(x, y, z));
   }, [scene, x, y, z]);
+  const settings = JSON.stringify(lamps ?? {});
+  useEffect(() => {
+    for (const lamp of scene.switches) lamp.reset();
+    for (const [name, setting] of Object.entries(JSON.parse(settings) as Record<string, LampSetting>)) scene.setLamp(name, setting);
+  }, [scene, settings]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
   return createElement("group", group, createElement("primitive", { object: scene.root }));
 }

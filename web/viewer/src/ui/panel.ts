@@ -7,6 +7,7 @@ import { createLensControls } from "./lens-controls.ts";
 import { createLights } from "./lights.ts";
 import { createNumbers } from "./numbers.ts";
 import { createPictureControls } from "./picture-controls.ts";
+import { createSwitches } from "./switches.ts";
 import { createTextures } from "./textures.ts";
 
 /** Narrower pages start with the panel closed. */
@@ -35,7 +36,8 @@ export function createPanel(viewer: Viewer): HTMLElement {
   setOpen(matchMedia(WIDE).matches);
   body.classList.add("glass");
   viewer.on("loaded", () => {
-    body.replaceChildren(createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
+    const switches = createSwitches(viewer);
+    body.replaceChildren(...(switches ? [switches] : []), createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
   });
   return panel;
 }

@@ -1,0 +1,314 @@
+"""The field of the scene's own lamps: every group has a switch, a dimmer and a colour, at the price of one field.
+
+See ``lightwell.networks.lamps``. The graph has one frame input, ``lamps``: what each group is multiplied by, red of all
+groups, then green, then blue. The layers of the groups are added up by ``per_frame`` nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lightwell.core.formats import ARRAYS, JSON
+from lightwell.fields.base import FieldSetup, around_samples
+from lightwell.fields.features import INPUT_WIDTHS, grid_point, local_features
+from lightwell.fields.protocol import Lowered, State, Training
+from lightwell.fields.surface.clock import Clock
+from lightwell.fields.surface.field import SurfaceFit
+from lightwell.fields.surface.lamp_samples import LampSamples, LampTraining
+from lightwell.fields.surface.lowering import graph_layers
+from lightwell.fields.surface.plan import FEWEST_STEPS
+from lightwell.fields.surface.sample_weights import by_object
+from lightwell.fields.tabulate import Tabulated
+from lightwell.graph import Builder, Graph, pack
+from lightwell.graph.layers import add_layers
+from lightwell.networks import Trainer, TrainingSettings
+from lightwell.networks.checkpoint import restore
+from lightwell.networks.hashgrid import HashGrid
+from lightwell.networks.lamps import LampNetwork, LampSet
+from lightwell.networks.losses import EPSILON
+from lightwell.transport.samples import Query
+
+_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=100, patience=0)
+# How far above the surface the grid is read, in cells of its finest level.
+LIFT = 0.5
+# Random settings of the dimmers that are trained beside each group alone and all together.
+RANDOM_STATES = 8
+# Steps that are timed to make a plan, after as many that compile.
+TIMED_STEPS = 10
+CHECKPOINT, CLOCK = "lamps.checkpoint", "clock"
+
+
+@dataclass(frozen=True)
+class LampPreset:
+    """Settings of the field of the lamps."""
+
+    grid: HashGrid
+    hidden: tuple[int, ...] = (48, 48)
+    training: TrainingSettings = _TRAINING
+    table_storage: str = "int8"
+    storage: str = "float16"
+
+
+# By quality: with the field of a moving light at most about 100, 300 and 1,000 kB.
+PRESETS = {
+    "draft": LampPreset(HashGrid(levels=3, base=7, growth=2, entries_log2=12, decay=(0.0, 0.3, 3.0)), (32, 32)),
+    "good": LampPreset(HashGrid(levels=4, base=7, growth=2, entries_log2=14, decay=(0.0, 0.3, 3.0, 10.0))),
+    "best": LampPreset(
+        HashGrid(levels=5, base=7, growth=2, entries_log2=15, decay=(0.0, 0.3, 3.0, 10.0, 30.0)), (64, 64)
+    ),
+}
+
+
+def state_matrix(groups: int, seed: int) -> np.ndarray:
+    """Choose the settings of the dimmers that are trained: each group alone, all, and random switches.
+
+    Args:
+        groups: K.
+        seed: Seed of the random ones.
+
+    Returns:
+        [S, K] factors, each 0 or 1.
+    """
+    alone, together = np.eye(groups), np.ones((1, groups))
+    if groups == 1:
+        return alone
+    random = (np.random.default_rng([seed, 0x51]).random((RANDOM_STATES, groups)) < 0.5).astype(np.float64)
+    return np.concatenate([alone, together, random[random.sum(axis=1) > 0]])
+
+
+@dataclass
+class LampsFit:
+    """A learner of the lamps; it has what ``lightwell.fields.surface.field.SurfaceFit`` asks of one."""
+
+    setup: FieldSetup
+    preset: LampPreset
+    names: tuple[str, ...]
+    """Names of the K groups."""
+    seed: int
+    network: LampNetwork = field(init=False)
+
+    def learn_from(self, samples: LampSamples) -> None:
+        """Set the training samples, in random order.
+
+        Args:
+            samples: Shares at N points.
+        """
+        groups = len(self.names)
+        self._inputs = Tabulated(self._input_graph())
+        self.network = LampNetwork(self.preset.grid, self._inputs.width("pixel"), groups, self.preset.hidden)
+        self._trainer = Trainer(self.network, self.preset.training, self.seed)
+        target = samples.radiance / samples.query.reflectance[:, None]
+        # Each group has a unit of its own: a dim lamp alone is looked at with another exposure.
+        self.units = np.maximum(4 * target.mean(axis=(0, 2), dtype=np.float64), 1e-12 * self.setup.unit)
+        self._states = state_matrix(groups, self.seed)
+        whole = self._states @ self.units
+        # [3 K, 3 S]: the same for red, green and blue.
+        matrix = np.kron((self._states * self.units / whole[:, None]).T, np.eye(3))
+        order = np.random.default_rng((self.seed, len(samples.shape))).permutation(len(samples.shape))
+        points, pixel = self._rows(samples.query)
+        weight = by_object(samples.shape, np.ones(len(samples.shape)))[order]
+        rows = (target / self.units[:, None]).reshape(len(order), -1)[order]
+        self._data = LampSet.from_numpy(points[order], pixel[order], rows, weight / weight.mean(), matrix)
+
+    def validate_on(self, samples: LampSamples) -> None:
+        """Set the held-out samples of early stopping.
+
+        Args:
+            samples: Shares at N points.
+        """
+        self._validation = (*self._rows(samples.query), samples.radiance, samples.query.reflectance[:, None])
+
+    def train(self, until: int, total: int, progress: Any = None, checkpoint: Callable[[], None] | None = None) -> bool:
+        """Train; ``learn_from`` and ``validate_on`` come first.
+
+        Args:
+            until: Step to train to.
+            total: Steps of the schedule.
+            progress: Called with the state and ``total`` after each evaluation.
+            checkpoint: Called when a checkpoint is due.
+
+        Returns:
+            Whether early stopping ended the training.
+        """
+        return self._trainer.fit(self._data, self._error, until, total, progress, checkpoint)
+
+    @property
+    def state(self) -> Any:
+        """Steps, errors and history of the training."""
+        return self._trainer.state
+
+    @property
+    def trainer(self) -> Trainer[LampNetwork]:
+        """The training itself, for checkpoints."""
+        return self._trainer
+
+    @property
+    def macs(self) -> int:
+        """Multiply-adds per pixel, the same for any number of groups."""
+        return self.network.macs
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Errors of switch states at held-out points, for the report."""
+        errors, groups = self.state_errors(self._trainer.best), len(self.names)
+        facts: dict[str, Any] = {"error_of_each_lamp": dict(zip(self.names, errors))}
+        if groups > 1:
+            facts["error_of_all_lamps"] = errors[groups]
+            facts["error_of_random_lamps"] = float(np.mean(errors[groups + 1 :]))
+        return facts
+
+    def state_errors(self, parameters: dict[str, np.ndarray], bounded: bool = False) -> list[float]:
+        """Compute the relative error of every trained state at the held-out points, its reference's noise included.
+
+        Args:
+            parameters: Weights [...] by name.
+            bounded: Divide by the larger one of learned and reference, so that a few places in the dark are not most
+                of the error.
+
+        Returns:
+            One number per row of ``state_matrix``.
+        """
+        points, pixel, reference, scale = self._validation
+        identity = np.eye(3 * len(self.names), dtype=np.float32)
+        output = self.network.evaluate(parameters, (points, pixel, identity)).reshape(reference.shape)
+        shares, errors = output * self.units[:, None] * scale, []
+        for state in self._states:
+            f, y = (np.einsum("k,nkc->nc", state, x) for x in (shares, reference))
+            unit = 4 * max(float(y.mean()), 1e-30)
+            below = np.maximum(f, y) if bounded else y
+            errors.append(float(np.mean(np.abs(f - y) / (below + EPSILON * unit))))
+        return errors
+
+    def _error(self, parameters: dict[str, np.ndarray]) -> float:
+        return float(np.mean(self.state_errors(parameters, bounded=True)))
+
+    # ------------------------------------------------------------------ graph
+
+    def _nodes(self, b: Builder) -> tuple[str, str]:
+        """(place in the grid, other inputs of a pixel)."""
+        lift = LIFT / self.preset.grid.layout[-1].cells
+        return grid_point(b, self.setup, lift), b.concat(*local_features(b, self.setup))
+
+    def _input_graph(self) -> Graph:
+        b = Builder(**INPUT_WIDTHS)
+        point, pixel = self._nodes(b)
+        return b.build(point=point, pixel=pixel)
+
+    def _rows(self, query: Query) -> tuple[np.ndarray, np.ndarray]:
+        """Grid points [N, 3] and other inputs [N, G]."""
+        table = self._inputs(query)
+        return table["point"], table["pixel"]
+
+    def lower(self) -> Graph:
+        """Return the shading graph: the layers of the groups added up per frame; grid, trunk and the sum per pixel.
+
+        Returns:
+            The graph.
+        """
+        groups, width = len(self.names), self.network.hidden[-1]
+        b = Builder(**INPUT_WIDTHS, lamps=3 * groups)
+        point, pixel = self._nodes(b)
+        weights, grid = self._trainer.best, self.preset.grid
+        values, steps = grid.even(weights["grid"])
+        table = pack(values, self.preset.table_storage, per_row=False)
+        u = b.hashgrid(point, table, grid.levels, grid.base, grid.growth, grid.entries_log2)
+        small = partial(pack, type=self.preset.storage)
+        first = np.concatenate([weights["grid_w"] * steps[:, None], weights["pixel_w"]])
+        x = b.linear(b.concat(u, pixel), small(first.T), small(weights["b0"][0]))
+        x = b.activate(x, self.network.activations[0])
+        rest = graph_layers(weights, range(1, len(self.network.hidden)), small)
+        x = add_layers(b, x, rest, self.network.activations[1:])
+        # Units are numbers of the graph, not of the buffers: a dim lamp keeps its precision.
+        dimmers = b.affine("lamps", np.tile(self.units, 3), np.zeros(3 * groups), per_frame=True)
+        layers, none = np.square(weights["lamps"]).reshape(width, groups, 3), small(np.zeros(width))
+        merged = [
+            b.linear(
+                b.slice(dimmers, channel * groups, groups, per_frame=True), small(layers[..., channel]), none,
+                per_frame=True,
+            )
+            for channel in range(3)
+        ]  # fmt: skip
+        return b.build(radiance=b.matvec(b.concat(*merged, per_frame=True), x, 3))
+
+
+# ---------------------------------------------------------------------- fit
+
+
+def fit_lamps(state: State, samples: LampTraining) -> SurfaceFit:
+    """Train the field of the lamps in the time that is left of the budget, from the checkpoint where there is one.
+
+    Args:
+        state: The prepared scene.
+        samples: Its samples.
+
+    Returns:
+        The finished fit.
+    """
+    job = state.job
+    part = job.work.part(role="static", lamps=[group.name for group in state.lamps])
+    learner, found = _prepared(state, samples), part.find(CHECKPOINT, ARRAYS)
+    clock = Clock(found.pop(CLOCK, None)) if found else Clock()
+    if found:
+        try:
+            restore(learner.trainer, found)
+        except ValueError as error:
+            job.progress.say(f"[yellow]lamps: trained anew:[/] {error}")
+            learner, clock = _prepared(state, samples), Clock()
+    with job.work.timed("plan"):
+        steps = job.request.steps or part.get("plan.lamps.steps", partial(_steps, state, samples), JSON)
+    with job.work.timed("train"), job.progress.stage("train lamps", steps, "steps") as stage:
+
+        def look(training: Any, _: int) -> None:
+            clock.mark(training.step)
+            stage.move_to(training.step, f"error {training.best_error:.1%}")
+
+        def save() -> None:
+            part.put(CHECKPOINT, {**learner.trainer.arrays(), CLOCK: clock.array()}, ARRAYS)
+
+        learner.train(steps, steps, look, checkpoint=save)
+    curve = [(clock.at(step), error) for step, _, error in learner.state.history]
+    plan = {"lamp_points": len(samples.training.shape), "lamp_steps": steps}
+    training = Training(clock.seconds, learner.state.step, curve)
+    return _LampSurfaceFit(state.scene, learner, samples.unit, samples.traced, plan, training)
+
+
+@dataclass
+class _LampSurfaceFit(SurfaceFit):
+    """A fit whose graph is scored with all lamps as the scene has them."""
+
+    def lower(self) -> Lowered:
+        """Return the shading graph, and its dimmers as the scene has them.
+
+        Returns:
+            The graph and the input that all points share.
+        """
+        graph = self.learner.lower()
+        return replace(Lowered(graph), frame={"lamps": np.ones(graph.inputs["lamps"], np.float32)})
+
+
+def _prepared(state: State, samples: LampTraining) -> LampsFit:
+    request = state.job.request
+    setup = FieldSetup.of(state.scene, samples.unit, "static")
+    setup = around_samples(setup, samples.training.whole())
+    names = tuple(group.name for group in state.lamps)
+    learner = LampsFit(setup, PRESETS[request.quality], names, request.seed)
+    learner.learn_from(samples.training)
+    learner.validate_on(samples.validation)
+    return learner
+
+
+def _steps(state: State, samples: LampTraining) -> int:
+    """Steps for the time that is left, by the time of some on a learner of their own."""
+    scratch = _prepared(state, samples)
+    scratch.train(TIMED_STEPS, 1 << 16)
+    start = perf_counter()
+    scratch.train(2 * TIMED_STEPS, 1 << 16)
+    cost = (perf_counter() - start) / TIMED_STEPS
+    return max(math.floor((samples.end - state.job.work.elapsed) / max(cost, 1e-6)), FEWEST_STEPS)

@@ -1,0 +1,234 @@
+"""Light of the scene's own lamps, the share of each group apart, for all groups at the price of about one.
+
+Direct light of a group is sampled at the point itself, by emitters and by the BSDF. Its indirect light is gathered over
+the bins of ``radiosity``: the rays of a point serve all groups, because paths need no light; only the irradiance of the
+bins is another one. Light adds up: the sum over the groups is the light of the scene.
+
+Notation: N points, K groups, F bins, P rays per point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.backend import dr, mi
+from lightwell.scenes.lamps import LampGroup
+from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
+from lightwell.transport.lamp_sources import LampSources
+from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.path_state import interaction_at, power_heuristic
+from lightwell.transport.radiosity import LANES, PASSED, Radiosity, Rows
+from lightwell.transport.samples import SurfacePoints
+
+# Shadow rays to each group from a bin, and from each half of a point: many points are worth more than exact ones.
+BIN_SAMPLES, POINT_SAMPLES = 64, 2
+# Points whose rays are added up at a time; bounds memory.
+POINTS_AT_ONCE = 1 << 14
+
+
+@dataclass(frozen=True)
+class LampShares:
+    """Radiance that leaves N points because of each group, in two independent halves."""
+
+    half_a: np.ndarray
+    """[N, K, 3] float32."""
+    half_b: np.ndarray
+    """[N, K, 3] float32."""
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """[N, K, 3] mean of both halves."""
+        return 0.5 * (self.half_a + self.half_b)
+
+
+class LampLight:
+    """The light of K groups of lamps in a scene."""
+
+    def __init__(self, radiosity: Radiosity, groups: Sequence[LampGroup], seed: int) -> None:
+        """Light the bins by each group.
+
+        Args:
+            radiosity: The bins of the scene.
+            groups: K groups of its emitters.
+            seed: Seed of the rays.
+        """
+        self._radiosity, self._scene = radiosity, radiosity.scene
+        self._sources, self._count = LampSources(self._scene, groups), len(groups)
+        direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
+        direct[:, :-1] = self._bins(seed)
+        indirect = radiosity.indirect(direct)
+        whole = direct[:, :-1] + indirect[:, radiosity.bins.coarse]
+        # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
+        self._irradiance = np.zeros((3, direct.shape[1], self._count), np.float32)
+        self._irradiance[:, :-1] = whole.transpose(2, 1, 0)
+
+    def shares(self, points: SurfacePoints, rays: int, seed: int) -> LampShares:
+        """Trace what points reflect of each group's light.
+
+        Args:
+            points: N surface points.
+            rays: Rays per point, even.
+            seed: Seed of the rays; another one than that of the bins.
+
+        Returns:
+            The shares.
+        """
+        device = DevicePoints(points)
+        total = np.zeros((len(points), 2, self._count, 3), np.float32)
+        for start in range(0, len(points), POINTS_AT_ONCE):
+            rows = np.arange(start, min(start + POINTS_AT_ONCE, len(points)))
+            total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start))
+            total[rows] += self._emitted(device, rows, rays, seed)
+            total[rows] += self._sampled(device, rows, seed)
+        return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
+
+    # ------------------------------------------------------------------ bins
+
+    def _bins(self, seed: int) -> np.ndarray:
+        """[K, F, 3] direct irradiance of the bins, at random places of each."""
+        bins, size = self._radiosity.bins.count, self._count
+        out = np.zeros((size, bins, 3), np.float32)
+        batch = max(1, LANES // (BIN_SAMPLES * bins))
+        for start in range(0, size, batch):
+            count = min(batch, size - start)
+            out[start : start + count] = self._bin_launch(start, count, bins, seed).reshape(count, bins, 3)
+        return out
+
+    def _bin_launch(self, start: int, count: int, bins: int, seed: int) -> np.ndarray:
+        lane = dr.arange(mi.UInt32, count * bins * BIN_SAMPLES)
+        path, row = lane % BIN_SAMPLES, lane // BIN_SAMPLES
+        index, group = row % dr.opaque(mi.UInt32, bins), dr.opaque(mi.UInt32, start) + row // dr.opaque(mi.UInt32, bins)
+        at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        stream = group * dr.opaque(mi.UInt32, bins) + index
+        place, normal = self._radiosity.bins.random_place(index, random_streams(at_seed, stream, path))
+        number, u, _ = stratified(random_streams(at_seed, stream, LATTICE_STREAM), path, mi.UInt32(BIN_SAMPLES))
+        it = dr.zeros(mi.Interaction3f, dr.width(lane))
+        it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.extent) * normal)
+        it.n = mi.Normal3f(normal)
+        ds, weight, _ = self._sources.sample(it, group, number, u, mi.Bool(True))
+        E = weight * dr.maximum(dr.dot(normal, ds.d), 0)
+        lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
+        E = dr.select(lit & ~self._scene.mi.ray_test(it.spawn_ray_to(ds.p), lit), E, 0)
+        return _mean(E, BIN_SAMPLES)
+
+    # ------------------------------------------------------------------ points
+
+    def _gathered(self, rows: Rows) -> np.ndarray:
+        """[n, 2, K, 3] indirect light: rays of each half times the irradiance of the bins that they met."""
+        from scipy.sparse import csr_matrix
+
+        count, rays = rows.bin.shape
+        out = np.empty((count, 2, self._count, 3), np.float32)
+        shape = (2 * count, self._irradiance.shape[1])
+        ends, met = np.arange(0, count * rays + 1, rays // 2), rows.bin.ravel().astype(np.int32)
+        for channel in range(3):
+            weight = rows.weight[..., channel].astype(np.float32).ravel()
+            found = csr_matrix((weight, met, ends), shape=shape) @ self._irradiance[channel]
+            out[..., channel] = found.reshape(count, 2, self._count)
+        return out
+
+    def _sampled(self, device: DevicePoints, rows: np.ndarray, seed: int) -> np.ndarray:
+        """[n, 2, K, 3] direct light by shadow rays to each group."""
+        out = np.empty((len(rows), 2, self._count, 3), np.float32)
+        batch = max(1, LANES // (2 * POINT_SAMPLES * self._count))
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
+            out[start : start + len(part)] = self._sample_launch(device, part, seed)
+        return out
+
+    def _sample_launch(self, device: DevicePoints, rows: np.ndarray, seed: int) -> np.ndarray:
+        lane = dr.arange(mi.UInt32, len(rows) * 2 * self._count * POINT_SAMPLES)
+        path, block = lane % POINT_SAMPLES, lane // POINT_SAMPLES
+        groups = dr.opaque(mi.UInt32, self._count)
+        group, half_of_row = block % groups, block // groups
+        row = dr.opaque(mi.UInt32, int(rows[0])) + half_of_row // 2
+        at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        shift = random_streams(at_seed, row, LATTICE_STREAM + 2 + (half_of_row & 1) * groups + group)
+        number, u, _ = stratified(shift, path, mi.UInt32(POINT_SAMPLES))
+        si = gather_interaction(self._scene, device, row)
+        bsdf = si.bsdf()
+        active = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        ds, weight, density = self._sources.sample(si, group, number, u, active)
+        value, pdf = (
+            v / coverage(si, bsdf) for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), density > 0)
+        )
+        L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
+        lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
+        L = dr.select(lit & ~self._scene.mi.ray_test(si.spawn_ray_to(ds.p), lit), L, 0)
+        return _mean(L, POINT_SAMPLES).reshape(len(rows), 2, self._count, 3)
+
+    def _emitted(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int) -> np.ndarray:
+        """[n, 2, K, 3] direct light by rays that the BSDF chooses; added up in the order of the rays."""
+        out = np.zeros((2 * len(rows) * self._count, 3))
+        batch = max(1, LANES // rays)
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
+            L, group = self._emitted_launch(device, part, rays, seed)
+            block = 2 * start + np.arange(len(part) * rays) // (rays // 2)
+            found = np.flatnonzero(group < self._count)
+            at = block[found] * self._count + group[found]
+            for channel in range(3):
+                out[:, channel] += np.bincount(at, L[found, channel], len(out))
+        return (out * (2 / rays)).reshape(len(rows), 2, self._count, 3).astype(np.float32)
+
+    def _emitted_launch(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int):
+        size = dr.opaque(mi.UInt32, rays)
+        lane = dr.arange(mi.UInt32, len(rows) * rays)
+        path, row = lane % size, dr.opaque(mi.UInt32, int(rows[0])) + lane // size
+        at_seed, half = dr.opaque(mi.UInt32, ~seed & 0xFFFFFFFF), dr.opaque(mi.UInt32, rays // 2)
+        shift = random_streams(at_seed, row, LATTICE_STREAM + path // half)
+        first = stratified(shift, path % half, half)
+        si = gather_interaction(self._scene, device, row)
+        L, group = _first_emission(self._scene.mi, si, self._sources, random_streams(at_seed, row, path), first)
+        good = dr.all(dr.isfinite(L))
+        L, group = dr.select(good, L, 0), dr.select(good, group, self._count)
+        dr.eval(L, group)
+        return np.array(L).T, np.array(group).astype(np.int64)
+
+
+def _mean(value: mi.Spectrum, size: int) -> np.ndarray:
+    """[lanes / size, 3] mean over blocks of lanes."""
+    dr.eval(value)
+    total = dr.block_sum(value, size)
+    dr.eval(total)
+    return np.array(total).T / size
+
+
+@dr.syntax
+def _first_emission(scene, si, sources, rng, first):
+    """Follow a ray that the BSDF chooses, through mirrors, glass and holes, to what it meets first.
+
+    Returns the emission found times the BSDF, weighted against shadow rays, and its group.
+    """
+    ctx = mi.BSDFContext()
+    bsdf = si.bsdf()
+    lobe, direction, _ = first
+    sample, weight = bsdf.sample(ctx, si, lobe * coverage(si, bsdf), direction)
+    β, ray = mi.Spectrum(weight), si.spawn_ray(si.to_world(sample.wo))
+    prev, pdf = interaction_at(si), mi.Float(sample.pdf)
+    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    L, found = mi.Spectrum(0), mi.UInt32(sources.count)
+    passed = mi.UInt32(0)
+    active = dr.max(β) != 0
+    while dr.hint(active, label="lightwell lamps"):
+        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        group, emitted, density = sources.met(prev, si, active)
+        mis = dr.select(delta, 1, power_heuristic(pdf, density))
+        shines = active & (dr.max(emitted) > 0)
+        L = dr.select(shines, β * mis * emitted, L)
+        found = dr.select(shines, group, found)
+        active &= si.is_valid() & ~shines
+        u = mi.Point2f(rng.next_float32(), rng.next_float32())
+        sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
+        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
+            sample.sampled_type, mi.BSDFFlags.Null
+        )
+        β = dr.select(active, β * albedo, β)
+        prev, delta = interaction_at(si), mi.Bool(True)
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        passed += 1
+        active &= straight & (passed < PASSED) & (dr.max(β) != 0)
+    return L, found

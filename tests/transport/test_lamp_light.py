@@ -1,0 +1,61 @@
+"""Shares of groups of lamps: their sum is the light of the scene, and each is the light of its lamp alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.core.lamps import parse_lamps
+from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.scene import Scene
+from lightwell.transport import static
+from lightwell.transport.lamp_light import LampLight, LampShares
+from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.surface import draw_surface
+from tests.transport.rooms import build, diffuse, quad, room_walls
+
+POINTS = 512
+
+
+def lit_room(*shining: str) -> Scene:
+    """A closed room with a warm panel on one side and a cool one on the other; those that are named shine."""
+    walls = [*room_walls(), quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    panels = {
+        "warm": (quad("warm", (-0.9, 0.6, -0.2), (0, 0.4, 0), (0, 0, 0.4)), [4.0, 2.0, 1.0]),
+        "cool": (quad("cool", (0.2, 1.9, 0.2), (0.5, 0, 0), (0, 0, 0.5)), [0.5, 1.0, 2.0]),
+    }
+    meshes = walls + [mesh for mesh, _ in panels.values()]
+    glow = [
+        {"type": "area", "radiance": {"type": "rgb", "value": radiance}} if name in shining else None
+        for name, (_, radiance) in panels.items()
+    ]
+    return build("room", meshes, [diffuse((0.6, 0.5, 0.4))] * len(meshes), [None] * len(walls) + glow)
+
+
+@pytest.fixture(scope="module")
+def traced() -> tuple[SurfacePoints, LampShares]:
+    scene = lit_room("warm", "cool")
+    points = draw_surface(scene, POINTS, 3, floor=1).points
+    groups = group_lamps(scene, parse_lamps(()))
+    assert [group.name for group in groups] == ["warm", "cool"]
+    radiosity = Radiosity(scene, points, 4, 1024, 256)
+    return points, LampLight(radiosity, groups, 5).shares(points, 64, 6)
+
+
+@pytest.mark.parametrize(("shining", "columns"), [(("warm", "cool"), [0, 1]), (("warm",), [0]), (("cool",), [1])])
+def test_shares_are_the_light_of_their_lamps(traced, shining, columns):
+    points, shares = traced
+    a, b = static(lit_room(*shining), points, 256, 7)
+    reference, found = 0.5 * (a + b), shares.radiance[:, columns].sum(axis=1)
+    np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
+    scale = reference.mean()
+    assert np.mean(np.abs(found - reference)) < 0.2 * scale
+    assert np.corrcoef(found.ravel(), reference.ravel())[0, 1] > 0.95
+
+
+def test_halves_are_independent_and_not_negative(traced):
+    _, shares = traced
+    assert shares.half_a.shape == (POINTS, 2, 3) and min(shares.half_a.min(), shares.half_b.min()) >= 0
+    difference = np.abs(shares.half_a - shares.half_b).mean()
+    assert 0 < difference < 0.5 * shares.radiance.mean()
