@@ -40,7 +40,7 @@ def test_what_is_no_scene(tmp_path):
     assert message(tmp_path / "room.glb") == (
         f"scene 'room.glb': there is no file '{tmp_path / 'room.glb'}'; check the path"
     )
-    assert message("room.obj") == (
+    assert message("room.fbx") == (
         "scene 'room.fbx': '.fbx' is not a scene; give a .glb, .gltf, .usd, .obj, .ply, .blend or Mitsuba .xml file "
         "or one of cornell, courtyard, loft, two-rooms"
     )
