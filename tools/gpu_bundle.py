@@ -1,6 +1,6 @@
 """Pack what benchmarks/gpu.py needs on a GPU machine that has Python and a driver and no network: one file.
 
-    python tools/gpu_bundle.py -o out/gpu-bundle.tar.xz --python 3.12 --present numpy,scipy,scikit-image,pillow,…
+    python tools/gpu_bundle.py -o out/gpu-bundle.tar.xz --python 3.12 --present scipy,scikit-image,pillow,…
 
 On that machine:
 
@@ -46,8 +46,10 @@ PLATFORMS = (
 DROPPED = (
     "*/tests/*", "*/test/*", "*.pyi", "*.h", "*.hpp", "*.a", "*.lib", "*.pxd", "*.pyx", "*/__pycache__/*", "*/RECORD",
     "*.dist-info/licenses/*", "mitsuba/cmake/*", "drjit/cmake/*", "mitsuba/include/*", "drjit/include/*", "bin/*",
-    "mitsuba/mitsuba", "mitsuba/mitsuba_stubs/*", "mitsuba/data/sunsky/*", "mitsuba/data/ior/*", "numpy/f2py/*",
-    "scipy/datasets/*", "scipy/io/*", "skimage/data/*", "scipy/odr/*", "scipy/cluster/*", "scipy/signal/windows/*.npz",
+    "mitsuba/mitsuba", "mitsuba/mitsuba_stubs/*", "numpy/f2py/*",
+    # Tables of spectral variants.
+    "mitsuba/data/sunsky/*", "mitsuba/data/ior/*", "mitsuba/data/srgb.coeff",
+    "scipy/datasets/*", "skimage/data/*",
 )  # fmt: skip
 # Variants of Mitsuba that stay: the one that is measured, and the scalar one that it reads files with.
 VARIANTS = ("cuda_ad_rgb", "scalar_rgb")
@@ -59,7 +61,7 @@ PLUGINS_DROPPED = (
     "blackbody", "d65", "distant", "radiancemeter", "irradiancemeter", "moment", "merge",
 )  # fmt: skip
 REPOSITORY = ("lightwell", "benchmarks", "tests", "tools", "format", "pyproject.toml", "README.md", "LICENSE")
-REPOSITORY_DROPPED = ("lightwell/viewer/*", "benchmarks/results/*", "tests/fuzz/*", "tests/compatibility/*")
+REPOSITORY_DROPPED = ("lightwell/viewer/probes.html", "benchmarks/results/*", "tests/fuzz/*", "tests/compatibility/*")
 RUN = """#!/bin/sh
 # All stages that fit into the given minutes; call again to go on. Results: benchmarks/results/gpu.json
 cd "$(dirname "$0")" && PYTHONPATH="$PWD/site:$PWD" exec "${PYTHON:-python3}" benchmarks/gpu.py "$@"

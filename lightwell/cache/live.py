@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from lightwell.cache.live_scene import LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
+from lightwell.cache.warm_start import BakedLight, warm_start
 from lightwell.core.color import srgb_bytes
 from lightwell.core.image_io import encoded
 from lightwell.scenes import load
@@ -94,19 +96,25 @@ class LivePanels:
 class LiveSession:
     """Renders a scene continuously in one thread, while a page reads ``state`` and sends commands from others."""
 
-    def __init__(self, source: str, settings: CacheSettings, size: int = 256, **options: Any) -> None:
-        """Load a scene and make an untrained cache.
+    def __init__(
+        self, source: str, settings: CacheSettings, size: int = 256, cache_from: Path | None = None, **options: Any
+    ) -> None:
+        """Load a scene and make a cache.
 
         Args:
             source: Scene file or name of a built-in scene.
             settings: Settings of the cache.
             size: Edge of the square image, pixels.
+            cache_from: ``scene.glb`` of a bake of the scene, from which the cache starts; None: untrained.
             **options: Options of ``lightwell.scenes.load``.
         """
-        self.live = LiveScene(load(source, **options), size)
+        loaded = load(source, **options)
+        self.live = LiveScene(loaded, size)
         self._settings, self._size = settings, size
         self.cache = RadianceCache(settings)
         self.cache.prepare(self.live.scene)
+        if cache_from is not None:
+            warm_start(self.cache, self.live, loaded, BakedLight.read(cache_from), 0)
         self.panels = LivePanels(size)
         self.running = True
         self.frames = 0

@@ -45,6 +45,8 @@ class LiveScene:
         """Index of a light to the factor of its radiance so far."""
         if lamp is None and not loaded.mi.emitters():
             lamp = Lamp((low + high) / 2 + np.array([0, 0.3 * (high - low)[1], 0]), self.extent**2)
+        self.lamp = lamp
+        """Point light that was added, where it stood at first; None: there is none."""
         self.camera = OrbitCamera(camera or (loaded.cameras[0] if loaded.cameras else outside(low, high)), low, high)
         sensor = {
             "type": "perspective", "fov": self.camera.fov, "fov_axis": "y", "to_world": self.camera.pose(),

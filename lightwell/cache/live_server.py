@@ -65,7 +65,13 @@ def _frame(session: LiveSession) -> Answer:
 
 
 def live(
-    source: str, settings: CacheSettings, size: int = 256, port: int = 0, browser: bool = True, **options: Any
+    source: str,
+    settings: CacheSettings,
+    size: int = 256,
+    port: int = 0,
+    browser: bool = True,
+    cache_from: Path | None = None,
+    **options: Any,
 ) -> None:
     """Serve the live page until interrupted.
 
@@ -80,13 +86,14 @@ def live(
         size: Edge of the square image, pixels.
         port: Port; 0: any free one.
         browser: Whether to open the page in the default browser.
+        cache_from: ``scene.glb`` of a bake of the scene, from which the cache starts; None: untrained.
         **options: Options of ``lightwell.scenes.load``.
     """
     failures: list[Exception] = []
 
     def work() -> None:
         try:
-            session = LiveSession(source, settings, size, **options)
+            session = LiveSession(source, settings, size, cache_from, **options)
             with open_live(session, port) as server:
                 print(f"{server.url}  (Ctrl-C ends)", flush=True)
                 if browser:

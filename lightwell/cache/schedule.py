@@ -74,6 +74,10 @@ class FrameSchedule:
         # Tiles of larger frames restart: their size fits paths that end early, and the next paths do not.
         self._tiles = {key: tiles for key, tiles in self._tiles.items() if not key[2]}
 
+    def skip_cold_start(self) -> None:
+        """Treat the cache as trained: no larger frames, and no lead-in of plain paths."""
+        self.since_change = max(self.since_change, EAGER_FRAMES)
+
     def finish_frame(self) -> None:
         """Count a trained frame."""
         self.frame += 1

@@ -54,8 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = SceneOptions(**given_options(arguments, SceneOptions, "live"))
     cache = parse_options(getattr(arguments, "nrc", ()))
+    start = NrcOptions(cache_from=getattr(arguments, "cache_from", None)).cache_from
     try:
-        live(arguments.scene, cache, arguments.size, arguments.port, not arguments.no_open, **scene.loading)
+        live(arguments.scene, cache, arguments.size, arguments.port, not arguments.no_open, start, **scene.loading)
     except KeyboardInterrupt:
         # Kernels may be running or be compiled in other threads; Python's orderly end would crash in them.
         sys.stdout.flush()

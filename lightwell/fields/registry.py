@@ -29,6 +29,7 @@ BUILT_IN = {
     "experts": "lightwell.fields.surface.experts",
     "hard-mixture": "lightwell.fields.surface.hard_mixture",
     "balanced": "lightwell.fields.surface.balanced",
+    "transfer": "lightwell.fields.surface.transfer",
     "probes": "lightwell.fields.probes.field",
     "lightmap": "lightwell.fields.lightmap.field",
 }
@@ -49,6 +50,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
     "experts": ("default", "report", "report-joint", "report-multinomial", "report-code", "report-border-boost"),
     "hard-mixture": ("default", "report"),
     "balanced": ("default", "large"),
+    "transfer": ("default", "pca", "small"),
     "probes": (
         "default",
         "draft",

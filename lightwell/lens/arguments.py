@@ -95,7 +95,13 @@ def _preset(group: argparse._ActionsContainer) -> None:
 
 def _quality(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
+        "--prescription", metavar="FILE", help="bokeh of a real lens: a text file of its surfaces; without motion"
+    )
+    group.add_argument(
         "--layers", metavar="N", type=int, default=2, help="depth layers; 4 for complex depth (default: %(default)s)"
+    )
+    group.add_argument(
+        "--antialiased", action="store_true", help="divide the light of pixels at depth edges between both sides"
     )
     group.add_argument(
         "--edges", metavar="KIND", default="extend", help="extend, renormalise or dark (default: %(default)s)"

@@ -58,7 +58,7 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
     """
     kernel = family.kernel(index)
     radius, second, _ = family.node(index)
-    length = second if family.name != "cats-eye" else 0.0
+    length = 0.0 if family.by_field else second
     # Rotated to positions between pixels, lossless charges ring; primal points only blur by a fraction of a pixel.
     best = primal(kernel) if family.turns else exact(kernel)
     if len(best) <= EXACT or (radius < recipe.smallest and len(best) <= EXACT_SMALL):
@@ -69,7 +69,7 @@ def bake_node(family: Family, index: int, recipe: Recipe) -> list[tuple[int, Spr
 
         return [(MAIN, paper(kernel, recipe, index)), *fine]
     count = min(recipe.count(radius, length), max(int(recipe.share * np.count_nonzero(kernel)), EXACT))
-    plain = family.aperture.round and length == 0 and family.name != "cats-eye"
+    plain = family.aperture.round and length == 0 and not family.by_field
     for _ in range(TRIES):
         if count * EXACT_BONUS >= len(best):
             return [(MAIN, best)]

@@ -15,7 +15,7 @@ from lightwell.core.color import srgb
 from lightwell.core.store import user_store
 from lightwell.exr.header import Window
 from lightwell.files import whole_file
-from lightwell.lens import aperture, conventions, exr, frames
+from lightwell.lens import aperture, conventions, exr, frames, prescription
 from lightwell.lens.camera import LensCamera, distance
 from lightwell.lens.errors import LensError
 from lightwell.lens.library_cache import LibraryCache
@@ -77,10 +77,12 @@ def _settings(arguments: argparse.Namespace) -> LensSettings:
         aperture=shape,
         layers=arguments.layers,
         preset=arguments.preset,
+        antialiased=arguments.antialiased,
         edges=arguments.edges,
         solver=arguments.solver,
         choice=arguments.choice,
         cats_eye=arguments.cats_eye,
+        prescription=None if arguments.prescription is None else prescription.read(arguments.prescription),
         deterministic=arguments.deterministic,
         **extra,
     )

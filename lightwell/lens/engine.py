@@ -172,11 +172,15 @@ class Engine:
         none = np.zeros(n, np.float32)
         if self.family.name == "depth":
             return none, none, sign, None
-        if self.family.name == "cats-eye":
+        if self.family.by_field:
             cy, cx = (shape[0] - 1) / 2, (shape[1] - 1) / 2
             dx, dy = (x - cx).astype(np.float32), (y - cy).astype(np.float32)
             far = np.hypot(dx, dy)
             safe = np.maximum(far, 1e-9)
+            if (lens := self.family.lens) is not None:
+                # The side of the focus is baked: nothing is mirrored.
+                at, side = far * np.float32(lens.pitch / lens.half), (s > 0).astype(np.float32)
+                return at, side, np.where(far > 0, dx / safe, 1), np.where(far > 0, dy / safe, 0)
             at = far / max(np.hypot(cx, cy), 1e-9)
             return at, none, np.where(far > 0, dx / safe, 1) * sign, np.where(far > 0, dy / safe, 0) * sign
         mx, my = (motion[:, 0], motion[:, 1]) if motion is not None else (none, none)
@@ -232,7 +236,7 @@ class Engine:
         per_node = np.zeros(self.family.size)
         for n in used:
             r, second, _ = self.family.node(int(n))
-            length = second if self.family.name != "cats-eye" else 0.0
+            length = 0.0 if self.family.by_field else second
             per_node[n] = max(np.pi * (r + 0.5) ** 2 + 2 * (r + 0.5) * length, 1.0)
         sources = len(record)
         weight = sources / max(report.pixels + sources, 1)

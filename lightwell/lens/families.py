@@ -11,6 +11,7 @@ from lightwell.lens import psf
 from lightwell.lens.aperture import DISC, Aperture
 from lightwell.lens.errors import LensError
 from lightwell.lens.grid import THRESHOLD, Axis, length_axis, radius_axis, uniform_axis
+from lightwell.lens.prescription import MountedLens
 
 # Noise of flat areas that the radius axis allows: 0.0025 is 52 dB. With a second axis kernels are larger, nodes fewer.
 NOISE, NOISE_JOINT = 0.0025, 0.03
@@ -23,7 +24,9 @@ ANGLES = 90
 # Nodes of the field radius.
 FIELD_NODES = 9
 
+# Families that ``lens bake`` writes, and those of library files.
 NAMES = ("depth", "depth-speed", "shaped-speed", "cats-eye")
+STORED = (*NAMES, "prescription")
 
 
 @dataclass(frozen=True)
@@ -31,20 +34,28 @@ class Family:
     """Set of kernels over one to three axes; the first is always the magnitude of the circle of confusion."""
 
     name: str
-    """``depth`` · ``depth-speed`` (round, turned at run time) · ``shaped-speed`` (angle baked) · ``cats-eye``."""
+    """``depth`` · ``depth-speed`` (round, turned at run time) · ``shaped-speed`` (angle baked) · ``cats-eye`` ·
+    ``prescription``."""
     radius: Axis
     length: Axis = field(default_factory=lambda: Axis("length", (0.0,)))
     """Second axis: length of the motion, or field radius of the cat's eye."""
     angle: Axis = field(default_factory=lambda: Axis("angle", (0.0,)))
-    """Third axis: baked angle of the motion, radians in [0, π]."""
+    """Third axis: baked angle of the motion, radians in [0, π]; or side of the focus, 0 in front, 1 behind."""
     aperture: Aperture = DISC
     strength: float = 0.0
     """Shift of the cat's eye at the corner, radii."""
+    lens: MountedLens | None = field(default=None, compare=False)
+    """Lens of the family ``prescription``; None where a library of it was only read."""
 
     @property
     def turns(self) -> bool:
         """Whether points are rotated at run time, each then writing to four pixels."""
-        return self.name in ("depth-speed", "cats-eye")
+        return self.name == "depth-speed" or self.by_field
+
+    @property
+    def by_field(self) -> bool:
+        """Whether the second axis is the distance from the middle of the picture, and not the length of a motion."""
+        return self.name in ("cats-eye", "prescription")
 
     @property
     def size(self) -> int:
@@ -77,7 +88,7 @@ class Family:
             Whether its kernel is a single pixel.
         """
         radius, second, _ = self.node(index)
-        return radius < THRESHOLD and (self.name == "cats-eye" or second < 2 * THRESHOLD)
+        return radius < THRESHOLD and (self.by_field or second < 2 * THRESHOLD)
 
     def kernel(self, index: int) -> np.ndarray:
         """Draw the dense kernel of a node.
@@ -93,6 +104,10 @@ class Family:
             return np.ones((1, 1))
         if self.name == "cats-eye":
             return psf.cats_eye(radius, second, self.strength)
+        if self.name == "prescription":
+            if self.lens is None:
+                raise LensError("lens: a library of a prescription lacks a node; give the file with --prescription")
+            return self.lens.kernel(radius if angle > 0 else -radius, second)
         if self.aperture.round:
             return psf.capsule(radius, second)
         return psf.shaped(self.aperture, radius, second, angle)
@@ -177,6 +192,21 @@ def cats_eye(largest: float, strength: float, noise: float = NOISE_JOINT) -> Fam
         raise LensError(f"lens: a cat's eye of strength {strength:g}; use 0 (none) to 1.8 (nearly closed)")
     field_axis = uniform_axis("field", 0.0, 1.0, FIELD_NODES)
     return Family("cats-eye", _joint(largest, noise), field_axis, strength=strength)
+
+
+def prescription(largest: float, lens: MountedLens, noise: float = NOISE_JOINT) -> Family:
+    """Make a family for a real lens: by field radius and by the side of the focus, rotated by the field azimuth.
+
+    Args:
+        largest: Largest radius, pixels, 0 to 4096.
+        lens: The lens on its camera.
+        noise: Noise of flat areas that the spacing of radii allows, relative.
+
+    Returns:
+        The family.
+    """
+    axes = _joint(largest, noise), uniform_axis("field", 0.0, 1.0, FIELD_NODES), Axis("side", (0.0, 1.0))
+    return Family("prescription", *axes, Aperture("mask", mask=(b"", 0), label=lens.key()), lens=lens)
 
 
 def _joint(largest: float, noise: float) -> Axis:

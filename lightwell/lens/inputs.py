@@ -64,7 +64,8 @@ class FrameInputs:
         else:
             reach = min(report.largest, self.settings.largest) + report.longest / 2
             second = None if peel is None else self._behind(peel, front.s.shape)
-            layers = split(front.rgba, front.s, front.motion, self.settings.layers, reach, second)
+            count, mixed = self.settings.layers, self.settings.antialiased
+            layers = split(front.rgba, front.s, front.motion, count, reach, second, mixed)
         report.layers = len(layers)
         return layers, opaque
 
@@ -84,6 +85,8 @@ class FrameInputs:
             raise LensError(
                 "lens: a cat's eye together with motion is not baked; set the shutter or the cat's eye to 0"
             )
+        if self.settings.prescription is not None and motion is not None:
+            raise LensError("lens: a prescription together with motion is not baked; leave out one of them")
         if self.settings.cats_eye and not self.settings.aperture.round:
             raise LensError("lens: a cat's eye needs the round aperture; use --aperture disc")
         return Layer(rgba, s, motion)

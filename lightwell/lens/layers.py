@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
+from lightwell.lens.mixed_pixels import Divided, divide
 from lightwell.lens.pyramid import fill
 
 # Width of the soft border between two layers, pixels of circle of confusion.
@@ -79,7 +80,13 @@ def thresholds(s: np.ndarray, count: int) -> list[float]:
 
 
 def split(
-    rgba: np.ndarray, s: np.ndarray, motion: np.ndarray | None, count: int, reach: float, peel: Layer | None = None
+    rgba: np.ndarray,
+    s: np.ndarray,
+    motion: np.ndarray | None,
+    count: int,
+    reach: float,
+    peel: Layer | None = None,
+    antialiased: bool = False,
 ) -> list[Layer]:
     """Split a frame into depth layers, and fill what a front layer hides.
 
@@ -93,6 +100,7 @@ def split(
         count: Largest number of layers, ≥ 1.
         reach: Distance up to which hidden content can become visible, pixels.
         peel: Second surface behind every pixel; coverage 0 where there is none.
+        antialiased: Divide the light of pixels at the edges of front layers, see ``mixed_pixels``.
 
     Returns:
         Layers, front to back.
@@ -102,6 +110,10 @@ def split(
         return [Layer(rgba, s, motion)]
     # Share of each pixel that lies in front of each cut, then between neighbouring cuts.
     front = [np.clip((cut - s) / SOFT + 0.5, 0, 1).astype(np.float32) for cut in cuts]
+    divided = [divide(rgba, s, cut) if antialiased else None for cut in cuts]
+    for one, share in zip(divided, front):
+        if one is not None:
+            share[one.mixed] = one.share[one.mixed]
     bounds = [np.zeros_like(s, np.float32), *front, np.ones_like(s, np.float32)]
     made = []
     for i in range(len(bounds) - 1):
@@ -109,9 +121,22 @@ def split(
         if weight.max() <= 0:
             continue
         hidden = bounds[i]
-        layer = Layer(rgba * weight[..., None], s, motion)
+        before, after = divided[i - 1] if i else None, divided[i] if i < len(cuts) else None
+        layer = _with_mixed(Layer(rgba * weight[..., None], s, motion), rgba, before, after)
         made.append(layer if hidden.max() <= 0 else _filled(layer, weight, hidden, reach, peel, cuts[i - 1]))
     return made
+
+
+def _with_mixed(layer: Layer, rgba: np.ndarray, before: Divided | None, after: Divided | None) -> Layer:
+    """Give a layer its part of mixed pixels: it lies behind the cut ``before`` it and in front of that ``after`` it."""
+    light, s = layer.rgba, layer.s
+    for one, is_front in ((before, False), (after, True)):
+        if one is None:
+            continue
+        mine = one.light if is_front else rgba - one.light
+        light = np.where(one.mixed[..., None], mine, light)
+        s = np.where(one.mixed, one.front if is_front else one.back, s)
+    return Layer(light.astype(np.float32), s.astype(np.float32), layer.motion)
 
 
 def _filled(

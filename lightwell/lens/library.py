@@ -22,7 +22,7 @@ import numpy as np
 from lightwell.files import make_folder, write_atomically
 from lightwell.lens.aperture import Aperture
 from lightwell.lens.errors import LensError
-from lightwell.lens.families import NAMES, Family
+from lightwell.lens.families import STORED, Family
 from lightwell.lens.grid import Axis
 from lightwell.lens.recipes import Recipe
 from lightwell.lens.score import LibraryScore
@@ -206,8 +206,8 @@ def _loads(data: bytes, aperture: Aperture | None, limits: Limits) -> Library:
 
 
 def _family(header: dict[str, Any], aperture: Aperture | None) -> Family:
-    if header["family"] not in NAMES:
-        raise LensError(f"holds a family {header['family']!r:.40}, known are {', '.join(NAMES)}")
+    if header["family"] not in STORED:
+        raise LensError(f"holds a family {header['family']!r:.40}, known are {', '.join(STORED)}")
     axes: list[Any] = []
     for axis in header["axes"]:
         values = np.asarray(axis["values"], np.float64)

@@ -99,7 +99,10 @@ class LibraryCache:
 
     def _stored(self, fresh: Library) -> Library | None:
         found = self._store.find(_key(fresh), _format(fresh))
-        return found if found is not None and found.key() == fresh.key() else None
+        if found is None or found.key() != fresh.key():
+            return None
+        # What a file cannot hold, the picture of an aperture or a lens, is needed to bake further nodes.
+        return Library(fresh.family, found.recipe, found.nodes)
 
     def ensure(self, library: Library, nodes: np.ndarray) -> int:
         """Bake the nodes that a library lacks and save them to the store.

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from lightwell.lens import families
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.engine import Engine, timed
+from lightwell.lens.errors import LensError
 from lightwell.lens.inputs import STILL, FrameInputs, widen
 from lightwell.lens.layers import Layer, composite, over_coverage, tidy
 from lightwell.lens.library_cache import LibraryCache
+from lightwell.lens.prescription import MountedLens, mount
 from lightwell.lens.report import Report
 from lightwell.lens.settings import LensSettings
 from lightwell.lens.splat import Frame, Planes, Points, Sources, splat
 
+# Rows beyond the blur that a band has, where sparse kernels leak a little.
+MARGIN = 16
 # Largest radii of libraries, so that frames of similar blur share one.
 SIZES = (64, 128, 256, 512, 1024)
 
@@ -34,7 +39,7 @@ class Lens:
         self.settings = settings or LensSettings()
         self.shelf = shelf or LibraryCache()
         # Engines by family, size of the blur and length of the motion.
-        self._engines: dict[tuple[int, int], Engine] = {}
+        self._engines: dict[tuple[int, int, str], Engine] = {}
 
     # ------------------------------------------------------------------ frames
 
@@ -69,10 +74,13 @@ class Lens:
         with timed(report, "plan"):
             inputs = FrameInputs(self.settings, camera, full_width or np.shape(depth)[-1])
             layers, opaque = inputs.layers(rgba, depth, motion, behind, peel, report)
+        mounted = None
+        if self.settings.prescription is not None:
+            mounted = mount(self.settings.prescription, camera, full_width or np.shape(depth)[-1], np.shape(depth)[0])
         pictures = []
         for number, layer in enumerate(layers):
             layer, pad = widen(layer, self.settings.white) if self.settings.edges == "extend" else (layer, 0)
-            picture = self.blur(layer, report, frame_number * 16 + number)
+            picture = self._blurred(layer, report, frame_number * 16 + number, mounted)
             pictures.append(tidy(picture[pad : picture.shape[0] - pad, pad : picture.shape[1] - pad]))
         with timed(report, "composite"):
             out = composite(pictures)
@@ -81,20 +89,52 @@ class Lens:
             out[..., 3] = np.minimum(out[..., 3], 1)
         return out.astype(np.float32), report
 
-    def blur(self, layer: Layer, report: Report, frame_number: int = 0) -> np.ndarray:
+    def _blurred(
+        self, layer: Layer, report: Report, frame_number: int, mounted: MountedLens | None
+    ) -> np.ndarray:  # fmt: skip
+        """Blur a layer, in bands of rows where it is large; a band has what its rows receive from those around it."""
+        bands = self._bands(layer, mounted)
+        if len(bands) == 1:
+            return self.blur(layer, report, frame_number, mounted)
+        out = np.empty((*layer.s.shape, 4), np.float32)
+        for first, last, margin in bands:
+            low, high = max(first - margin, 0), min(last + margin, len(out))
+            motion = None if layer.motion is None else layer.motion[low:high]
+            part = replace(layer, rgba=layer.rgba[low:high], s=layer.s[low:high], motion=motion)
+            out[first:last] = self.blur(part, report, frame_number)[first - low : last - low]
+        return out
+
+    def _bands(self, layer: Layer, mounted: MountedLens | None) -> list[tuple[int, int, int]]:
+        """(first row, row behind the last, rows of margin) of each band; one where kernels depend on the place."""
+        height, width = layer.s.shape
+        if height * width <= self.settings.most_pixels or mounted is not None or self.settings.cats_eye:
+            return [(0, height, 0)]
+        reach = float(np.abs(layer.s).max())
+        reach += 0.0 if layer.motion is None else float(np.hypot(layer.motion[..., 0], layer.motion[..., 1]).max()) / 2
+        margin = int(np.ceil(reach)) + MARGIN
+        # A band is at least as high as its margins: else most of the work would be theirs.
+        rows = max(self.settings.most_pixels // width - 2 * margin, 2 * margin, 1)
+        count = -(-height // rows)
+        edges = [round(k * height / count) for k in range(count + 1)]
+        return [(first, last, margin) for first, last in pairwise(edges)]
+
+    def blur(
+        self, layer: Layer, report: Report, frame_number: int = 0, mounted: MountedLens | None = None
+    ) -> np.ndarray:  # fmt: skip
         """Blur one layer: static pixels by the library without motion, moving ones by the joint one, with one solve.
 
         Args:
             layer: The layer.
             report: Report to change.
             frame_number: Frame number, for the dither.
+            mounted: Lens of the prescription on its camera; None without one.
 
         Returns:
             Blurred layer [height, width, 4] float32, premultiplied.
         """
         plans, engine = [], None
         for part, largest, longest in self._parts(layer):
-            engine = self._engine(largest, longest)
+            engine = self._engine(largest, longest, mounted)
             plans.append(engine.plan(part, report, frame_number))
         if engine is None:
             return np.zeros((*layer.s.shape, 4), np.float32)
@@ -123,7 +163,12 @@ class Lens:
 
         Returns:
             Picture [height, width, 4] float32.
+
+        Raises:
+            LensError: The settings have a prescription.
         """
+        if self.settings.prescription is not None:
+            raise LensError("lens: samples are not blurred by a prescription; leave it out, or give whole frames")
         length = np.zeros(len(s), np.float32) if motion is None else np.hypot(motion[:, 0], motion[:, 1])
         plans, engine = [], None
         for mine, moving in ((length < STILL, False), (length >= STILL, True)):
@@ -163,14 +208,16 @@ class Lens:
             part = replace(layer, rgba=np.where(moving[..., None], layer.rgba, 0))
             yield part, float(np.abs(layer.s[moving]).max()), float(length[moving].max())
 
-    def _engine(self, largest: float, longest: float) -> Engine:
+    def _engine(self, largest: float, longest: float, mounted: MountedLens | None = None) -> Engine:
         """Return the engine for blur up to a radius and motion up to a length."""
         set_ = self.settings
         radius = next((size for size in SIZES if size >= largest), SIZES[-1])
         length = next((size for size in SIZES if size >= longest), SIZES[-1]) if longest else 0
-        key = (radius, length)
+        key = (radius, length, mounted.key() if mounted else "")
         if key not in self._engines:
-            if set_.cats_eye and not length:
+            if mounted is not None:
+                family = families.prescription(radius, mounted)
+            elif set_.cats_eye and not length:
                 family = families.cats_eye(radius, set_.cats_eye)
             elif not length:
                 noise = families.NOISE_JOINT if set_.preset == "paper" else families.NOISE

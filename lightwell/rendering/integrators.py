@@ -25,6 +25,10 @@ def render(settings: RenderSettings, quiet: bool = True) -> dict[str, Any]:
         from lightwell.rendering.path import render_path
 
         return render_path(settings)
+    if settings.integrator != "nrc":
+        from lightwell.rendering.baselines import render_baseline
+
+        return render_baseline(settings)
     from lightwell.cache.settings import parse_options
 
     cache = parse_options(settings.options.nrc)

@@ -11,7 +11,9 @@ import numpy as np
 from lightwell.backend import mi
 from lightwell.cache.integrator import NrcIntegrator
 from lightwell.cache.live_scene import Lamp, LiveScene
+from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
+from lightwell.cache.warm_start import BakedLight, warm_start
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 
@@ -49,6 +51,28 @@ class Film:
             }
         )
 
+    @staticmethod
+    def checked(settings: RenderSettings) -> Film:
+        """Check the settings of a single picture and load the scene.
+
+        Args:
+            settings: Settings of the picture.
+
+        Returns:
+            The film.
+
+        Raises:
+            ValueError: The picture's name is of no known kind; or output variables are asked for without a camera.
+        """
+        check_picture_name(settings.out)
+        film = Film(settings)
+        if settings.aov and not film.shot.scene.cameras:
+            name = settings.integrator
+            raise ValueError(
+                f"render: --aov with --integrator {name} needs a camera in the scene; add one, or leave --aov out"
+            )
+        return film
+
     def turn(self, radians: float) -> None:
         """Turn the camera around its target.
 
@@ -81,16 +105,14 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
 
     Returns:
         Facts about the picture; JSON values.
-
-    Raises:
-        ValueError: Output variables are asked for, and the scene has no camera.
     """
-    check_picture_name(settings.out)
-    film = Film(settings)
-    if settings.aov and not film.shot.scene.cameras:
-        raise ValueError("render: --aov with --integrator nrc needs a camera in the scene; add one, or leave --aov out")
+    film = Film.checked(settings)
     integrator = NrcIntegrator(settings=cache)
     start = time.perf_counter()
+    if settings.options.cache_from is not None:
+        integrator.cache = RadianceCache(cache)
+        baked = BakedLight.read(settings.options.cache_from)
+        warm_start(integrator.cache, film.live, film.shot.scene, baked, settings.seed)
     picture = film.render(integrator, settings.seed)
     seconds = time.perf_counter() - start
     write_shot(settings, film.shot, picture, film.exposure)

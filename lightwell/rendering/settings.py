@@ -96,6 +96,9 @@ class NrcOptions:
         metavar="NAME=VALUE",
         repeat=True,
     )
+    cache_from: Path | None = option(
+        None, "start the cache from a baked scene.glb of the same scene", parse=Path, metavar="GLB"
+    )
     frames: int | None = option(None, "an orbit of so many frames; OUT is then a folder", least=1)
     format: str | None = option(None, "format of the frames (default: exr)", choices=("exr", "png"))
     resume: bool = option(False, "keep the frames that are there")
@@ -106,6 +109,10 @@ class NrcOptions:
         for name in ("format", "resume", "force"):
             if self.frames is None and getattr(self, name):
                 raise ValueError(f"render: --{name} is for sequences; add --frames N, or leave it out")
+        if self.cache_from is not None and self.frames is not None:
+            raise ValueError("render: --cache-from is for single pictures; leave out --frames, or --cache-from")
+        if self.cache_from is not None and not Path(self.cache_from).is_file():
+            raise ValueError(f"render: --cache-from '{self.cache_from}' does not exist; name the scene.glb of a bake")
 
 
 def check_picture_name(path: Path) -> None:
@@ -121,7 +128,35 @@ def check_picture_name(path: Path) -> None:
         raise ValueError(f"render: '{path}' is neither .png nor .exr; choose one of them")
 
 
-INTEGRATORS: dict[str, type] = {"path": PathOptions, "nrc": NrcOptions}
+@dataclass(frozen=True)
+class VplOptions:
+    """Options of ``--integrator vpl``, virtual point lights."""
+
+    paths: int = option(64, "light paths per sample (default: 64)", least=1, most=1 << 20)
+    clamp: float = option(
+        100.0,
+        "bound on the geometry term times the squared extent of the scene; inf: none (default: 100)",
+        check=lambda v: "" if v > 0 else "is no bound; give a positive number, or inf",
+    )
+
+
+@dataclass(frozen=True)
+class IrradianceCacheOptions:
+    """Options of ``--integrator irradiance-cache``."""
+
+    accuracy: float = option(
+        0.3,
+        "error at which a record is still used; smaller is denser (default: 0.3)",
+        check=lambda v: "" if 0 < v <= 2 else "is out of range; give a number above 0 and at most 2",
+    )
+
+
+INTEGRATORS: dict[str, type] = {
+    "path": PathOptions,
+    "nrc": NrcOptions,
+    "vpl": VplOptions,
+    "irradiance-cache": IrradianceCacheOptions,
+}
 
 
 @dataclass(frozen=True)
@@ -155,7 +190,9 @@ class RenderSettings(SceneOptions, ClusterOptions):
         (), "groups of the scene's own lamps, as for bake", metavar="NAME=PATTERN", repeat=True
     )
     seed: int = option(0, "seed of the random numbers (default: 0)", least=0)
-    integrator: str = option("path", "path, or nrc: the radiance cache", choices=tuple(INTEGRATORS))
+    integrator: str = option(
+        "path", "path, nrc (the radiance cache), or a baseline: vpl, irradiance-cache", choices=tuple(INTEGRATORS)
+    )
     aov: tuple[str, ...] = option(
         (), f"further channels of an .exr, joined by commas: {', '.join(AOVS)}", parse=parse_aovs, metavar="NAME,…"
     )

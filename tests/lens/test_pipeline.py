@@ -304,3 +304,18 @@ def test_the_standard_libraries_are_what_the_code_asks_for():
         assert found.key() == key and len({k[0] for k in found.nodes}) == family.size
     page = load(STANDARD / "disc-32.lwsp")
     assert page.family.name == "depth" and max(page.family.radius.values) == 32.0
+
+
+def test_bands_are_the_whole_frame():
+    rng = np.random.default_rng(5)
+    rgba = rng.random((120, 40, 4)).astype(np.float32)
+    rgba[..., 3] = 1
+    depth = np.full((120, 40), 10.0)
+    depth[:, 20:] = np.linspace(3, 12, 120)[:, None]
+    camera = lens.Camera(focus=5.0, fstop=0.05, focal=0.05)
+    settings = [LensSettings(layers=1, most_pixels=most) for most in (1 << 22, 1200)]
+    found = [Lens(one).apply(rgba, depth, None, camera) for one in settings]
+    assert 1 < found[0][1].largest < 8
+    # Sparse kernels leak far beyond their radius, by parts of a thousand.
+    np.testing.assert_allclose(found[1][0], found[0][0], atol=5e-3)
+    assert np.abs(found[1][0] - found[0][0]).mean() < 2e-4
