@@ -117,8 +117,8 @@ def blender(quick: bool) -> list[Row]:
 def unmeasured(quick: bool) -> list[Row]:
     """What is asked and no command measures yet."""
     return [
-        at_least("PlayCanvas: light map of the export against the page", 40, None, "dB", "the module has never run"),
-        at_least("Babylon.js: light map of the export against the page", 40, None, "dB", "the module has never run"),
+        at_least("PlayCanvas: light map of the export against the page", 40, None, "dB", "the module has never drawn"),
+        at_least("Babylon.js: light map of the export against the page", 40, None, "dB", "the module has never drawn"),
         at_least("KTX2: GPU memory of pictures, times less", 4, None, "times", "not built"),
         at_most("KTX2: loss", 0.5, None, "dB", "not built"),
         at_most("courtyard through USD, OBJ and GLB: bake errors apart", 5, None, "%", "not measured"),

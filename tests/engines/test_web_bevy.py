@@ -36,15 +36,18 @@ def test_the_module_is_javascript_and_the_light_map_has_its_size(exported, engin
     assert (exported(engine) / "light_map.bin").stat().st_size == 16 * 16 * 4 * 2
 
 
-THREE = """
+# Loads the exported module beside the web's packages; its files are read from the disk.
+MODULE = """
 import { readFileSync } from "node:fs";
-import { Group, Mesh, MeshStandardMaterial } from "three";
-import { LightProbeGridWebGL } from "three/addons/lighting/LightProbeGridWebGL.js";
 const folder = process.argv[1];
 globalThis.fetch = async (url) => ({ ok: true, arrayBuffer: async () => new Uint8Array(readFileSync(url)).buffer });
-const three = JSON.stringify(import.meta.resolve("three"));
-const text = readFileSync(folder + "lightwell.js", "utf8").replace('"three"', three);
-const made = await import("data:text/javascript;base64," + Buffer.from(text).toString("base64"));
+const text = readFileSync(folder + "lightwell.js", "utf8");
+const resolved = text.replace(/from "([^"]+)"/g, (_, name) => `from ${JSON.stringify(import.meta.resolve(name))}`);
+const made = await import("data:text/javascript;base64," + Buffer.from(resolved).toString("base64"));
+"""
+THREE = """
+const { Group, Mesh, MeshStandardMaterial } = await import("three");
+const { LightProbeGridWebGL } = await import("three/addons/lighting/LightProbeGridWebGL.js");
 const root = new Group();
 for (const name of ["floor", "sky"]) root.add(Object.assign(new Mesh(undefined, new MeshStandardMaterial()), { name }));
 const map = await made.applyLightMap(root, folder);
@@ -57,10 +60,51 @@ console.log(JSON.stringify({
   place: place.toArray(),
 }));
 """
+BABYLON = """
+const { NullEngine } = await import("@babylonjs/core/Engines/nullEngine.js");
+const { Scene } = await import("@babylonjs/core/scene.js");
+const { Mesh } = await import("@babylonjs/core/Meshes/mesh.js");
+const { PBRMaterial } = await import("@babylonjs/core/Materials/PBR/pbrMaterial.js");
+const { pbrPixelShader } = await import("@babylonjs/core/Shaders/pbr.fragment.js");
+const { ShaderStore } = await import("@babylonjs/core/Engines/shaderStore.js");
+const scene = new Scene(new NullEngine());
+for (const name of ["floor", "sky"]) new Mesh(name, scene).material = new PBRMaterial(name, scene);
+const map = await made.applyLightMap(scene, folder);
+const plugins = scene.meshes.map((mesh) => mesh.material.pluginManager?.getPlugin("LightwellLightMap") ?? null);
+const shader = pbrPixelShader.shader + Object.values(ShaderStore.IncludesShadersStore).join("");
+const points = Object.keys(plugins[0].getCustomCode("fragment"));
+const used = [...points.map((point) => `#define ${point}`), "finalDiffuse", "surfaceAlbedo", "vMainUV2"];
+console.log(JSON.stringify({
+  lit: plugins.map((plugin) => plugin !== null),
+  size: [map.getSize().width, map.getSize().height],
+  missing: used.filter((name) => !shader.includes(name)),
+}));
+"""
+PLAYCANVAS = """
+const { NullGraphicsDevice, PIXELFORMAT_RGBA16F, StandardMaterial } = await import("playcanvas");
+const size = { width: 1, height: 1 };
+const canvas = { ...size, clientWidth: 1, clientHeight: 1, addEventListener() {}, getBoundingClientRect: () => size };
+const graphicsDevice = new NullGraphicsDevice(canvas);
+const meshInstances = () => [{ material: new StandardMaterial() }];
+const renders = ["floor", "sky"].map((name) => ({ entity: { name }, meshInstances: meshInstances() }));
+const map = await made.applyLightMap({ graphicsDevice }, { findComponents: () => renders }, folder);
+const materials = renders.map(({ meshInstances: [instance] }) => instance.material);
+console.log(JSON.stringify({
+  lit: materials.map((material) => material.lightMap === map && material.lightMapUv === 1),
+  size: [map.width, map.height],
+  missing: map.format === PIXELFORMAT_RGBA16F ? [] : ["half floats"],
+}));
+"""
+
+
+@pytest.mark.parametrize(("engine", "program"), [("babylon", BABYLON), ("playcanvas", PLAYCANVAS)])
+def test_the_library_takes_the_light_map_on_the_lit_meshes(exported, engine, program):
+    found = json.loads(node(MODULE + program, str(exported(engine)) + "/").splitlines()[-1])
+    assert found == {"lit": [True, False], "size": [16, 16], "missing": []}
 
 
 def test_three_takes_the_light_map_and_the_grid_of_probes(exported, bake_folder):
-    found = json.loads(node(THREE, str(exported("threejs")) + "/"))
+    found = json.loads(node(MODULE + THREE, str(exported("threejs")) + "/"))
     assert found["maps"] == [[True, pytest.approx(np.pi)], [False, 1]]
     lattice = read_grid([bake_folder / "probes-static.lwp"]).lattice
     nx, ny, nz = lattice.shape

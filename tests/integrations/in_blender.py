@@ -1,6 +1,11 @@
-"""Runs inside Blender (a Python with bpy): in_blender.py EXTENSION FOLDER. Prints figures, then `all of it works`."""
+"""Runs inside Blender (a Python with bpy): in_blender.py EXTENSION FOLDER. Prints figures, then `all of it works`.
+
+LIGHTWELL_PYTHON names a Python with lightwell, LIGHTWELL_BAKED the GLB of a light map: it is applied. With
+LIGHTWELL_BAKE set, a bake is made and applied too.
+"""
 
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -87,6 +92,31 @@ def fake(folder: Path, body: str) -> str:
     return str(path)
 
 
+def apply(given: SimpleNamespace) -> None:
+    """Put a light map on materials, and look at what they emit."""
+    applied = Reported()
+    assert operators.LIGHTWELL_OT_apply.execute(applied, given) == {"FINISHED"}, applied.lines
+    image = bpy.data.images["lightwell"]
+    assert image.size[0] == image.size[1] >= 16 and image.is_float and max(image.pixels) > 0.05
+    found = bpy.data.collections["lightwell"].all_objects
+    lit = [slot.material for thing in found if thing.type == "MESH" for slot in thing.material_slots]
+    assert lit and all("lightwell" in material.node_tree.nodes for material in lit)
+    [surface] = [node for node in lit[0].node_tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    assert surface.inputs["Surface"].links[0].from_node.type == "EMISSION"
+
+
+def bake_and_apply(given: SimpleNamespace, opened: SimpleNamespace) -> None:
+    """The whole way with lightwell itself."""
+    settings = bpy.context.scene.lightwell
+    settings.field, settings.budget = "lightmap", 20
+    bake = Reported(quality="")
+    assert bake.execute(given) == {"FINISHED"}, bake.lines
+    assert operators.LIGHTWELL_OT_open.execute(opened, given) == {"FINISHED"}
+    for kind in (bpy.data.images, bpy.data.collections):
+        kind.remove(kind["lightwell"])
+    apply(given)
+
+
 def main() -> None:
     folder = Path(FOLDER)
     lightwell_bake.register()
@@ -118,13 +148,13 @@ def main() -> None:
 
     if os.environ.get("LIGHTWELL_PYTHON"):
         given = context(os.environ["LIGHTWELL_PYTHON"])
-        settings.field, settings.budget = "lightmap", 20
-        bake = Reported(quality="")
-        assert bake.execute(given) == {"FINISHED"}, bake.lines
-        assert operators.LIGHTWELL_OT_open.execute(opened, given) == {"FINISHED"}
-        applied = Reported()
-        assert operators.LIGHTWELL_OT_apply.execute(applied, given) == {"FINISHED"}, applied.lines
-        assert bpy.data.images["lightwell"].size[0] >= 16 and "lightwell" in bpy.data.collections
+        baked = folder / "out/baked"
+        baked.mkdir(parents=True)
+        shutil.copy(os.environ["LIGHTWELL_BAKED"], baked / "scene.glb")
+        apply(given)
+        if os.environ.get("LIGHTWELL_BAKE"):
+            shutil.rmtree(baked)
+            bake_and_apply(given, opened)
     lightwell_bake.unregister()
     assert not hasattr(bpy.types.Scene, "lightwell")
     print("all of it works")

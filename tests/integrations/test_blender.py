@@ -124,8 +124,9 @@ def test_the_zip_holds_the_manifest_with_its_wheels(tmp_path):
 def test_in_blender(tmp_path):
     """Registers, exports, bakes, cancels, applies, and reports every error, with events of a timer."""
     script = Path(__file__).with_name("in_blender.py")
-    environment = os.environ | {"LIGHTWELL_PYTHON": sys.executable, "PYTHONPATH": ""}
+    baked = ROOT / "web/test/fixtures/lightmap.glb"
+    added = {"LIGHTWELL_PYTHON": sys.executable, "LIGHTWELL_BAKED": str(baked), "LIGHTWELL_BAKE": "1"}
     command = [BPY, str(script), str(EXTENSION), str(tmp_path)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(command, env=os.environ | added, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all of it works" in done.stdout

@@ -1,8 +1,8 @@
 // Written by lightwell for Babylon.js 9. Light maps of Babylon's own materials are added without the albedo: this plugin
 // adds albedo * light instead.
-import { MaterialPluginBase } from "@babylonjs/core/Materials/materialPluginBase";
-import { RawTexture } from "@babylonjs/core/Materials/Textures/rawTexture";
-import { Constants } from "@babylonjs/core/Engines/constants";
+import { MaterialPluginBase } from "@babylonjs/core/Materials/materialPluginBase.js";
+import { RawTexture } from "@babylonjs/core/Materials/Textures/rawTexture.js";
+import { Constants } from "@babylonjs/core/Engines/constants.js";
 
 const LIT = new Set([{{ lit }}]);
 
