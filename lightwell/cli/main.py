@@ -109,8 +109,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _configured(verb: str, words: list[str]) -> list[str]:
-    """The words of a verb that computes, with the options of ``lightwell.toml``."""
-    if verb not in COMPUTING:
+    """The words of a verb that computes, with the options of ``lightwell.toml``; tools of a verb have none."""
+    tools = getattr(import_module(f"lightwell.cli.{verb}"), "TOOLS", ())
+    if verb not in COMPUTING or set(tools) & set(words):
         return words
     from lightwell.cli.configuration import with_configuration
 

@@ -174,6 +174,14 @@ def test_tools_of_the_lens_have_help_of_their_own():
     assert verb_parser("lens", ["bake"]).format_help().startswith("usage: lightwell lens bake LIBRARY")
 
 
+def test_settings_for_frames_are_not_those_of_the_tools(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lightwell.toml").write_text("[lens]\nlayers = 4\n")
+    with pytest.raises(SystemExit):
+        main(["lens", "check"])
+    assert "required: LIBRARY" in capsys.readouterr().err
+
+
 def test_completion_is_a_script_that_bash_reads(capsys):
     assert main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
