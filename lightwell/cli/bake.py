@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
+from lightwell.cli.run_bake import run_bake
 from lightwell.core.options import options_of
 from lightwell.fields.registry import BUILT_IN, DEFAULT, OPTIONS, PRESETS, options_type
 
 if TYPE_CHECKING:
-    from lightwell.baking.preview import Preview
+    pass
 
 DESCRIPTION = """\
 Path-trace a scene, fit a small network to its indirect light, and write
@@ -127,23 +127,3 @@ def run(arguments: argparse.Namespace) -> int:
 
         return bake_with_page(arguments, settings(arguments))
     return run_bake(arguments, settings(arguments))
-
-
-def run_bake(arguments: argparse.Namespace, asked: BakeSettings, preview: Preview | None = None) -> int:
-    """Bake; print the report as JSON if requested.
-
-    Args:
-        arguments: Parsed arguments.
-        asked: Settings of the bake.
-        preview: Shows what is learned; None: nothing is shown.
-
-    Returns:
-        Exit code.
-    """
-    from lightwell.baking.pipeline import bake
-    from lightwell.core.progress import Progress
-
-    report = bake(asked, Progress(quiet=arguments.json), started=arguments.started, preview=preview)
-    if arguments.json:
-        print(json.dumps(report, indent=1))
-    return 0

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.cli.given import given_values, options_by_name, words_of
+from lightwell.cli.verbs import VERBS
 from lightwell.core.scene_options import BUILTINS
 from lightwell.core.suggest import did_you_mean
 
@@ -155,8 +156,6 @@ def read_configuration(path: Path) -> Configuration:
     Raises:
         ValueError: The file is not TOML, or holds an unknown table; one line with the cure.
     """
-    from lightwell.cli.main import VERBS
-
     tables = _read(path)
     for name, table in tables.items():
         if name not in (*VERBS, "scenes"):

@@ -20,7 +20,7 @@ def bake_with_page(arguments: argparse.Namespace, asked: BakeSettings) -> int:
         Exit code.
     """
     from lightwell.baking.preview import Preview
-    from lightwell.cli.bake import run_bake
+    from lightwell.cli.run_bake import run_bake
     from lightwell.serving.server import LocalServer, wait_for_interrupt
 
     def opened() -> None:

@@ -35,7 +35,7 @@ def bake_and_watch(arguments: argparse.Namespace, asked: BakeSettings) -> int:
     """
     if asked.scene in BUILTINS:
         raise ValueError(f"bake: --watch looks at a file, and '{asked.scene}' has none; name a .glb, .gltf or .xml")
-    from lightwell.cli.bake import run_bake
+    from lightwell.cli.run_bake import run_bake
 
     path = Path(asked.scene)
     before = file_states(path)

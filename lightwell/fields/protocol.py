@@ -40,7 +40,7 @@ class Observer(Protocol):
     """Is told about trainings while they run."""
 
     def evaluated(self, role: Role, learner: Any) -> float:
-        """Take note of an evaluation.
+        """Take note of an evaluation; ``GoodEnough`` ends the training.
 
         Args:
             role: Part of the light.
@@ -48,9 +48,6 @@ class Observer(Protocol):
 
         Returns:
             Seconds in which the training was paused.
-
-        Raises:
-            GoodEnough: The training is to end.
         """
 
 

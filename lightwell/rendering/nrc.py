@@ -26,6 +26,9 @@ class Film:
 
         Args:
             settings: Settings of the picture.
+
+        Raises:
+            ValueError: A cluster is asked for.
         """
         if settings.cluster:
             raise ValueError("render: the radiance cache learns in one process; leave --cluster out")

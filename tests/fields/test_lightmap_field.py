@@ -15,6 +15,13 @@ from lightwell.transport.lightmap_query import LightmapQuery
 
 SIZE = 32
 RNG = np.random.default_rng(5)
+START = RNG.bit_generator.state
+
+
+@pytest.fixture(autouse=True)
+def same_numbers():
+    """The random numbers of a test do not depend on the tests before it."""
+    RNG.bit_generator.state = START
 
 
 def unit_rows(count: int, up: bool = False) -> np.ndarray:
