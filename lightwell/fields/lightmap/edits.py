@@ -210,7 +210,7 @@ def edited_fit(scene: Scene, before: LightmapEdit, made: AtlasIrradiance) -> Lig
     )  # fmt: skip
     if preset.hidden:
         # What is written is made of these two alone; the network itself is only needed to train.
-        fit._parameters, fit._features = dict(before.parameters), dict(before.pictures)
+        fit.parameters, fit.features = dict(before.parameters), dict(before.pictures)
     return fit
 
 

@@ -145,11 +145,12 @@ class LightmapFit:
         extra: dict[str, Any] = {"size": self.size, "relief": self.relief}
         self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
         self.features: dict[str, Picture] = {}
+        self.parameters: dict[str, np.ndarray] = {}
         self.history: list[tuple[int, float]] = []
         if self.preset.hidden:
             self._rows = Tabulated(row_graph(self.nodes))
             self.network = self._make_network(PLACES[0] if self.nodes.learns_places else "noise")
-            self.parameters: dict[str, np.ndarray] = self.network.initial(self.seed)
+            self.parameters = self.network.initial(self.seed)
 
     def _make_network(self, quantiser: Any) -> LightmapNetwork:
         p, edge = self.preset, max(round(self.size * self.preset.share), 4)
@@ -336,11 +337,6 @@ class LightmapFit:
         values[:, : self.preset.channels] = (found - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
         self.parameters = {k: v for k, v in self.parameters.items() if k[0] not in "sc"}
         return values
-
-    @property
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Parameters of the trained network, by name."""
-        return self._parameters
 
     # ------------------------------------------------------------------ result
 
