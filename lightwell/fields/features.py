@@ -156,6 +156,38 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
     return b.add(place, b.scale("normal", lift))
 
 
+# Softens the reciprocal of a direction's components; exits farther than this many half edges do not occur.
+EXIT_SOFTENING, FARTHEST_EXIT = 1e-3, 1e4
+
+
+def mirrored_point(b: Builder, setup: FieldSetup) -> str:
+    """Add the point where the mirrored ray leaves the box of the scene: what a glossy surface reflects is near it.
+
+    Args:
+        b: Graph to add nodes to.
+        setup: Bounds of the scene.
+
+    Returns:
+        Name of the node with the point in [0, 1]³ of the grid's cube, width 3.
+    """
+    half = np.asarray(setup.size or (2 * setup.half_extent,) * 3) / 2
+    r = b.normalize(b.reflect("normal", "view"))
+    # Place and direction in the box [-1, 1]³, and the sign of each component of the direction.
+    p = b.affine("position", list(1 / half), [-c / h for c, h in zip(setup.center, half)])
+    way = b.affine(r, list(1 / half), [0.0] * 3)
+    sign = b.clamp(b.scale(r, 1e6), low=-1.0, high=1.0)
+    to_wall = b.clamp(b.subtract(b.affine(sign, [0.0] * 3, [1.0] * 3), b.multiply(sign, p)), low=0.0, high=4.0)
+    times = b.multiply(to_wall, b.reciprocal(b.multiply(sign, way), EXIT_SOFTENING))
+    nearest = b.slice(times, 0, 1)
+    for axis in (1, 2):
+        more = b.clamp(b.subtract(nearest, b.slice(times, axis, 1)), low=0.0, high=FARTHEST_EXIT)
+        nearest = b.subtract(nearest, more)
+    away = b.multiply(r, b.concat(nearest, nearest, nearest))
+    scale = 0.5 / (GRID_MARGIN * setup.half_extent)
+    place = b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
+    return b.add(place, b.scale(away, scale))
+
+
 def local_features(b: Builder, setup: FieldSetup) -> list[str]:
     """Add the inputs that a grid cannot provide: the geometry of light and normal and, where a surface is glossy, of
     the view.

@@ -2,6 +2,8 @@
 
     u = grid(x),   W, b = light network(l),   h = act(W u + b + V g),   f = head(h)
 
+In scenes with glossy surfaces u goes on with (1 - roughness) mirror(exit of the mirrored ray).
+
 The light network is large and runs once per frame; a pixel evaluates only the grid, the first layer and the head.
 Notation: B rows, K lights with R rows each (B = K R), U features of the point, G other inputs of a pixel, H hidden
 units.
@@ -45,13 +47,20 @@ class FactoredNetwork:
     """Inputs of the light network; 0: no light."""
     light_hidden: tuple[int, ...] = (64, 64)
     hidden: tuple[int, ...] = (24, 14)
+    mirror: HashGrid | None = None
+    """Grid that is read where the mirrored ray leaves the scene; None: nothing reflects."""
     activation: str = "silu"
     output: str = "exp"
 
     @property
     def emitted(self) -> int:
         """Number of outputs of the light network: W [U, H] row by row, then b [H]."""
-        return (self.grid.width + 1) * self.hidden[0]
+        return (self.features + 1) * self.hidden[0]
+
+    @property
+    def features(self) -> int:
+        """U, features of the point: those of the grid, then those of what it reflects."""
+        return self.grid.width + (self.mirror.width if self.mirror else 0)
 
     @property
     def light_sizes(self) -> tuple[int, ...]:
@@ -79,9 +88,10 @@ class FactoredNetwork:
             Parameters by name, float32.
         """
         rng = np.random.default_rng(seed)
-        first = glorot(rng, self.grid.width + self.pixel, self.hidden[0])
-        start = np.concatenate([first[: self.grid.width].ravel(), np.full(self.hidden[0], bias, np.float32)])
-        parameters = {"grid": self.grid.initial(rng), "pixel_w": first[self.grid.width :], "emit_b": start[None]}
+        first = glorot(rng, self.features + self.pixel, self.hidden[0])
+        start = np.concatenate([first[: self.features].ravel(), np.full(self.hidden[0], bias, np.float32)])
+        parameters = {"grid": self.grid.initial(rng), "pixel_w": first[self.features :], "emit_b": start[None]}
+        parameters |= {"mirror": self.mirror.initial(rng)} if self.mirror else {}
         parameters |= initial_layers(rng, self.light_sizes, bias, prefix="light_")
         if self.frame:
             parameters["emit_w"] = EMITTED_SCALE * glorot(rng, self.light_sizes[-1], self.emitted)
@@ -90,6 +100,9 @@ class FactoredNetwork:
     def __call__(self, parameters: Mapping[str, Any], inputs: tuple[Any, Any, Any]) -> Any:
         """Map (grid points [B, 3], pixel inputs [B, G], frame inputs [K, F]) to [B, 3], differentiably.
 
+        With ``mirror``, points are [B, 7]: followed by the place where the mirrored ray leaves the scene, and by what
+        the features read there are multiplied by.
+
         Rows k R … (k + 1) R − 1 belong to light k; without a light, frame is not used. Biases enter as
         products: see ``Mlp``.
         """
@@ -97,10 +110,18 @@ class FactoredNetwork:
         rows, units, act = points.shape[0], self.hidden[0], ACTIVATIONS[self.activation]
         layer = self._emit(parameters, frame)
         lights = layer.shape[0]
-        weights = dr.reshape(layer[:, : -self.hidden[0]], (lights, self.grid.width, units))
+        weights = dr.reshape(layer[:, : -self.hidden[0]], (lights, self.features, units))
         bias = dr.reshape(layer[:, -self.hidden[0] :], (lights, 1, units))
-        u = dr.reshape(self.grid(parameters["grid"], points), (lights, rows // lights, self.grid.width))
-        x = dr.matmul(u, weights) + dr.matmul(_ones(lights, rows // lights, 1), bias)
+        per_light = lambda u: dr.reshape(u, (lights, rows // lights, u.shape[1]))  # noqa: E731
+        if self.mirror is None:
+            x = dr.matmul(per_light(self.grid(parameters["grid"], points)), weights)
+        else:
+            u = self.grid(parameters["grid"], _columns(points, 0, 3))
+            v = self.mirror(parameters["mirror"], _columns(points, 3, 3))
+            v = v * dr.matmul(_columns(points, 6, 1), _ones(1, self.mirror.width))
+            own, seen = weights[:, : self.grid.width, :], weights[:, self.grid.width :, :]
+            x = dr.matmul(per_light(u), own) + dr.matmul(per_light(v), seen)
+        x = x + dr.matmul(_ones(lights, rows // lights, 1), bias)
         x = act(dr.reshape(x, (rows, units)) + dr.matmul(pixel, parameters["pixel_w"]))
         return apply_layers(parameters, x, self.head_activations)
 
@@ -114,7 +135,10 @@ class FactoredNetwork:
         Returns:
             Gradients by name.
         """
-        return gradients | {"grid": self.grid.decayed(values["grid"], gradients["grid"])}
+        found = {"grid": self.grid.decayed(values["grid"], gradients["grid"])}
+        if self.mirror:
+            found["mirror"] = self.mirror.decayed(values["mirror"], gradients["mirror"])
+        return gradients | found
 
     def _emit(self, parameters: Mapping[str, Any], frame: Any) -> Any:
         """Compute the emitted layers [K, emitted] of all lights; without a light, one layer for all."""
@@ -134,6 +158,14 @@ class FactoredNetwork:
             [B, 3] outputs.
         """
         return evaluate_network(self, parameters, inputs)
+
+
+def _columns(table: Any, first: int, count: int) -> Any:
+    """[B, count] neighbouring columns of a table that is not differentiated."""
+    rows, width = table.shape
+    lane = dr.arange(mi.UInt32, rows * count)
+    value = dr.gather(mi.Float, table.array, lane // count * width + first + lane % count)
+    return mi.TensorXf(value, (rows, count))
 
 
 def _ones(*shape: int) -> Any:
