@@ -154,7 +154,9 @@ def _evaluated(
             f"nrc: the field of '{baked.name}' reads {', '.join(missing)}, which a cache does not know; "
             "bake the scene with --field factored"
         )
-    return Baked(graph)(make_query(loaded, points, light))
+    # Groups of lamps as they were baked: factors of 1.
+    frame = {"lamps": np.ones(graph.inputs["lamps"], np.float32)} if "lamps" in graph.inputs else {}
+    return Baked(graph, frame)(make_query(loaded, points, light))
 
 
 def _records(

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from lightwell.cluster.attach import attached
 from lightwell.core.lamps import parse_lamps, parse_settings
+from lightwell.rendering.deep import write_deep
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
 from lightwell.transport.camera import total_image
+from lightwell.transport.deep import deep_image
 
 # What ``--set`` calls the light that is not of the scene.
 POINT_LIGHT = "light"
@@ -33,21 +38,24 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     point = max(state.pop(POINT_LIGHT, (1.0,)))
     groups = group_lamps(shot.scene, parse_lamps(settings.lamps)) if state else ()
     start = perf_counter()
+    candela = point * (1.0 if intensity is None else intensity)
+    view = (shot.scene, shot.camera, place, shot.variable, *settings.size, settings.spp)
     here = attached(shot.scene, settings.loading, settings, lambda line: None)
     with here, dimmed(shot.scene, groups, state):
-        picture = total_image(
-            shot.scene,
-            shot.camera,
-            place,
-            shot.variable,
-            *settings.size,
-            settings.spp,
-            settings.seed,
-            intensity=point * (1.0 if intensity is None else intensity),
-            with_static=True,
-        )
+        if settings.options.deep:
+            radiance, depth = deep_image(*view, settings.options.deep, settings.seed, intensity=candela)
+            write_deep(Path(settings.out), radiance, depth)
+            return _facts(settings, shot, place, radiance[0], perf_counter() - start)
+        picture = total_image(*view, settings.seed, intensity=candela, with_static=True)
     seconds = perf_counter() - start
     write_shot(settings, shot, picture, None if intensity is None else 1.0)
+    return _facts(settings, shot, place, picture, seconds)
+
+
+def _facts(
+    settings: RenderSettings, shot: Shot, place: np.ndarray, picture: np.ndarray, seconds: float
+) -> dict[str, Any]:  # fmt: skip
+    """Facts about a picture; JSON values."""
     return {
         "scene": shot.scene.name,
         "width": settings.size[0],

@@ -83,7 +83,11 @@ def parse_aovs(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PathOptions:
-    """Options of ``--integrator path``: none."""
+    """Options of ``--integrator path``."""
+
+    deep: int | None = option(
+        None, "write a deep .exr with so many surfaces per pixel, one behind the other", least=1, most=64
+    )
 
 
 @dataclass(frozen=True)
@@ -209,6 +213,9 @@ class RenderSettings(SceneOptions, ClusterOptions):
             raise ValueError("render: --set is for this machine alone; leave out --cluster")
         if self.options is None or isinstance(self.options, Mapping):
             object.__setattr__(self, "options", _options(self.integrator, self.options or {}))
+        deep = getattr(self.options, "deep", None)
+        if deep and (Path(self.out).suffix.lower() != ".exr" or self.aov):
+            raise ValueError(f"render: --deep writes an .exr without --aov, not '{self.out}'; name one with -o")
         if self.aov and (Path(self.out).suffix.lower() != ".exr" or getattr(self.options, "frames", None)):
             raise ValueError(f"render: --aov is for a single .exr, not '{self.out}'; name one with -o, or leave it out")
 
