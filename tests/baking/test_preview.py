@@ -118,4 +118,4 @@ def test_a_bake_with_a_page_shows_light_and_ends_when_it_is_good_enough(tmp_path
     preview.evaluated = lambda role, learner: (_ for _ in ()).throw(GoodEnough)
     report = bake(small(tmp_path / "out", steps=400), preview=preview)
     assert preview.state()["version"] > 2 and preview.state()["stage"] == "done"
-    assert preview.graphs.keys() == {"indirect", "static"} and report["relative_error"] < 2
+    assert preview.graphs.keys() == {"indirect"} and report["relative_error"] < 2
