@@ -76,10 +76,18 @@ def glslang_path() -> str:
 
 def compiled(text: str, folder: Path, stage: str = "comp") -> bytes:
     """SPIR-V of an HLSL text; raises ``RuntimeError`` with what glslang says."""
-    glslang = glslang_path()
-    source, binary = folder / "shader.hlsl", folder / "shader.spv"
+    return _glslang(["-V", "-D", "-S", stage, "-e", "main"], text, folder)
+
+
+def compiled_glsl(text: str, folder: Path, stage: str = "frag") -> bytes:
+    """SPIR-V of a GLSL text; raises ``RuntimeError`` with what glslang says."""
+    return _glslang(["-G", "-S", stage], text, folder)
+
+
+def _glslang(options: list[str], text: str, folder: Path) -> bytes:
+    source, binary = folder / "shader.txt", folder / "shader.spv"
     source.write_text(text)
-    command = [glslang, "-V", "-D", "-S", stage, "-e", "main", "-o", str(binary), str(source)]
+    command = [glslang_path(), *options, "-o", str(binary), str(source)]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(done.stdout)

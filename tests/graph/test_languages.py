@@ -9,7 +9,7 @@ import lark
 import numpy as np
 import pytest
 from clang import cindex
-from hlsl_runner import VECTORS, Runner, compiled, in_blocks, programs, rows, shader
+from hlsl_runner import VECTORS, Runner, compiled, compiled_glsl, in_blocks, programs, rows, shader
 
 HERE = Path(__file__).parent
 # The contract: evaluators agree to this, relative to max(1, |value|).
@@ -156,6 +156,26 @@ def test_godots_language_of_every_vector_keeps_to_its_grammar():
     """Grammar alone; Godot has never compiled these texts."""
     for (name, weights), program in printed("gdshader").items():
         assert godot_errors(program["code"]) == [], (name, weights)
+
+
+def as_glsl(code: str) -> str:
+    """Godot's language as GLSL ES 3.10, whose types are as strict: hints and lists are written otherwise."""
+    count = iter(range(9))
+    code = re.sub(
+        r"uniform sampler2D (\w+) : [^;]*;",
+        lambda m: f"layout(binding = {next(count)}) uniform sampler2D {m[1]};",
+        code,
+    )
+    code = re.sub(r"(\w+) (\w+)\[(\d+)\] = \{ (.*) \};", r"\1 \2[\3] = \1[\3](\4);", code)
+    return f"#version 310 es\nprecision highp float;\nprecision highp int;\n{code}\nvoid main() {{}}\n"
+
+
+def test_godots_language_of_every_vector_has_the_types_of_glsl(tmp_path):
+    for (_, weights), program in printed("gdshader").items():
+        if weights == "table":
+            compiled_glsl(as_glsl(program["code"]), tmp_path)
+    with pytest.raises(RuntimeError, match="cannot convert"):
+        compiled_glsl(as_glsl("float f(int x) { float y = x; return y; }"), tmp_path)
 
 
 @pytest.mark.parametrize(
