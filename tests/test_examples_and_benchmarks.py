@@ -29,6 +29,14 @@ def test_the_quick_benchmark_prints_rows_and_writes_nothing():
     assert (results.read_bytes() if results.exists() else None) == before
 
 
+def test_the_quick_web_benchmark_prints_rows_and_writes_nothing():
+    results = ROOT / "benchmarks/results/web.json"
+    before = results.read_bytes()
+    text = _run("benchmarks/web.py", "--quick")
+    assert "picture of Babylon.js" in text and "first picture of the Cornell box" in text
+    assert results.read_bytes() == before
+
+
 @pytest.mark.slow
 def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/light_probes.json"
