@@ -15,7 +15,6 @@ import numpy as np
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
-from lightwell.transport.adaptive_shards import ADAPTIVE_STREAM, MOST_JUDGED
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import PathReport
@@ -31,6 +30,11 @@ MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 16384, 4096
 FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
+# Added to the index of an adaptive shard, so that it shares no random number with the others.
+ADAPTIVE_STREAM = 1 << 20
+# The residual is measured on at most this many of the known samples: the fit was trained on them, but a network of a
+# few thousand weights cannot memorise them.
+MOST_JUDGED = 1 << 18
 
 
 @dataclass(frozen=True)

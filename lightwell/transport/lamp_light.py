@@ -65,13 +65,14 @@ class LampLight:
         self._irradiance = np.zeros((3, direct.shape[1], self._count), np.float32)
         self._irradiance[:, :-1] = whole.transpose(2, 1, 0)
 
-    def shares(self, points: SurfacePoints, rays: int, seed: int) -> LampShares:
+    def shares(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int = POINT_SAMPLES) -> LampShares:
         """Trace what points reflect of each group's light.
 
         Args:
             points: N surface points.
             rays: Rays per point, even.
             seed: Seed of the rays; another one than that of the bins.
+            shadow_rays: Shadow rays to each group from each half of a point.
 
         Returns:
             The shares.
@@ -82,7 +83,7 @@ class LampLight:
             rows = np.arange(start, min(start + POINTS_AT_ONCE, len(points)))
             total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start))
             total[rows] += self._emitted(device, rows, rays, seed)
-            total[rows] += self._sampled(device, rows, seed)
+            total[rows] += self._sampled(device, rows, shadow_rays, seed)
         return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
 
     # ------------------------------------------------------------------ bins
@@ -130,24 +131,24 @@ class LampLight:
             out[..., channel] = found.reshape(count, 2, self._count)
         return out
 
-    def _sampled(self, device: DevicePoints, rows: np.ndarray, seed: int) -> np.ndarray:
+    def _sampled(self, device: DevicePoints, rows: np.ndarray, samples: int, seed: int) -> np.ndarray:
         """[n, 2, K, 3] direct light by shadow rays to each group."""
         out = np.empty((len(rows), 2, self._count, 3), np.float32)
-        batch = max(1, LANES // (2 * POINT_SAMPLES * self._count))
+        batch = max(1, LANES // (2 * samples * self._count))
         for start in range(0, len(rows), batch):
             part = rows[start : start + batch]
-            out[start : start + len(part)] = self._sample_launch(device, part, seed)
+            out[start : start + len(part)] = self._sample_launch(device, part, samples, seed)
         return out
 
-    def _sample_launch(self, device: DevicePoints, rows: np.ndarray, seed: int) -> np.ndarray:
-        lane = dr.arange(mi.UInt32, len(rows) * 2 * self._count * POINT_SAMPLES)
-        path, block = lane % POINT_SAMPLES, lane // POINT_SAMPLES
+    def _sample_launch(self, device: DevicePoints, rows: np.ndarray, samples: int, seed: int) -> np.ndarray:
+        lane = dr.arange(mi.UInt32, len(rows) * 2 * self._count * samples)
+        path, block = lane % samples, lane // samples
         groups = dr.opaque(mi.UInt32, self._count)
         group, half_of_row = block % groups, block // groups
         row = dr.opaque(mi.UInt32, int(rows[0])) + half_of_row // 2
         at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         shift = random_streams(at_seed, row, LATTICE_STREAM + 2 + (half_of_row & 1) * groups + group)
-        number, u, _ = stratified(shift, path, mi.UInt32(POINT_SAMPLES))
+        number, u, _ = stratified(shift, path, mi.UInt32(samples))
         si = gather_interaction(self._scene, device, row)
         bsdf = si.bsdf()
         active = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -158,7 +159,7 @@ class LampLight:
         L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
         lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
         L = dr.select(lit & ~self._scene.mi.ray_test(si.spawn_ray_to(ds.p), lit), L, 0)
-        return _mean(L, POINT_SAMPLES).reshape(len(rows), 2, self._count, 3)
+        return _mean(L, samples).reshape(len(rows), 2, self._count, 3)
 
     def _emitted(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int) -> np.ndarray:
         """[n, 2, K, 3] direct light by rays that the BSDF chooses; added up in the order of the rays."""

@@ -56,11 +56,12 @@ class ProbesField(SurfaceField):
         """
         return rebaked(state, role) if isinstance(state, RebakeState) else super().fit(state, role, samples, part)
 
-    def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
+    def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that solves the probes' light and makes an untrained network of the light.
 
         Args:
             state: The prepared scene.
+            role: The part of the light to learn.
 
         Returns:
             Function of set-up and seed.

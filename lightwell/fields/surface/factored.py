@@ -15,6 +15,7 @@ import numpy as np
 
 from lightwell.core.lamps import parse_lamps
 from lightwell.core.work import WorkPart
+from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.features import grid_point, light_features, local_features, mirrored_point, open_builder
 from lightwell.fields.protocol import Job, Role, State
 from lightwell.fields.surface.field import SurfaceField, SurfaceFit
@@ -91,6 +92,18 @@ PRESETS: dict[str, FactoredPreset] = {
         HashGrid(levels=5, base=7, growth=2, entries_log2=15, decay=(0.0, 0.2, 2.0, 6.0, 20.0)),
         hidden=(48, 24),
         mirror=replace(_MIRROR, levels=3),
+    ),
+}
+
+# The default in scenes with light of their own: two fields, together at most 300 kB.
+TWO_FIELDS: dict[str, FactoredPreset] = {
+    "indirect": FactoredPreset(
+        replace(_DEFAULT_GRID, growth=1.8, entries_log2=14), mirror=_MIRROR, glossy_hidden=(24, 16)
+    ),
+    "static": FactoredPreset(
+        HashGrid(levels=4, base=7, growth=1.7, entries_log2=13, decay=(0.0, 0.2, 2.0, 6.0)),
+        mirror=replace(_MIRROR, levels=1),
+        glossy_hidden=(24, 16),
     ),
 }
 
@@ -238,6 +251,20 @@ class FactoredField(SurfaceField):
         if job.request.lamps and "static" in state.roles:
             state.lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
         return state
+
+    def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
+        """Return a function that makes an untrained learner; two fields are smaller than one alone.
+
+        Args:
+            state: The prepared scene.
+            role: The part of the light to learn.
+
+        Returns:
+            Function of set-up and seed.
+        """
+        if state.job.request.preset == "default" and len(state.roles) > 1:
+            return lambda setup, seed: FactoredFit(setup, TWO_FIELDS[role], seed)
+        return super().starter(state, role)
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | LampTraining:
         """Trace samples of a role, or read those of an interrupted bake.

@@ -173,7 +173,7 @@ class SurfaceField:
         """
         if isinstance(samples, EditState):
             return self._edited(state, role, samples)
-        training = SurfaceTraining(state, role, samples, self.starter(state), part)
+        training = SurfaceTraining(state, role, samples, self.starter(state, role), part)
         learner, traced = training.run(), training.traced
         keep = None
         if isinstance(learner, NetworkFit) and not state.job.shared:
@@ -188,11 +188,12 @@ class SurfaceField:
         keep, traced = partial(keep_edited, state, role, samples, learner), traced_facts(samples, state.touched[role])
         return SurfaceFit(state.scene, learner, learner.setup.unit, traced, {}, training, keep)
 
-    def starter(self, state: State) -> Callable[[FieldSetup, int], Learner]:
+    def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that makes an untrained learner.
 
         Args:
             state: The prepared scene.
+            role: The part of the light to learn.
 
         Returns:
             Function of set-up and seed.

@@ -37,10 +37,10 @@ from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shar
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
 from lightwell.transport import Samples
-from lightwell.transport.adaptive_shards import AdaptiveShards
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import POINTS_PER_SHARD, GatheredShards, GatherSize
-from lightwell.transport.shards import Make, ShardSettings, make_shard
+from lightwell.transport.own_light_shards import OwnLightShards
+from lightwell.transport.shards import Make, ShardSettings
 
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
@@ -69,8 +69,8 @@ class SurfaceSamples:
     end: float
     """Wall seconds of the bake at which the role should be learned."""
     traced: Traced
-    make: Make
-    """Made the training samples, and makes adaptive ones where it can."""
+    make: GatheredShards | OwnLightShards
+    """Made the training samples, and makes adaptive ones."""
 
 
 def role_seconds(state: State, role: Role) -> float:
@@ -123,27 +123,24 @@ def _start_plan(state: State, role: Role) -> StartPlan:
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> SamplePlan:
     """The number of shards; where it is not fixed, by the time of the second one."""
-    request, shards = state.job.request, _shards(state, role)
+    request = state.job.request
     if request.shards:
         return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     # The first one also pays for what is traced before it.
     cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
-    # Adaptive shards are gathered as the others are, or traced from points that must be found.
-    traced = shards.size * request.paths / max(start.paths_per_second, 1e-6)
-    adaptive = cost if isinstance(make, GatheredShards) else traced
-    left = start.end - state.job.work.elapsed
-    return plan_samples(left, max(cost, 1e-3), max(adaptive, 1e-3), None, state.job.shared)
+    # Adaptive shards are gathered as the others are.
+    cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
+    return plan_samples(left, cost, cost, None, state.job.shared)
 
 
-def _maker(state: State, role: Role, start: StartPlan) -> Make:
-    """Return the function that makes shards: gathered for a declared light, path-traced for the scene's emitters."""
-    if role == "static":
-        return partial(make_shard, own_light=True)
+def _maker(state: State, role: Role, start: StartPlan) -> GatheredShards | OwnLightShards:
+    """Return the function that makes the shards of a role."""
     shards = _shards(state, role)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
-    return GatheredShards(state.scene, state.variable, shards, size)
+    kind = OwnLightShards if role == "static" else GatheredShards
+    return kind(state.scene, state.variable, shards, size)
 
 
 def _shards(state: State, role: Role) -> ShardSettings:
@@ -334,11 +331,7 @@ class SurfaceTraining:
 
     def _adaptive(self, learner: Learner) -> Samples:
         """Samples where the squared residual of the fit so far is large."""
-        known, make = self.samples.training, self.samples.make
-        if isinstance(make, GatheredShards):
-            make = make.adaptive(known, learner.predict)
-        else:
-            make = AdaptiveShards(self.state.scene, known, learner.predict, own_light=self.role == "static")
+        make = self.samples.make.adaptive(self.samples.training, learner.predict)
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
         traced = _trace(self.state, self.role, "adaptive", count, make, title)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
