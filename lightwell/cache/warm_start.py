@@ -93,7 +93,7 @@ def warm_start(
     with dr.suspend_grad():
         features, targets, rows = _records(cache, loaded, points, radiance)
     predictor = cache.predictor
-    factor = predictor.scale.update(np.maximum(radiance, 0) @ np.float64(LUMINANCE))
+    factor = predictor.scale.update(np.maximum(radiance, 0) @ np.array(LUMINANCE))
     if factor != 1.0:
         predictor.learner.rescale(factor)
     losses: list[float] = []
