@@ -103,7 +103,10 @@ class ImagePasses:
     def _pilot(self, per_pass: int) -> int:
         """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""
         image, s = self.image, self.settings
-        if not (image.still and image.caching and image.guiding and s.guiding.guide == "auto"):
+        # Without the cache, passes of both kinds are unbiased: an image with a time limit may leave a guide that costs
+        # more than it saves. Other unbiased stills keep their samples as they are.
+        tests = image.caching or (self.timed and not s.caching)
+        if not (image.still and tests and image.guiding and s.guiding.guide == "auto"):
             return 0
         if image.cache.guiding.guide is None or (not self.timed and image.spp < ENOUGH):
             image.guiding = False
@@ -114,7 +117,7 @@ class ImagePasses:
         for guided in (False, True) * PASSES:
             start = time.perf_counter()
             image.guiding = guided
-            tensor = self._add(done, block, "biased").tensor()
+            tensor = self._add(done, block, "biased" if image.caching else s.estimation.estimator).tensor()
             dr.eval(tensor)
             dr.sync_thread()
             trial.add(guided, np.array(tensor), time.perf_counter() - start)

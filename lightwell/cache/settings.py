@@ -168,7 +168,8 @@ class GuideSettings:
         "auto",
         "Path guiding: the distribution of incident light is learned, too, and sampled beside the BSDF. "
         "'auto': a noisy still tests it for some samples, and continues with the smaller product of variance "
-        "and time; true is 'always', false 'never'. Always on with the estimator 'guided'.",
+        "and time; true is 'always', false 'never'. With the estimator 'guided' only a still with a time limit tests "
+        "it.",
         choices=("auto", "always", "never"),
     )
     guide_share: float = option(

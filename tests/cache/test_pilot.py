@@ -80,6 +80,18 @@ def test_a_noisy_still_has_a_pilot_whose_samples_stay_in_the_picture():
     assert np.allclose(picture, again, rtol=1e-3, atol=1e-4)
 
 
+def test_an_unbiased_still_with_a_time_limit_may_leave_its_guide():
+    scene = room(16)
+    nrc = noisy(scene, estimator="guided", seconds=2.0)
+    mi.render(scene, integrator=nrc, spp=1)
+    assert nrc.last.pilot is not None and not nrc.last.caching
+    assert nrc.last.guiding == nrc.last.pilot.guide_pays(True)
+    # Without a limit the samples stay as they are: always guided.
+    nrc = noisy(scene, estimator="guided", warmup=3)
+    mi.render(scene, integrator=nrc, spp=32)
+    assert nrc.last.pilot is None and nrc.last.guiding
+
+
 def test_calm_stills_short_ones_and_frames_have_none():
     scene = room(16)
     for options, spp in (({}, 64), ({"mode": "frames"}, 4), ({"guide": "never"}, 64)):
