@@ -59,9 +59,10 @@ class FieldSetup:
         Returns:
             The set-up.
         """
-        center, size = _triple(scene.center), _triple(scene.bounds[1] - scene.bounds[0])
+        low, high = scene.core
+        center, size = _triple((low + high) / 2), _triple(high - low)
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
-        return FieldSetup(center, 0.5 * scene.extent, unit, light, size, matte, scene, variable)
+        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, scene, variable)
 
 
 # The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest
@@ -91,7 +92,12 @@ def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
     center, size = 0.5 * (low + high), high - low
     half_extent = 0.5 * float(size.max())
     if half_extent >= setup.half_extent:
-        return setup
+        # Objects are within the set-up's box (``Scene.core``); lights may have been declared beyond it.
+        middle, edges = np.array(setup.center), np.array(setup.size or (2 * setup.half_extent,) * 3)
+        beyond = setup.light == "point" and bool((np.abs(lights - middle) > edges / 2).any())
+        return (
+            setup if not beyond else replace(setup, center=_triple(center), half_extent=half_extent, size=_triple(size))
+        )
     return replace(setup, center=_triple(center), half_extent=half_extent, size=_triple(size))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from distributed import Client, LocalCluster
-from plain_glb import write_plain
+from tests.plain_glb import write_plain
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.executor import DaskExecutor

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain_glb import write_plain
+from tests.plain_glb import write_plain
 
 from lightwell.api import bake
 from lightwell.core.formats import ARRAYS

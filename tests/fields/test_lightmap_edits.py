@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain_glb import write_plain
+from tests.plain_glb import write_plain
 
 from lightwell.api import bake
 from lightwell.core.formats import ARRAYS
