@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from distributed import Client, LocalCluster
-from tests.plain_glb import write_plain
 
 from lightwell.cluster import worker as remote
 from lightwell.cluster.executor import DaskExecutor
@@ -15,6 +14,7 @@ from lightwell.scenes import load
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, indirect
+from tests.plain_glb import write_plain
 
 # 64 rows of 16 paths, 16 rows to a unit: four units.
 POINTS, PATHS, LANES = 64, 16, 256

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.plain_glb import write_plain
 
 from lightwell.api import bake
 from lightwell.core.formats import ARRAYS
@@ -14,6 +13,7 @@ from lightwell.fields.surface.edit_state import EditState, edit_key, kept_rows
 from lightwell.scenes import load
 from lightwell.scenes.parts import ScenePart, scene_changes, scene_parts
 from lightwell.transport.noticed import crosses, noticed
+from tests.plain_glb import write_plain
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.plain_glb import write_plain
 
 from lightwell.api import bake
 from lightwell.core.formats import ARRAYS
 from lightwell.core.work import store_of
 from lightwell.fields.lightmap.edits import KEY, LightmapEdit
 from lightwell.scenes import load
+from tests.plain_glb import write_plain
 
 FEW = {"field": "lightmap", "size": 64, "mips": 0, "steps": 40, "shards": 1, "lights_per_shard": 16, "views": 1,
        "truth": "1s", "view_size": (48, 32), "paths": 8}  # fmt: skip
