@@ -74,10 +74,6 @@ class FrameSchedule:
         # Tiles of larger frames restart: their size fits paths that end early, and the next paths do not.
         self._tiles = {key: tiles for key, tiles in self._tiles.items() if not key[2]}
 
-    def skip_cold_start(self) -> None:
-        """Treat the cache as trained: no larger frames, and no lead-in of plain paths."""
-        self.since_change = max(self.since_change, EAGER_FRAMES)
-
     def finish_frame(self) -> None:
         """Count a trained frame."""
         self.frame += 1
@@ -179,3 +175,12 @@ class FrameSchedule:
         boosted = BOOST if self._boost > 0 else 1.0
         self._boost = max(0, self._boost - 1)
         return self._settings.training.learning_rate * self.rate_factor * boosted
+
+
+def skip_cold_start(schedule: FrameSchedule) -> None:
+    """Treat a cache as trained: no larger frames, and no lead-in of plain paths.
+
+    Args:
+        schedule: Schedule of the cache.
+    """
+    schedule.since_change = max(schedule.since_change, EAGER_FRAMES)

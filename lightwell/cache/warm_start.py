@@ -20,6 +20,7 @@ from lightwell.cache.features import WIDTH
 from lightwell.cache.learner import LUMINANCE, Batch
 from lightwell.cache.live_scene import LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.schedule import skip_cold_start
 from lightwell.fields.baked import Baked
 from lightwell.graph import Graph
 from lightwell.scenes.scene import Scene
@@ -108,7 +109,7 @@ def warm_start(
             rate = cache.settings.training.learning_rate * FINAL_RATE ** (len(losses) / (PASSES * per_pass))
             losses.append(float(np.array(predictor.learner.train(batch, k * size, rate)).ravel()[0]))
     predictor.touched()
-    cache.schedule.skip_cold_start()
+    skip_cold_start(cache.schedule)
     return WarmStart(count, len(losses), float(np.mean(losses[-max(len(losses) // 4, 1) :])))
 
 

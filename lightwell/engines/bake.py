@@ -38,7 +38,7 @@ class Bake:
 
 
 def read_bake(path: str | Path, limits: Limits | None = None) -> Bake:
-    """Read a bake for an engine.
+    """Read a bake for an engine; an asset that is not valid or exceeds the limits is a ``ValueError``.
 
     Args:
         path: A GLB, or the folder of a bake; probes are read from the folder's .lwp files.
@@ -46,9 +46,6 @@ def read_bake(path: str | Path, limits: Limits | None = None) -> Bake:
 
     Returns:
         The bake. Light that depends on a variable is that of the variable's first value.
-
-    Raises:
-        ValueError: The asset is not valid or exceeds the limits; one line.
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     asset = folder / ASSET if Path(path).is_dir() else Path(path)

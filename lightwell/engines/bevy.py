@@ -13,7 +13,7 @@ from lightwell.limits import Limits
 
 
 def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
-    """Make the files of Bevy.
+    """Make the files of Bevy; a bake without light map and probes is a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -21,9 +21,6 @@ def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
     Returns:
         Content by name: to be put into ``assets/lightwell/``, the module into ``src/``.
-
-    Raises:
-        ValueError: The bake has neither a light map nor probes.
     """
     expect_light(bake)
     made = {}

@@ -19,7 +19,7 @@ MOST_CELLS = 100_000
 
 
 def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
-    """Make the files of Godot.
+    """Make the files of Godot; too many probes for a text resource are a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -27,9 +27,6 @@ def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
     Returns:
         Content by name: to be put into ``res://lightwell/``.
-
-    Raises:
-        ValueError: The bake has too many probes for a text resource.
     """
     made, _ = shader_files(bake, "gdshader", limits)
     if bake.light_map is None and bake.probes is None:

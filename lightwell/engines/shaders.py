@@ -32,7 +32,7 @@ def function_name(entry: FieldEntry) -> str:
 
 
 def shader_files(bake: Bake, to: str, limits: Limits | None = None) -> tuple[dict[str, bytes], dict[str, Exported]]:
-    """Print every field of a bake.
+    """Print every field of a bake; one that cannot be printed is a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -41,9 +41,6 @@ def shader_files(bake: Bake, to: str, limits: Limits | None = None) -> tuple[dic
 
     Returns:
         Files by name: texts, tables as EXR pictures, pictures as PNG; and what was printed, by the function's name.
-
-    Raises:
-        ValueError: A field cannot be printed.
     """
     files, printed = {}, {}
     for entry in bake.fields:

@@ -28,7 +28,7 @@ def halves(values: np.ndarray) -> bytes:
 
 
 def three_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
-    """Make the files of three.js.
+    """Make the files of three.js; a bake without light map and probes is a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -36,9 +36,6 @@ def three_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
     Returns:
         Content by name.
-
-    Raises:
-        ValueError: The bake has neither a light map nor probes.
     """
     grid = bake.probes
     made = _light_map(bake, "three.js", grid=None if grid is None else grid_values(grid))
@@ -48,7 +45,7 @@ def three_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
 
 def babylon_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
-    """Make the files of Babylon.js.
+    """Make the files of Babylon.js; a bake without light map is a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -56,16 +53,13 @@ def babylon_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
     Returns:
         Content by name.
-
-    Raises:
-        ValueError: The bake has no light map.
     """
     expect_light(bake, needs_map=True)
     return _light_map(bake, "babylon.js")
 
 
 def playcanvas_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
-    """Make the files of PlayCanvas.
+    """Make the files of PlayCanvas; a bake without light map is a ``ValueError``.
 
     Args:
         bake: The bake.
@@ -73,9 +67,6 @@ def playcanvas_files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
 
     Returns:
         Content by name.
-
-    Raises:
-        ValueError: The bake has no light map.
     """
     expect_light(bake, needs_map=True)
     return _light_map(bake, "playcanvas.js")

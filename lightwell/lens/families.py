@@ -98,6 +98,9 @@ class Family:
 
         Returns:
             Point spread function [2·hy+1, 2·hx+1], sum 1.
+
+        Raises:
+            LensError: The prescription of the lens is not known.
         """
         radius, second, angle = self.node(index)
         if self.passes(index):

@@ -80,7 +80,11 @@ class Prescription:
 
     @cached_property
     def focal(self) -> float:
-        """Focal length, metres."""
+        """Focal length, metres.
+
+        Raises:
+            LensError: The lens does not focus.
+        """
         _, slope = self.paraxial(1.0, 0.0)
         if slope >= 0:
             raise LensError(f"lens: {self.name} does not focus: its focal length is not above 0; check the signs")
@@ -88,7 +92,11 @@ class Prescription:
 
     @cached_property
     def pupil(self) -> tuple[float, float]:
-        """Distance of the entrance pupil behind the first surface, metres, and its radius over that of the stop."""
+        """Distance of the entrance pupil behind the first surface, metres, and its radius over that of the stop.
+
+        Raises:
+            LensError: The pupil is at infinity.
+        """
         # Rays through the middle of the stop: heights at the stop are linear in height and slope at the front.
         a, b = (self.paraxial(h, u, self.stop)[0] for h, u in ((1.0, 0.0), (0.0, 1.0)))
         if abs(a) < 1e-12:

@@ -30,6 +30,7 @@ def convert(request: Arrays) -> Arrays:
 
     Raises:
         ValueError: The file has no triangles or cannot be read.
+        MemoryError: There is not enough memory.
     """
     import trimesh
 

@@ -1,5 +1,6 @@
 /** Reads the glTF material extension `MOZ_lightmap`: an ordinary light map of linear irradiance. */
 
+import type { Texture } from "three";
 import { integer, number, record } from "./checks.ts";
 
 /** Name of the extension. */
@@ -11,7 +12,14 @@ const MAX_INTENSITY = 1e6;
 
 /** Irradiance of a diffuse surface is `intensity` times the texel; its radiance, albedo / π times that. */
 export interface LightmapRecord {
-  /** Index of the texture. */
+  /** An ordinary light map of a material, as a texture. */
+export interface Lightmap extends LightmapRecord {
+  readonly map: Texture;
+  /** Size of the encoded picture; 0 when unknown. */
+  readonly bytes: number;
+}
+
+/** Index of the texture. */
   readonly index: number;
   readonly texCoord: number;
   readonly intensity: number;

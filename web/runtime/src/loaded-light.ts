@@ -1,16 +1,11 @@
 /** What the loader plugin leaves on a loaded file. */
 
-import type { Material, Texture } from "three";
+import type { Material } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { NeuralRadiance } from "./extension.ts";
-import type { LightmapRecord } from "./lightmap.ts";
+import type { Lightmap } from "./lightmap.ts";
 
-/** An ordinary light map of a material, as a texture. */
-export interface Lightmap extends LightmapRecord {
-  readonly map: Texture;
-  /** Size of the encoded picture; 0 when unknown. */
-  readonly bytes: number;
-}
+export type { Lightmap };
 
 /** What the plugin leaves on `gltf.userData.lightwell`. */
 export interface LoadedLight extends NeuralRadiance {

@@ -2,7 +2,7 @@
 
 import { Color, type ColorRepresentation, type Material, Mesh, MeshStandardMaterial, type Object3D } from "three";
 import { fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
-import type { Lightmap } from "./loaded-light.ts";
+import type { Lightmap } from "./lightmap.ts";
 
 /** A group of lamps as a file declares it. */
 export interface LampRecord {
