@@ -12,17 +12,17 @@ const MAX_INTENSITY = 1e6;
 
 /** Irradiance of a diffuse surface is `intensity` times the texel; its radiance, albedo / π times that. */
 export interface LightmapRecord {
-  /** An ordinary light map of a material, as a texture. */
+  /** Index of the texture. */
+  readonly index: number;
+  readonly texCoord: number;
+  readonly intensity: number;
+}
+
+/** An ordinary light map of a material, as a texture. */
 export interface Lightmap extends LightmapRecord {
   readonly map: Texture;
   /** Size of the encoded picture; 0 when unknown. */
   readonly bytes: number;
-}
-
-/** Index of the texture. */
-  readonly index: number;
-  readonly texCoord: number;
-  readonly intensity: number;
 }
 
 /** The light map among a material's extensions, of a document with so many textures; null when there is none. */
