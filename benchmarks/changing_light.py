@@ -39,7 +39,7 @@ from lightwell.transport.camera import gbuffer
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "zoo"
 # Scene and switches.
 SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "loft": ("loft", ()),
+    "loft": ("loft", ("name",)),
     "pyraxia-hallway": (str(SHARED / "pyraxia-hallway" / "Hallway.gltf"), ("glow=Emission*", "eyes=Eyes*", "each")),
     "needle-lightmap-house": (str(SHARED / "needle-lightmap-house" / "house.glb"), ("each",)),
 }
