@@ -82,7 +82,7 @@ def _diffuse(graph: Graph, height: int, width: int, light: np.ndarray | None) ->
 def _without_gloss(graph: Graph) -> Graph:
     """The same graph with a mask that calls every texel Lambertian and lit."""
     mask = graph.buffers.get(MASK)
-    if mask is None:
+    if mask is None or mask.type != "uint8" or mask.shape[-1] != 3:
         return graph
     plain = np.zeros_like(mask.array)
     plain[..., 1] = 255

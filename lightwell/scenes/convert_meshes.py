@@ -29,7 +29,7 @@ def convert(request: Arrays) -> Arrays:
         ``glb`` [n] uint8, the file; ``lost`` [m] text, what it does not hold.
 
     Raises:
-        ValueError: The file has no triangles or cannot be read.
+        ValueError: The file cannot be read.
         MemoryError: There is not enough memory.
     """
     import trimesh
