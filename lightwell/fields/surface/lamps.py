@@ -56,12 +56,12 @@ class LampPreset:
     storage: str = "float16"
 
 
-# By quality: with the field of a moving light at most about 100, 300 and 1,000 kB.
+# By quality; no larger than the field of a scene whose lights have no switch.
 PRESETS = {
-    "draft": LampPreset(HashGrid(levels=3, base=7, growth=2, entries_log2=12, decay=(0.0, 0.3, 3.0)), (32, 32)),
-    "good": LampPreset(HashGrid(levels=4, base=7, growth=2, entries_log2=14, decay=(0.0, 0.3, 3.0, 10.0))),
+    "draft": LampPreset(HashGrid(levels=3, base=7, growth=1.9, entries_log2=12, decay=(0.0, 0.2, 2.0)), (32, 32)),
+    "good": LampPreset(HashGrid(levels=4, base=7, growth=1.7, entries_log2=13, decay=(0.0, 0.2, 2.0, 6.0))),
     "best": LampPreset(
-        HashGrid(levels=5, base=7, growth=2, entries_log2=15, decay=(0.0, 0.3, 3.0, 10.0, 30.0)), (64, 64)
+        HashGrid(levels=5, base=7, growth=1.7, entries_log2=15, decay=(0.0, 0.2, 2.0, 6.0, 18.0)), (64, 64)
     ),
 }
 
