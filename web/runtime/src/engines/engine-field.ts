@@ -83,8 +83,8 @@ export class EngineField {
       .join("\n  ");
   }
 
-  /** Evaluate what depends on the lamps, when they have moved. */
-  update(places: readonly (readonly number[])[]): void {
+  /** Evaluate what depends on the lamps, when they have moved; `dimmers` are factors of the scene's own lamps. */
+  update(places: readonly (readonly number[])[], dimmers: readonly number[]): void {
     const { frame } = this.program;
     if (!frame) return;
     const lights = this.lamps.length > 0 ? this.lamps.map((lamp) => places[lamp]!) : [[0, 0, 0]];
@@ -92,6 +92,6 @@ export class EngineField {
     if (key === this.evaluated) return;
     this.evaluated = key;
     const size = 4 * frame.blocks;
-    lights.forEach((light, i) => void evaluateFrame(this.graph, { light: [...light] }, this.frame.subarray(size * i, size * (i + 1))));
+    lights.forEach((light, i) => void evaluateFrame(this.graph, { light: [...light], lamps: dimmers }, this.frame.subarray(size * i, size * (i + 1))));
   }
 }

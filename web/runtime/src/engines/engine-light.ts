@@ -32,6 +32,8 @@ export class EngineLight {
   private readonly shown = new Float32Array([1, 1, 1]);
   private readonly places: Float32Array<ArrayBuffer>;
   private readonly tints: Float32Array<ArrayBuffer>;
+  /** What the scene's own lamps are multiplied by, as the file sets them: red of all groups, then green, then blue. */
+  private readonly dimmers: readonly number[];
 
   constructor(radiance: NeuralRadiance, weights?: "inline" | "texture") {
     this.lamps = radiance.variables.map((variable) => new EngineLamp(variable));
@@ -39,6 +41,7 @@ export class EngineLight {
     const count = Math.max(this.lamps.length, 1);
     this.places = new Float32Array(3 * count);
     this.tints = new Float32Array(3 * count);
+    this.dimmers = [0, 1, 2].flatMap((channel) => radiance.lamps.map(({ intensity, color }) => intensity * color[channel]!));
     this.uniforms = [
       { name: "lightwellShown", size: 3, values: this.shown, isArray: false },
       { name: "lightwellLamps", size: 3, values: this.places, isArray: true },
@@ -67,7 +70,7 @@ export class EngineLight {
       this.places.set(value, 3 * i);
       this.tints.set(color.map((c) => c * intensity), 3 * i);
     }
-    for (const field of this.fields) field.update(this.lamps.map((lamp) => lamp.value));
+    for (const field of this.fields) field.update(this.lamps.map((lamp) => lamp.value), this.dimmers);
   }
 
   /**
