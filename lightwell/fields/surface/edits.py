@@ -115,6 +115,8 @@ class EditedScene(State):
 def _check(before: Mapping[Role, EditState], job: Job, name: str) -> None:
     """Refuse what the earlier bake does not hold."""
     old = job.options.rebake
+    if job.request.lamps:
+        raise ValueError("bake: groups of lamps have no incremental bake yet; bake whole, or leave --lamps out")
     if not before:
         raise ValueError(
             f"bake: '{old}' holds nothing of this version of lightwell to start from; "
