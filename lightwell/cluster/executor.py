@@ -17,7 +17,7 @@ import numpy as np
 from distributed import Client, Future
 
 from lightwell.cluster import worker as remote
-from lightwell.cluster.ledger import Ledger
+from lightwell.cluster.ledger import Ledger, UnitFailed
 from lightwell.cluster.roster import Roster
 from lightwell.core.formats import ARRAYS
 from lightwell.core.keys import Key, array_digest, key
@@ -33,6 +33,8 @@ BACKLOG = 2
 # Seconds between two looks at the workers and at results, until a result must have come, and until a lost scheduler
 # must be back.
 LOOK, POLL, FETCH, BACK = 2.0, 0.01, 120.0, 120.0
+# Errors of a connection.
+LOST = (OSError, TimeoutError, asyncio.TimeoutError, asyncio.CancelledError)
 # Seconds between two lines about work that takes long.
 TELL = 30.0
 
@@ -151,7 +153,12 @@ class DaskExecutor:
         while waiting:
             try:
                 self._round(task, settings, waiting, shared, found)
-            except (OSError, TimeoutError) as error:
+            except UnitFailed:
+                raise
+            except (Exception, asyncio.CancelledError) as error:
+                # Clients raise all kinds of errors when their scheduler is gone; others are those of the work.
+                if not isinstance(error, LOST) and self.roster.client.status == "running":
+                    raise
                 # Results so far are files; what was on its way is in ``waiting`` again.
                 self._reconnect(error)
         return found
@@ -261,7 +268,7 @@ class DaskExecutor:
             self.stores = False
             self.say(f"[yellow]cluster: results are no longer stored:[/] {' '.join(str(error).split())}")
 
-    def _reconnect(self, error: Exception) -> None:
+    def _reconnect(self, error: BaseException) -> None:
         """Connect to the cluster again; without a scheduler the bake ends with one line."""
         self.say(f"[yellow]cluster: connection lost ({' '.join(str(error).split())[:100]}); connecting again")
         end = time.monotonic() + BACK
@@ -269,7 +276,7 @@ class DaskExecutor:
             try:
                 self.roster.adopt(self.connect())
                 return
-            except (OSError, TimeoutError):
+            except LOST:
                 if time.monotonic() > end:
                     raise RuntimeError(
                         f"cluster: no scheduler for {BACK:.0f} s; start it again and go on with --resume, with or "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Mapping
@@ -65,7 +66,7 @@ class Roster:
         Args:
             client: Client of the cluster.
         """
-        with contextlib.suppress(Exception):  # Whatever a client raises whose scheduler is gone.
+        with contextlib.suppress(Exception, asyncio.CancelledError):  # a client without a scheduler
             self.client.close(timeout=1)
         self.client = client
         self._ready, self._proving, self._looked = {}, {}, -LOOK
