@@ -62,6 +62,8 @@ def shader(program: dict) -> str:
             program["code"],
             "[numthreads(1, 1, 1)] void main(uint3 id : SV_DispatchThreadID) {",
             f"int base = int(id.x) * {given};",
+            # A binding that a program does not use is not in the layout.
+            "if (base < 0) { result[0] = given[0]; }",
             *body,
             "}",
         ]

@@ -30,7 +30,7 @@ def same(found: Scene, expected: Scene) -> None:
         np.testing.assert_allclose(ours[kind], moments, rtol=1e-4, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["two-rooms"])
+@pytest.mark.parametrize("name", ["two-rooms", pytest.param("courtyard", marks=pytest.mark.slow)])
 def test_a_scene_comes_back_from_obj_and_usd(name, tmp_path):
     scene = load(name)
     write_obj(scene, tmp_path / "room.obj")
