@@ -46,6 +46,7 @@ FOLDERS = (
 WRITTEN = {
     *("index.html", "report.html", "report.json", "compare.html", "compare.json", "probes.html", "rebake.json"),
     *("animation.json", "bake.json", "radiance-cache.npz", "OUT.json", "TOPIC.json", "lightwell-viewer.js"),
+    *("batch.html", "batch.json"),
     "lightwell-aframe.js",
     "lightwell.js",
 }
