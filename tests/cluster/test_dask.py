@@ -50,7 +50,7 @@ class Processes:
 
     def worker(self, **environment):
         return self.start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host",
-                          "127.0.0.1", "--death-timeout", "120", **environment)  # fmt: skip
+                          "127.0.0.1", "--death-timeout", "900", **environment)  # fmt: skip
 
     def end(self):
         for process in self.running:
