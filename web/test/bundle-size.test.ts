@@ -8,11 +8,11 @@ import { bundle, bundleChunks, type Chunk, gzipped, NOT_OURS } from "./support/b
 /** Gzipped bytes, without three.js, that a page fetches before it has a file, by what it imports. */
 const AT_ONCE = { loader: 12_000, typical: 30_000, webgpu: 30_000 } as const;
 /** Together with what is loaded for a file with a field of common ops. */
-const WITH_FIELD = { loader: 19_500, typical: 33_000, webgpu: 33_000 } as const;
+const WITH_FIELD = { loader: 19_500, typical: 34_500, webgpu: 34_500 } as const;
 /** What most pages never fetch. */
 const RARE = /^(encoding|fetch|lookup|top2|tree|half-resolution|segments)-/;
 /** The runtime as one module, with everything that is otherwise loaded on demand. */
-const LIMIT = 37_500;
+const LIMIT = 39_500;
 
 const CASES = {
   everything: 'export * from "lightwell";',

@@ -29,6 +29,8 @@ import type { TexelTexture } from "../graph/glsl.ts";
 import { chunksOf } from "./chunks.ts";
 import { CUBE_SIZE, DistanceCube } from "./distance-cube.ts";
 
+/** Version of PlayCanvas's shader chunks that ours are written for. */
+const CHUNKS_VERSION = "2.7";
 /** The lamp has been moved by hand when it is farther than this from where it was put. */
 const MOVED = 1e-5;
 
@@ -150,6 +152,7 @@ export class LearnedLight {
     const combine = ShaderChunks.get(this.app.graphicsDevice, SHADERLANGUAGE_GLSL).get("combinePS") as string;
     for (const material of materials) {
       if (!(material instanceof StandardMaterial)) continue;
+      material.shaderChunksVersion = CHUNKS_VERSION;
       const chunks = material.getShaderChunks(SHADERLANGUAGE_GLSL);
       for (const [name, text] of Object.entries(chunksOf(code, combine))) chunks.set(name, text);
       // Learned light has that of the bake's environment already.
