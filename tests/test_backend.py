@@ -46,7 +46,7 @@ def test_the_cure_of_each_platform_is_one_line_and_in_the_docs(system, processor
 
 def test_kernels_are_the_same_for_arrays_of_every_alignment():
     """Dr.Jit writes the alignment of the memory that it wraps into its kernels."""
-    memory = np.zeros(256, np.uint8)
+    memory = aligned(np.zeros(64), np.float32).view(np.uint8)
     hashes = {}
     for upload in (upload_floats, mi.Float):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
