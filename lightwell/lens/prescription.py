@@ -80,7 +80,10 @@ class Prescription:
 
     @cached_property
     def focal(self) -> float:
-        """Focal length, metres.
+        """Compute the focal length.
+
+        Returns:
+            Metres, > 0.
 
         Raises:
             LensError: The lens does not focus.
@@ -92,7 +95,10 @@ class Prescription:
 
     @cached_property
     def pupil(self) -> tuple[float, float]:
-        """Distance of the entrance pupil behind the first surface, metres, and its radius over that of the stop.
+        """Compute place and size of the entrance pupil.
+
+        Returns:
+            Distance behind the first surface, metres, and the pupil's radius over that of the stop.
 
         Raises:
             LensError: The pupil is at infinity.
