@@ -246,10 +246,19 @@ class FactoredField(SurfaceField):
 
         Returns:
             The prepared scene.
+
+        Raises:
+            ValueError: ``--lamps`` names no light, or comes with ``--no-static``.
         """
         state = super().prepare(job)
-        if job.request.lamps and "static" in state.roles:
-            state.lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
+        if job.request.lamps:
+            # Refused where the scene has no light, or none by these names, before anything is traced.
+            lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
+            if lamps and not job.request.static:
+                raise ValueError(
+                    "bake: --lamps needs the scene's own light, which --no-static leaves out; drop one"
+                )
+            state.lamps = lamps if "static" in state.roles else ()
         return state
 
     def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
