@@ -255,9 +255,7 @@ class FactoredField(SurfaceField):
             # Refused where the scene has no light, or none by these names, before anything is traced.
             lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
             if lamps and not job.request.static:
-                raise ValueError(
-                    "bake: --lamps needs the scene's own light, which --no-static leaves out; drop one"
-                )
+                raise ValueError("bake: --lamps needs the scene's own light, which --no-static leaves out; drop one")
             state.lamps = lamps if "static" in state.roles else ()
         return state
 
