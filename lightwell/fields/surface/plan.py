@@ -23,9 +23,9 @@ ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
 RAYS = {"draft": 64, "good": 128, "best": 256}
 # What is traced before the first gathered shard costs as much as so many paths per ray, all else included (four scenes,
-# 2 cores, 128 rays: 20 to 25 s for 2^18 points where 0.6 M paths are traced in a second). Fewer points have fewer bins,
+# 2 cores, 128 rays: 20 s for 2^18 points where 0.4 M paths are traced in a second). Fewer points have fewer bins,
 # which are too bright in dim rooms.
-PATHS_PER_RAY = 0.35
+PATHS_PER_RAY = 0.25
 # Points of a gathered shard that are its own, and bounds of the points in shards of them.
 FEWEST_GATHERED, MOST_GATHERED = 1, 16
 # Share of the steps before the adaptive stage.
