@@ -7,6 +7,7 @@ the time that is left then.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import TypeVar
@@ -17,7 +18,7 @@ from lightwell.core.work import WorkPart
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
 # Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
-GATHER_SHARE, TRACE_SHARE = 0.3, 0.25
+GATHER_SHARE, TRACE_SHARE = 0.4, 0.25
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
@@ -109,11 +110,11 @@ def plan_gather(seconds: float, paths_per_second: float, points_per_shard: int, 
         rays: Rays of a point.
 
     Returns:
-        Shards that the gather is made for, a power of two.
+        Shards that the gather is made for: the nearest power of two.
     """
     points = GATHER_SHARE * seconds * paths_per_second / (PATHS_PER_RAY * rays)
-    shards = min(max(int(points / points_per_shard), FEWEST_GATHERED), MOST_GATHERED)
-    return 1 << (shards.bit_length() - 1)
+    shards = min(max(points / points_per_shard, FEWEST_GATHERED), MOST_GATHERED)
+    return 1 << round(math.log2(shards))
 
 
 def plan_samples(
