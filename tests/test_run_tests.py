@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,15 @@ def test_every_room_runs_and_failures_are_named(jobs, capsys):
     text = capsys.readouterr().out
     assert len(re.findall("^said by the room$", text, re.MULTILINE)) == 3
     assert re.search(r"== good: 2 passed.* \d+ s", text)
+
+
+def test_a_room_that_waits_runs_beside_the_others(tmp_path):
+    """It ends when the only other job has run, and that one begins while it is not over."""
+    flag = tmp_path / "flag"
+    until = f"import pathlib, time\nwhile not pathlib.Path({str(flag)!r}).exists(): time.sleep(0.01)\n" + WRITE
+    waits = replace(room("web", 0, until), waits=True)
+    rooms = [waits, room("other", 0, f"import pathlib; pathlib.Path({str(flag)!r}).touch()\n" + WRITE)]
+    assert {one.room: one.failed for one in run_tests.run(rooms, 1, {})} == {"web": False, "other": False}
 
 
 def test_the_last_line_is_the_total():

@@ -65,6 +65,8 @@ class Room:
     folder: Path = ROOT
     may_be_empty: bool = False
     """Whether exit code 5, no test selected, is a success."""
+    waits: bool = False
+    """Whether it waits for most of its time, so that it runs beside ``jobs`` others."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ def web_room() -> Room:
         The room; Chromium is that of the environment or what ``tools/find-chromium.sh`` finds.
     """
     command = ("npm", "test", "--silent", "--", "--reporter=default", "--reporter=json")
-    return Room("web", command, "--outputFile.json=", read_vitest, ROOT / "web")
+    return Room("web", command, "--outputFile.json=", read_vitest, ROOT / "web", waits=True)
 
 
 def start(room: Room, folder: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
@@ -197,7 +199,7 @@ def run(rooms: list[Room], jobs: int, environment: dict[str, str]) -> Iterator[R
 
     Args:
         rooms: What to run, in this order.
-        jobs: Rooms that run at once, ≥ 1.
+        jobs: Rooms that run at once, ≥ 1, besides those that wait for most of their time.
         environment: Environment of the processes.
 
     Yields:
@@ -208,7 +210,7 @@ def run(rooms: list[Room], jobs: int, environment: dict[str, str]) -> Iterator[R
         folder = Path(name)
         try:
             while waiting or running:
-                while waiting and len(running) < jobs:
+                while waiting and (waiting[0].waits or sum(not one[0].waits for one in running.values()) < jobs):
                     room = waiting.popleft()
                     process = start(room, folder, environment)
                     running[process.pid] = room, process, time.monotonic()
@@ -268,12 +270,14 @@ def main(arguments: list[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(description="Run the tests room by room; the last line is the total.")
     parser.add_argument("--marks", default=MARKS, help="expression of pytest's -m; '' runs all (default: %(default)r)")
-    parser.add_argument("--jobs", type=int, default=2, help="rooms that run at once (default: %(default)s)")
+    parser.add_argument(
+        "--jobs", type=int, default=2, help="rooms that run at once, beside that of the web (default: %(default)s)"
+    )
     parser.add_argument(
         "--room", action="append", help="only this, such as tests/core, python or web (may be repeated)"
     )
     asked = parser.parse_args(arguments)
-    # The web tests are one long room that mostly waits for a browser: first, beside the others.
+    # The web tests take twice as long as the processor works for them: first, beside the others.
     rooms = [web_room(), *python_rooms(asked.marks)]
     wanted = {name.rstrip("/") for name in asked.room or ("python", "web")}
     if unknown := wanted - {"python"} - {room.name for room in rooms}:

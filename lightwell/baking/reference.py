@@ -134,38 +134,51 @@ def trace_reference(
     Returns:
         The reference. What a store holds is not traced again.
     """
-    seed, size = settings.seed, settings.view_size
-    made_from = {"scene": scene.digest, "variable": variable, "roles": list(roles), "budget": budget, "seed": seed}
-
-    def kept(what: str, name: str, kind: type[T], make: Callable[[], T], **more: Any) -> T | None:
-        if store is None:
-            return notes.attempt(what, make, None)
-        of = key(f"reference.{name}", VERSION, **made_from, **more)
-        return notes.attempt(what, partial(store.get, of, make, RecordFormat(kind)), None)
-
+    made_from = {"scene": scene.digest, "variable": variable, "roles": list(roles)}
+    keep = _Keeper(made_from | {"budget": budget, "seed": settings.seed}, store, notes)
+    size, seed = settings.view_size, settings.seed
     with progress.stage("reference", settings.views + 3, "held-out lights and views") as bar:
         stage = stage or choose_stage(scene, variable, units, settings)
         points: dict[str, PointReference] = {}
-        views: list[ViewReference | None] = []
-        make: Callable[[], Any]
         for role in roles:
-            make = partial(trace_points, scene, variable, role, budget, seed)
-            if found := kept(f"the score at surface points ({role})", f"points-{role}", PointReference, make):
+            make_points = partial(trace_points, scene, variable, role, budget, seed)
+            what = f"the score at surface points ({role})"
+            if found := keep(what, f"points-{role}", PointReference, make_points):
                 points[role] = found
         bar.advance()
-        make = partial(trace_sweep, scene, variable, budget, seed)
-        with_sweep = variable is not None and "indirect" in roles
-        sweep = kept("the error along the path of the light", "sweep", SweepReference, make) if with_sweep else None
+        sweep = None
+        if variable is not None and "indirect" in roles:
+            make_sweep = partial(trace_sweep, scene, variable, budget, seed)
+            sweep = keep("the error along the path of the light", "sweep", SweepReference, make_sweep)
         bar.advance()
+        views: list[ViewReference | None] = []
         for k, (camera, light) in enumerate(stage.views):
             make = partial(trace_view, scene, variable, camera, light, roles, size, budget.pixel_paths, stage.intensity)
             more = {"view": k, "of": settings.views, "size": list(size)}
-            views.append(kept(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
+            views.append(keep(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
             bar.advance()
         pictures = _page_views(scene, variable, stage, size, budget.picture_spp, "static" in roles, notes)
         display = _display_views(scene, stage, views, size, notes)
         bar.advance()
     return Reference(stage, points, views, sweep, pictures, display)
+
+
+@dataclass(frozen=True)
+class _Keeper:
+    """Makes the parts of a reference, or reads them from a store; a part that fails is noted."""
+
+    made_from: dict[str, Any]
+    """What all parts are made from, for their keys."""
+    store: Store | None
+    """None: nothing is kept."""
+    notes: LateNotes
+
+    def __call__(self, what: str, name: str, kind: type[T], make: Callable[[], T], **more: Any) -> T | None:
+        """A part, None when it fails; ``more`` is what it alone is made from."""
+        if self.store is None:
+            return self.notes.attempt(what, make, None)
+        of = key(f"reference.{name}", VERSION, **self.made_from, **more)
+        return self.notes.attempt(what, partial(self.store.get, of, make, RecordFormat(kind)), None)
 
 
 def _page_views(

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from lightwell.backend import dr, mi
 from lightwell.cache.frames import sampled_rays
 from lightwell.cache.scene_region import bounds_of
+from lightwell.rendering.indirect_baseline import IndirectBaseline
 
 # Pixels between the places where records are looked for, from pass to pass.
 STRIDES = (16, 8, 4, 2, 1)
@@ -178,7 +179,7 @@ def interpolate(
     return np.maximum(mean, 0), total > 0
 
 
-class IrradianceCacheIntegrator(mi.ad.integrators.common.ADIntegrator):
+class IrradianceCacheIntegrator(IndirectBaseline):
     """Direct light by path tracing, indirect light of diffuse reflection from an irradiance cache.
 
     Records are placed where the picture has none that is near enough, in passes over ever finer grids of pixels. Every
@@ -191,46 +192,25 @@ class IrradianceCacheIntegrator(mi.ad.integrators.common.ADIntegrator):
     ``max_depth`` (-1).
     """
 
+    plugin = "lightwell_irradiance_cache"
+
     def __init__(self, props: Any = None) -> None:
         """Read the parameters.
 
         Args:
             props: Mitsuba properties of the plugin; None: the defaults.
         """
-        props = mi.Properties("lightwell_irradiance_cache") if props is None else props
+        props = mi.Properties(self.plugin) if props is None else props
+        super().__init__(props)
         self.rings, self.sectors = int(props.get("rings", 8)), int(props.get("sectors", 24))
         self.accuracy = float(props.get("accuracy", 0.3))
         """Largest error of the split-sphere model at which a record is used."""
-        self.longest = int(props.get("max_depth", -1))
-        """Longest path in edges, -1: unlimited."""
         self.records: Records | None = None
         """Records of the last image."""
-        base = mi.Properties("lightwell_irradiance_cache")
-        base["max_depth"] = self.longest
-        super().__init__(base)
 
-    def render(
-        self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
-    ) -> Any:
-        """Render an image.
-
-        Args:
-            scene: Mitsuba scene.
-            sensor: Mitsuba sensor, or its index in the scene.
-            seed: Seed.
-            spp: Samples per pixel of the direct light, and of the places where irradiance is read; 0: those of the
-                sensor's sampler.
-            develop: Ignored; the image is always developed.
-            evaluate: Ignored; the image is always evaluated.
-
-        Returns:
-            [H, W, 3] tensor of linear radiance.
-        """
-        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        spp, first = spp or int(sensor.sampler().sample_count()), int(mi.UInt32(seed)[0])
-        direct = mi.load_dict({"type": "path", "max_depth": 2 if self.longest < 0 else min(self.longest, 2)})
-        picture = np.array(mi.render(scene, sensor=sensor, integrator=direct, spp=spp, seed=first))[..., :3]
-        height, width = picture.shape[:2]
+    def _indirect(self, scene: Any, sensor: Any, first: int, spp: int, size: tuple[int, int]) -> np.ndarray:
+        """See ``IndirectBaseline``."""
+        height, width = size
         self.records = None
         y, x = (v.ravel() for v in np.mgrid[:height, :width])
         total = np.zeros((height * width, 3))
@@ -244,7 +224,7 @@ class IrradianceCacheIntegrator(mi.ad.integrators.common.ADIntegrator):
             if self.records is not None:
                 found, _ = interpolate(self.records, position[wanted], normal[wanted], self.accuracy)
                 total[wanted] += reflectance[wanted] / np.pi * found
-        return mi.TensorXf((picture + (total / spp).reshape(height, width, 3)).astype(np.float32))
+        return total
 
     def _place(self, scene: Any, position: np.ndarray, normal: np.ndarray, seed: int) -> None:
         """Put records at those of [P, 3] places that have none near enough."""
@@ -310,4 +290,4 @@ def _seen(scene: Any, sensor: Any, seed: int) -> tuple[np.ndarray, ...]:
 
 def register() -> None:
     """Register ``lightwell_irradiance_cache`` with the active Mitsuba variant."""
-    mi.register_integrator("lightwell_irradiance_cache", lambda props: IrradianceCacheIntegrator(props))
+    mi.register_integrator(IrradianceCacheIntegrator.plugin, lambda props: IrradianceCacheIntegrator(props))

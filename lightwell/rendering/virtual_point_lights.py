@@ -21,6 +21,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.frames import sampled_rays
 from lightwell.cache.scene_region import bounds_of
+from lightwell.rendering.indirect_baseline import IndirectBaseline
 
 # Vertices of a light path from which Russian roulette may end it, and its largest survival probability (as Mitsuba's).
 RR_VERTEX, RR_MOST = 3, 0.95
@@ -128,7 +129,7 @@ def gather(scene: Any, si: Any, lights: VirtualLights, bound: float, active: Any
     return L
 
 
-class VplIntegrator(mi.ad.integrators.common.ADIntegrator):
+class VplIntegrator(IndirectBaseline):
     """Instant radiosity: direct light by path tracing, indirect light from virtual point lights.
 
     Each sample of the pixels has lights of its own, so that pictures of many samples converge to the bounded solution.
@@ -140,47 +141,26 @@ class VplIntegrator(mi.ad.integrators.common.ADIntegrator):
     of the scene (100; inf: none), ``max_depth`` (-1).
     """
 
+    plugin = "lightwell_vpl"
+
     def __init__(self, props: Any = None) -> None:
         """Read the parameters.
 
         Args:
             props: Mitsuba properties of the plugin; None: the defaults.
         """
-        props = mi.Properties("lightwell_vpl") if props is None else props
+        props = mi.Properties(self.plugin) if props is None else props
+        super().__init__(props)
         self.paths = int(props.get("paths", 64))
         """Light paths per sample."""
         self.clamp = float(props.get("clamp", 100.0))
         """Largest geometry term times the squared extent."""
-        self.longest = int(props.get("max_depth", -1))
-        """Longest path in edges, -1: unlimited."""
-        base = mi.Properties("lightwell_vpl")
-        base["max_depth"] = self.longest
-        super().__init__(base)
 
-    def render(
-        self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
-    ) -> Any:
-        """Render an image.
-
-        Args:
-            scene: Mitsuba scene.
-            sensor: Mitsuba sensor, or its index in the scene.
-            seed: Seed.
-            spp: Samples per pixel; 0: those of the sensor's sampler.
-            develop: Ignored; the image is always developed.
-            evaluate: Ignored; the image is always evaluated.
-
-        Returns:
-            [H, W, 3] tensor of linear radiance.
-        """
-        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        spp, first = spp or int(sensor.sampler().sample_count()), int(mi.UInt32(seed)[0])
+    def _indirect(self, scene: Any, sensor: Any, first: int, spp: int, size: tuple[int, int]) -> np.ndarray:
+        """See ``IndirectBaseline``."""
+        height, width = size
         low, high = bounds_of(scene)
         bound = self.clamp / float((high - low).max()) ** 2
-        direct = mi.load_dict({"type": "path", "max_depth": 2 if self.longest < 0 else min(self.longest, 2)})
-        size = sensor.film().crop_size()
-        width, height = int(size.x), int(size.y)
-        picture = np.array(mi.render(scene, sensor=sensor, integrator=direct, spp=spp, seed=first))[..., :3]
         total = np.zeros((height * width, 3))
         for number in range(spp):
             lights = trace_lights(scene, self.paths, self.longest, (first + 1) * 65_537 + number)
@@ -191,9 +171,9 @@ class VplIntegrator(mi.ad.integrators.common.ADIntegrator):
             ray, weight, _, _ = sampled_rays(sensor, sampler, 1)
             si = scene.ray_intersect(ray)
             total += np.array(gather(scene, si, lights, bound, si.is_valid()) * mi.Color3f(weight)).T
-        return mi.TensorXf((picture + (total / spp).reshape(height, width, 3)).astype(np.float32))
+        return total
 
 
 def register() -> None:
     """Register ``lightwell_vpl`` with the active Mitsuba variant."""
-    mi.register_integrator("lightwell_vpl", lambda props: VplIntegrator(props))
+    mi.register_integrator(VplIntegrator.plugin, lambda props: VplIntegrator(props))

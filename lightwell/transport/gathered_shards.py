@@ -6,7 +6,7 @@ are traced to the end among them gained nothing (four scenes, an eighth of the r
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
 
@@ -15,12 +15,10 @@ import numpy as np
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
-from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import Gather, Radiosity
-from lightwell.transport.samples import Query, Samples, SurfacePoints
-from lightwell.transport.seen import draw_seen
+from lightwell.transport.samples import Query, Samples
+from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds
 
 # Rays of a point, and the lights whose bins are lit.
@@ -30,8 +28,6 @@ MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 16384, 4096
 FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
-# Added to the index of an adaptive shard, so that it shares no random number with the others.
-ADAPTIVE_STREAM = 1 << 20
 # The residual is measured on at most this many of the known samples: the fit was trained on them, but a network of a
 # few thousand weights cannot memorise them.
 MOST_JUDGED = 1 << 18
@@ -73,8 +69,10 @@ class GatherSize:
         )
 
 
-class GatheredShards:
+class GatheredShards(SeenShards):
     """Makes shards of a declared light; what all of them share is traced when the first one is made."""
+
+    _stream = 0x6A
 
     def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
         """Prepare to make shards; nothing is traced yet.
@@ -85,23 +83,10 @@ class GatheredShards:
             settings: Sizes and seed.
             size: How much is traced before the first shard.
         """
-        self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
+        super().__init__(scene, variable, settings, size.points)
+        self._size = size
         self.seconds = 0.0
         """What tracing before the first shard took."""
-
-    @cached_property
-    def _seeds(self) -> np.ndarray:
-        return np.random.SeedSequence([self._settings.seed, 0x6A]).generate_state(4)
-
-    @cached_property
-    def points(self) -> SurfacePoints:
-        """Draw the points that all shards share.
-
-        Returns:
-            The points.
-        """
-        floor = max(self._size.points * self._settings.floor // self._settings.size, 1)
-        return draw_seen(self._scene, self._variable, self._size.points, int(self._seeds[0]), floor=floor).points
 
     @cached_property
     def lights(self) -> np.ndarray:
@@ -173,11 +158,8 @@ class GatheredShards:
         """Columns and counts of a shard of pairs, by index."""
         columns = {name: getattr(self._query, name)[point] for name in Query.__dataclass_fields__}
         half_a, half_b = self._gather(point, light)
-        chosen = self.points[point]
-        columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b, "weight": weight}
-        columns |= {"shape": chosen.shape, "triangle": chosen.triangle, "barycentric": chosen.barycentric}
-        columns |= {"flat": self._flat[point]}
-        return columns, {"paths": asdict(PathReport(paths=paths)), "rejection": asdict(Rejection())}
+        columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b}
+        return columns | place_columns(self.points[point], weight, self._flat[point]), path_counts(paths)
 
 
 def _spread(count: int, wanted: int, random: np.random.Generator) -> np.ndarray:

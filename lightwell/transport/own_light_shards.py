@@ -5,7 +5,6 @@ Whole paths to small emitters are noise that a field fits as spots; the light of
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from functools import cached_property
 
 import numpy as np
@@ -15,14 +14,12 @@ from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.adaptive import Predict
-from lightwell.transport.gathered_shards import ADAPTIVE_STREAM, GatherSize
+from lightwell.transport.gathered_shards import GatherSize
 from lightwell.transport.lamp_light import LampLight
-from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import Radiosity
-from lightwell.transport.samples import Query, Samples, SurfacePoints
-from lightwell.transport.seen import draw_seen
+from lightwell.transport.samples import Query, Samples
+from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, shard_seeds
 
 # Rays of a point relative to one of a moving light: each point is used once, and many are worth more than exact ones.
@@ -31,8 +28,10 @@ RAYS_SHARE = 4
 SHADOW_RAYS = 8
 
 
-class OwnLightShards:
+class OwnLightShards(SeenShards):
     """Makes shards of the scene's own light; bins and points are found when the first one is made."""
+
+    _stream = 0x6B
 
     def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
         """Prepare to make shards; nothing is traced yet.
@@ -43,22 +42,9 @@ class OwnLightShards:
             settings: Sizes and seed.
             size: Points that shards choose from, bins, and rays of a point of a moving light.
         """
-        self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
+        super().__init__(scene, variable, settings, size.points)
+        self._size = size
         self._rays = max(size.rays // RAYS_SHARE // 2 * 2, 2)
-
-    @cached_property
-    def _seeds(self) -> np.ndarray:
-        return np.random.SeedSequence([self._settings.seed, 0x6B]).generate_state(3)
-
-    @cached_property
-    def points(self) -> SurfacePoints:
-        """Draw the points that shards choose from.
-
-        Returns:
-            The points.
-        """
-        floor = max(self._size.points * self._settings.floor // self._settings.size, 1)
-        return draw_seen(self._scene, self._variable, self._size.points, int(self._seeds[0]), floor=floor).points
 
     @cached_property
     def _light(self) -> LampLight:
@@ -73,11 +59,9 @@ class OwnLightShards:
         shares = self._light.shares(chosen, self._rays, shard_seeds(settings, index)[2], SHADOW_RAYS)
         query = make_query(self._scene, chosen, np.zeros(3, np.float32))
         columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
-        columns |= {"half_a": shares.half_a[:, 0], "half_b": shares.half_b[:, 0], "shape": chosen.shape}
-        columns |= {"weight": np.ones(settings.size, np.float32), "flat": frames(self._scene, chosen)[2]}
-        columns |= {"triangle": chosen.triangle, "barycentric": chosen.barycentric}
-        report = PathReport(paths=settings.size * self._rays)
-        return columns, {"paths": asdict(report), "rejection": asdict(Rejection())}
+        columns |= {"half_a": shares.half_a[:, 0], "half_b": shares.half_b[:, 0]}
+        columns |= place_columns(chosen, np.ones(settings.size, np.float32), frames(self._scene, chosen)[2])
+        return columns, path_counts(settings.size * self._rays)
 
     def adaptive(self, known: Samples, predict: Predict) -> Make:
         """Make the function for more shards; they are as the others, with numbers of their own.
