@@ -56,6 +56,7 @@ def test_a_light_that_moves(tmp_path):
     assert {"light", "uv1"} <= set(fields[0].graph.inputs)
 
 
+@pytest.mark.slow
 def test_plain_has_no_network(tmp_path):
     report = bake(BakeSettings("cornell", tmp_path, preset="plain", **SMALL))
     assert report["macs_per_pixel"] == 0
@@ -135,10 +136,11 @@ def kept(monkeypatch):
 @pytest.mark.parametrize(
     "preset",
     [
-        "siren-two-stage",
         "directional",
-        "default-int8",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("report", "siren")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("default-int8", "report", "siren", "siren-two-stage")
+        ),
     ],
 )
 def test_every_preset_bakes(tmp_path, preset, kept):
@@ -215,7 +217,9 @@ def test_the_best_of_several_starts_is_taken():
     assert fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 19, starts=starts).seed == 0 and len(seen) == 2
 
 
-@pytest.mark.parametrize(("fewest", "size", "times"), [(2, 128, 1), (100_000, 64, 4)])
+@pytest.mark.parametrize(
+    ("fewest", "size", "times"), [(2, 128, 1), pytest.param(100_000, 64, 4, marks=pytest.mark.slow)]
+)
 def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size, times):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
     from lightwell.scenes import load

@@ -15,7 +15,11 @@ from lightwell.fields.budget import Budget
 PYTHON = os.environ.get("LIGHTWELL_BPY", "")
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "lightmap_blender.py"
 
-pytestmark = pytest.mark.skipif(not PYTHON, reason="LIGHTWELL_BPY does not name a Python that has bpy")
+# Blender is one of the programs that `make test-all` is for.
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not PYTHON, reason="LIGHTWELL_BPY does not name a Python that has bpy"),
+]
 
 
 def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path):

@@ -71,6 +71,8 @@ def test_the_page_is_self_contained(baked):
     assert "<!--lightwell-data-->" not in text
 
 
+# ``test_resume.test_interrupted_by_the_keyboard`` asks for the same bytes of a second bake, too.
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(baked, tmp_path):
     bake(small(tmp_path / "again"))
     assert (tmp_path / "again/scene.glb").read_bytes() == (baked[0] / "scene.glb").read_bytes()

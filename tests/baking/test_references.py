@@ -21,7 +21,7 @@ def test_a_reference_is_larger_and_nearer_to_many_paths():
     made = reference_picture(scene, camera, light, variable, SIZE, 8, 0, **options)
     assert made.shape == (height, width, 3)
     noisy = total_image(scene, camera, light, variable, width, height, 8, 0, **options)
-    many = total_image(scene, camera, light, variable, width, height, 1024, 7, **options)
+    many = total_image(scene, camera, light, variable, width, height, 256, 7, **options)
     error = lambda image: np.mean(((image - many) / (many + 0.05)) ** 2)  # noqa: E731
     assert error(made) < 0.5 * error(noisy)
 

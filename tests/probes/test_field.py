@@ -113,9 +113,8 @@ def test_a_file_beside_it_holds_the_baselines(moving, tmp_path):
 @pytest.mark.parametrize(
     "name",
     [
-        "mlp",
         "mlp-generated",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("product-field", "bare-relu-field-5")),
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("mlp", "product-field", "bare-relu-field-5")),
     ],
 )
 def test_every_weight_function_can_be_baked(name):

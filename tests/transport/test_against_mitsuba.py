@@ -144,7 +144,7 @@ def test_direct(glossy, roaming):
     assert same.mean() >= 0.99
 
 
-@pytest.mark.parametrize("name", ["cornell", "principled"])
+@pytest.mark.parametrize("name", ["cornell", pytest.param("principled", marks=pytest.mark.slow)])
 def test_twin(name, request, roaming):
     scene = request.getfixturevalue(name)
     points = sample_surface(scene, POINTS, 16, floor=4)
@@ -172,6 +172,7 @@ def test_no_planted_bug(principled, roaming, fair):
     assert passed, text
 
 
+@pytest.mark.slow
 def test_planted_view_sign(principled, roaming, fair):
     points, truth = fair
     assert not z_test(estimate(principled, with_view(points, -points.view), LIGHT, roaming) - truth)[0]
@@ -185,6 +186,7 @@ def test_planted_view_of_the_incoming_ray(principled, roaming, fair):
     assert not z_test(estimate(principled, with_view(points, mirrored), LIGHT, roaming) - truth)[0]
 
 
+@pytest.mark.slow
 def test_planted_light_as_direction(principled, roaming, fair):
     points, truth = fair
     towards = np.float32(LIGHT) - np.array(interaction(principled, points).p).T
@@ -197,6 +199,8 @@ def test_planted_albedo_twice(principled, roaming, fair):
     assert not z_test(estimate(principled, points, LIGHT, roaming) * np.float32([0.7, 0.5, 0.3]) - truth)[0]
 
 
+# The smallest of the planted bugs needs the most paths to be seen.
+@pytest.mark.slow
 def test_planted_direct_light_in_one_of_80_paths(cornell, roaming):
     points = sample_surface(cornell, 4 * POINTS, 18)
     truth = reference(cornell, points, {"light": point_light(LIGHT)})
