@@ -1,11 +1,13 @@
 """Pages that a build has or has not: live pages, which tools/live_pages.py puts into docs/_live, and the zoo.
 
 The directive ``{live-pages}`` lists the live pages; docs/zoo.md, which benchmarks/zoo.py writes, joins docs/index.md.
+A scene of the gallery or the zoo that has a live page links to it.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ from sphinx.application import Sphinx
 from lightwell.core.units import size_text
 
 FOLDER = Path(__file__).parent / "_live/live"
+# Documents with a heading for each scene.
+SCENES = ("docs/gallery", "docs/zoo")
 
 
 class LivePages(Directive):
@@ -77,6 +81,37 @@ def add_zoo(app: Sphinx, name: str, source: list[str]) -> None:
         source[0] = source[0].replace("\nlive-pages\n", "\nlive-pages\nzoo\n")
 
 
+def add_links(app: Sphinx, name: str, source: list[str]) -> None:
+    """Put a link to its live page below the heading of each scene that has one.
+
+    Args:
+        app: The application.
+        name: Document that was read.
+        source: Its text, changed in place.
+    """
+    if name in SCENES:
+        source[0] = linked(source[0], FOLDER)
+
+
+def linked(text: str, home: Path) -> str:
+    """Add links to live pages.
+
+    Args:
+        text: A document with headings ``## SCENE``.
+        home: Folder with a baked folder for each page.
+
+    Returns:
+        The document; scenes without a page are left as they are.
+    """
+
+    def link(heading: re.Match[str]) -> str:
+        if not (home / heading[1] / "index.html").is_file():
+            return heading[0]
+        return f'{heading[0]}\n<a href="../live/{heading[1]}/index.html">Move the lamp in it</a>\n'
+
+    return re.sub(r"^## ([\w.-]+)\n", link, text, flags=re.MULTILINE)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directive and the hook.
 
@@ -88,6 +123,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """
     app.add_directive("live-pages", LivePages)
     app.connect("source-read", add_zoo)
-    # The lists depend on files beside their pages.
-    app.connect("env-get-outdated", lambda *_: ["docs/live-pages", "docs/index"])
+    app.connect("source-read", add_links)
+    # These depend on files beside their pages.
+    places = ["docs/live-pages", "docs/index", *SCENES]
+    app.connect("env-get-outdated", lambda app, env, *_: [name for name in places if name in env.found_docs])
     return {"parallel_read_safe": True, "version": "1"}

@@ -24,9 +24,15 @@ def test_the_examples_run(tmp_path):
 def test_the_quick_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/main_job.json"
     before = results.read_bytes() if results.exists() else None
-    text = _run("benchmarks/main_job.py", "--quick", "--only", "parity,inference,training")
+    text = _run("benchmarks/main_job.py", "--quick", "--only", "parity")
     assert "parity NumPy / Dr.Jit" in text and "asked" in text
     assert (results.read_bytes() if results.exists() else None) == before
+
+
+@pytest.mark.slow
+def test_the_quick_benchmark_times_training_and_inference():
+    text = _run("benchmarks/main_job.py", "--quick", "--only", "inference,training")
+    assert "training: time of a step" in text and "in Dr.Jit over sgemm" in text
 
 
 def test_the_quick_web_benchmark_prints_rows_and_writes_nothing():

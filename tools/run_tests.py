@@ -128,14 +128,14 @@ def python_rooms(marks: str) -> list[Room]:
         marks: Expression of pytest's ``-m``; empty for all tests.
 
     Returns:
-        Folders of tests first, then single files.
+        Long rooms first, so that none is left alone at the end: ``quick``, folders of tests, then single files.
     """
     folders = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
     found = [str(path.relative_to(ROOT)) for path in folders + sorted((ROOT / "tests").glob("test_*.py"))]
     pytest = (sys.executable, "-m", "pytest", "-m", marks, "--durations=5", "--durations-min=1")
     return [
         Room(name, (*pytest, *places), "--junitxml=", read_junit, may_be_empty=True)
-        for name, places in [*((one, (one,)) for one in found if one not in QUICK), ("quick", QUICK)]
+        for name, places in [("quick", QUICK), *((one, (one,)) for one in found if one not in QUICK)]
     ]
 
 

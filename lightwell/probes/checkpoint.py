@@ -64,7 +64,7 @@ def state_arrays(lit: SolvedVolume, facts: dict[str, Any], more: dict[str, np.nd
         "function": volume.function,
         "offset": volume.offset,
         "errors": list(lit.solution.errors),
-        "effort": asdict(lit.effort),
+        "effort": asdict(lit.sampling),
         "seed": lit.seed,
         "facts": facts,
     }
@@ -130,9 +130,11 @@ def _lit(head: dict[str, Any], arrays: dict[str, Any], geometry: Geometry, count
     solution = Solution(light, _array(arrays, "orphans", "?", (total,)), tuple(map(float, head["errors"])), residual)
     _check(residual.shape == (total,), "residual")
     wanted = {name: type(value) for name, value in asdict(ProbeSampling()).items()}
-    effort = ProbeSampling(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
-    _check(2 <= effort.paths <= 1 << 20 and 2 <= effort.probe_paths <= 1 << 20 and 1 <= effort.most <= 64, "effort")
-    return SolvedVolume(geometry, start, SolveRows(**values), number, solution, effort, int(head["seed"]), lights)
+    sampling = ProbeSampling(**{name: kind(head["effort"][name]) for name, kind in wanted.items()})
+    _check(
+        2 <= sampling.paths <= 1 << 20 and 2 <= sampling.probe_paths <= 1 << 20 and 1 <= sampling.most <= 64, "effort"
+    )
+    return SolvedVolume(geometry, start, SolveRows(**values), number, solution, sampling, int(head["seed"]), lights)
 
 
 def _level(arrays: dict[str, Any], lattice: ProbeLattice, layout: Pattern) -> BrickLevel:

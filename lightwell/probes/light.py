@@ -38,7 +38,7 @@ class SolvedVolume:
     """[I] random streams of the samples, which encode cell and support point."""
     solution: Solution
     """Result of the solve."""
-    effort: ProbeSampling
+    sampling: ProbeSampling
     """Numbers of samples and paths."""
     seed: int
     """Seed of the paths."""
@@ -70,7 +70,7 @@ def traced(
     scene: Scene,
     geometry: Geometry,
     probes: np.ndarray,
-    effort: ProbeSampling,
+    sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     light: np.ndarray | None = None,
@@ -81,7 +81,7 @@ def traced(
         scene: The scene.
         geometry: The weights.
         probes: [B] indices of probes in the volume.
-        effort: Number of paths.
+        sampling: Number of paths.
         seed: Seed of the paths.
         variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced; None for the scene's own
             emitters.
@@ -95,8 +95,8 @@ def traced(
     out = np.zeros((len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        more = dict(variable=variable, light=light, numbers=number[probes], direct=effort.direct)
-        found = air_light(scene, place[probes], effort.probe_paths, seed, **more)
+        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct)
+        found = air_light(scene, place[probes], sampling.probe_paths, seed, **more)
         out[probes] = found.sh
     return out
 
@@ -104,7 +104,7 @@ def traced(
 def light_volume(
     scene: Scene,
     geometry: Geometry,
-    effort: ProbeSampling,
+    sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
@@ -115,7 +115,7 @@ def light_volume(
     Args:
         scene: The scene.
         geometry: The weights.
-        effort: Numbers of samples and paths.
+        sampling: Numbers of samples and paths.
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
         lights: [S, 3] positions (or directions) of the declared light; None without one.
@@ -127,20 +127,20 @@ def light_volume(
     probes, first = np.flatnonzero(geometry.volume.alive), 0
     if coarse is not None:
         probes, first = probes[probes >= len(geometry.volume.lattice)], 1
-    start = _traced_states(scene, geometry, probes, effort, seed, variable, lights)
-    samples, number = rows(scene, geometry, effort, _sample_seed(seed, lights), variable, lights, first=first)
+    start = _traced_states(scene, geometry, probes, sampling, seed, variable, lights)
+    samples, number = rows(scene, geometry, sampling, _sample_seed(seed, lights), variable, lights, first=first)
     if coarse is not None:
         start[..., : len(geometry.volume.lattice), :, :] = coarse.start
         samples, number = joined(coarse.samples, samples), np.concatenate([coarse.number, number])
     solution = solve(geometry.volume, samples, start)
-    return SolvedVolume(geometry, start, samples, number, solution, effort, seed, lights)
+    return SolvedVolume(geometry, start, samples, number, solution, sampling, seed, lights)
 
 
-def _traced_states(scene, geometry, probes, effort, seed, variable, lights) -> np.ndarray:
+def _traced_states(scene, geometry, probes, sampling, seed, variable, lights) -> np.ndarray:
     """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states of a declared light."""
     if lights is None:
-        return traced(scene, geometry, probes, effort, seed)
-    return np.stack([traced(scene, geometry, probes, effort, seed + k, variable, at) for k, at in enumerate(lights)])
+        return traced(scene, geometry, probes, sampling, seed)
+    return np.stack([traced(scene, geometry, probes, sampling, seed + k, variable, at) for k, at in enumerate(lights)])
 
 
 def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
@@ -167,7 +167,7 @@ def refined(
     if not len(chosen):
         return lit
     geometry = with_bricks(scene, lit.geometry, chosen, fit)
-    return light_volume(scene, geometry, lit.effort, lit.seed, variable, lit.lights, coarse=lit)
+    return light_volume(scene, geometry, lit.sampling, lit.seed, variable, lit.lights, coarse=lit)
 
 
 def placed(geometry: Geometry, samples: SolveRows, solution: Solution, budget: float = BUDGET) -> np.ndarray:
@@ -207,9 +207,9 @@ def relit(
     """
     geometry, again = rebake(scene, before.geometry, box, fit)
     start, lights = before.start.copy(), before.lights
-    traced_now = _traced_states(scene, geometry, again, before.effort, before.seed, variable, lights)
+    traced_now = _traced_states(scene, geometry, again, before.sampling, before.seed, variable, lights)
     start[..., again, :, :] = traced_now[..., again, :, :]
-    fresh, number = rows(scene, geometry, before.effort, _sample_seed(before.seed, lights), variable, lights, box)
+    fresh, number = rows(scene, geometry, before.sampling, _sample_seed(before.seed, lights), variable, lights, box)
     samples, numbers = _merged(before, fresh, number, box)
     old, new = before.geometry.volume, geometry.volume
     free = np.zeros(len(new.state), bool)
@@ -225,7 +225,7 @@ def relit(
         residual, orphans = np.zeros(len(samples.place)), np.zeros(len(samples.place), bool)
         residual[part], orphans[part] = found.residual, found.orphans
         solution = Solution(found.light, orphans, found.errors, residual)
-    made = SolvedVolume(geometry, start, samples, numbers, solution, before.effort, before.seed, lights)
+    made = SolvedVolume(geometry, start, samples, numbers, solution, before.sampling, before.seed, lights)
     return made, np.flatnonzero(free)
 
 

@@ -48,15 +48,15 @@ class ProbeSampling:
 
 
 def places(
-    geometry: Geometry, effort: ProbeSampling, box: np.ndarray | None = None, first: int = 0
+    geometry: Geometry, sampling: ProbeSampling, box: np.ndarray | None = None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Choose the points of the radiance samples: valid support points, at most ``effort.samples`` per cell.
+    """Choose the points of the radiance samples: valid support points, at most ``sampling.samples`` per cell.
 
     They are evenly distributed, as every run of the low-discrepancy pattern is.
 
     Args:
         geometry: The weights.
-        effort: Number of samples per cell.
+        sampling: Number of samples per cell.
         box: [2, 3] box; only cells that overlap it get samples. None for all cells.
         first: First level that gets samples; 1 leaves out the coarse lattice.
 
@@ -70,7 +70,7 @@ def places(
         cells = support.covered if box is None else touched(support.lattice, box)[0]
         cells = cells[support.slot[cells] >= 0]
         valid = support.valid[support.slot[cells]]
-        count = effort.samples if k == 0 else max(2, effort.samples // 8)
+        count = sampling.samples if k == 0 else max(2, sampling.samples // 8)
         row, point = np.nonzero(valid & (np.cumsum(valid, axis=1) <= count))
         place = support.points(cells)[row, point]
         number = SAMPLE_STREAM * (k + 1) + cells[row] * valid.shape[1] + point
@@ -82,7 +82,7 @@ def places(
 def rows(
     scene: Scene,
     geometry: Geometry,
-    effort: ProbeSampling,
+    sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
     lights: np.ndarray | None = None,
@@ -94,7 +94,7 @@ def rows(
     Args:
         scene: The scene.
         geometry: The weights.
-        effort: Numbers of samples and paths.
+        sampling: Numbers of samples and paths.
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
         lights: [S, 3] positions (or directions) of the declared light; None without one.
@@ -104,13 +104,13 @@ def rows(
     Returns:
         The samples, and [I] numbers of their random streams.
     """
-    at, number, cell, own = places(geometry, effort, box, first)
-    halves = _halves(scene, at, number, effort.paths, seed, effort.direct, variable, lights)
-    times = path_factors(_noise(halves), own, effort.most)
+    at, number, cell, own = places(geometry, sampling, box, first)
+    halves = _halves(scene, at, number, sampling.paths, seed, sampling.direct, variable, lights)
+    times = path_factors(_noise(halves), own, sampling.most)
     for k in np.unique(times[times > 1]):
         asked = np.flatnonzero(times == k)
-        paths = effort.paths * int(k - 1)
-        more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, effort.direct, variable, lights)
+        paths = sampling.paths * int(k - 1)
+        more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, sampling.direct, variable, lights)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
     light = halves.mean(axis=0).astype(np.float32)
     return SolveRows(at, np.zeros_like(at), light[0] if variable is None else light, cell, _noise(halves)), number

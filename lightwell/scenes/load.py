@@ -35,6 +35,11 @@ def load(
 
     Raises:
         SceneError: One line that names the defect and the cure.
+
+    Example:
+        >>> scene = lightwell.load("cornell")
+        >>> len(scene.meshes) > 5 and not scene.warnings
+        True
     """
     try:
         return _load(source, limits or Limits(), unit, allow_paths)

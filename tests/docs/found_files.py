@@ -48,6 +48,8 @@ def provide(folder: Path, baked: Path, settings: bool = False) -> None:
         (folder / name).write_bytes(without_learned_light((baked / "scene.glb").read_bytes()))
     for name in ("room.xml", "house.xml"):
         (folder / name).write_text(ROOM)
+    # Readers of a checkout have these where they are.
+    shutil.copytree(Path(__file__).parents[2] / "examples/lens", folder / "examples/lens")
     _frames(folder)
 
 

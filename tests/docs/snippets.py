@@ -39,9 +39,12 @@ SMALL: dict[str, list[str]] = {
     "render": ["--size", "32x20", "--spp", "1"],
     "samples": ["--samples", "256", "--paths", "2"],
 }
+# Options of fields whose defaults take minutes; those that a command gives itself stay.
+SMALL_FIELDS = {"probes": {"--preset": "draft", "--spacing": "1m"}, "lightmap": {"--size": "64"}}
 # Options that are lowered where a command has them.
 SMALLER = {"--frames": "2", "--size": "64", "--largest": "4", "--cluster": "local:1"}
 SMALL_PYTHON = [
+    (re.compile(r"shards=\d+"), 'shards=1, paths=2, views=1, truth="0.1s"'),
     (re.compile(r'budget="[^"]*"'), 'shards=1, steps=4, paths=2, views=1, truth="0.1s"'),
     (re.compile(r"spp=\d+"), "spp=1"),
     (re.compile(r"steps=\d+"), "steps=4"),
@@ -124,6 +127,9 @@ def lowered(words: list[str]) -> list[str]:
     added = list(SMALL.get(verb, []))
     if verb == "compare" and "--fields" not in words:
         added = []
+    field = words[words.index("--field") + 1] if verb == "bake" and "--field" in words else ""
+    for flag, value in SMALL_FIELDS.get(field, {}).items():
+        added += [flag, value] if flag not in words else []
     if "--rebake" in words:
         added = ["--paths", "2"]
     if "--preview" in words:

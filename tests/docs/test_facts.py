@@ -14,7 +14,10 @@ from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
 from lightwell.cli.whole_parser import whole_verbs
 from lightwell.core.scene_options import BUILTINS, SCENE_SUFFIXES, UNITS
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
+from lightwell.fields.lightmap.fit import PRESETS as LIGHT_MAPS
 from lightwell.fields.registry import BUILT_IN, PRESETS, QUALITY_PRESETS
+from lightwell.fields.surface.factored import PRESETS as FACTORED
+from lightwell.fields.surface.plan import RAYS
 from lightwell.limits import Limits
 
 from .snippets import PAGES, ROOT
@@ -188,6 +191,19 @@ def test_qualities_are_those_of_the_code():
     assert not [f for f in QUALITY_PRESETS if f"`{f}`" not in row + text[text.index("The bytes are those") :][:500]]
 
 
+def test_sizes_of_qualities_are_those_of_the_presets():
+    words, digits = {"three": 3, "four": 4, "five": 5}, str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+    rows = {row[0].strip("`"): row for row in _table((DOCS / "how-to/bake.md").read_text(), 7)}
+    for quality in QUALITY_SECONDS:
+        _, _, _, grid, rays, texels, _ = rows[quality]
+        levels, entries = re.match(r"(\w+) levels, 2([⁰-⁹¹²³]+) entries", grid).groups()
+        factored = FACTORED[QUALITY_PRESETS["factored"].get(quality, "default")].grid
+        assert (factored.levels, factored.entries_log2) == (words[levels], int(entries.translate(digits)))
+        assert RAYS[quality] == int(rays)
+        size = LIGHT_MAPS[QUALITY_PRESETS["lightmap"].get(quality, "default")].size
+        assert texels.split(" ")[0] == f"{size}²"
+
+
 def test_the_address_of_the_page():
     """Options of the page's address, its modes and what it compares with."""
     source = (ROOT / "web/viewer/src/options.ts").read_text()
@@ -215,6 +231,10 @@ def test_terms_of_reports_are_in_the_glossary():
     assert len(terms) > 15
     singular = {term: re.sub(r"(?<=ch)es$|(?<=h)s$|(?<=t)s$", "", term.lower().split(",")[0]) for term in terms}
     assert not [term for term, name in singular.items() if name not in names and name != "bytes"]
+    # Modes of the page, whose labels leave "light" out.
+    modes = re.findall(r'label: "(\w+)"', (ROOT / "web/viewer/src/modes.ts").read_text())
+    lower = [mode.lower().removesuffix("s") for mode in modes]
+    assert len(modes) > 5 and not [one for one in lower if not names & {one, f"{one} light"}]
 
 
 def test_defaults_in_the_pages_of_verbs_are_those_of_the_help():

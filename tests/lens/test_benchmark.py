@@ -4,9 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 def test_the_quick_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/lens.json"
     before = results.read_bytes() if results.exists() else None

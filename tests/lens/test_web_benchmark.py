@@ -29,6 +29,8 @@ def test_ours_is_closer_to_the_lens_than_every_other_page():
     assert not [line for line in text.splitlines() if "FLIP of ours" in line and "DOES NOT HOLD" in line]
 
 
+# In Chromium web/test/lens.test.ts holds the same program against Python in every run.
+@pytest.mark.slow
 @pytest.mark.skipif(not (ROOT / "web/node_modules/vite").exists(), reason="the web's packages are missing")
 def test_the_browsers_program_runs_through_wgpu_and_agrees_with_python(tmp_path):
     import wgpu

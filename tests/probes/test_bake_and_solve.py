@@ -272,7 +272,7 @@ def test_noisy_cells_get_more_paths(rooms, baked):
 def test_what_has_been_traced_without_bricks_is_not_traced_again(rooms, baked):
     lit = light_volume(rooms.scene, baked, ProbeSampling(8, 16, 16, most=4), 3)
     fine = refined(rooms.scene, lit, 2.0)
-    whole = light_volume(rooms.scene, fine.geometry, lit.effort, lit.seed)
+    whole = light_volume(rooms.scene, fine.geometry, lit.sampling, lit.seed)
     assert len(fine.volume.state) > len(baked.volume.state)
     for found, expected in ((fine.samples, whole.samples), (fine, whole), (fine.solution, whole.solution)):
         for name in ("light", "noise", "cell", "place", "number", "start", "residual"):

@@ -28,8 +28,8 @@ TINY = replace(
     PRESETS["draft"],
     states=6,
     rank=3,
-    effort=ProbeSampling(4, 16, 16),
-    static_effort=ProbeSampling(4, 16, 16),
+    sampling=ProbeSampling(4, 16, 16),
+    static_sampling=ProbeSampling(4, 16, 16),
     bricks=0.5,
     hidden=(8,),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from built_scenes import built
 
 from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.builtin import NAMES, build
@@ -12,12 +13,12 @@ from lightwell.scenes.lamps import group_lamps
 
 @pytest.fixture(scope="module", params=NAMES)
 def scene(request):
-    return build(request.param)
+    return built(request.param)
 
 
 @pytest.fixture(scope="module")
 def courtyard():
-    return build("courtyard")
+    return built("courtyard")
 
 
 def test_names():
@@ -73,7 +74,7 @@ def test_cameras_are_in_free_air_and_see_the_scene(scene):
 @pytest.mark.parametrize("name, inside", [("two-rooms", (1.5, 1.2, 0.3)), ("two-rooms", (-1.5, 1.2, 0.3))])
 def test_closed_rooms_have_no_gap(name, inside):
     """From inside no ray escapes and none meets a back face."""
-    scene = build(name)
+    scene = built(name)
     points = np.asarray(inside) + 0.2 * even_directions(64)
     hit, back, *_ = free_air(scene).trace(np.repeat(points, 1024, axis=0), np.tile(even_directions(1024), (64, 1)))
     assert hit.all()
@@ -93,7 +94,7 @@ def test_rooms_of_the_courtyard_see_the_sky_through_the_shaft_only(courtyard, ro
 
 
 def test_the_wall_between_the_rooms_is_thin_and_has_two_sides():
-    walls = [m for m in build("two-rooms").meshes if m.name in ("warm_white", "cool_white")]
+    walls = [m for m in built("two-rooms").meshes if m.name in ("warm_white", "cool_white")]
     ends = [np.unique(np.abs(m.positions[:, 0]).round(4)).min() for m in walls]
     np.testing.assert_allclose(ends, 0.025, atol=1e-4)
 
@@ -123,7 +124,7 @@ def test_textures_repeat_without_a_seam(courtyard):
 
 
 def test_the_loft_has_nine_lamps_and_a_screen():
-    groups = group_lamps(build("loft"), parse_lamps(()))
+    groups = group_lamps(built("loft"), parse_lamps(()))
     names = {"counter", "cove", "pendants", "floor", "ball", "desk", "bath", "bed_left", "bed_right", "screen"}
     assert {group.name for group in groups} == names
 
@@ -135,7 +136,7 @@ def test_the_digest_is_the_same_every_time(scene):
 
 
 def test_digests_tell_scenes_apart():
-    assert build("cornell").digest != build("two-rooms").digest
+    assert built("cornell").digest != built("two-rooms").digest
 
 
 def test_the_digest_notices_a_moved_vertex():

@@ -92,13 +92,14 @@ def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.obj", b"\0\1\2"),
         ("a.obj", b"v 0 0 0\nf 1 2 900000\n"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n"),
-        ("a.ply", b""),
         ("a.usda", b"#usda 1.0\ndef Mesh 'm' {"),
-        ("a.usdc", b"PXR-USDC" + bytes(200)),
-        ("a.usdz", b"PK\3\4"),
+        # Each is read by a process of its own.
+        pytest.param("a.obj", b"\0\1\2", marks=pytest.mark.slow),
+        pytest.param("a.ply", b"", marks=pytest.mark.slow),
+        pytest.param("a.usdc", b"PXR-USDC" + bytes(200), marks=pytest.mark.slow),
+        pytest.param("a.usdz", b"PK\3\4", marks=pytest.mark.slow),
     ],
 )
 def test_damaged_files_are_one_line(tmp_path, name, content):
@@ -142,7 +143,7 @@ def painted(made, mesh):
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
 
 
-@pytest.mark.parametrize("suffix", ["usda", "usdc"])
+@pytest.mark.parametrize("suffix", ["usda", pytest.param("usdc", marks=pytest.mark.slow)])
 def test_a_stage_of_centimetres_with_z_up_becomes_metres_with_y_up(tmp_path, suffix):
     made, mesh = stage(tmp_path / f"room.{suffix}")
     painted(made, mesh)

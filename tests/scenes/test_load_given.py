@@ -22,6 +22,13 @@ GLTF = {
     "zdm2/zdm2.glb": 57638,
 }
 MITSUBA = ("cornell-box", "veach-ajar", "veach-bidir", "staircase2", "living-room-2")
+# One of each kind is loaded in every run; all are scenes of others that `make test-all` is for.
+OFTEN = ("bevy-cornell/CornellBox.glb", "godot-living-room/living_room.glb", "cornell-box", "veach-bidir")
+
+
+def each(names):
+    """The scenes as parameters."""
+    return [pytest.param(name, marks=[] if name in OFTEN else pytest.mark.slow) for name in names]
 
 
 def check(scene) -> None:
@@ -36,14 +43,14 @@ def check(scene) -> None:
     assert len(scene.digest) == 64
 
 
-@pytest.mark.parametrize("name", GLTF)
+@pytest.mark.parametrize("name", each(GLTF))
 def test_gltf(name):
     scene = load(GIVEN / "gltf" / name)
     check(scene)
     assert sum(len(m.indices) for m in scene.meshes) == GLTF[name]
 
 
-@pytest.mark.parametrize("name", MITSUBA)
+@pytest.mark.parametrize("name", each(MITSUBA))
 def test_mitsuba(name):
     scene = load(GIVEN / "mitsuba" / name / "scene_mi3.xml")
     check(scene)
@@ -51,6 +58,7 @@ def test_mitsuba(name):
     assert scene.has_static_light
 
 
+@pytest.mark.slow
 def test_compressed_and_plain_are_the_same_room():
     plain, packed = (load(GIVEN / "gltf" / "room-soft-shadows" / f"room-{k}.glb") for k in ("decoded", "transformed"))
     check(packed)

@@ -341,7 +341,9 @@ def test_pictures_are_checked(tmp_path):
     assert "--limit texels=" in refused(path, limits=Limits(texels=1000))
 
 
-@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.pfm", "a.bmp", "a.tga"])
+@pytest.mark.parametrize(
+    "name", ["a.exr", "a.hdr", *(pytest.param(n, marks=pytest.mark.slow) for n in ("a.pfm", "a.bmp", "a.tga"))]
+)
 def test_pictures_of_other_formats_are_read_by_a_worker(tmp_path, name):
     pixels = np.linspace(0, 1, 4 * 6 * 3, dtype=np.float32).reshape(4, 6, 3)
     if name[2:] in ("bmp", "tga"):

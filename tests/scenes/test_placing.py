@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from built_scenes import built
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.stats import chi2
 
 from lightwell.scenes.assemble import assemble
-from lightwell.scenes.builtin import NAMES, build
+from lightwell.scenes.builtin import NAMES
 from lightwell.scenes.builtin.shapes import box, move, sphere
 from lightwell.scenes.free_air import even_directions, free_air, is_closed, triangle_distance
 from lightwell.scenes.placing import free_cells, held_out_lights, initial_light, sample_cameras, sample_lights
@@ -16,7 +17,7 @@ from lightwell.scenes.variables import PointLight, default_variable, sun_arc
 
 @pytest.fixture(scope="module")
 def scenes():
-    return {name: build(name) for name in NAMES}
+    return {name: built(name) for name in NAMES}
 
 
 def record(name, part, material=0):

@@ -145,7 +145,7 @@ def test_direct(glossy, roaming):
 
 
 @pytest.mark.parametrize("name", ["cornell", pytest.param("principled", marks=pytest.mark.slow)])
-def test_twin(name, request, roaming):
+def test_the_numpy_reference(name, request, roaming):
     scene = request.getfixturevalue(name)
     points = sample_surface(scene, POINTS, 16, floor=4)
     rng = np.random.default_rng(2)

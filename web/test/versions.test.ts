@@ -20,7 +20,7 @@ const ALIKE = 45;
 const psnr = (a: readonly number[], b: readonly number[]): number =>
   -10 * Math.log10(a.reduce((sum, x, i) => sum + (x - b[i]!) ** 2, 0) / a.length + 1e-12);
 
-describe.runIf(process.env.LIGHTWELL_LONG_TESTS)("three.js", () => {
+describe("three.js", () => {
   let browser: Browser;
   const site = new Site();
   const glb = Buffer.from(writeGlb(furnishedRoom())).toString("base64");

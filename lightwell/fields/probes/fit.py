@@ -62,8 +62,8 @@ class ProbesPreset:
 
     function: str = "relu-field"
     """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
-    effort: ProbeSampling = MOVING
-    static_effort: ProbeSampling = STILL
+    sampling: ProbeSampling = MOVING
+    static_sampling: ProbeSampling = STILL
     states: int = 48
     """Number of light states that are solved (S)."""
     rank: int = 8
@@ -84,7 +84,7 @@ class ProbesPreset:
 
 
 DRAFT = ProbesPreset(
-    effort=ProbeSampling(8, 16, 64, most=1), static_effort=ProbeSampling(8, 64, 128, most=1), states=12, rank=4
+    sampling=ProbeSampling(8, 16, 64, most=1), static_sampling=ProbeSampling(8, 64, 128, most=1), states=12, rank=4
 )
 # The weights hat × ratio: default (a ReLU field of 4³ bytes) and others by name; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
@@ -386,8 +386,8 @@ def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: in
     static = setup.light == "static"
     variable = None if static else setup.variable
     lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
-    effort = preset.static_effort if static else preset.effort
-    lit = light_volume(setup.scene, geometry, effort, seed, variable, lights)
+    sampling = preset.static_sampling if static else preset.sampling
+    lit = light_volume(setup.scene, geometry, sampling, seed, variable, lights)
     lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
     live = np.flatnonzero(lit.geometry.volume.alive)
     first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])

@@ -1,37 +1,12 @@
-"""The ops of the shading graph. Importing this package registers them all; one small file per group."""
+"""The ops of the shading graph. Importing this package registers those of all of its files."""
 
-from lightwell.graph.ops import (
-    activate,
-    arithmetic,
-    encoding,
-    fetch,
-    geometry,
-    hashgrid,
-    linear,
-    lookup,
-    shape,
-    top2,
-    tree,
-)
+from importlib import import_module
+from pkgutil import iter_modules
+
 from lightwell.graph.ops.op import OPS as OPS
 from lightwell.graph.ops.op import Op as Op
 from lightwell.graph.ops.op import Parameter as Parameter
 from lightwell.graph.ops.op import Use as Use
 
-__all__ = [
-    "OPS",
-    "Op",
-    "Parameter",
-    "Use",
-    "activate",
-    "arithmetic",
-    "encoding",
-    "fetch",
-    "geometry",
-    "hashgrid",
-    "linear",
-    "lookup",
-    "shape",
-    "top2",
-    "tree",
-]
+for _found in iter_modules(__path__, f"{__name__}."):
+    import_module(_found.name)
