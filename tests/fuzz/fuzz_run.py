@@ -191,6 +191,7 @@ def run(
     seconds: float = SECONDS,
     memory: int = MEMORY,
     enough: Callable[[], bool] = lambda: False,
+    worker: Worker | None = None,
 ) -> Tally:
     """Open the seeds of a format and some of its mutants.
 
@@ -202,18 +203,19 @@ def run(
         seconds: Limit of processor time for one file.
         memory: Limit of memory for one file, bytes.
         enough: Asked before each file; True ends the run.
+        worker: A process of the format's reader that is used and left running; None: one of its own.
     """
-    tally = Tally(format_.name)
-    with Worker(format_.reader, seconds, memory) as worker, tempfile.TemporaryDirectory() as place:
+    tally, used = Tally(format_.name), worker or Worker(format_.reader, seconds, memory)
+    with contextlib.nullcontext() if worker else used, tempfile.TemporaryDirectory() as place:
         for number, case in enumerate(format_.seeds):
-            tally.seeds.append(worker.open(write_case(case, Path(place) / f"seed{number}")))
+            tally.seeds.append(used.open(write_case(case, Path(place) / f"seed{number}")))
         for index in indices:
             if enough():
                 break
             folder = Path(place) / f"mutant{index}"
             path = write_case(format_.mutant(seed, index), folder)
             begin = time.monotonic()
-            outcome = worker.open(path)
+            outcome = used.open(path)
             tally.add(index, outcome, time.monotonic() - begin)
             if keep is not None and outcome.kind not in GOOD:
                 shutil.copytree(folder, keep / format_.name / f"{outcome.kind}-{seed}-{index}", dirs_exist_ok=True)

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from fuzz_formats import FORMATS
-from fuzz_run import Tally, run
+from fuzz_run import Tally, Worker, run
 
 # Mutants of each format in a usual run and in a long one.
 FEW, MANY = 20, 300
@@ -12,9 +12,17 @@ FEW, MANY = 20, 300
 
 @pytest.fixture(scope="module")
 def tallies() -> dict[str, Tally]:
-    """All formats, two at a time: their processes work, this one waits."""
+    """All formats, two readers at a time: their processes work, this one waits."""
+    readers = dict.fromkeys(one.reader for one in FORMATS.values())
     with ThreadPoolExecutor(2) as pool:
-        return dict(zip(FORMATS, pool.map(lambda name: run(FORMATS[name], range(FEW)), FORMATS)))
+        return {name: tally for found in pool.map(_by_reader, readers) for name, tally in found.items()}
+
+
+def _by_reader(reader: str) -> dict[str, Tally]:
+    """A few mutants of each format that a reader opens, in one process."""
+    with Worker(reader) as worker:
+        mine = [one for one in FORMATS.values() if one.reader == reader]
+        return {one.name: run(one, range(FEW), worker=worker) for one in mine}
 
 
 @pytest.mark.parametrize("name", FORMATS)
