@@ -111,17 +111,17 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
       viewer.setSplit(split);
     },
     setCamera: (position, target, fovY) => viewer.setCamera(position, target, fovY),
-    setLight: (value, index = 0) => viewer.desk.move(index, new Vector3().fromArray(value)),
-    setIntensity: (intensity, index = 0) => viewer.desk.setIntensity(index, intensity),
-    setColor: (linear, index = 0) => viewer.desk.setColor(index, new Color().fromArray(linear)),
+    setLight: (value, index = 0) => viewer.lampController.move(index, new Vector3().fromArray(value)),
+    setIntensity: (intensity, index = 0) => viewer.lampController.setIntensity(index, intensity),
+    setColor: (linear, index = 0) => viewer.lampController.setColor(index, new Color().fromArray(linear)),
     setStillLight: (on) => viewer.setStillLight(on),
     async addLamp(variable) {
-      const index = viewer.desk.add(variable);
+      const index = viewer.lampController.add(variable);
       await viewer.prepared();
       return index;
     },
     async removeLamp(index) {
-      viewer.desk.remove(index);
+      viewer.lampController.remove(index);
       await viewer.prepared();
     },
     async setHalf(on) {

@@ -2,7 +2,7 @@
 
 import type { DataTexture } from "three";
 import { meterExposure, type Picture } from "./readback.ts";
-import { calmExposure } from "./truth.ts";
+import { calmExposure } from "./reference-pictures.ts";
 
 export class Exposure {
   /** Stops on top of what was metered. */

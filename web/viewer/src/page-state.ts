@@ -72,13 +72,13 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
 /** Lamps that are asked for; a saved view that has its own keeps them while they agree. */
 function applyLights(viewer: Viewer, { lights }: Pick<Options, "lights">): void {
   lights.forEach(({ value, color, intensity }, index) => {
-    const lamp = viewer.lamps[index] ? index : viewer.desk.add();
+    const lamp = viewer.lamps[index] ? index : viewer.lampController.add();
     const shown = viewer.lamps[lamp];
     if (!shown) return;
     const place = value && new Vector3(...value);
-    if (place && !near(place, shown.value)) viewer.desk.move(lamp, place);
-    if (color && `#${shown.color.getHexString(SRGBColorSpace)}` !== color) viewer.desk.setColor(lamp, new Color(color));
-    if (intensity !== undefined && short([intensity]) !== short([shown.intensity])) viewer.desk.setIntensity(lamp, intensity);
+    if (place && !near(place, shown.value)) viewer.lampController.move(lamp, place);
+    if (color && `#${shown.color.getHexString(SRGBColorSpace)}` !== color) viewer.lampController.setColor(lamp, new Color(color));
+    if (intensity !== undefined && short([intensity]) !== short([shown.intensity])) viewer.lampController.setIntensity(lamp, intensity);
   });
 }
 

@@ -10,7 +10,7 @@ import type { ViewData } from "./page-data.ts";
 import { Pipeline } from "./pipeline.ts";
 import { type Picture, readCanvas, readTarget, timeFrames } from "./readback.ts";
 import type { Stage } from "./stage.ts";
-import { Truth } from "./truth.ts";
+import { ReferencePictures } from "./reference-pictures.ts";
 
 /** Everything that a frame depends on. */
 export interface Shown {
@@ -28,7 +28,7 @@ export interface Shown {
   /** Whether the learned light is still being compiled. */
   readonly preparing: boolean;
   /** Whether the picture goes through the lens before it is shown. */
-  readonly developed?: boolean;
+  readonly blurred?: boolean;
 }
 
 /** Whether a frame needs the path-traced picture of a saved view. */
@@ -39,7 +39,7 @@ export function needsReference({ mode, against }: Pick<Shown, "mode" | "against"
 /** Owns the render targets, the decoded references and the clock. */
 export class Presenter {
   readonly pipeline: Pipeline;
-  readonly truth: Truth;
+  readonly references: ReferencePictures;
   readonly timer: FrameTimer;
   /** Log of a shader that did not compile; empty when all did. */
   shaderError = "";
@@ -53,7 +53,7 @@ export class Presenter {
     this.rig = rig;
     this.pipeline = new Pipeline(renderer, options.samples);
     this.pipeline.uniforms.dither.value = options.dither ? 1 : 0;
-    this.truth = new Truth(renderer, this.pipeline);
+    this.references = new ReferencePictures(renderer, this.pipeline);
     this.timer = new FrameTimer(renderer.getContext() as WebGL2RenderingContext);
   }
 
@@ -72,7 +72,7 @@ export class Presenter {
     else pipeline.renderStage(pipeline.total, w, h, stage, rig.camera);
     if (this.shaderError) return { ok: false, isNew: false };
     const isNew = this.compare(shown, w, h);
-    if (!shown.developed) pipeline.present();
+    if (!shown.blurred) pipeline.present();
     return { ok: true, isNew };
   }
 
@@ -94,7 +94,7 @@ export class Presenter {
   }
 
   dispose(): void {
-    this.truth.clear();
+    this.references.clear();
     this.timer.dispose();
     this.pipeline.dispose();
   }
@@ -108,7 +108,7 @@ export class Presenter {
 
   /** Set up what the learned picture is compared with; returns whether its errors are new. */
   private compare(shown: Shown, width: number, height: number): boolean {
-    const { pipeline, truth, stage, rig } = this;
+    const { pipeline, references, stage, rig } = this;
     const { mode, view } = shown;
     pipeline.uniforms.show.value = stage.learned?.showsSegments ? SHOW.experts : SHOW.learned;
     if (mode === "split" && shown.against !== "reference") {
@@ -116,10 +116,10 @@ export class Presenter {
       pipeline.uniforms.show.value = SHOW.beside;
       return false;
     }
-    if (view === null || !needsReference(shown) || !truth.has(view.index)) return false;
+    if (view === null || !needsReference(shown) || !references.has(view.index)) return false;
     // A picture that lacks the learned light says nothing about it.
-    if (shown.preparing) truth.comparison = null;
-    const isNew = truth.draw({ index: view.index, view: view.data, mode, stage, rig });
+    if (shown.preparing) references.comparison = null;
+    const isNew = references.draw({ index: view.index, view: view.data, mode, stage, rig });
     return isNew && !shown.preparing;
   }
 }

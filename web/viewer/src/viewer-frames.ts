@@ -4,11 +4,11 @@ import { type FieldProgram, FormatError, type Lamp, type LearnedScene, rendererN
 import type { DataTexture, WebGLRenderer } from "three";
 import { CameraRig } from "./camera-rig.ts";
 import type { Comparison } from "./comparison.ts";
-import { Darkroom } from "./darkroom.ts";
+import { LensPass } from "./lens-pass.ts";
 import { Emitter } from "./emitter.ts";
 import type { ViewerEvents } from "./events.ts";
 import { Exposure } from "./exposure.ts";
-import { LensDesk, type LensHost } from "./lens-desk.ts";
+import { LensController, type LensHost } from "./lens-controller.ts";
 import { type Against, canShow, type Mode } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
@@ -44,7 +44,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   /** Whether the learned light is evaluated at half resolution. */
   half: boolean;
   /** What the user does with the lens. */
-  readonly lens: LensDesk;
+  readonly lens: LensController;
   /** Size of the file that is shown. */
   fileBytes = 0;
   protected readonly exposed: Exposure;
@@ -66,7 +66,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     this.stage = new Stage(this.renderer);
     this.rig = new CameraRig(canvas);
     this.presenter = new Presenter(this.renderer, this.stage, this.rig, options);
-    this.lens = new LensDesk(this.lensHost());
+    this.lens = new LensController(this.lensHost());
     this.scale = new RenderScale(options.size === null, () => this.invalidate());
     onShaderError(this.renderer, (log) => {
       this.presenter.shaderError = log;
@@ -105,7 +105,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   /** Errors against the reference of the saved view that is shown; null while unknown. */
   get comparison(): Comparison | null {
-    return this.preparing ? null : this.presenter.truth.comparison;
+    return this.preparing ? null : this.presenter.references.comparison;
   }
 
   /** Name that the driver gives itself. */
@@ -163,7 +163,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   /** The path-traced picture of a view, decoded once. */
   reference(index: number): Promise<DataTexture> {
-    return this.presenter.truth.picture(index, this.page.views[index]!, (error) => {
+    return this.presenter.references.picture(index, this.page.views[index]!, (error) => {
       if (error) this.emit("trouble", `View ${index + 1}: ${error.message}`);
       else this.changed();
     });
@@ -199,7 +199,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   dispose(): void {
     cancelAnimationFrame(this.requested);
     this.resizeObserver.disconnect();
-    this.presenter.truth.clear();
+    this.presenter.references.clear();
     this.stage.clear();
     this.lens.dispose();
     this.scale.dispose();
@@ -223,7 +223,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     }
     if (this.learned !== learned || compilation !== this.compilations) return;
     this.preparing = false;
-    this.presenter.truth.comparison = null;
+    this.presenter.references.comparison = null;
     this.changed();
   }
 
@@ -272,12 +272,12 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     const { mode, against, split, stillLight, exposure, preparing, view: index } = this;
     const view = index === null ? null : { index, data: this.page.views[index]! };
     const glowing = this.options.ui && !needsReference(this) && mode !== "experts";
-    const developed = this.lens.active;
-    if (developed) Darkroom.prepare(this.presenter.pipeline.total);
-    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing, developed };
+    const blurred = this.lens.active;
+    if (blurred) LensPass.prepare(this.presenter.pipeline.total);
+    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing, blurred };
     const { ok, isNew } = this.presenter.draw(shown, scale);
     if (!ok) return this.recover();
-    if (developed) void this.lens.develop();
+    if (blurred) void this.lens.blur();
     if (isNew) this.emit("change", undefined);
     this.emit("frame", undefined);
   }

@@ -4,13 +4,13 @@ import type { LampSetting } from "lightwell";
 import { Box3, type DataTexture, Vector3 } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { overview } from "./camera-rig.ts";
-import { LampDesk, type LampState } from "./lamp-desk.ts";
+import { LampController, type LampState } from "./lamp-controller.ts";
 import { AGAINST, type Against, type Mode, whyNot } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { needsReference } from "./presenter.ts";
 import { onContextLoss, seen } from "./renderer.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
-import { nearestReference } from "./truth.ts";
+import { nearestReference } from "./reference-pictures.ts";
 import { ViewerFrames } from "./viewer-frames.ts";
 
 const CONTEXT_LOST =
@@ -19,14 +19,14 @@ const CONTEXT_LOST =
 /** Changes what is shown. Change it through these methods alone. */
 export class Viewer extends ViewerFrames {
   /** What the user does to the lamps. */
-  readonly desk: LampDesk;
+  readonly lampController: LampController;
   private userMoved = false;
   /** The user's lamps while a reference, which has its own, is shown. */
   private parked: readonly LampState[] | null = null;
 
   constructor(canvas: HTMLCanvasElement, options: Options) {
     super(canvas, options);
-    this.desk = new LampDesk(this.stage, {
+    this.lampController = new LampController(this.stage, {
       relit: () => this.relit(),
       relamped: () => this.relamped(),
       say: (message) => this.say(message),
@@ -77,7 +77,7 @@ export class Viewer extends ViewerFrames {
     const [needed, needs] = [needsReference(this), needsReference({ mode, against: this.against })];
     if (needed && !needs) this.returnLamps();
     if (needs) {
-      if (!needed) this.parked = this.desk.states();
+      if (!needed) this.parked = this.lampController.states();
       if (this.view === null || !this.page.views[this.view]?.reference) {
         this.setView(nearestReference(this.page.views, this.rig.camera.position));
       }
@@ -99,7 +99,7 @@ export class Viewer extends ViewerFrames {
     const lamp = this.lamps[0];
     if (lamp && view.light) lamp.move(new Vector3(...view.light));
     this.view = index;
-    this.presenter.truth.comparison = null;
+    this.presenter.references.comparison = null;
     this.exposed.reset();
     if (view.reference)
       void this.reference(index).then(
@@ -147,7 +147,7 @@ export class Viewer extends ViewerFrames {
   setHalf(on: boolean): void {
     if (this.half === on) return;
     this.half = on;
-    this.presenter.truth.comparison = null;
+    this.presenter.references.comparison = null;
     void this.compile();
     this.changed();
   }
@@ -238,16 +238,16 @@ export class Viewer extends ViewerFrames {
   /** The lamps as the user left them before a reference was shown. */
   private returnLamps(): void {
     if (this.parked === null) return;
-    this.desk.restore(this.parked);
+    this.lampController.restore(this.parked);
     this.parked = null;
     this.view = null;
-    this.presenter.truth.comparison = null;
+    this.presenter.references.comparison = null;
   }
 
   /** Camera or light no longer agree with a saved view: its reference no longer says anything. */
   private leaveView(relit = false): void {
     this.view = null;
-    this.presenter.truth.comparison = null;
+    this.presenter.references.comparison = null;
     if (!needsReference(this)) return;
     this.mode = "learned";
     if (relit) this.parked = null;
@@ -257,7 +257,7 @@ export class Viewer extends ViewerFrames {
 
   /** The light of the bake. */
   private resetLight(): void {
-    this.desk.reset();
+    this.lampController.reset();
     this.stillLight = true;
   }
 
@@ -276,7 +276,7 @@ export class Viewer extends ViewerFrames {
   }
 
   private unload(): void {
-    this.presenter.truth.clear();
+    this.presenter.references.clear();
     this.stage.clear();
     this.view = null;
     this.parked = null;

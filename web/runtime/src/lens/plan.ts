@@ -9,7 +9,7 @@ import { composite, type PictureFormat } from "./wgsl-composite.ts";
 import { BEHIND, COARSEN_FIRST, COARSEN_NEXT, coarser, FLOOD, REFINE, SEED } from "./wgsl-fill.ts";
 import { FRAME_BYTES, STATS_WORDS } from "./wgsl-frame.ts";
 import { CHOOSE, EDGES, GATHER, RANGE } from "./wgsl-gather.ts";
-import { type Part, type Shelf, splat } from "./wgsl-splat.ts";
+import { type Part, type LibrarySlot, splat } from "./wgsl-splat.ts";
 import { columnsSolve, rowsBack, rowsForward, table } from "./wgsl-transform.ts";
 
 /** How a shader sees one of its bindings, in their order. */
@@ -75,9 +75,9 @@ export function plan(options: PlanOptions): Plan {
   // On a torus what leaves to the right comes back in the left guard, where nobody looks: one guard is enough for both sides.
   // Above and below there are two, whose outermost rows are dark and tell the level.
   const domain = [fastSize(width + guard), fastSize(height + 2 * guard)] as const;
-  const shelves = new Shelves();
-  const stillShelf = still && shelves.put(still);
-  const movingShelf = moving && shelves.put(moving);
+  const slots = new LibrarySlots();
+  const stillSlot = still && slots.put(still);
+  const movingSlot = moving && slots.put(moving);
   const pixels = width * height;
   const buffers: Record<string, PlannedBuffer> = {
     frame: { bytes: FRAME_BYTES },
@@ -85,7 +85,7 @@ export function plan(options: PlanOptions): Plan {
     place: { bytes: 16 * pixels },
     stats: { bytes: 4 * STATS_WORDS },
     cut: { bytes: 32 },
-    ...shelves.buffers(),
+    ...slots.buffers(),
     columns: of(table(domain[1])),
     rows: of(table(domain[0])),
   };
@@ -117,7 +117,7 @@ export function plan(options: PlanOptions): Plan {
     buffers[still_] = { bytes: 32 };
     const sources = part === "behind" ? ["behind_light", "behind_place"] : ["light", "place"];
     shaders[`splat_${part}`] = {
-      code: splat(part, stillShelf, movingShelf),
+      code: splat(part, stillSlot, movingSlot),
       bindings: ["uniform", "read", "read", "read", "read", "read", "read", "write"],
     };
     const area = [groups(width + 2 * extend, 8), groups(height + 2 * extend, 8), 1] as const;
@@ -142,12 +142,12 @@ function reachOf(library: SpreadletLibrary, largest: number): number {
 }
 
 /** Several libraries in the same three buffers. */
-class Shelves {
+class LibrarySlots {
   private readonly axes: number[] = [];
   private readonly records: number[] = [];
   private readonly points: Uint32Array[] = [];
 
-  put(library: SpreadletLibrary): Shelf {
+  put(library: SpreadletLibrary): LibrarySlot {
     const axes = library.axes.map((axis) => this.axes.push(...axis) - axis.length) as [number, number, number];
     const records = this.records.length / 4;
     const words = this.points.reduce((n, one) => n + one.length, 0);

@@ -10,7 +10,7 @@ import { turns } from "./library.ts";
 import { CUT, FRAME } from "./wgsl-frame.ts";
 
 /** Where a library lies in the shared buffers. */
-export interface Shelf {
+export interface LibrarySlot {
   readonly library: SpreadletLibrary;
   /** First value of each axis, first record and first word of points. */
   readonly axes: readonly [number, number, number];
@@ -37,14 +37,14 @@ const POINT = {
   }`,
 } as const;
 
-const scatterer = (name: string, shelf: Shelf): string => {
-  const { library } = shelf;
-  const [radius, second, angle] = library.axes.map((axis, i) => `${shelf.axes[i]}u, ${axis.length}u`) as [string, string, string];
+const scatterer = (name: string, slot: LibrarySlot): string => {
+  const { library } = slot;
+  const [radius, second, angle] = library.axes.map((axis, i) => `${slot.axes[i]}u, ${axis.length}u`) as [string, string, string];
   const dithered = library.family !== "depth";
   const point = `point_${name}`;
   return /* wgsl */ `
 fn ${point}(k: u32) -> vec3i {
-  const words = ${shelf.words}u;
+  const words = ${slot.words}u;
   ${POINT[library.offsetBits]}
 }
 fn scatter_${name}(at: vec2i, shine: vec4f, spot: vec3f) {
@@ -52,10 +52,10 @@ fn scatter_${name}(at: vec2i, shine: vec4f, spot: vec3f) {
   var node = locate(${radius}, abs(spot.x), at, 0u, ${dithered});
   node += ${library.axes[0].length}u * locate(${second}, aim.second, at, 1u, ${dithered});
   node += ${library.axes[0].length * library.axes[1].length}u * locate(${angle}, aim.angle, at, 2u, ${dithered});
-  var one = records[${shelf.records}u + 2u * node];
+  var one = records[${slot.records}u + 2u * node];
   let brightest = max(abs(shine.x), max(abs(shine.y), abs(shine.z))) / frame.white;
   if (brightest * bitcast<f32>(one.w) > frame.tolerance) {
-    let fine = records[${shelf.records}u + 2u * node + 1u];
+    let fine = records[${slot.records}u + 2u * node + 1u];
     if (fine.y != 0u) { one = fine; }
   }
   let mantissa = mantissa_of(shine, bitcast<f32>(one.z));
@@ -110,8 +110,8 @@ const turnedLoop = (point: string): string => /* wgsl */ `
 `;
 
 /** The scatter of one part of a frame, for pixels at rest and for those that move. */
-export function splat(part: Part, still: Shelf | null, moving: Shelf | null): string {
-  const shelves = [still && (["still", still] as const), moving && (["moving", moving] as const)].filter((s) => s !== null);
+export function splat(part: Part, still: LibrarySlot | null, moving: LibrarySlot | null): string {
+  const slots = [still && (["still", still] as const), moving && (["moving", moving] as const)].filter((s) => s !== null);
   const share = { all: "1.0", front: "front_share(spot.x, cut)", behind: "1.0" }[part];
   return /* wgsl */ `
 ${FRAME}${CUT}
@@ -210,7 +210,7 @@ fn share(n: vec4i, weight: i32) -> vec4i {
 }
 
 // ------------------------------------------------------------------ points
-${shelves.map(([name, shelf]) => scatterer(name, shelf)).join("")}
+${slots.map(([name, slot]) => scatterer(name, slot)).join("")}
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
   let at = vec2i(id.xy) - frame.extend;
@@ -230,7 +230,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
   ${
     still && moving
       ? `if (length(spot.yz) < ${STILL}) { scatter_still(at, shine, spot); } else { scatter_moving(at, shine, spot); }`
-      : `scatter_${shelves[0]![0]}(at, shine, spot);`
+      : `scatter_${slots[0]![0]}(at, shine, spot);`
   }
 }
 `;

@@ -28,9 +28,9 @@ export function listenToKeys(viewer: Viewer, shortcuts: Shortcuts, actions: KeyA
       s: () => viewer.nextAgainst(),
       f: () => void viewer.lens.set(!viewer.lens.on),
       r: () => viewer.setHalf(!viewer.half),
-      "+": () => viewer.desk.add(),
-      "=": () => viewer.desk.add(),
-      "-": () => viewer.desk.remove(viewer.lamps.length - 1),
+      "+": () => viewer.lampController.add(),
+      "=": () => viewer.lampController.add(),
+      "-": () => viewer.lampController.remove(viewer.lamps.length - 1),
       v: () => viewer.setView(((viewer.view ?? -1) + 1) % Math.max(viewer.page.views.length, 1)),
     }[event.key.toLowerCase()];
     action?.();

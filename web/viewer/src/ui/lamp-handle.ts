@@ -53,7 +53,7 @@ export class LampHandle {
   update(): void {
     const { viewer, element } = this;
     // Added lamps are told apart at the rim by their colour.
-    if (viewer.desk.isAdded(this.index))
+    if (viewer.lampController.isAdded(this.index))
       element.style.setProperty("--tint", `#${hexOf(viewer.lamps[this.index]!.color)}`);
     const at = this.lamp.clone().project(viewer.rig.camera);
     const { clientWidth, clientHeight } = viewer.canvas;
@@ -104,7 +104,7 @@ export class LampHandle {
   }
 
   private key(event: KeyboardEvent): void {
-    if (event.key === "Delete" || event.key === "Backspace") return this.viewer.desk.remove(this.index);
+    if (event.key === "Delete" || event.key === "Backspace") return this.viewer.lampController.remove(this.index);
     const direction = KEYS[event.key];
     if (!direction) return;
     event.preventDefault();
@@ -127,7 +127,7 @@ export class LampHandle {
   }
 
   private move(point: Vector3): void {
-    const clamped = this.viewer.desk.move(this.index, point);
+    const clamped = this.viewer.lampController.move(this.index, point);
     if (clamped && !this.clamped) this.viewer.say("The light stays inside the space it was learned for.");
     this.clamped = clamped;
     this.element.classList.toggle("clamped", clamped);

@@ -1,6 +1,6 @@
 /** The lens: on or off, f-number, focus by slider or by click. */
 
-import { FOCUS_RANGE, FSTOP_RANGE } from "../lens-desk.ts";
+import { FOCUS_RANGE, FSTOP_RANGE } from "../lens-controller.ts";
 import type { Viewer } from "../viewer.ts";
 import { createSection, createSlider } from "./controls.ts";
 import { el } from "./dom.ts";

@@ -17,10 +17,10 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
     "Intensity",
     [-STOPS, STOPS, 0.05],
     (stops) => `${format(variable.intensity * 2 ** stops)} ${unit}`,
-    (stops) => viewer.desk.setIntensity(index, variable.intensity * 2 ** stops),
+    (stops) => viewer.lampController.setIntensity(index, variable.intensity * 2 ** stops),
   );
   const color = el("input", { type: "color", "aria-label": "Colour of the light" });
-  color.addEventListener("input", () => viewer.desk.setColor(index, new Color(color.value)));
+  color.addEventListener("input", () => viewer.lampController.setColor(index, new Color(color.value)));
   const place = el("output", { class: "place" });
   const sun = lamp instanceof SunLamp ? lamp : null;
   const arc = sun
@@ -28,7 +28,7 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
         "Path",
         [0, 1, 0.002],
         (t) => `${Math.round(t * 100)} %`,
-        (t) => void viewer.desk.move(index, sun.arc.at(t, new Vector3())),
+        (t) => void viewer.lampController.move(index, sun.arc.at(t, new Vector3())),
       )
     : null;
   const update = () => {
@@ -58,12 +58,12 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
     ),
   ];
   const section = createSection(lampName(viewer, index), ...rows);
-  if (viewer.desk.isAdded(index)) section.querySelector("h2")?.append(createRemove(viewer, index));
+  if (viewer.lampController.isAdded(index)) section.querySelector("h2")?.append(createRemove(viewer, index));
   return section;
 }
 
 function createRemove(viewer: Viewer, index: number): HTMLElement {
-  const onclick = () => viewer.desk.remove(index);
+  const onclick = () => viewer.lampController.remove(index);
   return el("button", { type: "button", class: "text", title: "Take this lamp away (−)", onclick }, "Remove");
 }
 

@@ -25,7 +25,7 @@ function createAdd(viewer: Viewer): HTMLElement {
       type: "button",
       class: "text add",
       title: "Add a lamp: light adds up, so the same field plays it back (+)",
-      onclick: () => viewer.desk.add(),
+      onclick: () => viewer.lampController.add(),
     },
     "Add a lamp",
   );

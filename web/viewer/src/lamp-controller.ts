@@ -23,7 +23,7 @@ export interface LampState {
 }
 
 /** Moves, tints, adds and removes lamps; numbers count the declared lamps first. */
-export class LampDesk {
+export class LampController {
   private readonly stage: Stage;
   private readonly events: LampEvents;
 

@@ -1,4 +1,4 @@
-/** Develops the picture through the lens: colour and depth go from WebGL to a WebGPU device, and the blurred picture comes back. */
+/** Blurs the picture through the lens: colour and depth go from WebGL to a WebGPU device, and the blurred picture comes back. */
 
 import { DEFAULT_CAMERA, Lens, type LensCamera, readLibrary } from "lightwell/lens";
 import {
@@ -38,8 +38,8 @@ export function focalLength(camera: PerspectiveCamera): number {
   return DEFAULT_CAMERA.sensor / 2 / (Math.tan((camera.fov * Math.PI) / 360) * camera.aspect);
 }
 
-/** Owns the device, the lens on it, and the developed picture. Rows are bottom-up throughout, as WebGL has them. */
-export class Darkroom {
+/** Owns the device, the lens on it, and the blurred picture. Rows are bottom-up throughout, as WebGL has them. */
+export class LensPass {
   private readonly device: GPUDevice;
   private readonly lens: Lens;
   private readonly camera = new OrthographicCamera();
@@ -66,15 +66,15 @@ export class Darkroom {
     this.screen.frustumCulled = false;
   }
 
-  /** A darkroom, or why there is none. */
-  static async open(): Promise<Darkroom> {
+  /** The pass, or why there is none. */
+  static async open(): Promise<LensPass> {
     const adapter = await navigator.gpu?.requestAdapter();
     if (!adapter) throw new Error("The lens needs WebGPU, which this browser does not offer here.");
     const { maxStorageBufferBindingSize, maxBufferSize, maxComputeWorkgroupStorageSize } = adapter.limits;
     const requiredLimits = { maxStorageBufferBindingSize, maxBufferSize, maxComputeWorkgroupStorageSize };
     const device = await adapter.requestDevice({ requiredLimits });
     const library = await readLibrary(await (await fetch(disc)).arrayBuffer());
-    return new Darkroom(device, new Lens(device, { libraries: [library] }));
+    return new LensPass(device, new Lens(device, { libraries: [library] }));
   }
 
   /** Resolves when the device is gone, with what the browser says of it; never while it is there, or after `dispose`. */
@@ -90,7 +90,7 @@ export class Darkroom {
   }
 
   /** The picture of a target through the lens, as linear radiance of the same size; valid until the next one. */
-  async develop(renderer: WebGLRenderer, target: WebGLRenderTarget, camera: PerspectiveCamera, setting: LensSetting): Promise<Texture> {
+  async blur(renderer: WebGLRenderer, target: WebGLRenderTarget, camera: PerspectiveCamera, setting: LensSetting): Promise<Texture> {
     const { width, height } = target;
     const color = new Uint16Array(4 * width * height);
     renderer.readRenderTargetPixels(target, 0, 0, width, height, color);

@@ -24,7 +24,7 @@ export interface Compared {
 }
 
 /** Decodes each picture once, and owns the textures. */
-export class Truth {
+export class ReferencePictures {
   comparison: Comparison | null = null;
   private readonly renderer: WebGLRenderer;
   private readonly pipeline: Pipeline;

@@ -1,7 +1,7 @@
-/** What the user does with the lens, and when a frame is developed. */
+/** What the user does with the lens, and when a frame is blurred. */
 
 import { type PerspectiveCamera, Raycaster, Vector2, type WebGLRenderer } from "three";
-import { Darkroom, type LensSetting } from "./darkroom.ts";
+import { LensPass, type LensSetting } from "./lens-pass.ts";
 import type { Mode } from "./modes.ts";
 import type { Presenter } from "./presenter.ts";
 import type { Stage } from "./stage.ts";
@@ -23,34 +23,34 @@ export interface LensHost {
   say(message: string): void;
 }
 
-/** Whether the lens is on, where it is focused, and the frame that is being developed. */
-export class LensDesk {
+/** Whether the lens is on, where it is focused, and the frame that is being blurred. */
+export class LensController {
   on = false;
   readonly setting: { -readonly [K in keyof LensSetting]: LensSetting[K] } = { focus: 2, fstop: 1.4 };
   private readonly host: LensHost;
-  private darkroom: Darkroom | null = null;
+  private pass: LensPass | null = null;
   private busy = false;
   private again = false;
-  /** Those who wait for a developed frame. */
+  /** Those who wait for a blurred frame. */
   private waiting: (() => void)[] = [];
 
   constructor(host: LensHost) {
     this.host = host;
   }
 
-  /** Whether the next frame is developed before it is shown. */
+  /** Whether the next frame is blurred before it is shown. */
   get active(): boolean {
-    return this.on && this.darkroom !== null && MODES.includes(this.host.mode);
+    return this.on && this.pass !== null && MODES.includes(this.host.mode);
   }
 
-  /** Switch the lens; resolves when a developed frame is shown, or the sharp one again. */
+  /** Switch the lens; resolves when a blurred frame is shown, or the sharp one again. */
   async set(on: boolean, setting: Partial<LensSetting> = {}): Promise<void> {
     this.focusAt(setting.focus ?? this.setting.focus);
     this.setting.fstop = Math.min(FSTOP_RANGE[1], Math.max(FSTOP_RANGE[0], setting.fstop ?? this.setting.fstop));
-    if (on && !this.darkroom) {
+    if (on && !this.pass) {
       try {
-        this.darkroom = await Darkroom.open();
-        void this.darkroom.lost.then((message) => this.loseDevice(message));
+        this.pass = await LensPass.open();
+        void this.pass.lost.then((message) => this.loseDevice(message));
       } catch (error) {
         this.host.say(error instanceof Error ? error.message : String(error));
         this.host.changed();
@@ -75,8 +75,8 @@ export class LensDesk {
     return true;
   }
 
-  /** A frame was drawn and not shown: develop it, then show it. */
-  async develop(): Promise<void> {
+  /** A frame was drawn and not shown: blur it, then show it. */
+  async blur(): Promise<void> {
     if (this.busy) {
       this.again = true;
       return;
@@ -86,7 +86,7 @@ export class LensDesk {
     const { renderer, presenter, camera } = this.host;
     const { pipeline } = presenter;
     try {
-      const picture = await this.darkroom!.develop(renderer, pipeline.total, camera, this.setting);
+      const picture = await this.pass!.blur(renderer, pipeline.total, camera, this.setting);
       if (this.active) pipeline.presentInstead(picture);
     } catch (error) {
       this.on = false;
@@ -99,8 +99,8 @@ export class LensDesk {
 
   dispose(): void {
     this.on = false;
-    this.darkroom?.dispose();
-    this.darkroom = null;
+    this.pass?.dispose();
+    this.pass = null;
   }
 
   /** The device is gone: sharp pictures need none. */
