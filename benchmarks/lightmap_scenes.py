@@ -21,7 +21,7 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, sample_unit
 from lightwell.fields.lightmap.seams import SHARE, seam_pairs, seam_samples
-from lightwell.fields.lightmap.sides import TriangleSides, clear_glass, lit_scene, lit_sides
+from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides
 from lightwell.fields.lightmap.size_limit import CODECS
 from lightwell.fields.lightmap.square import roomy_atlas
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
@@ -36,6 +36,7 @@ from lightwell.scenes.variables import declare
 from lightwell.transport.camera import gbuffer
 from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.radiance import static
+from lightwell.transport.tables import tables
 
 GIVEN = Path(__file__).resolve().parents[2] / "shared" / "scenes"
 SCENES = {
@@ -173,7 +174,7 @@ class Views:
         width, height = traced.effort.view_size
         dark = {"static": Baked(constant_graph())}
         self.queries, self.seen, self.views, self.shapes, self.glass = [], [], [], [], []
-        glass = clear_glass(traced.scene)
+        glass = tables(traced.scene).clear
         for k, camera in enumerate(traced.truth):
             options = (traced.effort.view_size, traced.effort.view_paths, k)
             view = kept_view(traced, dark, camera, options)
@@ -411,7 +412,7 @@ def moving_rows(name: str, traced: Traced, views: Views, fit: LightmapFit) -> li
         points, mask, _ = gbuffer(traced.scene, camera, *effort.view_size)
         points = points[np.flatnonzero(mask)]
         query = query_of_lightmap(traced.scene, traced.made.atlas, points)
-        shiny = (query.roughness[:, 0] < GLOSSY) & ~clear_glass(traced.scene)[points.shape]
+        shiny = (query.roughness[:, 0] < GLOSSY) & ~tables(traced.scene).clear[points.shape]
         rows = np.flatnonzero(shiny)
         if not len(rows):
             continue

@@ -21,11 +21,11 @@ from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters, declared
-from lightwell.transport.tables import shape_index, shape_lookup
+from lightwell.transport.tables import shape_index, shape_lookup, tables
 
 # Surfaces with a larger null transmission than this are cut away, as a rasteriser does (glTF MASK).
 CUTOUT = 0.5
-# Cut-away surfaces that a camera ray passes at most.
+# Cut-away surfaces and panes of glass that a camera ray passes at most.
 CUTOUTS = 16
 # Samples per pixel of the guides of a denoiser.
 GUIDE_SAMPLES = 4
@@ -69,7 +69,7 @@ def gbuffer(
         rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), pixel, mi.UInt32(0))
         offset = mi.Point2f(rng.next_float32(), rng.next_float32())
     ray = camera_rays(camera, width, height, pixel, offset)
-    pi, ray = first_surface(scene.mi, ray)
+    pi, ray = first_surface(scene, ray)
     si = pi.compute_surface_interaction(ray)
     emission = dr.select(dr.isfinite(ray.d.x), si.emitter(scene.mi).eval(si), 0)
     hit = pi.is_valid()
@@ -297,24 +297,29 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
     return mi.Ray3f(upload(mi.Point3f, np.asarray([camera.position])), d)
 
 
-@dr.syntax
-def first_surface(geometry: mi.Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
-    """Find the first surface that is not cut away.
+def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
+    """Find the first surface that is neither cut away nor clear glass, which rays pass without refraction.
 
     Args:
-        geometry: Mitsuba scene.
+        scene: The scene.
         ray: [N] rays.
 
     Returns:
-        What the rays meet, and the rays that meet it: they begin behind the cut-outs, [N] each.
+        What the rays meet, and the rays that meet it: they begin behind what they have passed, [N] each.
     """
+    return _first_surface(scene.mi, shape_lookup(scene), mi.Bool(tables(scene).clear), ray)
+
+
+@dr.syntax
+def _first_surface(geometry, lookup, clear, ray):
     ray = mi.Ray3f(ray)
     pi = geometry.ray_intersect_preliminary(ray, coherent=True)
     passed = mi.UInt32(0)
     active = pi.is_valid()
     while active:
         si = pi.compute_surface_interaction(ray, mi.RayFlags.All, active)
-        active &= dr.mean(si.bsdf().eval_null_transmission(si, active)) > CUTOUT
+        glass = dr.gather(mi.Bool, clear, shape_index(lookup, pi.shape), active)
+        active &= glass | (dr.mean(si.bsdf().eval_null_transmission(si, active)) > CUTOUT)
         active &= passed < CUTOUTS
         if active:
             ray = si.spawn_ray(ray.d)

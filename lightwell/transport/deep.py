@@ -87,7 +87,7 @@ def _axis(camera: Camera) -> mi.Vector3f:
 
 def _next(scene: Scene, ray: mi.Ray3f) -> tuple[mi.SurfaceInteraction3f, mi.Ray3f]:
     """The next surface that is not cut away, and the ray that meets it."""
-    pi, ray = first_surface(scene.mi, ray)
+    pi, ray = first_surface(scene, ray)
     return pi.compute_surface_interaction(ray), ray
 
 

@@ -118,7 +118,7 @@ def _met(scene: Scene, count: int, random: np.random.Generator, rays) -> Surface
 
 
 def trace_rays(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> SurfacePoints:
-    """Find the first surfaces that rays meet; cut-outs are passed.
+    """Find the first surfaces that rays meet; cut-outs and clear glass are passed.
 
     Args:
         scene: The scene.
@@ -129,7 +129,7 @@ def trace_rays(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> Surfa
         The points that were met, viewed from the origins.
     """
     ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
-    pi, ray = first_surface(scene.mi, ray)
+    pi, ray = first_surface(scene, ray)
     hit = pi.is_valid()
     shape = dr.select(hit, shape_index(shape_lookup(scene), pi.shape), 0)
     triangle, uv = dr.select(hit, pi.prim_index, 0), dr.select(hit, pi.prim_uv, 0)

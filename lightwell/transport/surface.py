@@ -81,6 +81,8 @@ def draw_surface(
 ) -> SurfaceDraw:
     """Draw points, area-uniform over all sides that border on air; the same seed gives the same points.
 
+    Clear glass has none: the rasteriser draws what lies behind it.
+
     Args:
         scene: Scene with M meshes.
         count: Number of points, ≥ 1.
@@ -136,7 +138,7 @@ class _Candidates:
     """A seeded stream of accepted points on chosen meshes."""
 
     def __init__(self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None):
-        meshes, area = len(scene.meshes), tables(scene).mesh_area
+        meshes, area = len(scene.meshes), np.where(tables(scene).clear, 0, tables(scene).mesh_area)
         self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report
         self.accepted, self.tried = np.zeros((2, meshes), np.int64)

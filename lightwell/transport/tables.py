@@ -19,6 +19,8 @@ from lightwell.scenes.scene_cache import Derived
 WELD = 1e-5
 # A closed mesh that contains this share of the area of all other meshes is the shell of a room.
 SHELL_SHARE = 0.9
+# A surface without roughness that lets more than this share through is clear glass.
+CLEAR_TRANSMISSION = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class SceneTables:
     """[M] int: of a closed opaque body, +1 normals outwards, -1 inwards; 0 for all else and for shells of rooms."""
     transmissive: np.ndarray
     """[M] bool: light passes through (glass, masks)."""
+    clear: np.ndarray
+    """[M] bool: clear glass, which shows what lies behind it and is left to the rasteriser; none where all is glass."""
 
     @property
     def mesh_area(self) -> np.ndarray:
@@ -89,7 +93,14 @@ def _build(scene: Scene) -> SceneTables:
         air=np.where(shell, -turn, turn),
         volume=np.where(shell | ~one_way, 0, turn),
         transmissive=~one_way,
+        clear=_clear(scene),
     )
+
+
+def _clear(scene: Scene) -> np.ndarray:
+    materials = [scene.materials[mesh.material] for mesh in scene.meshes]
+    clear = np.array([m.delta and m.transmission > CLEAR_TRANSMISSION for m in materials], bool)
+    return clear & (not clear.all())
 
 
 def _bsdf_flags(bsdf) -> int:

@@ -79,7 +79,7 @@ def lit_sides(scene: Scene, seed: int) -> TriangleSides:
         The sides.
     """
     seen = sides_in_sight(scene, seed)
-    glass = clear_glass(scene)[tables(scene).mesh_of]
+    glass = tables(scene).clear[tables(scene).mesh_of]
     side, triangle = np.nonzero(seen & ~glass)
     area = tables(scene).area[triangle]
     brightest, least = np.zeros(len(side)), 0.0
@@ -109,7 +109,7 @@ def seen_sides(scene: Scene, seed: int) -> TriangleSides:
         The sides.
     """
     seen = sides_in_sight(scene, seed)
-    glass = clear_glass(scene)[tables(scene).mesh_of]
+    glass = tables(scene).clear[tables(scene).mesh_of]
     return TriangleSides(seen & ~glass, seen & glass, np.zeros_like(seen))
 
 
@@ -261,16 +261,3 @@ def matte(scene: Scene) -> np.ndarray:
         [M] bool.
     """
     return np.array([is_matte(scene.materials[mesh.material]) for mesh in scene.meshes], bool)
-
-
-def clear_glass(scene: Scene) -> np.ndarray:
-    """Find the transmissive meshes with a lobe too narrow for a light map; the rasteriser draws them.
-
-    Args:
-        scene: M meshes.
-
-    Returns:
-        [M] bool.
-    """
-    materials = [scene.materials[mesh.material] for mesh in scene.meshes]
-    return np.array([m.delta and m.transmission > 0.5 for m in materials], bool)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.fields.lightmap.media import media_meshes, volumetric
-from lightwell.fields.lightmap.sides import clear_glass, free_places, matte
+from lightwell.fields.lightmap.sides import free_places, matte
 from lightwell.fields.lightmap.trace import AtlasIrradiance, diffuse_albedo
 from lightwell.scenes.atlas import NOWHERE, Atlas
 from lightwell.scenes.normal_maps import relief
@@ -22,6 +22,7 @@ from lightwell.transport.queries import frames
 from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import SurfaceDraw, draw_surface
+from lightwell.transport.tables import tables
 
 # Points of a scene without glossy surfaces.
 FEW_EYES = 1 << 12
@@ -88,7 +89,7 @@ def eye_samples(
     Returns:
         The samples.
     """
-    wanted = ~matte(scene) & ~clear_glass(scene)
+    wanted = ~matte(scene) & ~tables(scene).clear
     draw = _drawn(scene, wanted, count, seed)
     points = towards_eyes(scene, draw.points, seed)
     if media_meshes(scene).any():
@@ -99,7 +100,7 @@ def eye_samples(
         a, b = corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
-    good &= ~clear_glass(scene)[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
+    good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
     weight = np.where(good, draw.weight, 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
 

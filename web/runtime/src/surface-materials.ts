@@ -4,6 +4,7 @@
  */
 
 import { Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points, type Side } from "three";
+import { isClear } from "./clear-glass.ts";
 import type { Lightmap } from "./loaded-light.ts";
 
 /**
@@ -149,7 +150,7 @@ export class SurfaceMaterials {
       material.shadowSide = shadowSide;
     }
     if (!(material instanceof MeshStandardMaterial)) return;
-    const look = this.finisher.looks.has("learned") ? "learned" : "plain";
+    const look = this.finisher.looks.has("learned") && !isClearGlass(material) ? "learned" : "plain";
     this.patches.set(material, this.finisher.patch(material, look));
   }
 
@@ -157,9 +158,10 @@ export class SurfaceMaterials {
   private copyFor(material: Material, look: SurfaceLook): Material {
     const { looks } = this.finisher;
     if (look === "learned" || !looks.has(look) || (look === "plain" && !looks.has("learned"))) return material;
-    // A small picture has one depth a pixel: what is blended is drawn at full resolution alone.
-    if (look === "upsampled" && material.transparent) return material;
-    const hidden = look === "indirect" && (material.transparent || !(material instanceof MeshStandardMaterial));
+    // A small picture has one depth a pixel: what is blended or shows what lies behind is drawn at full resolution alone.
+    const seeThrough = material.transparent || isClearGlass(material);
+    if (look === "upsampled" && seeThrough) return material;
+    const hidden = look === "indirect" && (seeThrough || !(material instanceof MeshStandardMaterial));
     if (!hidden && !(material instanceof MeshStandardMaterial)) return material;
     const twins = this.twins.get(look) ?? new Map<Material, Twin>();
     this.twins.set(look, twins);
@@ -193,8 +195,15 @@ export class SurfaceMaterials {
 
 /** Blended and transmissive surfaces would cast solid shadows. */
 function blocksLight(material: Material): boolean {
-  const transmission = (material as { transmission?: number }).transmission ?? 0;
-  return !material.transparent && transmission < 0.5;
+  return !material.transparent && transmissionOf(material) < 0.5;
+}
+
+function isClearGlass(material: Material): boolean {
+  return material instanceof MeshStandardMaterial && isClear(transmissionOf(material), material.roughness);
+}
+
+function transmissionOf(material: Material): number {
+  return (material as { transmission?: number }).transmission ?? 0;
 }
 
 function texturesOf(material: Material): { dispose(): void }[] {

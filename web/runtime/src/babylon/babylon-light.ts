@@ -10,6 +10,7 @@ import { RawTexture } from "@babylonjs/core/Materials/Textures/rawTexture.js";
 import { Matrix } from "@babylonjs/core/Maths/math.vector.js";
 import type { AbstractMesh } from "@babylonjs/core/Meshes/abstractMesh.js";
 import type { Scene } from "@babylonjs/core/scene.js";
+import { isClear } from "../clear-glass.ts";
 import { EngineLight, type EngineParts } from "../engines/engine-light.ts";
 import { SHADOW_TAPS } from "../engines/point-shadow.ts";
 import type { NeuralRadiance } from "../extension.ts";
@@ -123,7 +124,7 @@ export class LearnedLight implements PluginSource {
   private patch(keepsEnvironment: boolean): void {
     const materials = new Set(this.stand.meshes.map((mesh) => mesh.material));
     for (const material of materials) {
-      if (!(material instanceof PBRBaseMaterial)) continue;
+      if (!(material instanceof PBRBaseMaterial) || isGlass(material)) continue;
       this.plugins.push(new LearnedLightPlugin(material, this));
       if (keepsEnvironment) continue;
       const lit = material as PBRMaterial;
@@ -132,6 +133,11 @@ export class LearnedLight implements PluginSource {
       this.undo.push(() => void (lit.environmentIntensity = environmentIntensity));
     }
   }
+}
+
+function isGlass(material: PBRBaseMaterial): boolean {
+  const { subSurface, roughness } = material as PBRMaterial;
+  return subSurface.isRefractionEnabled && isClear(subSurface.refractionIntensity, roughness ?? 1);
 }
 
 function rawTexture({ data, width, height, format }: TexelTexture, scene: Scene): RawTexture {

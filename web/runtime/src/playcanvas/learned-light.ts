@@ -21,6 +21,7 @@ import {
   Vec3,
 } from "playcanvas";
 import { FormatError, type Vec3 as Triple } from "../checks.ts";
+import { isClear } from "../clear-glass.ts";
 import type { EngineLamp } from "../engines/engine-lamp.ts";
 import { EngineLight, type EngineParts } from "../engines/engine-light.ts";
 import { pointShadow, SHADOW_TAPS } from "../engines/point-shadow.ts";
@@ -151,7 +152,7 @@ export class LearnedLight {
     const code = this.light.code(`${SHADOW_TAPS}\n${shadows.join("\n")}`, lit);
     const combine = ShaderChunks.get(this.app.graphicsDevice, SHADERLANGUAGE_GLSL).get("combinePS") as string;
     for (const material of materials) {
-      if (!(material instanceof StandardMaterial)) continue;
+      if (!(material instanceof StandardMaterial) || isClear(material.refraction, 1 - material.gloss)) continue;
       material.shaderChunksVersion = CHUNKS_VERSION;
       const chunks = material.getShaderChunks(SHADERLANGUAGE_GLSL);
       for (const [name, text] of Object.entries(chunksOf(code, combine))) chunks.set(name, text);
