@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ from lightwell.files import Arrays
 from lightwell.graph import Graph
 from lightwell.networks.loop import Progress as Progress
 from lightwell.networks.loop import TrainingState
+from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Material, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.samples import Query, Samples
@@ -36,6 +37,8 @@ class FieldSetup:
     """Edges of the scene's bounds, metres; None: a cube of ``half_extent``."""
     matte: bool = False
     """Whether the radiance of all surfaces is view-independent: no glossy reflection."""
+    relief: bool = False
+    """Whether a material has a normal map."""
     scene: Scene | None = field(default=None, repr=False, compare=False)
     """The scene itself, for fields that trace rays of their own."""
     variable: Variable | None = field(default=None, repr=False, compare=False)
@@ -62,7 +65,8 @@ class FieldSetup:
         low, high = scene.core
         center, size = _triple((low + high) / 2), _triple(high - low)
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
-        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, scene, variable)
+        bumpy = bool(relief(scene).any())
+        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, scene, variable)
 
 
 # The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest
@@ -238,6 +242,5 @@ def query_inputs(query: Query) -> dict[str, np.ndarray]:
     Returns:
         [N, C] float32 arrays by name of the input.
     """
-    names = ["position", "normal", "view", "light", "reflectance", "roughness", "metallic"]
-    names += ["uv1", "shading_normal"] if hasattr(query, "uv1") else []
+    names = [f.name for f in fields(query)]
     return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}

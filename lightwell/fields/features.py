@@ -37,13 +37,18 @@ class FeatureOctaves:
     """Amplitude of an octave relative to the one below: smaller prefers smooth light where samples are few."""
 
 
-def open_builder() -> Builder:
+def open_builder(relief: bool = False, lamps: int = 0) -> Builder:
     """Start a graph that has the inputs of a query.
+
+    Args:
+        relief: Whether the graph may read normals that normal maps have bent.
+        lamps: Number of groups of lamps that have a switch.
 
     Returns:
         The builder.
     """
-    return Builder(**INPUT_WIDTHS)
+    more = ({"shading_normal": 3} if relief else {}) | ({"lamps": 3 * lamps} if lamps else {})
+    return Builder(**INPUT_WIDTHS, **more)
 
 
 def normalised(b: Builder, name: str, setup: FieldSetup, per_frame: bool = False) -> str:
@@ -160,18 +165,19 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
 EXIT_SOFTENING, FARTHEST_EXIT = 1e-3, 1e4
 
 
-def mirrored_point(b: Builder, setup: FieldSetup) -> str:
+def mirrored_point(b: Builder, setup: FieldSetup, normal: str = "normal") -> str:
     """Add the point where the mirrored ray leaves the box of the scene: what a glossy surface reflects is near it.
 
     Args:
         b: Graph to add nodes to.
         setup: Bounds of the scene.
+        normal: Input that mirrors.
 
     Returns:
         Name of the node with the point in [0, 1]³ of the grid's cube, width 3.
     """
     half = np.asarray(setup.size or (2 * setup.half_extent,) * 3) / 2
-    r = b.normalize(b.reflect("normal", "view"))
+    r = b.normalize(b.reflect(normal, "view"))
     # Place and direction in the box [-1, 1]³, and the sign of each component of the direction.
     p = b.affine("position", list(1 / half), [-c / h for c, h in zip(setup.center, half)])
     way = b.affine(r, list(1 / half), [0.0] * 3)
@@ -188,27 +194,28 @@ def mirrored_point(b: Builder, setup: FieldSetup) -> str:
     return b.add(place, b.scale(away, scale))
 
 
-def local_features(b: Builder, setup: FieldSetup) -> list[str]:
+def local_features(b: Builder, setup: FieldSetup, normal: str = "normal") -> list[str]:
     """Add the inputs that a grid cannot provide: the geometry of light and normal and, where a surface is glossy, of
     the view.
 
     Args:
         b: Graph to add nodes to.
         setup: Bounds and light of the scene.
+        normal: Input that light, view and surface are compared by.
 
     Returns:
         Names of nodes that are evaluated per pixel.
     """
-    pixel = ["normal"]
+    pixel = [normal]
     if not setup.matte:
-        r = b.normalize(b.reflect("normal", "view"))
-        pixel += [r, b.dot("normal", "view"), "reflectance", "roughness", "metallic"]
+        r = b.normalize(b.reflect(normal, "view"))
+        pixel += [r, b.dot(normal, "view"), "reflectance", "roughness", "metallic"]
     if setup.light == "sun":
-        pixel += [b.dot("normal", "light")] + ([] if setup.matte else [b.dot(r, "light")])
+        pixel += [b.dot(normal, "light")] + ([] if setup.matte else [b.dot(r, "light")])
     if setup.light == "point":
         to_light = b.subtract(_light(b, setup), normalised(b, "position", setup))
         distance, direction = b.length(to_light), b.normalize(to_light)
-        pixel += [direction, b.dot("normal", direction), b.log(distance, DISTANCE_SOFTENING)]
+        pixel += [direction, b.dot(normal, direction), b.log(distance, DISTANCE_SOFTENING)]
         pixel += [b.scale(b.reciprocal(distance, DISTANCE_SOFTENING * 10), 0.25)]
         pixel += [] if setup.matte else [b.dot(r, direction)]
     return pixel

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lightwell.scenes.atlas import Atlas
-from lightwell.scenes.normal_maps import shading_normals
 from lightwell.scenes.scene import Scene
 from lightwell.transport.queries import make_query
 from lightwell.transport.samples import Query, SurfacePoints
@@ -18,10 +17,8 @@ from lightwell.transport.visible import seen_side
 class LightmapQuery(Query):
     """A query with the second texture coordinates of an atlas."""
 
-    uv1: np.ndarray
+    uv1: np.ndarray = field(kw_only=True)
     """[N, 2] texture coordinates in the atlas, in [0, 1]."""
-    shading_normal: np.ndarray
-    """[N, 3] unit shading normal with the normal maps of the materials."""
 
 
 def query_of_lightmap(
@@ -41,5 +38,4 @@ def query_of_lightmap(
     query = make_query(scene, points, np.zeros(3, np.float32) if light is None else light)
     uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
     columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
-    bent = shading_normals(scene, points.shape, points.triangle, points.barycentric, query.normal)
-    return LightmapQuery(**columns, uv1=uv.astype(np.float32), shading_normal=bent)
+    return LightmapQuery(**columns, uv1=uv.astype(np.float32))

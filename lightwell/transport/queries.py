@@ -1,9 +1,10 @@
-"""Inputs of a field at surface points: position, normal, view, light and material."""
+"""Inputs of a field at surface points: position, normals, view, light and material."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from lightwell.scenes.normal_maps import shading_normals
 from lightwell.scenes.scene import Scene
 from lightwell.transport.samples import Query, SurfacePoints
 
@@ -35,6 +36,7 @@ def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
     return Query(
         position=position,
         normal=normal,
+        shading_normal=shading_normals(scene, points.shape, points.triangle, points.barycentric, normal),
         view=view,
         light=np.array(np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))),
         reflectance=np.maximum(np.asarray(reflectance, np.float32), SMALLEST_REFLECTANCE),

@@ -48,6 +48,12 @@ class Query:
     """[N, 1] glTF roughness in [0, 1]."""
     metallic: np.ndarray
     """[N, 1] glTF metalness in [0, 1]."""
+    shading_normal: np.ndarray = None  # type: ignore[assignment]
+    """[N, 3] ``normal`` bent by the normal maps of the materials; left out: none has one."""
+
+    def __post_init__(self) -> None:
+        if self.shading_normal is None:
+            object.__setattr__(self, "shading_normal", self.normal)
 
     def __len__(self) -> int:
         return len(self.position)

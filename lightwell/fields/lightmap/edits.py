@@ -39,7 +39,7 @@ from lightwell.transport.texels import Texels, texels
 KEY = key("lightmap.edit", 1)
 # Directions in which a texel looks for a change: there are many texels.
 RAYS = 4
-_ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte")
+_ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ VERSION = 1
 # Most samples that are kept: whole runs of one light, from all shards.
 MOST_SAMPLES = 1 << 18
 # Facts of the set-up that are kept.
-_SETUP = ("center", "half_extent", "unit", "light", "size", "matte")
+_SETUP = ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class FactoredFit(NetworkFit):
         preset = self.preset
         self.mirror = None if self.setup.matte else preset.mirror
         self.hidden = (preset.glossy_hidden if self.mirror else None) or preset.hidden
-        b = open_builder()
+        b = open_builder(self.setup.relief)
         point, pixel, frame = self._nodes(b)
         if self.mirror:
             point = b.concat(point, *self._mirrored(b))
@@ -139,7 +139,13 @@ class FactoredFit(NetworkFit):
     def _nodes(self, b: Builder) -> tuple[str, list[str], list[str]]:
         """(place in the grid, other inputs of a pixel, inputs of the light network)."""
         frame = light_features(b, self.setup, self.preset.light_octaves, self.preset.light_falloff)
-        return grid_point(b, self.setup, LIFT / self.preset.grid.layout[-1].cells), local_features(b, self.setup), frame
+        at = grid_point(b, self.setup, LIFT / self.preset.grid.layout[-1].cells)
+        return at, local_features(b, self.setup, self._normal), frame
+
+    @property
+    def _normal(self) -> str:
+        """Normal maps bend learned light as they bend direct light."""
+        return "shading_normal" if self.setup.relief else "normal"
 
     @property
     def macs(self) -> int:
@@ -182,7 +188,7 @@ class FactoredFit(NetworkFit):
         Returns:
             The graph.
         """
-        b = open_builder()
+        b = open_builder(self.setup.relief)
         point, pixel, frame = self._nodes(b)
         weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation
         values, steps = grid.even(weights["grid"])
@@ -200,7 +206,7 @@ class FactoredFit(NetworkFit):
 
     def _mirrored(self, b: Builder) -> tuple[str, str]:
         """(place where the mirrored ray leaves the scene, share of what is read there)."""
-        return mirrored_point(b, self.setup), b.affine("roughness", [-1.0], [1.0])
+        return mirrored_point(b, self.setup, self._normal), b.affine("roughness", [-1.0], [1.0])
 
     def _reflected(self, b: Builder) -> tuple[str, np.ndarray]:
         """Features of what the point reflects, and the magnitudes that the table was divided by."""

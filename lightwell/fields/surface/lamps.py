@@ -17,7 +17,7 @@ import numpy as np
 
 from lightwell.core.formats import ARRAYS, JSON
 from lightwell.fields.base import FieldSetup, around_samples
-from lightwell.fields.features import INPUT_WIDTHS, grid_point, local_features
+from lightwell.fields.features import grid_point, local_features, open_builder
 from lightwell.fields.protocol import Lowered, State, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.field import SurfaceFit
@@ -193,11 +193,12 @@ class LampsFit:
 
     def _nodes(self, b: Builder) -> tuple[str, str]:
         """(place in the grid, other inputs of a pixel)."""
+        normal = "shading_normal" if self.setup.relief else "normal"
         lift = LIFT / self.preset.grid.layout[-1].cells
-        return grid_point(b, self.setup, lift), b.concat(*local_features(b, self.setup))
+        return grid_point(b, self.setup, lift), b.concat(*local_features(b, self.setup, normal))
 
     def _input_graph(self) -> Graph:
-        b = Builder(**INPUT_WIDTHS)
+        b = open_builder(self.setup.relief)
         point, pixel = self._nodes(b)
         return b.build(point=point, pixel=pixel)
 
@@ -213,7 +214,7 @@ class LampsFit:
             The graph.
         """
         groups, width = len(self.names), self.network.hidden[-1]
-        b = Builder(**INPUT_WIDTHS, lamps=3 * groups)
+        b = open_builder(self.setup.relief, groups)
         point, pixel = self._nodes(b)
         weights, grid = self._trainer.best, self.preset.grid
         values, steps = grid.even(weights["grid"])
