@@ -117,21 +117,25 @@ def test_a_mirrored_ray_leaves_the_box_of_the_scene_where_it_does():
     assert np.abs(found - wanted).max() < 0.02 and np.abs(found - wanted).mean() < 1e-3
 
 
-def test_learned_light_follows_the_normal_maps():
-    flat, random = samples(lights=64), np.random.default_rng(5)
+def bumpy(lights: int, seed: int) -> Samples:
+    """Light from above on surfaces whose normal maps are random."""
+    flat, random = samples(lights=lights, seed=seed), np.random.default_rng(seed + 5)
     bent = flat.query.normal + 0.5 * random.standard_normal(flat.query.normal.shape)
     bent = (bent / np.linalg.norm(bent, axis=1, keepdims=True)).astype(np.float32)
     radiance = (flat.query.reflectance * (0.5 + 0.4 * bent[:, 1:2])).astype(np.float32)
-    rough = replace(flat, query=replace(flat.query, shading_normal=bent), half_a=radiance, half_b=radiance)
+    return replace(flat, query=replace(flat.query, shading_normal=bent), half_a=radiance, half_b=radiance)
+
+
+def test_learned_light_follows_the_normal_maps():
     errors = []
     for relief in (False, True):
         fit = factored.FactoredFit(replace(SETUP, relief=relief), factored.PRESETS["default"], 0)
-        fit.learn_from(rough)
-        fit.validate_on(rough[: 8 * RUN])
+        fit.learn_from(bumpy(256, 0))
+        fit.validate_on(bumpy(16, 1))
         fit.train(200, 200)
         errors.append(fit.state.best_error)
         assert ("shading_normal" in fit.lower().inputs) == relief
-    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_default_costs_at_most_fifteen_hundred_multiply_adds():

@@ -8,7 +8,7 @@ import { readLights } from "../viewer/src/light-options.ts";
 import type { Mode } from "../viewer/src/modes.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { BAND, expertField } from "./support/experts.ts";
-import { CAMERA, LAMP, plainRoom, room, WHITE } from "./support/fixtures.ts";
+import { CAMERA, LAMP, MATERIALS, plainRoom, room, WHITE } from "./support/fixtures.ts";
 import { type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint, lambert } from "./support/optics.ts";
 import { pageWith } from "./support/page.ts";
@@ -155,6 +155,25 @@ it("reads lamps and half resolution from the address", async () => {
   expect(stats).toMatchObject({ half: true, lights: [[0.5, 1, 0.25], [-0.5, 1.5, 0]], preparing: false });
   // Two lamps at a quarter of the pixels.
   expect(stats.macs).toBe((18 * 2) / 4);
+});
+
+it("shows the learned light behind clear glass once", async () => {
+  const glass = {
+    pbrMetallicRoughness: { baseColorFactor: [1, 1, 1, 1], metallicFactor: 0, roughnessFactor: 0 },
+    extensions: { KHR_materials_transmission: { transmissionFactor: 1 } },
+  };
+  const pane = quad(MATERIALS.length, [-0.8, 0.2, -0.3], [1.6, 0, 0], [0, 1.6, 0]);
+  const bare = (await radiance(await open(plainRoom()), "learned"))(64, 48);
+  await tab!.page.close();
+  const page = await open(plainRoom({ meshes: [...room(), pane], materials: [...MATERIALS, glass] }));
+  const seen = (await radiance(page, "learned"))(64, 48);
+  // 4 to 8 % are reflected, and the picture behind is blurred a little.
+  for (const c of [0, 1, 2]) expect(seen[c]! / bare[c]!).toBeGreaterThan(0.85);
+  for (const c of [0, 1, 2]) expect(seen[c]! / bare[c]!).toBeLessThan(1.1);
+  // At half resolution the small picture shows what lies behind.
+  await page.evaluate(() => window.lightwell.setHalf(true));
+  const half = (await radiance(page, "learned"))(64, 48);
+  for (const c of [0, 1, 2]) expect(half[c]! / seen[c]!).toBeCloseTo(1, 1);
 });
 
 it("takes malformed lamps for none", () => {

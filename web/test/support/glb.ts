@@ -88,6 +88,7 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
     extensionsUsed: [
       "LIGHTWELL_neural_radiance",
       "KHR_materials_specular",
+      "KHR_materials_transmission",
       "KHR_materials_emissive_strength",
     ],
     extensions: { LIGHTWELL_neural_radiance: { version: 1, variables: fixture.variables, fields } },
