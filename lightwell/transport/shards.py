@@ -40,7 +40,7 @@ POOLS = Derived[SurfaceDraw]("transport.surface_pools", most=4)
 
 # Columns that make samples: shape of a row and type.
 COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
-    **{name: ((3,), np.float32) for name in ("position", "normal", "view", "light", "reflectance")},
+    **{name: ((3,), np.float32) for name in ("position", "normal", "shading_normal", "view", "light", "reflectance")},
     **{name: ((1,), np.float32) for name in ("roughness", "metallic")},
     **{name: ((3,), np.float32) for name in ("half_a", "half_b")},
     "weight": ((), np.float32),
