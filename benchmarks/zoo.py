@@ -25,7 +25,7 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_least, at_most, publish
+from rows import Row, at_least, at_most, markdown, publish
 from zoo_scenes import CREDITS, HELD_OUT, SUBSET, scenes
 from zoo_score import DIFFERENCE, VIEWS
 
@@ -66,6 +66,7 @@ def run_scene(name: str, source: str, out: Path, quality: str) -> dict:
         "budget": QUALITY_SECONDS[quality],
         "exit": code,
         "message": message,
+        "commit": _commit(),
     }
     if code == 0:
         scorer = Path(__file__).with_name("zoo_score.py")
@@ -75,6 +76,12 @@ def run_scene(name: str, source: str, out: Path, quality: str) -> dict:
         )
     path.write_text(json.dumps(row))
     return row
+
+
+def _commit() -> str:
+    """Short name of the commit that is measured."""
+    found = subprocess.run(["git", "rev-parse", "--short=7", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    return found.stdout.strip() or "unknown"
 
 
 def _process(command: list[str]) -> tuple[int, str]:
@@ -127,7 +134,7 @@ def figures(rows: list[dict]) -> list[Row]:
 
 
 def write_page(rows: list[dict], out: Path) -> None:
-    """docs/zoo.md: the table and pictures of each scene, learned beside reference."""
+    """docs/zoo.md: the tables and pictures of each scene, learned beside reference."""
     images = ROOT / "docs" / "images" / "zoo"
     images.mkdir(parents=True, exist_ok=True)
     shown = []
@@ -143,7 +150,9 @@ def write_page(rows: list[dict], out: Path) -> None:
 What `lightwell bake SCENE` gives with default settings on {len(rows)} scenes, by `python benchmarks/zoo.py`. No scene
 has settings of its own; those with a star (\\*) took no part in the choice of any constant. All but the courtyard are
 the work of others and not part of lightwell: the benchmark looks for them in a folder beside the checkout and leaves
-out those that are missing.
+out those that are missing. Code measured: commit {", ".join(sorted({row["commit"] for row in rows}))}.
+
+{markdown("zoo")}
 
 PSNR: displayed indirect light, noise of the reference taken off. FLIP: the whole picture, and in brackets what direct
 light alone scores. Mottle: blotches on smooth lit patches. Leak: light in the darkest quarter of the surface, relative
