@@ -1,7 +1,7 @@
 """Test vectors: graphs, inputs and outputs that every runtime must reproduce.
 
-``python tools/format_vectors.py`` writes `format/graph.schema.json` from the registered ops and
-`format/vectors/*.json` from the NumPy evaluator. A vector holds
+``python tools/format_vectors.py`` writes `format/graph.schema.json` from the registered ops and `format/vectors/*.json`:
+examples of each op and whole networks, evaluated with NumPy. A vector holds
 ``{"name", "graph", "arrays": {buffer: numbers as stored}, "inputs": {name: {"shape", "data"}}, "outputs": ...}``;
 float16 buffers hold the numbers themselves, which their 16 bits represent exactly.
 """
@@ -13,42 +13,27 @@ import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
 from lightwell.graph.builder import Builder
 from lightwell.graph.evaluate import evaluate
 from lightwell.graph.graph import Graph
-from lightwell.graph.ops import OPS
-from lightwell.graph.ops.activate import FUNCTIONS
+from lightwell.graph.ops import OPS, Op
+from lightwell.graph.ops.example import POINTS, coordinates, directions
 from lightwell.graph.ops.hashgrid import levels
+from lightwell.graph.ops.tree import random_tree
 from lightwell.graph.quantise import quantise
 from lightwell.graph.serial import graph_to_json, schema
 
 FORMAT = Path(__file__).parents[1] / "format"
 FOLDER = FORMAT / "vectors"
 SCHEMA_FILE = FORMAT / "graph.schema.json"
-POINTS = 24
 SEED = 20240607
 
-
-def _coordinates(rng: np.random.Generator, width: int) -> np.ndarray:
-    """Points mostly in the unit cube, some outside, on its borders and in its middle: [N, width]."""
-    points = rng.uniform(-0.1, 1.1, (POINTS, width))
-    points[:4] = np.array([0, 1, 0.5, -3])[:, None]
-    return points
-
-
-def _values(rng: np.random.Generator, width: int, spread: float = 2.0) -> np.ndarray:
-    points = rng.normal(0, spread, (POINTS, width))
-    points[0] = 0
-    return points
-
-
-def _directions(rng: np.random.Generator, width: int = 3) -> np.ndarray:
-    d = rng.normal(size=(POINTS, width))
-    d[:3] = np.eye(3, width)
-    return d / np.linalg.norm(d, axis=1, keepdims=True)
+Vectors = dict[str, tuple[Graph, dict[str, np.ndarray]]]
+"""Name to graph and inputs, [N, C] or [1, C] for what a frame shares."""
 
 
 def perceptron(
@@ -67,156 +52,32 @@ def _hashgrid(b: Builder, rng, value: str, count: int, base: float, growth: floa
     return b.hashgrid(value, rng.normal(0, 0.5, (last.offset + last.entries, channels)), count, base, growth, log2)
 
 
-def _small_ops(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    """Ops that move or combine components, at widths around the four of a register."""
+def _examples(op: Op) -> Vectors:
+    """Graphs of one node: what the op shows of itself."""
     out = {}
-    for width in (1, 3, 4, 9):
-        a, c = _values(rng, width), _values(rng, width)
-        b = Builder(a=width, c=width, s=1)
-        values = {
-            "affine": b.affine("a", rng.normal(size=width), rng.normal(size=width)),
-            "concat": b.concat("a", "s", "c", "a"),
-            "slice": b.slice("a", width // 2, width - width // 2),
-            "add": b.add("a", "c"),
-            "add_one": b.add("s", "a"),
-            "subtract": b.subtract("a", "c"),
-            "subtract_one": b.subtract("s", "c"),
-            "multiply": b.multiply("a", "c"),
-            "multiply_one": b.multiply("a", "s"),
-            "scale": b.scale("a", -1.75),
-            "dot": b.dot("a", "c"),
-            "length": b.length("a"),
-            "normalize": b.normalize("a"),
-            "reflect": b.reflect(b.normalize("c"), "a"),
-            "log": b.log("a", 1e-3),
-            "reciprocal": b.reciprocal(b.multiply("a", "a"), 0.01),
-            "clamp": b.clamp("a", -0.5, 1.25),
-            "select": b.select("s", "a", "c"),
-            "blend": b.blend("s", "a", "c"),
-        }
-        for name, value in values.items():
-            out.setdefault(f"{name.removesuffix('_one')}_{width}", []).append((name, value))
-        inputs = {"a": a, "c": c, "s": _values(rng, 1)}
-        for name in {f"{name.removesuffix('_one')}_{width}" for name in values}:
-            out[name] = (b, inputs, dict(out[name]))
-    return {name: (b.build(**outputs).only(*outputs), inputs) for name, (b, inputs, outputs) in out.items()}
-
-
-def _encodings(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    out = {}
-    for width, octaves in ((1, 1), (3, 5), (2, 12)):
-        b = Builder(p=width)
-        graph = b.build(value=b.frequency("p", octaves))
-        out[f"frequency_{width}_{octaves}"] = (graph, {"p": _values(rng, width, 1.0)})
-    for width, bins in ((1, 2), (3, 8), (2, 16)):
-        b = Builder(p=width)
-        out[f"oneblob_{width}_{bins}"] = (b.build(value=b.oneblob("p", bins)), {"p": _coordinates(rng, width)})
-    for degree in (1, 2, 3, 4):
-        b = Builder(d=3)
-        out[f"sh_{degree}"] = (b.build(value=b.sh("d", degree)), {"d": _directions(rng)})
+    for example in op.examples(np.random.default_rng((SEED, crc32(op.name.encode())))):
+        inputs = {chr(ord("a") + i): values for i, values in enumerate(example.inputs)}
+        b = Builder(**{name: values.shape[1] for name, values in inputs.items()})
+        value = b.node(op.name, *inputs, **example.params)
+        out[f"{op.name}_{example.name}"] = (b.build(value=value), inputs)
+    if not out:
+        raise ValueError(f"graph: expected a test vector for every op, found none for {op.name}; give it examples")
     return out
 
 
-def _tables(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+def _stored_types(rng: np.random.Generator) -> Vectors:
+    """Tables whose numbers are stored in fewer bits."""
     out = {}
-    for height, width, channels in ((1, 1, 3), (5, 7, 4), (8, 4, 6), (3, 9, 1), (4, 4, 2)):
-        b = Builder(p=2)
-        graph = b.build(value=b.texture("p", rng.normal(size=(height, width, channels))))
-        out[f"texture_{height}x{width}x{channels}"] = (graph, {"p": _coordinates(rng, 2)})
-    for shape in ((1, 2, 3, 1), (4, 5, 6, 2), (3, 3, 3, 12), (2, 3, 4, 3)):
-        b = Builder(p=3)
-        graph = b.build(value=b.grid("p", rng.normal(size=shape)))
-        out["grid_" + "x".join(map(str, shape))] = (graph, {"p": _coordinates(rng, 3)})
-    for count, base, growth, log2, channels in (
-        (1, 1, 1, 3, 1),
-        (4, 4, 1.5, 8, 2),
-        (6, 2, 2, 6, 4),
-        (3, 16, 1.3, 7, 3),
-    ):
-        b = Builder(p=3)
-        graph = b.build(value=_hashgrid(b, rng, "p", count, base, growth, log2, channels))
-        out[f"hashgrid_{count}x{channels}_{log2}"] = (graph, {"p": _coordinates(rng, 3)})
     b = Builder(p=3)
     graph = b.build(value=b.grid("p", rng.normal(size=(4, 4, 4, 8))))
     for kind in ("float16", "int8", "uint8"):
-        out[f"grid_{kind}"] = (quantise(graph, kind), {"p": _coordinates(rng, 3)})
+        out[f"grid_{kind}"] = (quantise(graph, kind), {"p": coordinates(rng, 3)})
     b = Builder(p=3)
     graph = quantise(b.build(value=_hashgrid(b, rng, "p", 4, 3, 1.7, 7, 2)), "int8")
-    out["hashgrid_int8"] = (graph, {"p": _coordinates(rng, 3)})
-    return out
-
-
-def _lookups(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    """Ops that choose: none of their points lies where rounding decides."""
-    out = {}
-    for width, depth in ((1, 1), (3, 6), (6, 12)):
-        nodes = random_tree(width, depth, rng)
-        b = Builder(a=width)
-        out[f"tree_{width}_{depth}"] = (b.build(value=b.tree("a", nodes, depth)), {"a": _coordinates(rng, width)})
-    for rows, channels in ((1, 3), (7, 4), (300, 6)):
-        b = Builder(index=1)
-        index = rng.integers(0, rows, (POINTS, 1)) + rng.uniform(-0.4, 0.4, (POINTS, 1))
-        index[:2] = [[-4.0], [1e6]]
-        table = rng.normal(size=(rows, channels))
-        out[f"rows_{rows}x{channels}"] = (b.build(value=b.rows("index", table)), {"index": index})
-    for shape in ((1, 2, 3, 1), (4, 5, 6, 2), (3, 3, 3, 12)):
-        b = Builder(p=3)
-        graph = b.build(value=b.nearest("p", rng.normal(size=shape)))
-        out["nearest_" + "x".join(map(str, shape))] = (graph, {"p": _coordinates(rng, 3)})
+    out["hashgrid_int8"] = (graph, {"p": coordinates(rng, 3)})
     b = Builder(p=3)
-    indices = b.nearest("p", rng.integers(0, 8000, (4, 4, 4, 2)))
-    out["nearest_indices_int8"] = (quantise(b.build(value=indices), "int8"), {"p": _coordinates(rng, 3)})
-    for width in (2, 3, 4, 9, 67):
-        b = Builder(g=width)
-        g = rng.uniform(0, 1, (POINTS, width))
-        g[0], g[1] = 0, 0.5  # all equal: the first two
-        g[2], g[3] = np.arange(width), np.arange(width)[::-1]
-        out[f"top2_{width}"] = (b.build(value=b.top2("g")), {"g": g})
-    return out
-
-
-def random_tree(width: int, depth: int, rng: np.random.Generator) -> np.ndarray:
-    """Nodes [n, 4] of a tree over [0, 1]^width whose first branch has ``depth`` levels."""
-    nodes: list[list[float]] = []
-    leaves = 0
-
-    def grow(level: int, deep: bool) -> int:
-        nonlocal leaves
-        if level == depth or (not deep and rng.random() < 0.4):
-            leaves += 1
-            return -leaves
-        row = len(nodes)
-        nodes.append([])
-        axis, threshold = rng.integers(width), np.float32(rng.uniform(0.2, 0.8))
-        nodes[row] = [axis, threshold, grow(level + 1, deep), grow(level + 1, False)]
-        return row
-
-    grow(0, True)
-    return np.asarray(nodes, np.float32)
-
-
-def _layers(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    out = {}
-    for inputs, outputs in ((1, 1), (3, 4), (5, 9), (12, 20)):
-        b = Builder(a=inputs)
-        value = b.linear("a", rng.normal(size=(outputs, inputs)), rng.normal(size=outputs))
-        out[f"linear_{inputs}_{outputs}"] = (b.build(value=value), {"a": _values(rng, inputs)})
-    for experts, inputs, outputs in ((1, 3, 2), (5, 6, 7)):
-        b = Builder(a=inputs, index=1)
-        weights, bias = rng.normal(size=(experts, outputs, inputs)), rng.normal(size=(experts, outputs))
-        graph = b.build(value=b.linear("a", weights, bias, index="index"))
-        index = rng.integers(0, experts, (POINTS, 1)) + rng.uniform(-0.4, 0.4, (POINTS, 1))
-        index[:2] = [[-4.0], [1e6]]
-        out[f"linear_experts_{experts}_{inputs}_{outputs}"] = (graph, {"a": _values(rng, inputs), "index": index})
-    for rows, columns in ((1, 1), (3, 5), (8, 4)):
-        b = Builder(m=rows * columns, a=columns)
-        graph = b.build(value=b.matvec("m", "a", rows))
-        out[f"matvec_{rows}_{columns}"] = (graph, {"m": _values(rng, rows * columns), "a": _values(rng, columns)})
-    for function in FUNCTIONS:
-        b = Builder(a=5)
-        a = _values(rng, 5, 3.0)
-        a[1], a[2] = -30, 30
-        out[f"activate_{function}"] = (b.build(value=b.activate("a", function)), {"a": a})
+    at = b.nearest("p", rng.integers(0, 8000, (4, 4, 4, 2)))
+    out["nearest_indices_int8"] = (quantise(b.build(value=at), "int8"), {"p": coordinates(rng, 3)})
     return out
 
 
@@ -224,8 +85,8 @@ def _scene(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Inputs of a whole field in a room of two metres."""
     return {
         "position": rng.uniform(-1, 1, (POINTS, 3)),
-        "normal": _directions(rng),
-        "view": _directions(rng),
+        "normal": directions(rng),
+        "view": directions(rng),
         "light": rng.uniform(-0.8, 0.8, (1, 3)),
     }
 
@@ -304,7 +165,7 @@ def _segments(rng: np.random.Generator) -> Graph:
     return b.build(radiance=b.blend(share, *pair), segment=first, overlap=share)
 
 
-def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+def _networks(rng: np.random.Generator) -> Vectors:
     plain = _whole_networks(rng)
     out = {f"network_{name}": graph for name, graph in plain.items()}
     out |= {f"network_{name}_float16": quantise(plain[name], "float16") for name in ("encoded", "experts")}
@@ -314,7 +175,7 @@ def _networks(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.n
     return {name: (graph, scene) for name, graph in out.items()}
 
 
-def _lamps(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
+def _lamps(rng: np.random.Generator) -> Vectors:
     """Five lamps whose layers are added up once per frame."""
     count, width, frame = 5, 12, dict(per_frame=True)
     b = Builder(**dict.fromkeys(("position", "normal"), 3), lamps=3 * count)
@@ -329,17 +190,14 @@ def _lamps(rng: np.random.Generator) -> dict[str, tuple[Graph, dict[str, np.ndar
     return {"network_lamps": (graph, scene)}
 
 
-def cases() -> dict[str, tuple[Graph, dict[str, np.ndarray]]]:
-    """Every test vector: name to graph and inputs (float32 [N, C], or [1, C] for what a frame shares)."""
-    makers = (_small_ops, _encodings, _tables, _layers, _networks, _lookups, _lamps)
-    found = {}
-    for number, maker in enumerate(makers):
+def cases() -> Vectors:
+    """Make every test vector; inputs are float32."""
+    found: Vectors = {}
+    for op in OPS.values():
+        found |= _examples(op)
+    # These seeds keep the vectors that there are as they are.
+    for number, maker in ((4, _networks), (6, _lamps), (7, _stored_types)):
         found |= maker(np.random.default_rng((SEED, number)))
-    missing = set(OPS) - {node.op for graph, _ in found.values() for node in graph.nodes}
-    if missing:
-        raise ValueError(
-            f"graph: expected a test vector for every op, found none for {', '.join(sorted(missing))}; add one"
-        )
     return {
         name: (graph, {k: v.astype(np.float32) for k, v in inputs.items()}) for name, (graph, inputs) in found.items()
     }

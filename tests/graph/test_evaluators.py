@@ -2,16 +2,18 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
-from format_vectors import FOLDER, SCHEMA_FILE, cases, document, random_tree, schema_text
+from format_vectors import FOLDER, SCHEMA_FILE, cases, document, schema_text
 
 from lightwell.backend import dr, mi
 from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
 from lightwell.graph.ops.linear import MANY_EXPERTS
+from lightwell.graph.ops.tree import random_tree
 
 pytestmark = pytest.mark.gpu
 
@@ -103,6 +105,12 @@ def test_files_are_these_and_small():
     assert {path.stem for path in files} == set(CASES)
     assert sum(path.stat().st_size for path in files) < 1_000_000
     assert SCHEMA_FILE.read_text() == schema_text(), "run 'python tools/format_vectors.py'"
+
+
+def test_format_describes_every_op():
+    table = (FOLDER.parent / "FORMAT.md").read_text().split("### Operations")[1].split("###")[0]
+    first = "".join(line.split("|")[1] for line in table.splitlines() if line.startswith("|"))
+    assert set(re.findall(r"`(\w+)`", first)) == set(OPS)
 
 
 def test_frequency_is_exact_at_high_octaves():

@@ -1,6 +1,6 @@
 /** What the package weighs in a page that has three.js already; written to `test-results/bundle.json` for the benchmarks. */
 
-import { mkdirSync, writeFileSync } from "node:fs";
+import { mkdirSync, readdirSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { expect, it } from "vitest";
 import { bundle, bundleChunks, type Chunk, gzipped, NOT_OURS } from "./support/bundle.ts";
@@ -9,8 +9,9 @@ import { bundle, bundleChunks, type Chunk, gzipped, NOT_OURS } from "./support/b
 const AT_ONCE = { loader: 12_000, typical: 30_000, webgpu: 30_000 } as const;
 /** Together with what is loaded for a file with a field of common ops. */
 const WITH_FIELD = { loader: 19_500, typical: 34_500, webgpu: 34_500 } as const;
-/** What most pages never fetch. */
-const RARE = /^(encoding|fetch|lookup|top2|tree|half-resolution|segments)-/;
+/** What most pages never fetch: a chunk for each rare op, for what those share, and for what few fields have. */
+const RARE_OPS = readdirSync(new URL("../runtime/src/graph/ops/rare", import.meta.url)).map((file) => file.replace(".ts", ""));
+const RARE = new RegExp(`^(${[...RARE_OPS, "interpolated-table", "half-resolution", "segments"].join("|")})-`);
 /** The runtime as one module, with everything that is otherwise loaded on demand. */
 const LIMIT = 39_500;
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, normals
 from lightwell.graph.ops.op import Op, Parameter, Use, register, same_width
 
 # Slope of leaky_relu below zero.
@@ -74,6 +75,13 @@ def _drjit_activate(use: Use, a: Any) -> Any:
     return [function(dr, x) for x in a] if isinstance(a, list) else function(dr, a)
 
 
+def _examples(rng: np.random.Generator) -> Iterator[Example]:
+    for function in FUNCTIONS:
+        a = normals(rng, 5, 3.0)
+        a[1], a[2] = -30, 30
+        yield Example(function, (a,), {"function": function})
+
+
 ACTIVATE = register(
     Op(
         name="activate",
@@ -83,5 +91,6 @@ ACTIVATE = register(
         numpy=lambda use, a: FUNCTIONS[use["function"]].numpy(a),
         drjit=_drjit_activate,
         packed=lambda use: use["function"] != "sine",  # cooperative vectors have no sine
+        examples=_examples,
     )
 )

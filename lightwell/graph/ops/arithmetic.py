@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import WIDTHS, Example, at_widths, normals
 from lightwell.graph.ops.op import Op, Parameter, Use, broadcast_width, expect_width, register, same_width
 
 
@@ -57,6 +59,17 @@ def _drjit_select(use: Use, c: Any, a: Any, b: Any) -> Any:
     return [dr.select(c[0] > 0, x, y) for x, y in zip(a, b)]
 
 
+def _affine_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width in WIDTHS:
+        params = {"scale": rng.normal(size=width), "offset": rng.normal(size=width)}
+        yield Example(f"{width}", (normals(rng, width),), params)
+
+
+def _reciprocal_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width in WIDTHS:
+        yield Example(f"{width}", (normals(rng, width) ** 2,), {"epsilon": 0.01})
+
+
 AFFINE = register(
     Op(
         name="affine",
@@ -65,6 +78,7 @@ AFFINE = register(
         width=same_width,
         numpy=lambda use, a: a * _vector(use, "scale") + _vector(use, "offset"),
         drjit=_drjit_affine,
+        examples=_affine_examples,
     )
 )
 
@@ -75,6 +89,7 @@ ADD = register(
         width=broadcast_width,
         numpy=lambda use, a, b: a + b,
         drjit=lambda use, a, b: [x + y for x, y in zip(*_spread(a, b))],
+        examples=at_widths("nn", "1n"),
     )
 )
 
@@ -85,6 +100,7 @@ SUBTRACT = register(
         width=broadcast_width,
         numpy=lambda use, a, b: a - b,
         drjit=lambda use, a, b: [x - y for x, y in zip(*_spread(a, b))],
+        examples=at_widths("nn", "1n"),
     )
 )
 
@@ -95,6 +111,7 @@ MULTIPLY = register(
         width=broadcast_width,
         numpy=lambda use, a, b: a * b,
         drjit=lambda use, a, b: [x * y for x, y in zip(*_spread(a, b))],
+        examples=at_widths("nn", "n1"),
     )
 )
 
@@ -106,6 +123,7 @@ SCALE = register(
         width=same_width,
         numpy=lambda use, a: a * np.float32(use["factor"]),
         drjit=lambda use, a: [component * use["factor"] for component in a],
+        examples=at_widths("n", factor=-1.75),
     )
 )
 
@@ -117,6 +135,7 @@ CLAMP = register(
         width=_clamp_width,
         numpy=lambda use, a: np.clip(a, np.float32(use["low"]), np.float32(use["high"])),
         drjit=_drjit_clamp,
+        examples=at_widths("n", low=-0.5, high=1.25),
     )
 )
 
@@ -131,6 +150,7 @@ LOG = register(
         width=same_width,
         numpy=lambda use, a: np.log(np.maximum(a, np.float32(0)) + np.float32(use["epsilon"])),
         drjit=_drjit_log,
+        examples=at_widths("n", epsilon=1e-3),
     )
 )
 
@@ -142,6 +162,7 @@ RECIPROCAL = register(
         width=same_width,
         numpy=lambda use, a: np.float32(1) / (a + np.float32(use["epsilon"])),
         drjit=lambda use, a: [1 / (component + use["epsilon"]) for component in a],
+        examples=_reciprocal_examples,
     )
 )
 
@@ -152,6 +173,7 @@ SELECT = register(
         width=_choice_width,
         numpy=_numpy_select,
         drjit=_drjit_select,
+        examples=at_widths("1nn"),
     )
 )
 
@@ -162,5 +184,6 @@ BLEND = register(
         width=_choice_width,
         numpy=lambda use, t, a, b: a + (b - a) * t,
         drjit=lambda use, t, a, b: [x + (y - x) * t[0] for x, y in zip(a, b)],
+        examples=at_widths("1nn"),
     )
 )

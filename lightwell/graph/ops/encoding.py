@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, coordinates, directions, normals
 from lightwell.graph.ops.op import Op, Parameter, Use, expect_width, register
 
 # Octaves beyond this exceed what a 32-bit coordinate in [0, 1] can resolve.
@@ -37,6 +39,11 @@ def _drjit_frequency(use: Use, a: Any) -> Any:
     return out
 
 
+def _frequency_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width, octaves in ((1, 1), (3, 5), (2, 12)):
+        yield Example(f"{width}_{octaves}", (normals(rng, width, 1.0),), {"octaves": octaves})
+
+
 FREQUENCY = register(
     Op(
         name="frequency",
@@ -45,6 +52,7 @@ FREQUENCY = register(
         width=lambda use: use.widths[0] * use["octaves"] * 2,
         numpy=_numpy_frequency,
         drjit=_drjit_frequency,
+        examples=_frequency_examples,
     )
 )
 
@@ -77,6 +85,11 @@ def _drjit_oneblob(use: Use, a: Any) -> Any:
     return out
 
 
+def _oneblob_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width, bins in ((1, 2), (3, 8), (2, 16)):
+        yield Example(f"{width}_{bins}", (coordinates(rng, width),), {"bins": bins})
+
+
 ONEBLOB = register(
     Op(
         name="oneblob",
@@ -85,6 +98,7 @@ ONEBLOB = register(
         width=lambda use: use.widths[0] * use["bins"],
         numpy=_numpy_oneblob,
         drjit=_drjit_oneblob,
+        examples=_oneblob_examples,
     )
 )
 
@@ -138,6 +152,11 @@ def _sh_width(use: Use) -> int:
     return use["degree"] ** 2
 
 
+def _sh_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for degree in (1, 2, 3, 4):
+        yield Example(f"{degree}", (directions(rng),), {"degree": degree})
+
+
 SH = register(
     Op(
         name="sh",
@@ -146,5 +165,6 @@ SH = register(
         width=_sh_width,
         numpy=lambda use, d: np.stack(_sh(use, d.T), axis=1),
         drjit=_sh,
+        examples=_sh_examples,
     )
 )

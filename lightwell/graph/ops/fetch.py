@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import unit_cube_tables
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, expect_width, register
 
 # Longest side of a table: the size of texture that every WebGL2 device takes.
@@ -128,6 +129,7 @@ TEXTURE = register(
         drjit=_drjit_interpolate,
         fetches=lambda use: 4,
         prepare=upload_table,
+        examples=unit_cube_tables((1, 1, 3), (5, 7, 4), (8, 4, 6), (3, 9, 1), (4, 4, 2)),
     )
 )
 
@@ -141,5 +143,6 @@ GRID = register(
         drjit=_drjit_interpolate,
         fetches=lambda use: 8,
         prepare=upload_table,
+        examples=unit_cube_tables((1, 2, 3, 1), (4, 5, 6, 2), (3, 3, 3, 12), (2, 3, 4, 3)),
     )
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import WIDTHS, Example, at_widths, normals
 from lightwell.graph.ops.op import Op, Use, one, register, same_width
 
 # A vector shorter than this is not brought to unit length, so that zero stays zero.
@@ -55,6 +57,12 @@ def _length(a: np.ndarray) -> np.ndarray:
     return np.sqrt(_dot(a, a))
 
 
+def _reflect_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width in WIDTHS:
+        axis = normals(rng, width)
+        yield Example(f"{width}", (axis / np.maximum(_length(axis), SHORTEST), normals(rng, width)))
+
+
 DOT = register(
     Op(
         name="dot",
@@ -63,11 +71,19 @@ DOT = register(
         numpy=lambda use, a, b: _dot(a, b),
         drjit=_drjit_dot,
         macs=lambda use: use.widths[0],
+        examples=at_widths("nn"),
     )
 )
 
 LENGTH = register(
-    Op(name="length", arity=(1, 1), width=lambda use: 1, numpy=lambda use, a: _length(a), drjit=_drjit_length)
+    Op(
+        name="length",
+        arity=(1, 1),
+        width=lambda use: 1,
+        numpy=lambda use, a: _length(a),
+        drjit=_drjit_length,
+        examples=at_widths("n"),
+    )
 )
 
 NORMALIZE = register(
@@ -77,6 +93,7 @@ NORMALIZE = register(
         width=same_width,
         numpy=lambda use, a: a / np.maximum(_length(a), np.float32(SHORTEST)),
         drjit=_drjit_normalize,
+        examples=at_widths("n"),
     )
 )
 
@@ -87,5 +104,6 @@ REFLECT = register(
         width=_reflect_width,
         numpy=lambda use, n, v: np.float32(2) * _dot(n, v) * n - v,
         drjit=_drjit_reflect,
+        examples=_reflect_examples,
     )
 )

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, coordinates
 from lightwell.graph.ops.fetch import gather_row, upload_table
 from lightwell.graph.ops.op import Op, Parameter, Use, expect_width, register
 
@@ -144,6 +145,19 @@ def _drjit_hashgrid(use: Use, p: Any) -> Any:
     return out
 
 
+def _examples(rng: np.random.Generator) -> Iterator[Example]:
+    for count, base, growth, log2, channels in (
+        (1, 1, 1, 3, 1),
+        (4, 4, 1.5, 8, 2),
+        (6, 2, 2, 6, 4),
+        (3, 16, 1.3, 7, 3),
+    ):
+        last = levels(count, base, growth, log2)[-1]
+        table = rng.normal(0, 0.5, (last.offset + last.entries, channels))
+        params = {"buffer": table, "levels": count, "base": base, "growth": growth, "entries_log2": log2}
+        yield Example(f"{count}x{channels}_{log2}", (coordinates(rng, 3),), params)
+
+
 HASHGRID = register(
     Op(
         name="hashgrid",
@@ -160,5 +174,6 @@ HASHGRID = register(
         drjit=_drjit_hashgrid,
         fetches=lambda use: 8 * use["levels"],
         prepare=upload_table,
+        examples=_examples,
     )
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, indices, normals
 from lightwell.graph.ops.fetch import gather_row
 from lightwell.graph.ops.lookup import drjit_rounded_index, rounded_index
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
@@ -116,6 +118,16 @@ def _drjit_expert(use: Use, a: list[Any], index: Any) -> list[Any]:
     return dr.switch(drjit_rounded_index(index, len(layers)), [layer(weights, bias) for weights, bias in layers], *a)
 
 
+def _linear_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for inputs, outputs in ((1, 1), (3, 4), (5, 9), (12, 20)):
+        params = {"weights": rng.normal(size=(outputs, inputs)), "bias": rng.normal(size=outputs)}
+        yield Example(f"{inputs}_{outputs}", (normals(rng, inputs),), params)
+    for experts, inputs, outputs in ((1, 3, 2), (5, 6, 7)):
+        params = {"weights": rng.normal(size=(experts, outputs, inputs)), "bias": rng.normal(size=(experts, outputs))}
+        given = normals(rng, inputs), indices(rng, experts)
+        yield Example(f"experts_{experts}_{inputs}_{outputs}", given, params)
+
+
 LINEAR = register(
     Op(
         name="linear",
@@ -127,6 +139,7 @@ LINEAR = register(
         macs=lambda use: use.buffers["weights"].shape[-2] * use.buffers["weights"].shape[-1],
         prepare=_prepare_linear,
         packed=lambda use: len(use.widths) == 1,
+        examples=_linear_examples,
     )
 )
 
@@ -151,6 +164,11 @@ def _drjit_matvec(use: Use, m: Any, a: Any) -> Any:
     return out
 
 
+def _matvec_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for rows, columns in ((1, 1), (3, 5), (8, 4)):
+        yield Example(f"{rows}_{columns}", (normals(rng, rows * columns), normals(rng, columns)), {"rows": rows})
+
+
 MATVEC = register(
     Op(
         name="matvec",
@@ -160,5 +178,6 @@ MATVEC = register(
         numpy=lambda use, m, a: np.einsum("nrc,nc->nr", m.reshape(len(a), use["rows"], a.shape[1]), a),
         drjit=_drjit_matvec,
         macs=lambda use: use["rows"] * use.widths[1],
+        examples=_matvec_examples,
     )
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, indices, unit_cube_tables
 from lightwell.graph.ops.fetch import gather_row, table_width, upload_table
 from lightwell.graph.ops.op import MAX_EXACT, MAX_WIDTH, Op, Parameter, Use, expect_width, register
 
@@ -74,6 +76,11 @@ def _drjit_nearest(use: Use, p: Any) -> Any:
     return gather_row(use.state["table"], row, shape[-1])
 
 
+def _rows_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for rows, channels in ((1, 3), (7, 4), (300, 6)):
+        yield Example(f"{rows}x{channels}", (indices(rng, rows),), {"buffer": rng.normal(size=(rows, channels))})
+
+
 ROWS = register(
     Op(
         name="rows",
@@ -84,6 +91,7 @@ ROWS = register(
         drjit=_drjit_rows,
         fetches=lambda use: 1,
         prepare=upload_table,
+        examples=_rows_examples,
     )
 )
 
@@ -97,5 +105,6 @@ NEAREST = register(
         drjit=_drjit_nearest,
         fetches=lambda use: 1,
         prepare=upload_table,
+        examples=unit_cube_tables((1, 2, 3, 1), (4, 5, 6, 2), (3, 3, 3, 12)),
     )
 )

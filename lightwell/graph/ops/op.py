@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Examples, no_examples
+
 # Limits that no honest field comes near; a file from a stranger that exceeds one is refused before it is evaluated.
 MAX_WIDTH = 4096
 MAX_NODES = 4096
@@ -116,6 +118,8 @@ class Op:
     """Uploads the buffers once for Dr.Jit; its result becomes ``use.state``."""
     packed: Callable[[Use], bool] = lambda use: False
     """Whether the Dr.Jit function wants its first input as a cooperative vector and returns one."""
+    examples: Examples = no_examples
+    """Makes the uses that test vectors show, at least one."""
 
 
 OPS: dict[str, Op] = {}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from lightwell.graph.ops.example import WIDTHS, Example, at_widths, normals
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
 
 
@@ -15,6 +18,11 @@ def _slice_width(use: Use) -> int:
     return use["width"]
 
 
+def _slice_examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width in WIDTHS:
+        yield Example(f"{width}", (normals(rng, width),), {"start": width // 2, "width": width - width // 2})
+
+
 CONCAT = register(
     Op(
         name="concat",
@@ -22,6 +30,7 @@ CONCAT = register(
         width=lambda use: sum(use.widths),
         numpy=lambda use, *parts: np.concatenate(parts, axis=1),
         drjit=lambda use, *parts: [component for part in parts for component in part],
+        examples=at_widths("n1nn"),
     )
 )
 
@@ -33,5 +42,6 @@ SLICE = register(
         width=_slice_width,
         numpy=lambda use, a: a[:, use["start"] : use["start"] + use["width"]],
         drjit=lambda use, a: a[use["start"] : use["start"] + use["width"]],
+        examples=_slice_examples,
     )
 )

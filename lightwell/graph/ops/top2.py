@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import POINTS, Example
 from lightwell.graph.ops.op import MAX_NUMBER, Op, Use, register
 
 # Least sum of two excesses that is divided by: where all weights agree, the first has it all.
@@ -47,4 +49,12 @@ def _drjit_top2(use: Use, g: Any) -> Any:
     return [i0, i1, r * r * (3 - 2 * r)]
 
 
-TOP2 = register(Op(name="top2", arity=(1, 1), width=_width, numpy=_numpy_top2, drjit=_drjit_top2))
+def _examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width in (2, 3, 4, 9, 67):
+        g = rng.uniform(0, 1, (POINTS, width))
+        g[0], g[1] = 0, 0.5  # all equal: the first two
+        g[2], g[3] = np.arange(width), np.arange(width)[::-1]
+        yield Example(f"{width}", (g,))
+
+
+TOP2 = register(Op(name="top2", arity=(1, 1), width=_width, numpy=_numpy_top2, drjit=_drjit_top2, examples=_examples))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from lightwell.graph.ops.example import Example, coordinates
 from lightwell.graph.ops.fetch import gather_row
 from lightwell.graph.ops.op import MAX_EXACT, Op, Parameter, Use, register
 
@@ -94,6 +96,41 @@ def _drjit_tree(use: Use, a: Any) -> Any:
     return [mi.Float(-1 - child)]
 
 
+def random_tree(width: int, depth: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw a tree over the unit cube.
+
+    Args:
+        width: Axes.
+        depth: Levels of the first branch, the deepest.
+        rng: Source of the numbers.
+
+    Returns:
+        [n, 4] float32 nodes.
+    """
+    nodes: list[list[float]] = []
+    leaves = 0
+
+    def grow(level: int, deep: bool) -> int:
+        nonlocal leaves
+        if level == depth or (not deep and rng.random() < 0.4):
+            leaves += 1
+            return -leaves
+        row = len(nodes)
+        nodes.append([])
+        axis, threshold = int(rng.integers(width)), float(np.float32(rng.uniform(0.2, 0.8)))
+        nodes[row] = [axis, threshold, grow(level + 1, deep), grow(level + 1, False)]
+        return row
+
+    grow(0, True)
+    return np.asarray(nodes, np.float32)
+
+
+def _examples(rng: np.random.Generator) -> Iterator[Example]:
+    for width, depth in ((1, 1), (3, 6), (6, 12)):
+        params = {"nodes": random_tree(width, depth, rng), "depth": depth}
+        yield Example(f"{width}_{depth}", (coordinates(rng, width),), params)
+
+
 TREE = register(
     Op(
         name="tree",
@@ -107,5 +144,6 @@ TREE = register(
         drjit=_drjit_tree,
         fetches=lambda use: use["depth"],
         prepare=_prepare,
+        examples=_examples,
     )
 )

@@ -2,7 +2,7 @@
 
 import { valuesOf } from "../buffers.ts";
 import type { Language } from "../language.ts";
-import type { StoredBuffer } from "../op.ts";
+import type { StoredBuffer, Use } from "../op.ts";
 import type { Printer, Table, Value } from "../printer.ts";
 
 /** Numbers of one entry in a table: 1 or 2 share a texel, wider entries start a texel of their own. */
@@ -55,4 +55,11 @@ export function accumulateRow(
       `${sum.block(i)} += ${weight} * ${table.texel(`${table.first} + ${row} * ${sum.blocks} + ${i}`)};`,
     ),
   );
+}
+
+/** Emit `out = row` of a table. */
+export function printRow(use: Use, printer: Printer, out: Value, row: string): void {
+  const table = rowTable(printer, use.buffer.buffer!);
+  printer.zeros(out);
+  accumulateRow(printer, printer.language, table, out.width, row, "1.0", out);
 }

@@ -1,6 +1,6 @@
 /** Ops that only move components: concat, slice. */
 
-import { MAX_WIDTH, type Op } from "../op.ts";
+import { MAX_WIDTH, type Op } from "../../op.ts";
 
 export const concat: Op = {
   arity: [1, 256],

@@ -1,7 +1,7 @@
 /** Component-wise arithmetic: affine, add, subtract, multiply, scale, clamp, log, reciprocal, select, blend. */
 
-import { literal } from "../language.ts";
-import { MAX_NUMBER, type Op, sameWidth, type Use } from "../op.ts";
+import { literal } from "../../language.ts";
+import { MAX_NUMBER, type Op, sameWidth, type Use } from "../../op.ts";
 
 /** Width rule of two operands of which one may have a single component. */
 function broadcastWidth(use: Use): number {

@@ -1,10 +1,10 @@
 /** Matrix-vector products: linear (stored weights, optionally one set per expert), matvec (computed weights). */
 
-import { valuesOf } from "../buffers.ts";
-import { type Language, literal } from "../language.ts";
-import { MAX_WIDTH, type Op, type Use } from "../op.ts";
-import type { Printer, Value } from "../printer.ts";
-import { printRoundedIndex, roundedIndex } from "./rounded-index.ts";
+import { valuesOf } from "../../buffers.ts";
+import { type Language, literal } from "../../language.ts";
+import { MAX_WIDTH, type Op, type Use } from "../../op.ts";
+import type { Printer, Value } from "../../printer.ts";
+import { printRoundedIndex, roundedIndex } from "../rounded-index.ts";
 
 /** Outputs, inputs and experts of a layer. */
 function sizes(use: Use): { outputs: number; inputs: number; experts: number } {

@@ -1,6 +1,6 @@
 /** Vector ops: dot, length, normalize, reflect. */
 
-import { type Op, one } from "../op.ts";
+import { type Op, one } from "../../op.ts";
 
 /** A vector shorter than this is not brought to unit length, so that zero stays zero. */
 const SHORTEST = 1e-8;

@@ -1,9 +1,9 @@
 /** Activation functions: each the meaning on the CPU and the text for a vec4. */
 
-import { type Language, literal } from "../language.ts";
-import { type Op, sameWidth } from "../op.ts";
-import type { Printer } from "../printer.ts";
-import { sincos } from "./sincos.ts";
+import { type Language, literal } from "../../language.ts";
+import { type Op, sameWidth } from "../../op.ts";
+import type { Printer } from "../../printer.ts";
+import { sincos } from "../sincos.ts";
 
 interface Activation {
   meaning(x: number): number;
@@ -26,7 +26,7 @@ function call(name: string, body: (printer: Printer, language: Language) => stri
 const bounds = (printer: Printer, low: number, high: number) =>
   `clamp(x, ${printer.vec4(literal(low))}, ${printer.vec4(literal(high))})`;
 
-export const ACTIVATIONS: Readonly<Record<string, Activation>> = {
+const ACTIVATIONS: Readonly<Record<string, Activation>> = {
   identity: { meaning: (x) => x, text: (x) => x },
   relu: { meaning: (x) => Math.max(x, 0), text: (x, printer) => `max(${x}, ${printer.vec4("0.0")})` },
   leaky_relu: { meaning: (x) => Math.max(x, 0.01 * x), text: call("leaky_relu", () => "max(x, x * 0.01)") },

@@ -117,7 +117,8 @@ export function tableOp(dimensions: number): Pick<Op, "arity" | "parameters" | "
   };
 }
 
-function interpolatedOp(dimensions: number): Op {
+/** A table that is interpolated between its entries. */
+export function interpolatedOp(dimensions: number): Op {
   return {
     ...tableOp(dimensions),
     fetches: () => 1 << dimensions,
@@ -125,6 +126,3 @@ function interpolatedOp(dimensions: number): Op {
     print,
   };
 }
-
-export const texture = interpolatedOp(2);
-export const grid = interpolatedOp(3);

@@ -1,9 +1,9 @@
 /** Multi-resolution hash grid: Müller et al. 2022; `format/FORMAT.md` gives the exact definition. */
 
-import { valuesOf } from "../buffers.ts";
-import type { Op, Use } from "../op.ts";
-import { Value } from "../printer.ts";
-import { accumulateRow, rowTable } from "./table-rows.ts";
+import { valuesOf } from "../../buffers.ts";
+import type { Op, Use } from "../../op.ts";
+import { Value } from "../../printer.ts";
+import { accumulateRow, rowTable } from "../table-rows.ts";
 
 const PRIMES = [1, 2654435761, 805459861] as const;
 const MAX_CELLS = 1 << 16;
@@ -16,7 +16,7 @@ interface Level {
 }
 
 /** Which lattice each level has and where its entries lie. */
-export function levels(use: Use): Level[] {
+function levels(use: Use): Level[] {
   const { levels: count, base, growth, entries_log2 } = use.number as Record<string, number>;
   const out: Level[] = [];
   let offset = 0;

@@ -1,7 +1,7 @@
 /** The two largest of many weights and the share of the second: a gate between two experts that leaves no seam. */
 
-import { literal } from "../language.ts";
-import { MAX_NUMBER, type Op } from "../op.ts";
+import { literal } from "../../language.ts";
+import { MAX_NUMBER, type Op } from "../../op.ts";
 
 /** Least sum of two excesses that is divided by: where all weights agree, the first has it all. */
 const LEAST_SUM = 1e-8;

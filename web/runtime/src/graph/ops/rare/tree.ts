@@ -1,8 +1,8 @@
 /** A binary tree that finds the leaf of a point: the regions of a field that has one small network in each. */
 
-import { valuesOf } from "../buffers.ts";
-import { MAX_EXACT, type Op, type Use } from "../op.ts";
-import { rowTable } from "./table-rows.ts";
+import { valuesOf } from "../../buffers.ts";
+import { MAX_EXACT, type Op, type Use } from "../../op.ts";
+import { rowTable } from "../table-rows.ts";
 
 const MAX_DEPTH = 64;
 /** Numbers of a row: axis, threshold, below, above. */
