@@ -1,6 +1,6 @@
 """Test vectors: graphs, inputs and outputs that every runtime must reproduce.
 
-``python tools/format_vectors.py`` writes `format/graph.schema.json` from the registered ops and `format/vectors/*.json`:
+``python tools/format_vectors.py`` writes `format/graph.schema.json` from the ops and `format/vectors/*.json`:
 examples of each op and whole networks, evaluated with NumPy. A vector holds
 ``{"name", "graph", "arrays": {buffer: numbers as stored}, "inputs": {name: {"shape", "data"}}, "outputs": ...}``;
 float16 buffers hold the numbers themselves, which their 16 bits represent exactly.
