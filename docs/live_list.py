@@ -1,7 +1,6 @@
-"""Pages that a build has or has not: live pages, which tools/live_pages.py puts into docs/_live, and the zoo.
+"""Pages that a build has or has not: live pages, which tools/live_pages.py puts into docs/_live.
 
-The directive ``{live-pages}`` lists the live pages; docs/zoo.md, which benchmarks/zoo.py writes, joins docs/index.md.
-A scene of the gallery or the zoo that has a live page links to it.
+The directive ``{live-pages}`` lists them. A scene of the gallery or the zoo that has a live page links to it.
 """
 
 from __future__ import annotations
@@ -69,18 +68,6 @@ def _link(address: str, text: str) -> nodes.Node:
     return nodes.reference(text, text, refuri=address)
 
 
-def add_zoo(app: Sphinx, name: str, source: list[str]) -> None:
-    """Put docs/zoo.md into the list of pages where there is one.
-
-    Args:
-        app: The application.
-        name: Document that was read.
-        source: Its text, changed in place.
-    """
-    if name == "docs/index" and (Path(__file__).parent / "zoo.md").is_file():
-        source[0] = source[0].replace("\nlive-pages\n", "\nlive-pages\nzoo\n")
-
-
 def add_links(app: Sphinx, name: str, source: list[str]) -> None:
     """Put a link to its live page below the heading of each scene that has one.
 
@@ -122,9 +109,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
         Facts about the extension.
     """
     app.add_directive("live-pages", LivePages)
-    app.connect("source-read", add_zoo)
     app.connect("source-read", add_links)
     # These depend on files beside their pages.
-    places = ["docs/live-pages", "docs/index", *SCENES]
+    places = ["docs/live-pages", *SCENES]
     app.connect("env-get-outdated", lambda app, env, *_: [name for name in places if name in env.found_docs])
     return {"parallel_read_safe": True, "version": "1"}

@@ -192,3 +192,14 @@ def test_links_between_pages_lead_somewhere():
             if not (page.parent / target.split("#")[0]).exists():
                 broken.append(f"{page.relative_to(ROOT)}: {target}")
     assert not broken
+
+
+def test_every_page_of_docs_is_in_one_list_of_the_index():
+    """What the site's build would warn of."""
+    index = ROOT / "docs/index.md"
+    lists = re.findall(r"^```{toctree}\n(.*?)^```", index.read_text(), re.DOTALL | re.MULTILINE)
+    entries = [line for text in lists for line in text.splitlines() if line and line[0] != ":"]
+    named = [(index.parent / f"{entry}.md").resolve() for entry in entries]
+    assert len(set(named)) == len(named) and all(page.is_file() for page in named)
+    others = {ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "THIRD_PARTY")}
+    assert set(named) == {*PAGES, *others} - {index}
