@@ -1,3 +1,4 @@
+# Never built so far.
 # docker build -t lightwell .  &&  docker run --rm -v "$PWD:/work" lightwell bake cornell -o out --budget 60s
 FROM python:3.12-slim
 COPY . /src

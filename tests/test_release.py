@@ -1,7 +1,9 @@
 """The release tool: versions agree, notes are cut, wheels are checked, sums are right; what workflows cover."""
 
 import hashlib
+import json
 import re
+import shutil
 import zipfile
 
 import pytest
@@ -41,6 +43,24 @@ def test_sums_are_those_of_the_files(tmp_path):
     release.write_sums(tmp_path)
     release.write_sums(tmp_path)
     assert (tmp_path / release.SUMS).read_text() == f"{hashlib.sha256(b'one').hexdigest()}  a\n"
+
+
+def test_the_address_of_the_project_is_written_everywhere_once(tmp_path):
+    places = ("pyproject.toml", "web/runtime/package.json", "CITATION.cff")
+    (tmp_path / "web/runtime").mkdir(parents=True)
+    for place in places:
+        shutil.copy(ROOT / place, tmp_path / place)
+    before = (tmp_path / places[1]).read_text()
+    release.set_repository("https://example.org/old", tmp_path)
+    once = [(tmp_path / place).read_text() for place in places]
+    release.set_repository("https://example.org/lightwell", tmp_path)
+    texts = [(tmp_path / place).read_text() for place in places]
+    assert texts == [text.replace("example.org/old", "example.org/lightwell") for text in once]
+    assert '[project.urls]\nRepository = "https://example.org/lightwell"\n' in texts[0]
+    assert json.loads(before).items() < json.loads(texts[1]).items() and "lightwell.git" in texts[1]
+    assert yaml.safe_load(texts[2])["repository-code"] == "https://example.org/lightwell"
+    with pytest.raises(ValueError, match="expected an address like"):
+        release.set_repository("lightwell", tmp_path)
 
 
 def test_workflows_cover_the_versions_that_are_supported():

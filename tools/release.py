@@ -2,6 +2,10 @@
 
 Writes to dist/: source distribution and wheel, the npm package, the documentation site, the manual page, the notes of
 this version from CHANGELOG.md, a bill of materials (CycloneDX) and SHA-256 sums of all. Nothing is uploaded.
+
+    python tools/release.py --repository https://example.org/lightwell
+
+writes the addresses of the project into the metadata of both packages and into CITATION.cff, and builds nothing.
 """
 
 from __future__ import annotations
@@ -76,6 +80,31 @@ def notes(number: str) -> str:
     return section[0].rstrip() + "\n"
 
 
+def set_repository(address: str, root: Path = ROOT) -> None:
+    """Write the addresses of the project into pyproject.toml, package.json and CITATION.cff, in place of older ones.
+
+    Args:
+        address: Address of the repository, https.
+        root: The checkout.
+
+    Raises:
+        ValueError: The address is none of https.
+    """
+    if not re.fullmatch(r"https://[\w.-]+(/[\w.~-]+)+", address):
+        raise ValueError(f"release: expected an address like https://example.org/lightwell, found '{address}'")
+    urls = {"Repository": address, "Issues": f"{address}/issues", "Changelog": f"{address}/blob/main/CHANGELOG.md"}
+    table = "[project.urls]\n" + "".join(f'{name} = "{url}"\n' for name, url in urls.items())
+    python = re.sub(r"^\[project\.urls\]\n(.+\n)+\n", "", (root / "pyproject.toml").read_text(), flags=re.MULTILINE)
+    (root / "pyproject.toml").write_text(python.replace("[project.scripts]\n", f"{table}\n[project.scripts]\n", 1))
+    package = root / "web/runtime/package.json"
+    facts = json.loads(package.read_text())
+    facts["repository"] = {"type": "git", "url": f"git+{address}.git", "directory": "web/runtime"}
+    facts |= {"homepage": address, "bugs": urls["Issues"]}
+    package.write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n")
+    citation = re.sub(r"^repository-code:.*\n", "", (root / "CITATION.cff").read_text(), flags=re.MULTILINE)
+    (root / "CITATION.cff").write_text(citation.rstrip("\n") + f'\nrepository-code: "{address}"\n')
+
+
 def check_wheel(wheel: Path) -> None:
     """Check the size and the content of the wheel.
 
@@ -132,7 +161,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder to write (default: dist)")
     parser.add_argument("--without", default="", help="parts to leave out: npm, site, bill, joined by commas")
+    parser.add_argument("--repository", metavar="URL", help="write the addresses of the project; build nothing")
     given = parser.parse_args()
+    if given.repository:
+        set_repository(given.repository)
+        return
     out, left_out = given.out.resolve(), set(filter(None, given.without.split(",")))
     number = version()
     shutil.rmtree(out, ignore_errors=True)
@@ -158,6 +191,8 @@ def main() -> None:
     write_sums(out)
     for path in sorted(out.iterdir()):
         print(f"{path.stat().st_size:>12,}  {path.name}")
+    if "[project.urls]" not in (ROOT / "pyproject.toml").read_text():
+        print("the metadata has no addresses yet: python tools/release.py --repository URL writes them")
 
 
 if __name__ == "__main__":

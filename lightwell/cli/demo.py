@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from lightwell.cli import bake
+from lightwell.cli.run_bake import run_bake
 from lightwell.fields.budget import Budget
 
 # Wall seconds of the demo: less than three minutes also where a plan turns out a little long.
@@ -39,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     # A quality that was asked for has a time of its own.
     defaults = {"views": VIEWS} if hasattr(arguments, "quality") else {"views": VIEWS, "budget": BUDGET}
-    code = bake.run_bake(arguments, bake.settings(arguments, **defaults))
+    code = run_bake(arguments, bake.settings(arguments, **defaults))
     if arguments.no_open or not sys.stdout.isatty():
         return code
     from lightwell.serving.folder import view

@@ -44,7 +44,8 @@ def manual_page() -> Iterator[str]:
         Its lines.
     """
     import lightwell
-    from lightwell.cli.main import EXAMPLES, VERBS, verb_parser
+    from lightwell.cli.main import EXAMPLES, verb_parser
+    from lightwell.cli.verbs import VERBS
     from lightwell.cli.whole_parser import whole_verbs
 
     yield f'.TH LIGHTWELL 1 "" "lightwell {lightwell.__version__}"'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -31,7 +32,7 @@ def next_steps(folder: Path) -> str:
     )
 
 
-def _first(folder: Path, wanted) -> str:
+def _first(folder: Path, wanted: Callable[[os.DirEntry[str]], bool]) -> str:
     """Return the first entry by name that is wanted, quoted for a shell, or ''."""
     import shlex
 

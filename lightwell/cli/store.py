@@ -6,6 +6,7 @@ import argparse
 import json
 from collections import defaultdict
 from collections.abc import Sequence
+from typing import Any
 
 from lightwell.core.units import size_text
 
@@ -50,12 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     store = user_store(arguments.store)
     if arguments.action == "clear":
-        facts = {"folder": str(store.folder), "removed_bytes": store.clear()}
-        print(
-            json.dumps(facts, indent=1)
-            if arguments.json
-            else f"{store.folder}: {size_text(facts['removed_bytes'])} removed"
-        )
+        removed = store.clear()
+        facts: dict[str, Any] = {"folder": str(store.folder), "removed_bytes": removed}
+        print(json.dumps(facts, indent=1) if arguments.json else f"{store.folder}: {size_text(removed)} removed")
         return 0
     held: dict[str, list[int]] = defaultdict(list)
     for entry in store.entries():
@@ -66,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         facts = {"folder": str(store.folder), "bytes": total, "limit_bytes": limit, "functions": functions}
         print(json.dumps(facts, indent=1))
         return 0
-    print(f"{store.folder}: {size_text(total)} of {size_text(limit)}")
+    print(f"{store.folder}: {size_text(total)}" + (f" of {size_text(limit)}" if limit is not None else ""))
     for name, sizes in sorted(held.items()):
         print(f"  {name:<28}{len(sizes):>8} entries{size_text(sum(sizes)):>12}")
     return 0

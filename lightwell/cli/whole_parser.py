@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from lightwell.cli.lens import TOOLS
-from lightwell.cli.main import VERBS, verb_parser
+from lightwell.cli.main import verb_parser
+from lightwell.cli.verbs import VERBS
 
 
 def whole_verbs() -> list[list[str]]:

@@ -112,7 +112,10 @@ class FactoredNetwork:
         lights = layer.shape[0]
         weights = dr.reshape(layer[:, : -self.hidden[0]], (lights, self.features, units))
         bias = dr.reshape(layer[:, -self.hidden[0] :], (lights, 1, units))
-        per_light = lambda u: dr.reshape(u, (lights, rows // lights, u.shape[1]))  # noqa: E731
+
+        def per_light(u: Any) -> Any:
+            return dr.reshape(u, (lights, rows // lights, u.shape[1]))
+
         if self.mirror is None:
             x = dr.matmul(per_light(self.grid(parameters["grid"], points)), weights)
         else:

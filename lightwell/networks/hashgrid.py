@@ -168,7 +168,10 @@ class HashGrid:
         lane = dr.arange(mi.UInt32, points.shape[0] * self.levels)
         point = lane // self.levels
         level = lane - point * self.levels
-        pick = lambda name: _by_level(level, [int(getattr(lattice, name)) for lattice in self.layout])  # noqa: E731
+
+        def pick(name: str) -> Any:
+            return _by_level(level, [int(getattr(lattice, name)) for lattice in self.layout])
+
         cells, offset, dense, entries = (pick(name) for name in ("cells", "offset", "dense", "entries"))
         at = [dr.clip(dr.gather(mi.Float, points.array, point * 3 + k), 0, 1) * mi.Float(cells) for k in range(3)]
         low = [dr.minimum(mi.UInt32(a), cells - 1) for a in at]

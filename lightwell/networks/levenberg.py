@@ -11,7 +11,7 @@ float32; a factorisation that fails is repeated in float64. Notation: E networks
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -39,7 +39,7 @@ ROWS_AT_ONCE = 4096
 LEAST_DIAGONAL = 1e-9
 
 # Derivatives of activations, written in the function's value.
-_DERIVATIVES = {
+_DERIVATIVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "identity": np.ones_like,
     "tanh": lambda a: 1 - a * a,
     "sigmoid": lambda a: a * (1 - a),
@@ -220,7 +220,7 @@ def normal_equations(
     Returns:
         JᵀJ [P, P], Jᵀr [P] and the mean squared error.
     """
-    hessian, gradient, squares = 0.0, 0.0, 0.0
+    hessian, gradient, squares = np.zeros((), np.float32), np.zeros((), np.float32), 0.0
     for begin in range(0, len(x), ROWS_AT_ONCE):
         rows = slice(begin, begin + ROWS_AT_ONCE)
         values = forward(mlp, weights, x[rows])

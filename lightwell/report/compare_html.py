@@ -73,9 +73,9 @@ def write_comparison(
     """
     numbers = comparison_numbers(fields, failed, settings)
     text, html = report_json(numbers), comparison_html(numbers, fields)
-    folder = make_folder(folder)
-    write_atomically(folder / "compare.json", text)
-    write_atomically(folder / "compare.html", html)
+    home = make_folder(folder)
+    write_atomically(home / "compare.json", text)
+    write_atomically(home / "compare.html", html)
     return numbers
 
 

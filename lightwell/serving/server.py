@@ -170,6 +170,7 @@ class _Channel(HTTPChannel):
     """A connection whose request must be complete within the time limit, also when it arrives slowly byte by byte."""
 
     _began = 0.0
+    last_activity: float
 
     def received(self, data: bytes) -> Any:
         answer = super().received(data)
