@@ -244,6 +244,10 @@ def web_imports() -> dict[str, set[str]]:
     for path, name in known.items():
         wanted = re.findall(r"""(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""", path.read_text())
         targets = [(path.parent / w) for w in wanted]
+        for patterns in re.findall(r"""import\.meta\.glob[^(]*\(([^)]+)\)""", path.read_text()):
+            targets += [
+                p for pattern in re.findall(r"""["']\./([^"']+)["']""", patterns) for p in path.parent.glob(pattern)
+            ]
         options = [[t, t.with_suffix(".ts"), Path(f"{t}.ts"), t / "index.ts"] for t in targets]
         graph[name] = {known[o.resolve()] for group in options for o in group if o.resolve() in known} - {name}
     return graph
@@ -305,7 +309,7 @@ def seconds(*command: str, repeats: int = 7) -> float:
     return median(times)
 
 
-def rows(found: Findings, quick: bool) -> list[Row]:
+def rows(found: Findings, timed: bool) -> list[Row]:
     """The figures as rows."""
     documented = 1 - len(found.undocumented) / max(found.public, 1)
     result = [
@@ -336,7 +340,7 @@ def rows(found: Findings, quick: bool) -> list[Row]:
             "classes",
         ),
     ]
-    if quick:
+    if not timed:
         return result
     empty = seconds("-c", "pass")
     imports, help_ = seconds("-c", "import lightwell"), seconds("-m", "lightwell.cli", "--help")
@@ -353,6 +357,7 @@ def main() -> None:
     """Read the code, print the figures and write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="leave out the timings and write nothing")
+    parser.add_argument("--untimed", action="store_true", help="leave out the timings; those that are written stay")
     parser.add_argument("--list", action="store_true", help="name every place")
     arguments = parser.parse_args()
     found = Findings()
@@ -362,7 +367,7 @@ def main() -> None:
         for title in (name for name, value in vars(found).items() if isinstance(value, list)):
             for place in getattr(found, title):
                 print(f"{title}: {place}")
-    publish("architecture", rows(found, arguments.quick), arguments.quick)
+    publish("architecture", rows(found, not (arguments.quick or arguments.untimed)), arguments.quick)
 
 
 if __name__ == "__main__":

@@ -127,7 +127,7 @@ def unknown_field(name: str) -> ValueError:
         The error, with the nearest name or all of them.
     """
     cure = did_you_mean(name, field_names(), f"choose one of {', '.join(field_names())} with --field")
-    return ValueError(f"bake: unknown field '{name}'; {cure}")
+    return ValueError(f"unknown field '{name}'; {cure}")
 
 
 def options_type(name: str) -> type:

@@ -8,6 +8,7 @@ import { describe, expect, it } from "vitest";
 const SOURCE = fileURLToPath(new URL("../runtime/src/", import.meta.url));
 const PAGE = fileURLToPath(new URL("../viewer/src/", import.meta.url));
 const IMPORT = /^(?:import|export)\s[^;]*?from\s+"(\.[^"]+)"|^import\s+"(\.[^"]+)"/gms;
+const GLOB = /import\.meta\.glob[^(]*\(([^)]+)\)/g;
 
 /** Every module of a folder with the modules that it names, imports of types alone included. */
 function importsOf(folder: string): Map<string, string[]> {
@@ -16,7 +17,9 @@ function importsOf(folder: string): Map<string, string[]> {
     files.map((file) => {
       const text = readFileSync(join(folder, file), "utf8");
       const found = [...text.matchAll(IMPORT)].map(([, from, bare]) => normalize(join(dirname(file), from ?? bare!)));
-      return [file, found];
+      const globs = [...text.matchAll(GLOB)].flatMap(([, patterns]) => [...patterns!.matchAll(/"\.\/([\w-]+)\/\*\.ts"/g)]);
+      const folders = globs.map(([, name]) => `${normalize(join(dirname(file), name!))}/`);
+      return [file, [...found, ...files.filter((other) => folders.some((start) => other.startsWith(start)))]];
     }),
   );
 }
@@ -53,6 +56,7 @@ describe("imports", () => {
     const imports = importsOf(SOURCE);
     expect(imports.size).toBeGreaterThan(50);
     expect(imports.get(relative(SOURCE, join(SOURCE, "graph/graph.ts")))).toContain(normalize("graph/op.ts"));
+    expect(imports.get(normalize("graph/ops/common.ts"))).toContain(normalize("graph/ops/common/linear.ts"));
     expect(circle(imports)).toEqual([]);
     expect(circle(importsOf(PAGE))).toEqual([]);
   });
