@@ -1,7 +1,8 @@
-"""A tiny asset with a neural light map, for tests of runtimes: python tools/lightmap_example.py OUT.glb
+"""A tiny asset with a neural light map, for tests of runtimes: python tools/lightmap_example.py OUT.glb [--ktx2]
 
 Two squares (floor and wall), a 16 x 16 PNG and an 8 x 8 lossless WebP, a network of two layers with fixed random
-weights, the fallback MOZ_lightmap. OUT.json beside it holds inputs of the graph and what NumPy makes of them.
+weights, the fallback MOZ_lightmap. OUT.json beside it holds inputs of the graph and what NumPy makes of them. With
+--ktx2 both pictures are KTX2, and OUT.json holds what they decode to.
 """
 
 from __future__ import annotations
@@ -43,9 +44,11 @@ def ramp() -> np.ndarray:
     return np.rint(255 * np.stack([0.3 + 0.5 * u, 0.3 + 0.5 * v, 0.6 - 0.2 * u * v], axis=-1)).astype(np.uint8)
 
 
-def pictures() -> dict[str, Picture]:
-    """The ramp, and features of all values."""
+def pictures(ktx2: bool = False) -> dict[str, Picture]:
+    """The ramp, and features of all values; as KTX2 the ramp has a mip level."""
     features = np.random.default_rng(1).integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    if ktx2:
+        return {"e": encode(ramp(), "uastc", 1), "f0": encode(features, "uastc")}
     return {"e": encode(ramp(), "png"), "f0": encode(features, "webp")}
 
 
@@ -71,9 +74,9 @@ def quantise_network(made: Graph) -> Graph:
     return replace(made, buffers={k: v if v.type == "uint8" else half.buffers[k] for k, v in made.buffers.items()})
 
 
-def main(out: Path) -> None:
+def main(out: Path, ktx2: bool = False) -> None:
     """Write OUT.glb and OUT.json."""
-    stored = pictures()
+    stored = pictures(ktx2)
     made = graph(stored)
     entry = FieldEntry("lightmap", "static", made, pictures=stored)
     write_glb(out, scene(), [entry], [], fallback=Fallback(encode(ramp(), "jpeg90"), 2.0))
@@ -87,9 +90,13 @@ def main(out: Path) -> None:
     outputs = evaluate(made, inputs)
     rows = {k: np.asarray(v, float).round(7).tolist() for k, v in inputs.items()}
     text = {"inputs": rows, "outputs": {k: np.asarray(v, float).tolist() for k, v in outputs.items()}}
+    if ktx2:
+        levels = {name: [p.buffer(m).array.tolist() for m in range(p.mips + 1)] for name, p in stored.items()}
+        text = {"texels": levels}
     out.with_suffix(".json").write_text(json.dumps(text))
     print(f"{out}: {out.stat().st_size} bytes")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "lightmap-example.glb"))
+    names = [argument for argument in sys.argv[1:] if argument != "--ktx2"]
+    main(Path(names[0] if names else "lightmap-example.glb"), "--ktx2" in sys.argv)

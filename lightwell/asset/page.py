@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
+from lightwell.asset.without_ktx2 import without_ktx2
 from lightwell.core.templates import Templates
 from lightwell.files import write_atomically
 
@@ -59,7 +60,7 @@ def write_page(
     Args:
         path: File to write.
         title: Title of the page.
-        glb: The baked asset.
+        glb: The baked asset; KTX2 pictures are written as lossless WebP of the same texels.
         home: Camera at which the page opens.
         views: Held-out views with path-traced references, offered for comparison.
         exposure: Factor on radiance before tone mapping, > 0.
@@ -88,7 +89,8 @@ def write_page(
         "links": [{"href": href, "text": text} for text, href in (links or {}).items()],
     }
     before, after = _titled(shell, title).split(PLACEHOLDER)
-    return write_atomically(path, (before + _scripts(glb, page) + after).encode())
+    # A page of one file has no decoder of KTX2, which would double its size: it shows the decoded texels.
+    return write_atomically(path, (before + _scripts(without_ktx2(glb), page) + after).encode())
 
 
 def viewer_html() -> str:

@@ -10,11 +10,14 @@ from PIL import Image
 
 from lightwell.asset.container import Binary
 from lightwell.asset.records import Fallback
-from lightwell.graph.pictures import BYTE, FORMATS, Picture, decoded
+from lightwell.basisu import codec as basisu
+from lightwell.graph.pictures import BYTE, FORMATS, KTX2, Picture, decoded
 
 # glTF sampler constants (section 5.26): linear between texels and levels, clamped at the edge.
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
-WEBP = "EXT_texture_webp"
+WEBP, BASISU = "EXT_texture_webp", "KHR_texture_basisu"
+# Extensions that name the image of a texture, by the type of the image.
+IMAGE_EXTENSIONS = {"image/webp": WEBP, KTX2: BASISU}
 LIGHTMAP = "MOZ_lightmap"
 # Light maps use the second set of texture coordinates.
 TEX_COORD = 1
@@ -36,9 +39,9 @@ def add_texture(document: dict[str, Any], binary: Binary, picture: Picture) -> i
     if SAMPLER not in samplers:
         samplers.append(dict(SAMPLER))
     texture: dict[str, Any] = {"sampler": samplers.index(SAMPLER)}
-    if picture.mime == "image/webp":
-        texture["extensions"] = {WEBP: {"source": len(images) - 1}}
-        _use(document, WEBP)
+    if extension := IMAGE_EXTENSIONS.get(picture.mime):
+        texture["extensions"] = {extension: {"source": len(images) - 1}}
+        _use(document, extension)
     else:
         texture["source"] = len(images) - 1
     textures = document.setdefault("textures", [])
@@ -73,11 +76,15 @@ def image_index(texture: dict[str, Any]) -> Any:
         texture: glTF JSON of a texture.
 
     Returns:
-        The index under EXT_texture_webp when that is present, else the index under ``source``; any JSON value.
+        The index under EXT_texture_webp or KHR_texture_basisu when one is present, else the index under ``source``;
+        any JSON value.
     """
     extensions = texture.get("extensions")
-    webp = extensions.get(WEBP) if isinstance(extensions, dict) else None
-    return webp.get("source") if isinstance(webp, dict) else texture.get("source")
+    for name in IMAGE_EXTENSIONS.values():
+        named = extensions.get(name) if isinstance(extensions, dict) else None
+        if isinstance(named, dict):
+            return named.get("source")
+    return texture.get("source")
 
 
 def check_picture(name: str, picture: Picture, array: np.ndarray) -> None:
@@ -112,6 +119,8 @@ def decoded_texels(data: bytes, buffer: dict[str, Any], where: str) -> np.ndarra
     height, width, channels = buffer["shape"] if len(buffer["shape"]) == 3 else (0, 0, 0)
     if buffer["type"] != "uint8" or channels != 3 or abs(np.float32(buffer.get("scale", 0)) - BYTE) > 1e-9:
         raise ValueError(f"{where}: a picture holds uint8 texels of 3 channels with the scale 1/255")
+    if basisu.is_ktx2(data):
+        return _decoded_blocks(data, (width, height), where)
     try:
         with Image.open(io.BytesIO(data), formats=FORMATS) as image:
             if image.size != (width, height) or image.mode != "RGB":
@@ -119,3 +128,13 @@ def decoded_texels(data: bytes, buffer: dict[str, Any], where: str) -> np.ndarra
             return np.array(image)
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise ValueError(f"{where}: its picture cannot be decoded ({str(error)[:80]})") from error
+
+
+def _decoded_blocks(data: bytes, size: tuple[int, int], where: str) -> np.ndarray:
+    """Decode an untrusted KTX2 picture, whose size is checked before its blocks are read."""
+    try:
+        if (found := basisu.size(data)) != size:
+            raise ValueError(f"its picture is KTX2 {found}, expected {size}")
+        return basisu.decode(data)
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from error

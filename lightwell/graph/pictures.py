@@ -1,4 +1,4 @@
-"""Pictures as buffers: [H, W, 3] bytes of a graph as PNG, WebP or JPEG (format/LIGHTMAP.md)."""
+"""Pictures as buffers: [H, W, 3] bytes of a graph as PNG, WebP, JPEG or KTX2 (format/LIGHTMAP.md)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from PIL import Image
 
+from lightwell.basisu import codec as basisu
 from lightwell.graph.buffers import Buffer
 
 if TYPE_CHECKING:
@@ -22,12 +23,13 @@ FORMATS = ("PNG", "WEBP", "JPEG")
 # WebP's slowest and smallest setting.
 EFFORT = 6
 
-
-MIMES: dict[str, Literal["image/png", "image/webp", "image/jpeg"]] = {
+Mime = Literal["image/png", "image/webp", "image/jpeg", "image/ktx2"]
+MIMES: dict[str, Mime] = {
     "png": "image/png",
     "webp": "image/webp",
     "jpeg": "image/jpeg",
 }
+KTX2: Mime = "image/ktx2"
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Picture:
 
     data: bytes
     """Encoded bytes."""
-    mime: Literal["image/png", "image/webp", "image/jpeg"]
+    mime: Mime
     mips: int = 0
     """Mip level up to which no texel mixes places that do not lie together."""
 
@@ -49,7 +51,9 @@ class Picture:
         Returns:
             [H / 2^level, W / 2^level, 3] bytes with a step of 1/255.
         """
-        return Buffer(minified(self.texels, level), "uint8", BYTE)
+        # The levels of a KTX2 file are stored; those of others are made by the GPU.
+        texels = decoded(self.data, level) if level and self.mime == KTX2 else minified(self.texels, level)
+        return Buffer(texels, "uint8", BYTE)
 
     @cached_property
     def texels(self) -> np.ndarray:
@@ -88,7 +92,8 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
 
     Args:
         texels: [H, W, 3] uint8.
-        codec: "png", "webp" (lossless), or "jpegQ" and "webpQ" with a quality Q of 1 to 100.
+        codec: "png", "webp" (lossless), "jpegQ" and "webpQ" with a quality Q of 1 to 100, or "uastc" and "etc1s", which
+            are blocks of a KTX2 file with its mip levels.
         mips: Mip level up to which no texel mixes places that do not lie together.
 
     Returns:
@@ -99,6 +104,8 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
     """
     if texels.dtype != np.uint8 or texels.ndim != 3 or texels.shape[2] != 3:
         raise ValueError(f"picture: expected uint8 [height, width, 3], found {texels.dtype} {list(texels.shape)}")
+    if codec in basisu.CODECS:
+        return Picture(basisu.encode(texels, codec, mips), KTX2, mips)
     kind, quality = codec.rstrip("0123456789"), codec.lstrip("abcdefghijklmnopqrstuvwxyz")
     stream, image = io.BytesIO(), Image.fromarray(np.ascontiguousarray(texels))
     if kind == "png":
@@ -110,21 +117,46 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
     elif kind == "jpeg":
         image.save(stream, "JPEG", quality=int(quality or 90), subsampling=0, optimize=True)
     else:
-        raise ValueError(f"picture: expected png, webp, webp1 … webp100 or jpeg1 … jpeg100, found '{codec}'")
+        raise ValueError(
+            f"picture: expected png, webp, webp1 … webp100, jpeg1 … jpeg100, uastc or etc1s, found '{codec}'"
+        )
     return Picture(stream.getvalue(), MIMES[kind], mips)
 
 
-def decoded(data: bytes) -> np.ndarray:
-    """Decode a PNG, WebP or JPEG file as every browser does.
+def decoded(data: bytes, level: int = 0) -> np.ndarray:
+    """Decode a PNG, WebP, JPEG or KTX2 file as every browser does.
 
     Args:
         data: The bytes of the file.
+        level: Mip level that is read of a KTX2 file; 0 for other files, which have one.
 
     Returns:
         [H, W, 3] uint8.
     """
+    if basisu.is_ktx2(data):
+        return basisu.decode(data, level)
     with Image.open(io.BytesIO(data), formats=FORMATS) as image:
         return np.asarray(image.convert("RGB"))
+
+
+def gpu_bytes(picture: Picture) -> int:
+    """Compute the memory that a picture takes on a GPU, with its mip levels.
+
+    Args:
+        picture: The picture.
+
+    Returns:
+        Bytes: four for a texel, or those of its blocks; a GPU makes all levels of a picture that may be minified, and a
+        KTX2 file has those that may be read.
+    """
+    height, width = picture.texels.shape[:2]
+    if picture.mime != KTX2:
+        levels = range(max(height, width).bit_length() if picture.mips else 1)
+        return sum(4 * max(height >> m, 1) * max(width >> m, 1) for m in levels)
+    block, edge = basisu.block_bytes(picture.data), basisu.BLOCK
+    return sum(
+        block * -(-max(height >> m, 1) // edge) * -(-max(width >> m, 1) // edge) for m in range(picture.mips + 1)
+    )
 
 
 def minified(texels: np.ndarray, level: int) -> np.ndarray:

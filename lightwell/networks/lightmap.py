@@ -43,9 +43,9 @@ OMEGA_FIRST, OMEGA = 20.0, 30.0
 class LightmapNetwork:
     """The network of a neural light map.
 
-    Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, all [texels, C]; ``w0, b0`` …
-    layers; ``s0, c0`` … layers of the first stage; ``u0, v0`` … layers that compute features from the position of a
-    surface.
+    Parameters: ``t0`` the texture over the atlas, ``t1`` … those of the environment, ``e0`` the error of a codec, all
+    [texels, C]; ``w0, b0`` … layers; ``s0, c0`` … layers of the first stage; ``u0, v0`` … layers that compute features
+    from the position of a surface.
     """
 
     texture: AtlasTexture | None
@@ -71,6 +71,8 @@ class LightmapNetwork:
     """Whether these features are rounded as their texels will be (straight-through)."""
     about: int = 0
     """Known quantities of the place, after the inputs of a row."""
+    error: AtlasTexture | None = None
+    """Size of the texture ``e0``: what the codec of the file adds to the features, a constant (straight-through)."""
 
     @property
     def outputs(self) -> int:
@@ -132,6 +134,9 @@ class LightmapNetwork:
             read = [self.made(parameters, rows[:, HEAD + self.inputs :])]
         else:
             read = [self.features(parameters, rows[:, PLACE])]
+        if self.error is not None:
+            added = self.error(parameters["e0"], rows[:, PLACE])[:, : self.channels]
+            read[0] = read[0] + (FEATURE_HIGH - FEATURE_LOW) * added
         read += [self._decoded(m(parameters[f"t{k}"], rows[:, MIRROR])) for k, m in enumerate(self.mirrors, 1)]
         o = self._layers(parameters, [r for r in read if r is not None], rows[:, inputs])
         if not self.base:

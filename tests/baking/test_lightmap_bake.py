@@ -1,5 +1,6 @@
 """The bake of a light map, end to end and small."""
 
+import base64
 import dataclasses
 import json
 import os
@@ -14,6 +15,7 @@ import pytest
 
 from lightwell.asset import read_fields
 from lightwell.asset.container import unpack
+from lightwell.asset.without_ktx2 import without_ktx2
 from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings
 from lightwell.cli import main
@@ -174,6 +176,22 @@ def test_max_bytes_are_kept(tmp_path):
     assert report["bytes"] <= 4800
 
 
+def test_ktx2_pictures_and_a_page_without_a_decoder(tmp_path):
+    options = {"size": 64, "mips": 0, "compress": "ktx2"}
+    bake(BakeSettings("cornell", tmp_path, preset="plain", **SMALL | {"options": options}))
+    glb = (tmp_path / "scene.glb").read_bytes()
+    document, _ = unpack(glb)
+    pictures = [image["mimeType"] for image in document["images"]]
+    assert sorted(pictures) == ["image/jpeg", "image/ktx2", "image/ktx2"]
+    assert {"KHR_texture_basisu", "MOZ_lightmap"} <= set(document["extensionsUsed"])
+    shown, _ = unpack(without_ktx2(glb))
+    assert "image/ktx2" not in str(shown) and "KHR_texture_basisu" not in str(shown)
+    (tmp_path / "page.glb").write_bytes(without_ktx2(glb))
+    own, page = (read_fields(tmp_path / name)[0][0].graph.buffers for name in ("scene.glb", "page.glb"))
+    assert np.array_equal(own["e"].array, page["e"].array) and np.array_equal(own["m"].array, page["m"].array)
+    assert base64.b64encode(without_ktx2(glb)) in (tmp_path / "index.html").read_bytes()
+
+
 def test_too_few_bytes_are_refused(tmp_path):
     with pytest.raises(ValueError, match="--max-bytes 100 is too few for this light map, whose smallest form takes"):
         bake(BakeSettings("cornell", tmp_path, **SMALL | {"options": {"size": 64, "mips": 0, "max_bytes": 100}}))
@@ -186,6 +204,7 @@ def test_too_few_bytes_are_refused(tmp_path):
         (["--max-bytes", "many"], "--max-bytes 'many' is not a size; write 1MB, 250kB"),
         (["--size", "1000"], "--size 1000 is not a power of two"),
         (["--mips", "-1"], "--mips -1 is too small"),
+        (["--compress", "ktx2", "--max-bytes", "1MB"], "--max-bytes chooses among WebP pictures"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):

@@ -8,6 +8,7 @@ import {
   EXTTextureWebP,
   KHRMaterialsEmissiveStrength,
   KHRMaterialsSpecular,
+  KHRMaterialsTransmission,
   KHRTextureBasisu,
 } from "@gltf-transform/extensions";
 import validator from "gltf-validator";
@@ -24,7 +25,7 @@ import { writeGlb } from "./support/glb.ts";
 
 type Json = any;
 const LIGHTMAP = new Uint8Array(readFileSync(fileURLToPath(new URL("fixtures/lightmap.glb", import.meta.url))));
-const OTHERS = [EXTTextureWebP, KHRMaterialsSpecular, KHRMaterialsEmissiveStrength];
+const OTHERS = [EXTTextureWebP, KHRMaterialsSpecular, KHRMaterialsTransmission, KHRMaterialsEmissiveStrength];
 
 /** JSON and binary chunk of a GLB. */
 function open(glb: Uint8Array): { json: Json; bytes: Uint8Array } {

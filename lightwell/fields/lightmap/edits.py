@@ -202,8 +202,8 @@ def edited_fit(scene: Scene, before: LightmapEdit, made: AtlasIrradiance) -> Lig
     facts, preset = before.facts, before.preset
     setup = {n: tuple(v) if isinstance(v, list) else v for n, v in facts["setup"].items()}
     base = base_picture(made, facts["unit"], preset) if preset.base else None
-    direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
-    mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
+    direction = direction_picture(made, preset.direction_reduction, preset.codec) if preset.direction else None
+    mask = encode(mask_image(made), preset.codec, made.atlas.mips) if preset.base else None
     fit = LightmapFit(
         preset, facts["size"], facts["unit"], base, direction, facts["seed"],
         mips=facts["mips"], setup=FieldSetup(**setup, scene=scene), mask=mask, relief=facts["relief"],
@@ -295,6 +295,8 @@ def edited_lightmap(job: Job) -> EditedLightmap:
     """
     if job.request.vary:
         raise ValueError("bake: --rebake of a light map is for light that stands still; leave --vary out")
+    if job.options.compress:
+        raise ValueError("bake: --rebake stores pictures as OLD does; leave --compress out")
     scene, _ = lit_scene(job.scene)
     before = kept_lightmap(job)
     # The next incremental bake may start from this one.

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.basisu import codec as basisu
 from lightwell.core.denoise import missing
 from lightwell.core.formats import JSON, RecordFormat
 from lightwell.core.work import WorkPart
@@ -23,7 +24,7 @@ from lightwell.fields.lightmap.edits import (
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
-from lightwell.fields.lightmap.options import LightmapOptions
+from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
@@ -87,7 +88,7 @@ class LightmapField:
         """
         if job.options.rebake:
             return edited_lightmap(job)
-        request, preset = job.request, self.presets[job.request.preset]
+        request, preset = job.request, stored_as(self.presets[job.request.preset], job.options.compress)
         scene, note = (job.scene, "") if request.vary else lit_scene(job.scene)
         variable = declare(request.vary, scene) if request.vary else None
         roles: tuple[Role, ...] = ("static",) if request.static and scene.has_static_light and not job.shared else ()
@@ -184,8 +185,9 @@ class LightmapField:
             if role == "indirect":
                 count = max(_steps(state), 1 if state.job.request.steps else LEAST_STEPS)
                 made = moving_fit(
-                    state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count, state.part
-                )
+                    state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count, state.part,
+                    state.preset.codec,
+                )  # fmt: skip
                 stage.advance()
                 return FittedLightmap(state, role, made, state.eyes * EYE_PATHS, perf_counter() - start)
             fit = _fit_still(state, samples)
@@ -209,6 +211,10 @@ def _check(job: Job, roles: tuple[Role, ...]) -> None:
             "bake: --no-static leaves nothing to learn: without --vary a light map stores the light of the scene's own "
             "emitters alone; declare a light that moves with --vary, or leave --no-static out"
         )
+    if job.options.compress and (lacking := basisu.missing()):
+        raise ValueError(f"bake: --compress {job.options.compress}: {lacking}")
+    if job.options.max_bytes and job.options.compress:
+        raise ValueError("bake: --max-bytes chooses among WebP pictures; leave it or --compress out")
     if job.options.max_bytes and "static" not in roles:
         raise ValueError(
             "bake: --max-bytes chooses among forms of light that stands still, and this bake has none; leave it out"

@@ -7,7 +7,7 @@ are stored as pictures. Notation: N samples, n texels along the edge of the atla
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -15,15 +15,17 @@ from typing import Any, Literal
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.basisu import codec as basisu
 from lightwell.core.formats import ARRAYS
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.atlas_images import push_pull
 from lightwell.fields.lightmap.nodes import MapNodes, row_graph
+from lightwell.fields.lightmap.stored_features import codec_error, feature_pictures, read_back
 from lightwell.fields.tabulate import Tabulated
 from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Graph
-from lightwell.graph.pictures import Picture, encode
+from lightwell.graph.pictures import Picture
 from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.device import tensor
 from lightwell.networks.hashgrid import PACKET
@@ -35,6 +37,8 @@ from lightwell.transport.lightmap_query import LightmapQuery
 ROUND_FROM, FREEZE_FROM = 0.5, 0.85
 # The first two forms of the quantiser where sine layers compute the features: none, and rounding of their outputs.
 PLACES = ("places", "rounded-places")
+# How often features are encoded and decoded while they change, where the codec of the file is one of blocks.
+CODEC_ROUNDS = 3
 # Columns of a row.
 COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about")
 # Rows of which features are made at a time.
@@ -78,11 +82,18 @@ class LightmapPreset:
     """Edges of the textures of the environment, which the mirrored ray reads; coarse to fine."""
     mirror_channels: int = 6
     """Channels of each of these textures, a multiple of three."""
+    codec: str = "webp"
+    """Codec of the pictures above the ordinary light map: features, directions and mask."""
     storage: str = "float16"
     """Storage type of the weights; 'int8': with a step for every output row, biases as half floats."""
     rate: float = 5e-3
     size: int = 1024
     """Edge of the atlas unless another is asked for."""
+
+    @property
+    def stores_blocks(self) -> bool:
+        """Whether features are stored as blocks, whose error training has to see."""
+        return self.codec in basisu.CODECS and bool(self.channels) and not self.stage
 
     @property
     def stores_direction(self) -> bool:
@@ -164,9 +175,11 @@ class LightmapFit:
         count = p.mirror_channels if mirrors else 0
         made = LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
         about = self._rows.width("about") if surface else 0
+        error = AtlasTexture(edge, edge, packed, "frozen") if stored == "round" and p.stores_blocks else None
         return replace(
-            made, mirrors=mirrors, mirror_channels=count, surface=surface, about=about, rounded=quantiser == PLACES[1]
-        )
+            made, mirrors=mirrors, mirror_channels=count, surface=surface, about=about, error=error,
+            rounded=quantiser == PLACES[1],
+        )  # fmt: skip
 
     @property
     def pictures(self) -> dict[str, Picture]:
@@ -217,8 +230,7 @@ class LightmapFit:
         order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
         target = (radiance[order] / self.unit).astype(np.float32)
         data = [TrainingSet.from_numpy(self.rows(query[order], m), target, weight[order]) for m in self.levels]
-        first, then = PLACES if self.nodes.learns_places else ("noise", "round")
-        for quantiser, until in ((first, ROUND_FROM), (then, FREEZE_FROM), ("frozen", 1.0)):
+        for name, quantiser, until in self._phases():
             if quantiser == "frozen":
                 if self.nodes.learns_places:
                     self._lay_out(data[0].features)
@@ -227,11 +239,25 @@ class LightmapFit:
             if quantiser == "frozen" and self.preset.stage:
                 self.network = replace(self.network, stage=())
             make = partial(self._phase_arrays, data, round(until * steps), steps, progress)
-            self._adopt(part.part(phase=quantiser).get("lightmap.phase", make, ARRAYS) if part else make())
+            self._adopt(part.part(phase=name).get("lightmap.phase", make, ARRAYS) if part else make())
 
-    def _phase_arrays(self, *arguments: Any) -> Arrays:
+    def _phases(self) -> Iterator[tuple[str, str, float]]:
+        """(name, quantiser, share of the steps at its end) of each phase of the training."""
+        first, then = PLACES if self.nodes.learns_places else ("noise", "round")
+        yield first, first, ROUND_FROM
+        rounds = CODEC_ROUNDS if self.preset.stores_blocks else 1
+        for k in range(rounds):
+            until = FREEZE_FROM if k + 1 == rounds else ROUND_FROM + (k + 1) / rounds * (FREEZE_FROM - ROUND_FROM)
+            yield f"{then}-{k}" if k else then, then, until
+        yield "frozen", "frozen", 1.0
+
+    def _phase_arrays(self, data: list[TrainingSet], *arguments: Any) -> Arrays:
         """Train one phase; its last step, mean loss and parameters as arrays."""
-        self._phase(*arguments)
+        if (texture := self.network.error) is not None:
+            # Straight-through: what the codec adds to the features of now is a constant until the next phase.
+            values = self._laid_out(data[0].features) if self.nodes.learns_places else self.parameters["t0"]
+            self.parameters["e0"] = codec_error(values, texture, self.preset.channels, self.preset.codec)
+        self._phase(data, *arguments)
         step, loss = self.history.pop()
         return {"step": np.array(step), "loss": np.array(loss)} | prefixed("p", self.parameters)
 
@@ -278,9 +304,13 @@ class LightmapFit:
         self.history.append((until, loss))
 
     def _lay_out(self, rows: Any) -> None:
-        """Store the features of the sine layers as a texture: means of the rows [N, …] that lie in each texel."""
-        if "t0" in self.parameters:
-            return
+        """Store the features of the sine layers as a texture, in place of the layers."""
+        if "t0" not in self.parameters:
+            kept = {k: v for k, v in self.parameters.items() if k[0] not in "uv"}
+            self.parameters = kept | {"t0": self._laid_out(rows)}
+
+    def _laid_out(self, rows: Any) -> np.ndarray:
+        """[texels, C] features of the sine layers: means of the rows [N, …] that lie in each texel."""
         texture: Any = self._make_network("frozen").texture
         used = self.preset.channels
         tensors = {k: mi.TensorXf(v) for k, v in self.parameters.items()}
@@ -300,7 +330,7 @@ class LightmapFit:
         image = push_pull(image.reshape(*shape, used).astype(np.float32), (count > 0).reshape(shape))
         table = np.full((len(count), texture.channels), 0.5, np.float32)
         table[:, :used] = image.reshape(len(count), used)
-        self.parameters = {k: v for k, v in self.parameters.items() if k[0] not in "uv"} | {"t0": table}
+        return table
 
     def _freeze(self) -> None:
         """Make the feature textures those of the file."""
@@ -313,15 +343,11 @@ class LightmapFit:
 
     def _store(self, name: str, texture: AtlasTexture, values: np.ndarray, prefix: str, channels: int) -> None:
         """Pictures of one texture; its parameters become what they hold."""
-        bytes_ = np.floor(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(texture.height, texture.width, -1)
         mips = self._feature_mips() if name == "t0" else 0
-        bytes_[..., channels:] = 0
-        for k in range(-(-channels // 3)):
-            three = np.zeros((*bytes_.shape[:2], 3), np.uint8)
-            held = bytes_[..., 3 * k : 3 * k + 3]
-            three[..., : held.shape[2]] = held
-            self.features[f"{prefix}{k}"] = encode(three, "webp", mips)
-        self.parameters[name] = (bytes_.astype(np.float32) / 255).reshape(-1, texture.channels)
+        pictures = feature_pictures(values, texture, channels, self.preset.codec, mips)
+        self.features |= {f"{prefix}{k}": picture for k, picture in enumerate(pictures)}
+        self.parameters[name] = read_back(pictures, texture, channels)
+        self.parameters.pop("e0", None)
 
     def _feature_mips(self) -> int:
         return max(self.mips - round(-np.log2(self.preset.share)), 0)

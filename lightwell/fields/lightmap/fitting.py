@@ -88,8 +88,8 @@ def fitted(
         preset = replace(preset, inputs="reflected")
     unit = sample_unit(samples)
     base = base_picture(made, unit, preset) if preset.base else None
-    direction = direction_picture(made, preset.direction_reduction) if preset.direction else None
-    mask = encode(mask_image(made), "webp", made.atlas.mips) if preset.base else None
+    direction = direction_picture(made, preset.direction_reduction, preset.codec) if preset.direction else None
+    mask = encode(mask_image(made), preset.codec, made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
     extra: dict[str, Any] = {"mips": made.atlas.mips, "setup": setup, "mask": mask, "relief": bumpy}
     start = lambda k: LightmapFit(preset, size, unit, base, direction, seed + k * START_SEED, **extra)  # noqa: E731
@@ -122,7 +122,8 @@ def _best_start(
         fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own)
     if not len(judged.weight):
         return fits[0]
-    plain = replace(fits[0], preset=replace(PRESETS["plain"], base=fits[0].preset.base), direction=None)
+    codecs = {"base": fits[0].preset.base, "codec": fits[0].preset.codec}
+    plain = replace(fits[0], preset=replace(PRESETS["plain"], **codecs), direction=None)
     error = choice.error or shown_error
     return min([*fits, plain], key=lambda fit: error(fit, judged))
 
@@ -170,19 +171,20 @@ def sample_unit(samples: ViewSamples) -> float:
     return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
 
 
-def direction_picture(made: AtlasIrradiance, reduction: int) -> Picture:
+def direction_picture(made: AtlasIrradiance, reduction: int, codec: str = "webp") -> Picture:
     """Encode the dominant direction of the light as bytes, at a lower resolution.
 
     Args:
         made: Atlas and irradiance.
         reduction: Texels of the atlas per texel of the picture along an edge, ≥ 1.
+        codec: Codec of the picture.
 
     Returns:
         The picture.
     """
     small = reduced(direction_image(made), min(reduction, made.atlas.size))
     mips = max(made.atlas.mips - int(np.log2(reduction)), 0)
-    return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), "webp", mips)
+    return encode(np.floor(127.5 * (np.clip(small, -1, 1) + 1) + 0.5).astype(np.uint8), codec, mips)
 
 
 def fallback(made: AtlasIrradiance) -> Fallback:

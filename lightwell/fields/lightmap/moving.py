@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lightwell.core.work import WorkPart
@@ -53,6 +55,7 @@ def moving_fit(
     seed: int,
     steps: int,
     part: WorkPart | None = None,
+    codec: str = "webp",
 ) -> LightmapFit:
     """Train the light map of a variable light.
 
@@ -65,11 +68,13 @@ def moving_fit(
         seed: Seed of the weights.
         steps: Number of training steps.
         part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
+        codec: Codec of the features.
 
     Returns:
         The trained light map.
     """
     setup = FieldSetup.of(scene, unit, variable.kind)
-    fit = LightmapFit(MOVING, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
+    preset = replace(MOVING, codec=codec)
+    fit = LightmapFit(preset, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
     fit.train(samples.query, samples.radiance, samples.weight, steps, part=part)
     return fit

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lightwell.core.options import option
 from lightwell.core.units import byte_count
+
+if TYPE_CHECKING:
+    from lightwell.fields.lightmap.fit import LightmapPreset
 
 # Longest edge of a light map: that of a texture in the format.
 MOST_TEXELS = 4096
@@ -41,3 +45,25 @@ class LightmapOptions:
         metavar="SIZE",
         least=1,
     )
+    compress: str | None = option(
+        None,
+        "pictures that stay compressed on the GPU, a quarter of its memory or less: ktx2 (UASTC, which browsers make "
+        "BC7 or ASTC of), or ktx2-etc1s (the ordinary light map as ETC1S: half of that, with more error)",
+        choices=("ktx2", "ktx2-etc1s"),
+    )
+
+
+def stored_as(preset: LightmapPreset, compress: str | None) -> LightmapPreset:
+    """Choose the codecs of the option ``--compress``.
+
+    Args:
+        preset: The preset.
+        compress: "ktx2", "ktx2-etc1s", or None for those of the preset.
+
+    Returns:
+        The preset with these codecs.
+    """
+    if compress is None:
+        return preset
+    base = "etc1s" if compress == "ktx2-etc1s" else "uastc"
+    return replace(preset, codec="uastc", base=base if preset.base else "")

@@ -11,7 +11,7 @@ import numpy as np
 
 from lightwell.core.store import Store
 from lightwell.core.work import WorkPart
-from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
+from lightwell.fields.lightmap.fit import DEFAULT, PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import atlas_facts, fallback, texel_facts
 from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import ViewSamples
@@ -49,7 +49,9 @@ class LightmapState(State):
     @property
     def part(self) -> WorkPart:
         """Part of the bake that stores the results of this round."""
-        counts = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
+        counts: dict[str, Any] = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
+        if self.preset.codec != DEFAULT.codec:
+            counts["codec"] = f"{self.preset.base} {self.preset.codec}"
         return self.job.work.part(field="lightmap", **counts)
 
     @property

@@ -1,6 +1,7 @@
 /** A learned field as it is while a scene is drawn, whatever the language of its shader: its lights, their gains, its textures. */
 
 import {
+  type CompressedTexture,
   DataTexture,
   FloatType,
   HalfFloatType,
@@ -143,10 +144,14 @@ export function texelTexture(data: Uint16Array<ArrayBuffer> | Float32Array<Array
 /** The texture of a buffer that is a picture, set up to be sampled as far down its mipmaps as it may be. */
 export function pictureTexture(buffer: StoredBuffer): Texture {
   const texture = buffer.picture!.source as Texture;
-  const minified = buffer.picture!.mips > 0;
+  const { mips } = buffer.picture!;
+  const compressed = (texture as CompressedTexture).isCompressedTexture === true;
+  // A GPU makes no mipmaps of blocks: those that may be read are in the file.
+  if (compressed) texture.mipmaps = texture.mipmaps!.slice(0, 1 + mips);
+  const minified = compressed ? texture.mipmaps!.length > 1 : mips > 0;
   texture.magFilter = LinearFilter;
   texture.minFilter = minified ? LinearMipmapLinearFilter : LinearFilter;
-  texture.generateMipmaps = minified;
+  texture.generateMipmaps = minified && !compressed;
   return texture;
 }
 

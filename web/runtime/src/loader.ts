@@ -2,6 +2,7 @@
 
 import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture, type WebGLRenderer } from "three";
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
+import type { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
 import { fail, FormatError } from "./checks.ts";
 import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
 import type { NeuralRadiance, Sources } from "./extension.ts";
@@ -20,6 +21,9 @@ export interface LoaderOptions {
   /** What will draw the file: its KTX2 textures are then decoded for it, by three.js' decoder, which is loaded when a file has some. */
   readonly renderer?: WebGLRenderer;
 }
+
+/** One decoder of KTX2 for each renderer: every decoder has workers of its own. */
+const textureDecoders = new WeakMap<WebGLRenderer, KTX2Loader>();
 
 /**
  * Puts the checked extension on `gltf.userData.lightwell`.
@@ -63,7 +67,8 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     const { json, options } = this.parser as unknown as { json: { extensionsUsed?: string[] }; options: { ktx2Loader?: unknown } };
     if (options.ktx2Loader || !this.renderer || !json.extensionsUsed?.includes("KHR_texture_basisu")) return;
     const { KTX2Loader } = await import("three/addons/loaders/KTX2Loader.js");
-    options.ktx2Loader = new KTX2Loader().detectSupport(this.renderer);
+    if (!textureDecoders.has(this.renderer)) textureDecoders.set(this.renderer, new KTX2Loader().detectSupport(this.renderer));
+    options.ktx2Loader = textureDecoders.get(this.renderer);
   }
 
   async afterRoot(gltf: GLTF): Promise<void> {
@@ -128,6 +133,10 @@ function warnOfPlaces(gltf: GLTF): void {
 
 /** A texture as linear data: numbers, not a colour. */
 async function loadData(parser: GLTFParser, index: number): Promise<Texture> {
+  const { json, options } = parser as unknown as { json: GltfJson; options: { ktx2Loader?: unknown } };
+  const { source, extensions } = (json.textures as any[] | undefined)?.[index] ?? {};
+  if (extensions?.KHR_texture_basisu && source === undefined && !options.ktx2Loader)
+    fail(`textures[${index}]`, "a decoder of its KTX2 picture, found none; pass { renderer } to LightwellLoaderPlugin, or bake without --compress");
   const found: Texture | null = await parser.getDependency("texture", index);
   if (!found) fail(`textures[${index}]`, "a picture that can be decoded");
   const { width = 0, height = 0 } = (found.image ?? {}) as { width?: number; height?: number };
@@ -146,7 +155,7 @@ function encodedBytes(json: GltfJson, index: number): number {
   // `checkContainer` has seen all of these.
   const [textures, images, views] = [json.textures, json.images, json.bufferViews] as any[][];
   const { source, extensions } = textures?.[index] ?? {};
-  const image = images?.[extensions?.EXT_texture_webp?.source ?? source];
+  const image = images?.[extensions?.EXT_texture_webp?.source ?? extensions?.KHR_texture_basisu?.source ?? source];
   return Number(views?.[image?.bufferView]?.byteLength ?? 0);
 }
 

@@ -6,6 +6,7 @@ import type { GLTFLoader } from "@babylonjs/loaders/glTF/2.0/glTFLoader.js";
 import type { IGLTFLoaderExtension } from "@babylonjs/loaders/glTF/2.0/glTFLoaderExtension.js";
 import { registerGLTFExtension, unregisterGLTFExtension } from "@babylonjs/loaders/glTF/2.0/glTFLoaderExtensionRegistry.js";
 import type { IScene, ITexture } from "@babylonjs/loaders/glTF/2.0/glTFLoaderInterfaces.js";
+import { FormatError } from "../checks.ts";
 import { checkContainer, type GltfJson } from "../container.ts";
 import { EXTENSION } from "../extension-name.ts";
 import { readExtension, type Sources } from "../extension.ts";
@@ -64,6 +65,9 @@ class LearnedLightExtension implements IGLTFLoaderExtension {
       },
       async texture(index) {
         const entry = loader.gltf.textures![index]! as ITexture & { gammaSpace?: boolean };
+        // Babylon.js fetches its decoder from another site, and what it decodes was never compared with ours.
+        if (entry.extensions?.KHR_texture_basisu)
+          throw new FormatError(`textures[${index}]: expected PNG or WebP, found KTX2; bake without --compress, or show it with three.js`);
         const texture: BaseTexture = await loader.loadTextureInfoAsync(`/textures/${index}`, { index });
         texture.gammaSpace = false;
         await ready(texture);

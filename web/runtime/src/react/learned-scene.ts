@@ -23,7 +23,7 @@ export type UseLearnedSceneOptions = Pick<LearnedSceneOptions, "weights" | "envi
 export function useLearnedScene(src: string, { weights, environment }: UseLearnedSceneOptions = {}): Learned {
   const renderer = useThree((state) => state.gl) as WebGLRenderer;
   const gltf = useLoader(GLTFLoader, src, (loader) => {
-    loader.register((parser) => new LightwellLoaderPlugin(parser));
+    loader.register((parser) => new LightwellLoaderPlugin(parser, { renderer }));
   });
   const scene = useMemo(
     () => new Learned(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),

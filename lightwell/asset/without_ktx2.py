@@ -1,0 +1,51 @@
+"""A copy of a GLB whose KTX2 pictures are lossless WebP, for pages without a decoder of KTX2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightwell.asset.container import Binary, pack, unpack
+from lightwell.asset.pictures import BASISU, WEBP
+from lightwell.graph.pictures import KTX2, decoded, encode
+
+
+def without_ktx2(glb: bytes) -> bytes:
+    """Replace the KTX2 pictures of a file by WebP pictures of the texels that they decode to.
+
+    Args:
+        glb: The file.
+
+    Returns:
+        A file that shows the same; ``glb`` itself when it has no KTX2 picture.
+    """
+    if BASISU.encode() not in glb:
+        return glb
+    document, binary = unpack(glb)
+    replaced = {}
+    for image in document.get("images", ()):
+        if image.get("mimeType") == KTX2:
+            replaced[image["bufferView"]] = encode(decoded(_view(document, binary, image["bufferView"]))).data
+            image["mimeType"] = "image/webp"
+    for texture in document.get("textures", ()):
+        extensions = texture.get("extensions", {})
+        if BASISU in extensions:
+            extensions[WEBP] = extensions.pop(BASISU)
+    for names in (document.get("extensionsUsed", []), document.get("extensionsRequired", [])):
+        names[:] = sorted({WEBP if name == BASISU else name for name in names})
+    return pack(document, _packed_again(document, binary, replaced))
+
+
+def _view(document: dict[str, Any], binary: bytes, index: int) -> bytes:
+    view = document["bufferViews"][index]
+    start = view.get("byteOffset", 0)
+    return binary[start : start + view["byteLength"]]
+
+
+def _packed_again(document: dict[str, Any], binary: bytes, replaced: dict[int, bytes]) -> bytes:
+    """The binary chunk with other bytes for some buffer views, whose places are written to the document."""
+    out = Binary()
+    for index, view in enumerate(document["bufferViews"]):
+        out.add_view(replaced.get(index) or _view(document, binary, index))
+        view.update({key: out.views[-1][key] for key in ("byteOffset", "byteLength")})
+    document["buffers"][0]["byteLength"] = len(out.data)
+    return bytes(out.data)
