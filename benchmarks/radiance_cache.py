@@ -122,7 +122,7 @@ def equal(name: str, scene: Any, plan: Figures) -> Figures:
     return race(scene, sensor, {}, plan, truth_of(name, scene, sensor, plan["size"], plan["reference"]))
 
 
-def denoise(name: str, scene: Any, plan: Figures) -> Figures:
+def denoise(name: str, scene: Any, plan: Figures, **options: Any) -> Figures:
     """The same with Open Image Denoise on both sides (box filter, same guides, in the time of both)."""
     from lightwell.cache.views import guides
     from lightwell.core.denoise import denoise as denoised
@@ -134,7 +134,12 @@ def denoise(name: str, scene: Any, plan: Figures) -> Figures:
     def after(nrc, picture, seed):
         return denoised(picture, *guides(scene, sensor, nrc.cache, seed))
 
-    return race(scene, sensor, {"denoise": True}, plan, truth, after)
+    return race(scene, sensor, {"denoise": True, **options}, plan, truth, after)
+
+
+def blend(name: str, scene: Any, plan: Figures) -> Figures:
+    """The same with our side blended with the cache's view."""
+    return denoise(name, scene, plan, denoise_cache=True)
 
 
 # What a still does beside the network, changed one at a time.
@@ -305,6 +310,13 @@ def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     return [*rows, at_least("denoised: geometric mean of the five scenes", 2, geometric(found), "ratio")]
 
 
+def blend_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
+    what = "denoised, with the cache: relMSE of denoised path over ours at equal time, "
+    rows = [at_least(what + name, 0.95, f["gain"], "ratio", stats(f, plan)) for name, f in found.items()]
+    mean = geometric(found) if found else None
+    return [*rows, at_least("denoised, with the cache: geometric mean of the five scenes", 2.5, mean, "ratio")]
+
+
 def parts_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     what = "parts: relMSE of path over ours at equal time, "
     return [without_bar(f"{what}{change}, {name}", f["gain"], "ratio", stats(f, plan))
@@ -393,6 +405,7 @@ PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
     "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
     "unbiased": (unbiased, unbiased_rows, NAMES), "parts": (parts, parts_rows, ("veach-ajar", "veach-bidir")),
     "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
+    "blend": (blend, blend_rows, NAMES),
     "live": (live, live_rows, ("cornell-box", "veach-ajar")), "gpu": (None, gpu_rows, ()),
 }  # fmt: skip
 

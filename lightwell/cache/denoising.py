@@ -1,4 +1,5 @@
-"""Open Image Denoise on a rendered image, with albedo and normal of the first surface that is not specular."""
+"""Open Image Denoise on a rendered image, with albedo and normal of the first surface that is not specular, and blended
+with the view of the cache."""
 
 from __future__ import annotations
 
@@ -7,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.cache.denoise_blend import NoisyHalves, blended, cache_weight
 from lightwell.cache.image_state import ImageState
-from lightwell.cache.views import guides
-from lightwell.core.denoise import denoise
+from lightwell.cache.views import GUIDE_SPP, guides, view
+from lightwell.core.denoise import clean_guide_images, denoise
 
 
 def check_film(sensor: Any) -> None:
@@ -38,7 +40,22 @@ def denoised_image(image: ImageState, picture: Any) -> Any:
     check_film(image.sensor)
     albedo, normal = guides(image.scene, image.sensor, image.cache, image.seed)
     numbers = np.array(picture)
-    numbers[..., :3] = denoise(numbers[..., :3], albedo, normal)
+    if image.half is None:
+        numbers[..., :3] = denoise(numbers[..., :3], albedo, normal)
+    else:
+        numbers[..., :3] = _with_cache(image, numbers[..., :3], albedo, normal)
     out = mi.TensorXf(numbers)
     dr.eval(out)
     return out
+
+
+def _with_cache(image: ImageState, picture: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Denoise the colours [H, W, 3], and blend them with the view of the cache where that is nearer to the truth."""
+    assert image.half is not None
+    albedo, normal = clean_guide_images(albedo, normal)
+    halves = NoisyHalves.of(picture, *image.half)
+    whole, a, b = (denoise(x, albedo, normal, clean_guides=True) for x in (picture, halves.a, halves.b))
+    cached = view(image.scene, image.sensor, image.cache, "cache", GUIDE_SPP, image.seed)
+    weight = cache_weight(halves, NoisyHalves(a, b), cached, albedo)
+    image.cache_share = float(weight.mean())
+    return blended(whole, cached, weight)

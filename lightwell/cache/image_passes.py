@@ -45,6 +45,9 @@ class ImagePasses:
         self.pixels = width * height
         self.timed = self.settings.image.seconds > 0
         self.learns = image.caching or image.guiding
+        self.half = self.film.create_block() if image.keeps_half else None
+        """Sums of every second pass, where half of the samples is kept."""
+        self.turns = 0
 
     def render(self) -> mi.TensorXf:
         """Render all samples; with a time limit, as many as there is time for.
@@ -72,6 +75,7 @@ class ImagePasses:
                 if time.perf_counter() - image.began + longest > self.settings.image.seconds:
                     break
         image.samples = done
+        image.half = self._kept_half(done)
         developed = self.film.develop()
         return developed + self._second_level(done) if two_level else developed
 
@@ -82,7 +86,9 @@ class ImagePasses:
             return image.spp if image.still or not self.learns else 1
         # A frozen cache needs no separate frames, except for the temporal reuse of reservoirs.
         whole = image.still or not self.learns or (image.cache.frozen and s.estimation.first_hit == "nee")
-        return max(1, (frames.SMALL_LAUNCH if self.timed else frames.LAUNCH) // self.pixels) if whole else 1
+        most = max(1, (frames.SMALL_LAUNCH if self.timed else frames.LAUNCH) // self.pixels) if whole else 1
+        # Halves are two passes at least.
+        return most if self.half is None or self.timed else min(most, -(-image.spp // 2))
 
     def _train(self) -> float:
         """Train between passes; returns the seconds."""
@@ -96,9 +102,23 @@ class ImagePasses:
         """Add a pass to the film; returns its image block."""
         image = self.image
         limit_caustics(image.cache, done + block if image.still else 0)
-        put = self._pass(image.seed, done, block, image.spp, estimator)
+        second = self.half is not None and self.turns % 2 == 1
+        self.turns += 1
+        # Parts of one sequence are not independent: the second half has another.
+        seed = mixed_seed(image.seed) if second else image.seed
+        put = self._pass(seed, done, block, image.spp, estimator)
         self.film.put_block(put)
+        if self.half is not None and not second:
+            self.half.put_block(put)
         return put
+
+    def _kept_half(self, samples: int) -> tuple[np.ndarray, float] | None:
+        """Mean of the samples of every second pass, and their share; None where there was one pass alone."""
+        if self.half is None or self.turns < 2:
+            return None
+        sums = np.array(self.half.tensor())
+        weight = sums[..., -1:]
+        return sums[..., :3] / np.maximum(weight, 1), float(weight.mean()) / samples
 
     def _pilot(self, per_pass: int) -> int:
         """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""

@@ -41,6 +41,10 @@ class ImageState:
     """Wall time by stage."""
     samples: int = 0
     """Samples per pixel that were rendered."""
+    half: tuple[Any, float] | None = None
+    """[H, W, 3] mean of about half of the samples, and their share, where the denoiser needs them."""
+    cache_share: float | None = None
+    """Mean weight of the cache's view in a denoised image, where it is blended."""
     pilot: GuideSelector | None = None
     """Test of the guide, where there was one."""
 
@@ -51,6 +55,15 @@ class ImageState:
         if s.caching and s.guiding.guide == "auto":
             # Frames have no pilot; with a denoiser, the time is better spent on samples than on a guide.
             self.guiding &= self.still and not s.image.denoise
+
+    @property
+    def keeps_half(self) -> bool:
+        """Return whether the mean of half of the samples is kept for the denoiser.
+
+        Returns:
+            True for a still that is blended with the view of a trained cache.
+        """
+        return self.settings.image.denoise_cache and self.still and self.caching
 
     @property
     def still(self) -> bool:

@@ -207,6 +207,11 @@ class ImageSettings:
     """Rendering of images from samples."""
 
     denoise: bool = option(False, "Open Image Denoise on the result (needs mitsuba-oidn and a box filter).")
+    denoise_cache: bool = option(
+        False,
+        "With 'denoise', a still: blend with the cache's view, pixel by pixel, where two halves of the samples show "
+        "that it is nearer to the truth; guide images are denoised first.",
+    )
     local_level: bool = option(
         True, "still: correct the mean of predictions by place, as measured by the training paths."
     )
@@ -274,6 +279,14 @@ class CacheSettings:
                 )
             if known.check and (wrong := known.check(value)):
                 raise ValueError(f"nrc: {name} = {value}, {wrong}")
+
+        image, estimator = self.image, self.estimation.estimator
+        biased = self.caching and estimator == "biased"
+        if image.denoise_cache and not (image.denoise and biased and image.mode != "frames"):
+            raise ValueError(
+                "nrc: denoise_cache blends a denoised still with the cache; set denoise=true, leave estimator and "
+                "termination_c as they are, and render single pictures"
+            )
 
     @property
     def caching(self) -> bool:

@@ -37,6 +37,7 @@ def denoise(
     normal: np.ndarray | None = None,
     *,
     filter: Filter = "RT",
+    clean_guides: bool = False,
 ) -> np.ndarray:
     """Remove the noise of a path-traced picture or light map.
 
@@ -45,6 +46,7 @@ def denoise(
         albedo: [H, W, 3] reflectance of the first surfaces in [0, 1], or None.
         normal: [H, W, 3] unit normals of the first surfaces in [-1, 1], or None; needs ``albedo``.
         filter: "RT" for pictures, "RTLightmap" for light maps.
+        clean_guides: Whether albedo and normal have no noise, such as those of ``clean_guide_images``.
 
     Returns:
         [H, W, 3] float32, non-negative. Pixels for which the denoiser has no finite value keep theirs.
@@ -62,5 +64,19 @@ def denoise(
     mean = float(np.nan_to_num(noisy, posinf=0, neginf=0).mean(dtype=np.float64))
     scale = np.float32(1 / mean) if mean > 0 else np.float32(1)
     guides = {name: as_image(image) for name, image in (("albedo", albedo), ("normal", normal)) if image is not None}
-    clean = np.asarray(oidn.denoise(noisy * scale, hdr=True, filter=filter, **guides), np.float32) / scale
+    settings = {"clean_aux": True} if clean_guides else {}
+    clean = np.asarray(oidn.denoise(noisy * scale, hdr=True, filter=filter, **settings, **guides), np.float32) / scale
     return np.where(np.isfinite(clean).all(axis=-1, keepdims=True), np.maximum(clean, 0), noisy)
+
+
+def clean_guide_images(albedo: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Remove the noise of guide images, each by itself, so that the denoiser can keep their edges as they are.
+
+    Args:
+        albedo: [H, W, 3] reflectance in [0, 1].
+        normal: [H, W, 3] normals in [-1, 1].
+
+    Returns:
+        Albedo in [0, 1] and normals in [-1, 1], both [H, W, 3] float32.
+    """
+    return np.clip(denoise(albedo), 0, 1), np.clip(2 * denoise((normal + 1) / 2) - 1, -1, 1)
