@@ -11,7 +11,9 @@ import run_tests
 from run_tests import Counts, Result, Room
 
 ROOT = Path(__file__).parents[1]
-JUNIT = """<testsuites><testsuite tests="7" failures="1" errors="1" skipped="2"/></testsuites>"""
+JUNIT = """<testsuites><testsuite tests="7" failures="1" errors="1" skipped="2"><testcase classname="tests.a" name="one">
+<failure/></testcase><testcase classname="tests.a" name="two"><error/></testcase><testcase classname="tests.a"
+name="three"/></testsuite></testsuites>"""
 # A process that writes a report of two tests, one of which failed where it ends with exit code 1.
 WRITE = """import sys
 code = int(sys.argv[1])
@@ -30,15 +32,19 @@ def room(name: str, code: int, program: str = WRITE, may_be_empty: bool = False)
 
 def test_counts_of_pytest(tmp_path):
     (tmp_path / "report").write_text(JUNIT)
-    assert run_tests.read_junit(tmp_path / "report") == Counts(passed=3, failed=2, skipped=2)
+    assert run_tests.read_junit(tmp_path / "report") == Counts(3, 2, 2, ("tests.a::one", "tests.a::two"))
 
 
 def test_counts_of_vitest(tmp_path):
     """A file that does not load has no tests, and has failed."""
-    files = [{"status": "passed", "assertionResults": [{}]}, {"status": "failed", "assertionResults": []}]
+    tests = [{"status": "passed", "fullName": "draws"}, {"status": "failed", "fullName": "lights"}]
+    files = [
+        {"name": "/web/test/a.test.ts", "status": "failed", "assertionResults": tests},
+        {"name": "/web/test/b.test.ts", "status": "failed", "assertionResults": []},
+    ]
     numbers = {"numPassedTests": 4, "numFailedTests": 1, "numPendingTests": 2, "numTodoTests": 1}
     (tmp_path / "report").write_text(json.dumps({**numbers, "testResults": files}))
-    assert run_tests.read_vitest(tmp_path / "report") == Counts(passed=4, failed=2, skipped=3)
+    assert run_tests.read_vitest(tmp_path / "report") == Counts(4, 2, 3, ("a.test.ts > lights", "b.test.ts"))
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -64,10 +70,14 @@ def test_a_room_that_waits_runs_beside_the_others(tmp_path):
 
 
 def test_the_last_line_is_the_total():
-    results = [Result("a", Counts(3, 0, 1), 0, 2.0, 3.0), Result("web", Counts(2, 1, 0), 1, 9.0, 4.0)]
+    results = [
+        Result("a", Counts(3, 0, 1), 0, 2.0, 3.0),
+        Result("web", Counts(2, 1, 0, ("a.test.ts > lights",)), 1, 9.0, 4.0),
+    ]
     lines = run_tests.summary(results, 10.0).splitlines()
     assert lines[-1] == "5 passed, 1 failed, 1 skipped"
-    assert "FAILED web (exit code 1)" in lines and not any("FAILED a" in line for line in lines)
+    assert lines[lines.index("FAILED web (exit code 1)") + 1] == "  a.test.ts > lights"
+    assert not any("FAILED a" in line for line in lines)
     table = [line.split()[0] for line in lines if line and line.split()[0] in ("a", "web", "all")]
     assert table == ["web", "a", "all"]
 

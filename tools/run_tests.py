@@ -44,9 +44,16 @@ class Counts:
     passed: int = 0
     failed: int = 0
     skipped: int = 0
+    failures: tuple[str, ...] = ()
+    """Names of the tests that failed, as far as the report has them."""
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(self.passed + other.passed, self.failed + other.failed, self.skipped + other.skipped)
+        return Counts(
+            self.passed + other.passed,
+            self.failed + other.failed,
+            self.skipped + other.skipped,
+            self.failures + other.failures,
+        )
 
     def __str__(self) -> str:
         return f"{self.passed} passed, {self.failed} failed, {self.skipped} skipped"
@@ -102,7 +109,12 @@ def read_junit(path: Path) -> Counts:
             int(suite.get(key, 0)) for key in ("tests", "failures", "errors", "skipped")
         )
         failed = failures + errors
-        total += Counts(max(tests - failed - skipped, 0), failed, skipped)
+        names = tuple(
+            f"{case.get('classname')}::{case.get('name')}"
+            for case in suite.iter("testcase")
+            if case.find("failure") is not None or case.find("error") is not None
+        )
+        total += Counts(max(tests - failed - skipped, 0), failed, skipped, names)
     return total
 
 
@@ -116,9 +128,18 @@ def read_vitest(path: Path) -> Counts:
         A file whose tests could not be collected counts as one failed test.
     """
     report = json.loads(path.read_text())
-    unread = sum(file["status"] == "failed" and not file["assertionResults"] for file in report["testResults"])
+    unread = [
+        file["name"] for file in report["testResults"] if file["status"] == "failed" and not file["assertionResults"]
+    ]
+    failed = [
+        f"{Path(file['name']).name} > {test['fullName']}"
+        for file in report["testResults"]
+        for test in file["assertionResults"]
+        if test["status"] == "failed"
+    ]
     skipped = report["numPendingTests"] + report["numTodoTests"]
-    return Counts(report["numPassedTests"], report["numFailedTests"] + unread, skipped)
+    counted = report["numFailedTests"] + len(unread)
+    return Counts(report["numPassedTests"], counted, skipped, (*failed, *(Path(name).name for name in unread)))
 
 
 def python_rooms(marks: str) -> list[Room]:
@@ -230,7 +251,7 @@ def run(rooms: list[Room], jobs: int, environment: dict[str, str]) -> Iterator[R
 
 
 def summary(results: list[Result], seconds: float) -> str:
-    """Write the table of rooms, the rooms that failed and the total.
+    """Write the table of rooms, the rooms and tests that failed, and the total.
 
     Args:
         results: How the rooms ended.
@@ -244,7 +265,9 @@ def summary(results: list[Result], seconds: float) -> str:
     for one in sorted(results, key=lambda one: -one.seconds):
         lines.append(f"{one.room:{width}}  {one.seconds:7.1f}  {one.processor_seconds:9.1f}  {one.counts}")
     lines.append(f"{'all':{width}}  {seconds:7.1f}  {sum(one.processor_seconds for one in results):9.1f}")
-    lines += [f"FAILED {one.room} (exit code {one.code})" for one in results if one.failed]
+    for one in results:
+        if one.failed:
+            lines += [f"FAILED {one.room} (exit code {one.code})", *(f"  {name}" for name in one.counts.failures)]
     return "\n".join([*lines, str(sum((one.counts for one in results), Counts()))])
 
 
