@@ -20,6 +20,7 @@ from lightwell.baking.quality import (
     Learned,
     PictureReference,
     Quality,
+    least_units,
     score_quality,
     trace_quality,
 )
@@ -39,12 +40,14 @@ BUDGET = ReferenceBudget(points=4096, point_paths=256, pixel_paths=256)
 DIFFERENCE = 4
 
 
-def strip(scene: Scene, variable: Variable, camera: Camera, picture: PictureReference, learned: Learned) -> np.ndarray:
+def strip(
+    scene: Scene, variable: Variable, camera: Camera, picture: PictureReference, learned: Learned, least: float
+) -> np.ndarray:
     """[H, 3 W, 3] whole picture with learned light, denoised reference and difference, displayed, of one view."""
     large, light = display_view(scene, camera, picture.view, picture.size), picture.view.light
     bare = large.picture(direct(scene, large.points, light, variable, DIRECT_PATHS))
     reference = bare + large.reference
-    unit = exposure_unit(reference) or 1.0
+    unit = max(exposure_unit(reference) or 0.0, least) or 1.0
     lit, truth = (display(x / unit) for x in (bare + large.picture(learned(large.points, light)), reference))
     return np.concatenate([lit, truth, np.clip(DIFFERENCE * np.abs(lit - truth), 0, 1)], axis=1)
 
@@ -58,7 +61,10 @@ def score(source: str, folder: Path) -> tuple[Quality, list, list[np.ndarray]]:
     views = views_and_lights(scene, variable, VIEWS, 0)
     truth = trace_quality(scene, variable, views, SIZE, BUDGET, 0)
     learned = lambda points, light: baked(make_query(scene, points, light))  # noqa: E731
-    strips = [strip(scene, variable, camera, picture, learned) for (camera, _), picture in zip(views, truth.pictures)]
+    least = least_units(truth.pictures)[1]
+    strips = [
+        strip(scene, variable, camera, picture, learned, least) for (camera, _), picture in zip(views, truth.pictures)
+    ]
     return score_quality(truth, learned), [entry.graph for entry in entries], strips
 
 

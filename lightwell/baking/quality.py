@@ -35,6 +35,9 @@ PATCHES, PATCH_CANDIDATES, PATCH_PILOT_PATHS = 240, 4, 32
 PATCH_LIGHTS = 32
 # Paths per point of direct light; a light without size needs no more.
 DIRECT_PATHS = 2
+# A view is exposed by its own light, but at most so many stops brighter than all views together, as an automatic
+# exposure is limited: one into a closed cupboard, 17 stops darker, would be a picture of nothing but noise.
+MOST_STOPS = 4
 
 
 @dataclass(frozen=True)
@@ -259,7 +262,8 @@ def score_quality(
         The figures.
     """
     shown = shown or (lambda view: learned(view.points, view.light))
-    pictures = [score_picture(picture, shown(picture.view)) for picture in truth.pictures]
+    least = least_units(truth.pictures)
+    pictures = [score_picture(picture, shown(picture.view), least) for picture in truth.pictures]
     psnr, flips, bare = (list(column) for column in zip(*pictures)) if pictures else ([], [], [])
     per_view = [None if found is None else found.db for found in psnr]
     blotches = _mottle(truth.patches, learned)
@@ -285,12 +289,34 @@ def score_quality(
     )
 
 
-def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePsnr | None, float | None, float | None]:
+def least_units(pictures: Sequence[PictureReference]) -> tuple[float, float]:
+    """Compute the smallest exposure units of views: ``MOST_STOPS`` below those of all views together.
+
+    Args:
+        pictures: The references of the views.
+
+    Returns:
+        The unit of indirect light and that of all light; 0 where all is black.
+    """
+    indirect = [0.5 * (picture.view.half_a + picture.view.half_b) for picture in pictures]
+    whole = [picture.direct + y for picture, y in zip(pictures, indirect)]
+    return _least_unit(indirect), _least_unit(whole)
+
+
+def _least_unit(views: Sequence[np.ndarray]) -> float:
+    every = np.concatenate(views) if views else np.zeros((0, 3))
+    return ((picture_metrics.exposure_unit(every) if len(every) else None) or 0.0) / 2**MOST_STOPS
+
+
+def score_picture(
+    picture: PictureReference, f: np.ndarray, least: tuple[float, float] = (0.0, 0.0)
+) -> tuple[NoiseFreePsnr | None, float | None, float | None]:
     """Compute figures of one view, exposed by the reference.
 
     Args:
         picture: The reference of the view.
         f: [N, 3] radiance of the field at the points of the view.
+        least: Smallest exposure units, of indirect light and of all light, from ``least_units``.
 
     Returns:
         PSNR of the indirect light; FLIP of the whole picture and of direct light alone, against the denoised reference,
@@ -301,10 +327,11 @@ def score_picture(picture: PictureReference, f: np.ndarray) -> tuple[NoiseFreePs
     of_indirect, of_whole = picture_metrics.exposure_unit(y) if len(y) else None, None
     if of_indirect is None:
         return None, None, None
+    of_indirect = max(of_indirect, least[0])
     image = lambda x: place(picture, x)  # noqa: E731
     parts = (f, view.half_a, view.half_b, picture.clean)
     psnr = picture_metrics.psnr_noise_free(*(image(x / of_indirect) for x in parts))
-    of_whole = picture_metrics.exposure_unit(picture.direct + y)
+    of_whole = max(picture_metrics.exposure_unit(picture.direct + y) or 0.0, least[1])
     reference = image((picture.direct + picture.clean) / of_whole)
     learned, bare = (image((picture.direct + x) / of_whole) for x in (f, np.zeros_like(f)))
     return psnr, picture_metrics.flip(learned, reference), picture_metrics.flip(bare, reference)

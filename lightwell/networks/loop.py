@@ -20,7 +20,7 @@ class TrainingSettings:
 
     loss: str = "relative2"
     optimiser: str = "adam"
-    """'adam' or 'sgd'."""
+    """'adam', 'adam_grid' (constants for hash grids) or 'sgd'."""
     rate: float = 3e-3
     schedule: str = "cosine"
     tau: float = REPORT_TAU

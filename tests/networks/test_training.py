@@ -52,7 +52,7 @@ def test_another_seed_gives_other_weights(data):
     assert any((a.parameters[k] != b.parameters[k]).any() for k in a.parameters)
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "sgd"])
+@pytest.mark.parametrize("optimiser", ["adam", "adam_grid", "sgd"])
 def test_resumed_training_ends_with_the_same_bits(data, tmp_path, optimiser):
     settings = TrainingSettings(batch=512, evaluate_every=20, optimiser=optimiser, decay=1e-4)
     whole = _fit(data, 80, 80, _trainer(settings))
