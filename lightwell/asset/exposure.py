@@ -4,10 +4,30 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
-from lightwell.asset.container import pack, unpack
+from lightwell.asset.container import pack, read_file, unpack
 from lightwell.asset.records import EXTENSION
 from lightwell.files import write_atomically
+
+
+def declared_exposure(path: str | Path) -> float | None:
+    """Read the exposure of a baked file.
+
+    Args:
+        path: A GLB.
+
+    Returns:
+        Factor on radiance before tone mapping; None where the file is absent, or declares none.
+
+    Raises:
+        ValueError: The file is no GLB, or its exposure is not a positive number.
+    """
+    if not Path(path).is_file():
+        return None
+    document, _ = read_file(path)
+    exposure = document.get("extensions", {}).get(EXTENSION, {}).get("exposure")
+    return None if exposure is None else _positive(exposure)
 
 
 def declare_exposure(path: str | Path, exposure: float) -> int:
@@ -23,11 +43,16 @@ def declare_exposure(path: str | Path, exposure: float) -> int:
     Raises:
         ValueError: The exposure is not a positive number, or the file is no GLB with learned light.
     """
-    if not (math.isfinite(exposure) and exposure > 0):
-        raise ValueError(f"asset: exposure is {exposure}, expected a positive number")
+    exposure = _positive(exposure)
     document, binary = unpack(Path(path).read_bytes())
     extension = document.get("extensions", {}).get(EXTENSION)
     if extension is None:
         raise ValueError(f"{path}: expected learned light, found none; bake it")
-    extension["exposure"] = float(exposure)
+    extension["exposure"] = exposure
     return write_atomically(path, pack(document, binary))
+
+
+def _positive(exposure: Any) -> float:
+    if not isinstance(exposure, (int, float)) or not (math.isfinite(exposure) and exposure > 0):
+        raise ValueError(f"asset: exposure is {exposure}, expected a positive number")
+    return float(exposure)

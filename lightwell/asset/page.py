@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
+from lightwell.asset.page_picture import dark_radiance, pack_picture
+from lightwell.asset.page_textures import with_smaller_textures
 from lightwell.asset.without_ktx2 import without_ktx2
 from lightwell.core.templates import Templates
 from lightwell.files import write_atomically
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
 
 TEMPLATES = Templates(Path(__file__).parent / "templates")
 PLACEHOLDER = "<!--lightwell-data-->"
-# Largest finite half float; brighter reference pixels are clipped to it.
-MAX_HALF = 65504.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def write_page(
     glb: bytes,
     home: Camera,
     views: Sequence[PageView] = (),
-    exposure: float = 1.0,
+    exposure: float | None = None,
     report: Mapping[str, Any] | None = None,
     viewer: str | None = None,
     links: Mapping[str, str] | None = None,
@@ -60,10 +60,11 @@ def write_page(
     Args:
         path: File to write.
         title: Title of the page.
-        glb: The baked asset; KTX2 pictures are written as lossless WebP of the same texels.
+        glb: The baked asset; the page carries it with KTX2 pictures decoded (``without_ktx2``) and with smaller textures
+            (``with_smaller_textures``), gzip-compressed.
         home: Camera at which the page opens.
         views: Held-out views with path-traced references, offered for comparison.
-        exposure: Factor on radiance before tone mapping, > 0.
+        exposure: Factor on radiance before tone mapping, > 0; None: metered by the page.
         report: Content of report.json; None when there is no report.
         viewer: HTML of the viewer; None for the one that is built into the package.
         links: Text → relative path of pages beside this one; None: there is none.
@@ -78,11 +79,11 @@ def write_page(
     shell = viewer_html() if viewer is None else viewer
     if shell.count(PLACEHOLDER) != 1:
         raise RuntimeError(f"page: the viewer must contain {PLACEHOLDER} once, found {shell.count(PLACEHOLDER)}")
-    if not (math.isfinite(exposure) and exposure > 0):
+    if exposure is not None and not (math.isfinite(exposure) and exposure > 0):
         raise ValueError(f"page: exposure is {exposure}, expected a positive number")
     page = {
         "title": title,
-        "exposure": float(exposure),
+        "exposure": exposure if exposure is None else float(exposure),
         "home": camera_json(home),
         "views": [view_json(view) for view in views],
         "report": dict(report or {}),
@@ -118,13 +119,18 @@ def _titled(shell: str, title: str) -> str:
 
 
 def _scripts(glb: bytes, page: dict[str, Any]) -> str:
-    asset = base64.b64encode(glb).decode()
+    glb = with_smaller_textures(glb)
     try:
         text = script_json(page)
     except ValueError as error:
         raise ValueError("page: its data contains NaN or infinity; find the number that is not finite") from error
     # A plain string: adding one to ``Markup`` would escape the viewer.
-    return str(TEMPLATES.render("data.html", asset=asset, page=Markup(text)))
+    return str(TEMPLATES.render("data.html", asset=_packed(glb), size=len(glb), page=Markup(text)))
+
+
+def _packed(data: bytes) -> str:
+    # mtime=0: the same data gives the same bytes.
+    return base64.b64encode(gzip.compress(data, compresslevel=9, mtime=0)).decode()
 
 
 def script_json(value: Any) -> str:
@@ -162,7 +168,7 @@ def view_json(view: PageView) -> dict[str, Any]:
         view: Held-out view.
 
     Returns:
-        Its name, camera, light and size, and the reference as base64 of gzip-compressed little-endian float16.
+        Its name, camera, light and size, and the reference as ``pack_picture`` makes it, in base64.
 
     Raises:
         ValueError: The reference has not 3 channels, or contains NaN or an infinity.
@@ -170,14 +176,13 @@ def view_json(view: PageView) -> dict[str, Any]:
     height, width, channels = view.reference.shape
     if channels != 3 or not np.isfinite(view.reference).all():
         raise ValueError(f"page: the reference of view '{view.name}' must be finite and have 3 channels")
-    halves = np.clip(view.reference, 0, MAX_HALF).astype("<f2")
-    # mtime=0: the same picture gives the same bytes.
-    packed = gzip.compress(halves.tobytes(), compresslevel=9, mtime=0)
+    dark = dark_radiance(view.reference)
     return {
         "name": view.name,
         "camera": camera_json(view.camera),
         "light": [float(c) for c in view.light],
         "width": width,
         "height": height,
-        "reference": base64.b64encode(packed).decode(),
+        "dark": dark,
+        "reference": base64.b64encode(pack_picture(view.reference, dark)).decode(),
     }

@@ -32,6 +32,7 @@ def write_glb(
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
+    exposure: float | None = None,
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -46,11 +47,12 @@ def write_glb(
         generator: Program that made the file, for ``asset.generator``.
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
+        exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
 
     Returns:
         Number of bytes written.
     """
-    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps))
+    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure))
 
 
 def glb_bytes(
@@ -60,6 +62,7 @@ def glb_bytes(
     generator: str = GENERATOR,
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
+    exposure: float | None = None,
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -70,6 +73,7 @@ def glb_bytes(
         generator: Program that made the file, for ``asset.generator``.
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
+        exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
 
     Returns:
         The bytes of the file.
@@ -83,6 +87,8 @@ def glb_bytes(
     if fallback is not None:
         add_fallback(document, binary, fallback)
     extension = extension_json(fields, variables, binary, document, lamps)
+    if exposure is not None:
+        extension["exposure"] = float(exposure)
     validate(extension)
     document.setdefault("extensions", {})[EXTENSION] = extension
     document["extensionsUsed"] = sorted({*document.get("extensionsUsed", ()), EXTENSION})

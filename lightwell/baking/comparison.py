@@ -9,7 +9,7 @@ from typing import Any
 
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.pipeline import PAGE, loaded, write_asset, write_report_and_page
+from lightwell.baking.pipeline import PAGE, attempt_exposure, loaded, write_asset, write_report_and_page
 from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.score import reference_budget, score, variable_json
@@ -153,6 +153,7 @@ class _Comparison:
         self.reference: Reference | None = None
         self.notes = LateNotes(progress)
         self._budget: ReferenceBudget | None = None
+        self._exposure: float | None = None
         # Samples by ``Field.shares``.
         self._samples: dict[str, Any] = {}
 
@@ -182,10 +183,10 @@ class _Comparison:
         data = replace(data, paths_per_second=fit.traced.paths / max(traced, 1e-9))
         out.mkdir(exist_ok=True)
         stage = reference.stage
-        size = write_asset(out, state, [shipped], stage.intensity, stage.color, stage.views[0][1])
+        size = write_asset(out, state, [shipped], stage.intensity, stage.color, stage.views[0][1], self._exposure)
         links = (PAGE, PageLink("../compare.html", "all fields compared"))
         data = replace(data, asset_bytes=size, links=links)
-        numbers = write_report_and_page(out, state, data, reference, self.notes)
+        numbers = write_report_and_page(out, state, data, reference, self.notes, self._exposure)
         return ComparedField(choice.name, choice.folder, data, numbers, fit.training.steps, fit.training.cut)
 
     def _fit(self, field: Field, state: State, choice: FieldChoice) -> Fit:
@@ -210,6 +211,7 @@ class _Comparison:
                     self.progress,
                     self.work.store,
                 )
+                self._exposure = attempt_exposure(state, self.reference.stage, self.settings, self.notes)
         return self.reference
 
     def _told(self, state: State, fit: Fit) -> dict[str, Any]:

@@ -9,19 +9,22 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lightwell.asset.exposure import declared_exposure
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry, LampEntry
 from lightwell.asset.write import write_glb
 from lightwell.baking.evaluate import Shipped, lit_views
+from lightwell.baking.exposure import metered_exposure
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.reference import Reference, choose_stage, trace_reference
-from lightwell.baking.score import exposure, reference_budget, score, variable_json, warnings
+from lightwell.baking.reference import Reference, ViewSetup, choose_stage, trace_reference
+from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.cluster.attach import attached
 from lightwell.core.lamps import parse_lamps
@@ -144,13 +147,14 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     job, roles = state.job, [s.role for s in shipped]
     units = {s.role: s.fit.unit for s in shipped}
     first = next((s for s in shipped if s.role == "indirect"), shipped[0])
-    budget = reference_budget(settings, job, first.fit, len(roles))
     notes = LateNotes(job.progress)
     stage = choose_stage(state.scene, state.variable, units, settings)
+    exposure = attempt_exposure(state, stage, settings, notes)
+    budget = reference_budget(settings, job, first.fit, len(roles))
     shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
     # The asset is written before anything is scored, because scoring may fail.
     with job.work.timed("write"):
-        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light)
+        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light, exposure)
     with job.work.timed("evaluate"):
         reference = trace_reference(
             state.scene, state.variable, roles, units, settings, budget, notes, job.progress, stage=stage
@@ -167,7 +171,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
         finally:  # also where a file of the field fails
             links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
             data = replace(data, asset_bytes=size, links=links)
-            report = write_report_and_page(settings.out, state, data, reference, notes)
+            report = write_report_and_page(settings.out, state, data, reference, notes, exposure)
     job.progress.say(_verdict(report, settings, job.work.elapsed))
     return report
 
@@ -186,6 +190,23 @@ def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> d
     }
 
 
+def attempt_exposure(state: State, stage: ViewSetup, settings: Reported, notes: LateNotes) -> float | None:
+    """Meter the exposure of a bake.
+
+    Args:
+        state: The prepared scene.
+        stage: Views and their lights.
+        settings: Size of the views.
+        notes: Takes a note where it cannot be metered.
+
+    Returns:
+        Factor on radiance before tone mapping; None where it could not be metered.
+    """
+    with_static = "static" in state.roles
+    make = partial(metered_exposure, state.scene, state.variable, stage, settings.view_size, with_static)
+    return notes.attempt("the exposure", make, None)
+
+
 def write_asset(
     out: Path,
     state: State,
@@ -193,6 +214,7 @@ def write_asset(
     intensity: float,
     color: Sequence[float],
     light: np.ndarray,
+    exposure: float | None = None,
 ) -> int:
     """Write ``scene.glb``.
 
@@ -203,6 +225,7 @@ def write_asset(
         intensity: First intensity of the variable light, cd or lx.
         color: First colour of the variable light, linear sRGB.
         light: [3] first position of the variable light in metres, or direction towards the sun.
+        exposure: Factor on radiance before tone mapping that suits the scene; None: the file has none.
 
     Returns:
         Bytes of the file.
@@ -220,11 +243,13 @@ def write_asset(
         for s in shipped
     ]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
-    return write_glb(out / "scene.glb", state.shipped, entries, variables, fallback=fallback, lamps=lamps)
+    return write_glb(
+        out / "scene.glb", state.shipped, entries, variables, fallback=fallback, lamps=lamps, exposure=exposure
+    )
 
 
 def write_report_and_page(
-    out: Path, state: State, data: ReportData, reference: Reference, notes: LateNotes
+    out: Path, state: State, data: ReportData, reference: Reference, notes: LateNotes, exposure: float | None
 ) -> dict[str, Any]:
     """Write ``report.html``, ``report.json`` and ``index.html``.
 
@@ -234,6 +259,7 @@ def write_report_and_page(
         data: Content of the report.
         reference: Views and pictures of the page.
         notes: Takes a note where figures or pictures must be left out.
+        exposure: Factor on radiance before tone mapping; None: the page meters it.
 
     Returns:
         The content of ``report.json``.
@@ -246,11 +272,12 @@ def write_report_and_page(
         "title": _title(state.scene),
         "glb": _asset(out),
         "home": reference.stage.views[0][0],
+        "exposure": exposure,
         "report": written.numbers,
         "links": {"report": "report.html"} | {link.text: link.href for link in data.links if link is not PAGE},
     }
-    pictures = {"views": reference.pictures, "exposure": exposure(reference.pictures)}
-    if not notes.attempt("the pictures of the page", lambda: write_page(out / "index.html", **page, **pictures), 0):
+    make = partial(write_page, out / "index.html", **page, views=reference.pictures)
+    if not notes.attempt("the pictures of the page", make, 0):
         write_page(out / "index.html", **page)
     return written.numbers
 
@@ -258,11 +285,14 @@ def write_report_and_page(
 def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shipped], again: ReBake) -> dict[str, Any]:
     strength = max(float(again.shown.intensity.max()), 1e-30)
     color = tuple(again.shown.intensity / strength)
-    size = write_asset(settings.out, state, shipped, strength, color, again.shown.light)
+    # What is shown beside the earlier bake is exposed as it is.
+    exposure = declared_exposure(Path(again.facts["from"]) / "scene.glb")
+    size = write_asset(settings.out, state, shipped, strength, color, again.shown.light, exposure)
     _write_files(settings, state.job, shipped, again.shown)
     if again.page:
         home = lit_views(state.scene, state.variable, 1, settings.seed)[0][0]
-        write_page(settings.out / PAGE.href, title=_title(state.scene), glb=_asset(settings.out), home=home)
+        page = {"title": _title(state.scene), "glb": _asset(settings.out), "home": home, "exposure": exposure}
+        write_page(settings.out / PAGE.href, **page)
     told = again.facts | {"bytes": size}
     write_atomically(settings.out / "rebake.json", json.dumps(told, indent=1) + "\n")
     for line in again.lines:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.page import PageView
 from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
@@ -18,7 +17,6 @@ from lightwell.baking.quality import Quality, quality_of_reference, score_qualit
 from lightwell.baking.reference import Reference, ViewReference
 from lightwell.baking.reference_budget import ReferenceBudget, reference_seconds, shared_seconds
 from lightwell.baking.settings import Reported
-from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.core.denoise import missing
 from lightwell.core.formats import JSON
 from lightwell.doctor import versions
@@ -223,28 +221,6 @@ def warnings(state: State) -> list[str]:
 def _mirrors(scene: Scene) -> set[str]:
     materials = (scene.materials[mesh.material] for mesh in scene.meshes)
     return {material.name for material in materials if material.delta}
-
-
-def exposure(views: Sequence[PageView]) -> float:
-    """Compute the exposure of the page: log-average luminance at middle grey (Reinhard et al. 2002).
-
-    It lies half way between those of the first and of the brightest view, so that both are legible.
-
-    Args:
-        views: The views.
-
-    Returns:
-        Factor of the radiance.
-    """
-    averages = []
-    for view in views:
-        luminance = view.reference.reshape(-1, 3) @ LUMINANCE
-        lit = luminance[luminance > 1e-6]
-        if len(lit):
-            averages.append(float(np.mean(np.log(lit))))
-    if not averages:
-        return 1.0
-    return float(f"{MIDDLE_GREY / np.exp(0.5 * (averages[0] + max(averages))):.3g}")
 
 
 def variable_json(variable: Variable | None) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ import pytest
 
 from lightwell.asset import geometry
 from lightwell.asset.container import unpack
-from lightwell.asset.exposure import declare_exposure
+from lightwell.asset.exposure import declare_exposure, declared_exposure
 from lightwell.asset.materials import texture_transform
 from lightwell.asset.records import EXTENSION
 from lightwell.asset.write import glb_bytes, write_glb
@@ -156,6 +156,14 @@ def test_the_exposure_is_declared_in_place_of_an_earlier_one(tmp_path, scene, en
     document, binary = unpack(path.read_bytes())
     assert document["extensions"][EXTENSION].pop("exposure") == 0.25
     assert (document, binary) == before
+
+
+def test_a_file_is_written_with_its_exposure(tmp_path, scene, entry, variable):
+    path = tmp_path / "scene.glb"
+    assert declared_exposure(path) is None
+    for exposure in (None, 2.5):
+        write_glb(path, scene, [entry], [variable], exposure=exposure)
+        assert declared_exposure(path) == exposure
 
 
 @pytest.mark.parametrize("exposure", [0.0, -1.0, float("nan"), float("inf")])

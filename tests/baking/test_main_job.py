@@ -2,10 +2,12 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 
+from lightwell.asset.exposure import declared_exposure
 from lightwell.asset.read import read_fields
 from lightwell.baking.information import describe
 from lightwell.baking.pipeline import bake
@@ -69,6 +71,12 @@ def test_the_page_is_self_contained(baked):
     text = (baked[0] / "index.html").read_text()
     assert 'id="lightwell-asset"' in text and 'id="lightwell-page"' in text
     assert "<!--lightwell-data-->" not in text
+
+
+def test_the_file_declares_the_exposure_of_its_page(baked):
+    text = (baked[0] / "index.html").read_text()
+    page = json.loads(re.search(r'id="lightwell-page">(.*?)</script>', text, re.S)[1])
+    assert page["exposure"] == declared_exposure(baked[0] / "scene.glb") > 0
 
 
 # ``test_resume.test_interrupted_by_the_keyboard`` asks for the same bytes of a second bake, too.

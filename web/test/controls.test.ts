@@ -5,7 +5,6 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import type { Browser, Page } from "playwright-core";
-import { DataUtils } from "three";
 import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { expertField } from "./support/experts.ts";
@@ -42,8 +41,8 @@ async function open(width: number, height: number, html: string, mode = "learned
   return tab.page;
 }
 
-const grey = packReference(new Uint16Array(16 * 12 * 3).fill(DataUtils.toHalfFloat(0.2)));
-const view = { camera: CAMERA, light: [0.2, 1, 0.2], width: 16, height: 12, reference: grey };
+const grey = packReference(new Float32Array(16 * 12 * 3).fill(0.2), 16);
+const view = { camera: CAMERA, light: [0.2, 1, 0.2], width: 16, height: 12, ...grey };
 const views = [
   { ...view, name: "Lamp right" },
   { ...view, name: "</script><b>Lamp left", light: [-0.2, 1, 0.2] },
@@ -138,7 +137,7 @@ it("can be used while the learned light is compiled", async () => {
 });
 
 it("stops down for a view that would be washed out, and back", async () => {
-  const bright = packReference(new Uint16Array(16 * 12 * 3).fill(DataUtils.toHalfFloat(9)));
+  const bright = packReference(new Float32Array(16 * 12 * 3).fill(9), 16);
   const page = await open(
     320,
     240,
@@ -147,7 +146,7 @@ it("stops down for a view that would be washed out, and back", async () => {
       exposure: 1,
       views: [
         { ...view, name: "a" },
-        { ...view, name: "b", reference: bright },
+        { ...view, name: "b", ...bright },
       ],
     }),
   );

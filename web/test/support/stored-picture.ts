@@ -24,7 +24,12 @@ export async function likeness(page: Page, name: string): Promise<Likeness> {
     writeFileSync(path, shot);
   }
   if (!existsSync(path)) throw new Error(`test/pictures/${name}.png: there is none; run with LIGHTWELL_STORE_PICTURES=1 and look at it`);
-  return page.evaluate(compare, [shot.toString("base64"), readFileSync(path).toString("base64")] as const);
+  return likenessOf(page, shot, readFileSync(path));
+}
+
+/** How two encoded pictures differ; `page` is any page. */
+export function likenessOf(page: Page, one: Buffer, other: Buffer): Promise<Likeness> {
+  return page.evaluate(compare, [one.toString("base64"), other.toString("base64")] as const);
 }
 
 /** In the page: browsers decode pictures. */

@@ -4,6 +4,7 @@ import { FormatError, LightwellLoaderPlugin, parseLearned } from "lightwell";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { decodeBase64 } from "./base64.ts";
+import { gunzip } from "./gunzip.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData, readPageData } from "./page-data.ts";
 
@@ -29,11 +30,11 @@ export type OnProgress = (loaded: number, total: number) => void;
 
 /** The asset that the page carries or its address names; null when there is none and one should be dropped. */
 export async function findAsset(options: Options, onProgress: OnProgress): Promise<LoadedAsset | null> {
-  const embedded = document.getElementById(ASSET_ID)?.textContent;
-  if (embedded) {
-    const bytes = decodeBase64(embedded);
+  const embedded = document.getElementById(ASSET_ID);
+  if (embedded?.textContent) {
+    const bytes = await gunzip(decodeBase64(embedded.textContent), Number(embedded.dataset.bytes), "the page's scene");
     // The text is no longer needed and may be large.
-    document.getElementById(ASSET_ID)?.remove();
+    embedded.remove();
     return loadGlb(bytes.buffer, embeddedPage(), "");
   }
   if (options.asset) return loadUrl(options.asset, options.page, true, onProgress);

@@ -19,7 +19,9 @@ export interface ViewData {
   readonly light: Vec3 | null;
   readonly width: number;
   readonly height: number;
-  /** base64 of gzip of width·height·3 half floats, first row at the top; empty when there is none. */
+  /** Radiance below which the steps of the reference are even. */
+  readonly dark: number;
+  /** base64 of the packed picture (format/FORMAT.md, "The page data"), first row at the top; empty when there is none. */
   readonly reference: string;
 }
 
@@ -71,9 +73,11 @@ function readView(value: unknown, index: number): ViewData[] {
   const camera = isRecord(value) ? readCamera(value.camera) : null;
   if (!isRecord(value) || !camera) return [];
   const [width, height] = [readSide(value.width), readSide(value.height)];
-  const reference = typeof value.reference === "string" && width && height ? value.reference : "";
+  const dark = Number(value.dark);
+  const known = typeof value.reference === "string" && width && height && dark > 0 && Number.isFinite(dark);
+  const reference = known ? (value.reference as string) : "";
   const name = typeof value.name === "string" && value.name ? value.name.slice(0, 40) : `View ${index + 1}`;
-  return [{ name, camera, light: readVec3(value.light), width: width || 4, height: height || 3, reference }];
+  return [{ name, camera, light: readVec3(value.light), width: width || 4, height: height || 3, dark, reference }];
 }
 
 function readSide(value: unknown): number {

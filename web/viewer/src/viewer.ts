@@ -51,7 +51,7 @@ export class Viewer extends ViewerFrames {
     if (!learned.hasIndirectLight && !learned.hasStillLight) {
       this.emit("notice", "This file carries no learned light; it is shown with direct light alone.");
     }
-    const meter = () => this.exposed.meter(asset.page.exposure, () => this.readRadiance());
+    const meter = () => this.exposed.meter(asset.page.exposure ?? learned.exposure, () => this.readRadiance());
     this.preparing = true;
     const metered = meter();
     this.renderOnce();
