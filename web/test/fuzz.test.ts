@@ -14,7 +14,7 @@ import type { Shaders } from "../fuzz/target.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 
 const LONG = Boolean(process.env.LIGHTWELL_LONG_TESTS);
-const MUTANTS = LONG ? 300 : 20;
+const MUTANTS = LONG ? 300 : 12;
 const SEEDS = LONG ? [1, Math.floor(Math.random() * 2 ** 31)] : [1];
 const KINDS = 10;
 const FORMATS = 3;

@@ -49,7 +49,7 @@ describe("a lens node", () => {
     expect(left).toBe(0);
   });
 
-  it.each([false, true])("a near square spills over the wall in focus by its circle of confusion; reversed depth: %s", async (reversed) => {
+  it.each(process.env.LIGHTWELL_LONG_TESTS ? [false, true] : [true])("a near square spills over the wall in focus by its circle of confusion; reversed depth: %s", async (reversed) => {
     const { row } = await draw({ blur: 6, reversed });
     expect(Math.max(...row.slice(0, 17))).toBeLessThan(2e-3);
     expect(row[19]).toBeGreaterThan(0.01);

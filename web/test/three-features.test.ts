@@ -1,37 +1,19 @@
 /** Features of three.js that users combine with learned light: each draws what it draws without, where that can be said. */
 
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, expect, it } from "vitest";
+import { afterEach, expect, it } from "vitest";
 import type { Result, Scenarios } from "./pages/three-features.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, modulePage } from "./support/bundle.ts";
-import { furnishedRoom } from "./support/fixtures.ts";
-import { writeGlb } from "./support/glb.ts";
+import { useScenarios } from "./support/scenarios.ts";
 
 type Picture = readonly number[];
 
-let browser: Browser;
-let page: Page;
-let errors: string[];
-const site = new Site();
+const opened = useScenarios("pages/three-features.ts");
 
-beforeAll(async () => {
-  await site.open();
-  browser = await launch("swiftshader");
-  ({ page, errors } = await openPage(browser));
-  const glb = Buffer.from(writeGlb(furnishedRoom())).toString("base64");
-  await page.goto(site.put("/features.html", modulePage(await bundle("pages/three-features.ts"), `<body data-glb="${glb}">`)));
-});
-
-afterAll(async () => {
-  await browser?.close();
-  await site.close();
+afterEach(() => {
   // Said of the device that draws into no floats.
-  expect(errors.filter((text) => !text.includes("EXT_color_buffer_float extension not supported"))).toEqual([]);
+  expect(opened.errors.filter((text) => !text.includes("EXT_color_buffer_float extension not supported"))).toEqual([]);
 });
 
-const run = <K extends keyof Scenarios>(name: K): Promise<Result<K>> =>
-  page.evaluate((key) => (window as any).feature(key), name) as Promise<Result<K>>;
+const run = <K extends keyof Scenarios>(name: K) => opened.run(name) as Promise<Result<K>>;
 
 const difference = (a: Picture, b: Picture) => a.reduce((largest, x, i) => Math.max(largest, Math.abs(x - b[i]!)), 0);
 const mean = (a: Picture) => a.reduce((sum, x) => sum + x, 0) / a.length;

@@ -1,36 +1,15 @@
 /** three.js' own ways count: where things stand, what is done to lights and materials, several scenes and renderers. */
 
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, expect, it } from "vitest";
+import { expect, it } from "vitest";
 import type { Result, Scenarios } from "./pages/three-ways.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, modulePage } from "./support/bundle.ts";
-import { furnishedRoom } from "./support/fixtures.ts";
-import { writeGlb } from "./support/glb.ts";
+import { keepFigure } from "./support/figures.ts";
+import { useScenarios } from "./support/scenarios.ts";
 
-let browser: Browser;
-let page: Page;
-let errors: string[];
-const site = new Site();
-
-beforeAll(async () => {
-  await site.open();
-  browser = await launch("swiftshader");
-  ({ page, errors } = await openPage(browser));
-  const glb = Buffer.from(writeGlb(furnishedRoom())).toString("base64");
-  await page.goto(site.put("/index.html", modulePage(await bundle("pages/three-ways.ts"), `<body data-glb="${glb}">`)));
-  await page.waitForFunction(() => window.scenario);
-}, 90_000);
-
-afterAll(async () => {
-  await browser?.close();
-  await site.close();
-});
+const opened = useScenarios("pages/three-ways.ts");
 
 async function run<K extends keyof Scenarios>(name: K): Promise<Result<K>> {
-  errors.length = 0;
-  const result = (await page.evaluate((key) => window.scenario(key), name)) as Result<K>;
-  if (name !== "broken" && name !== "renderers") expect(errors).toEqual([]);
+  const result = (await opened.run(name)) as Result<K>;
+  if (name !== "broken" && name !== "renderers") expect(opened.errors).toEqual([]);
   return result;
 }
 
@@ -122,6 +101,27 @@ it("nothing is left after loading and disposing again and again", async () => {
   const cycles = await run("cycles");
   expect(cycles.slice(2)).toEqual(Array(cycles.length - 2).fill(cycles[1]));
 });
+
+/** Bytes of JavaScript objects that are in use. */
+async function heap(): Promise<number> {
+  const session = await opened.page.context().newCDPSession(opened.page);
+  await session.send("HeapProfiler.collectGarbage");
+  const { usedSize } = await session.send("Runtime.getHeapUsage");
+  await session.detach();
+  return usedSize;
+}
+
+it.each(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [""] : [])("memory is flat over fifty cycles of loading and disposing", async () => {
+  await run("cycles");
+  const before = await heap();
+  await opened.page.evaluate(() => void (document.body.dataset.cycles = "50"));
+  const cycles = await run("cycles");
+  const grown = ((await heap()) - before) / 1e6;
+  keepFigure("memory grown over 50 cycles, MB", grown);
+  expect(cycles).toHaveLength(50);
+  expect(cycles.at(-1)).toEqual(cycles[1]);
+  expect(grown).toBeLessThan(0.5);
+}, 300_000);
 
 it("a shader without the part that ours goes into is said", async () => {
   expect(await run("broken")).toMatch(/expected '#include <opaque_fragment>' in a shader of three\.js, found none/);

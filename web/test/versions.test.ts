@@ -1,19 +1,22 @@
 /**
- * Every version of three.js that the package says it works with draws the same picture. `make test` runs the newest one in all other
- * tests; the older ones run with `LIGHTWELL_LONG_TESTS=1`, where they are installed as `three-0.NNN`.
+ * Every version of three.js that the package says it works with draws the same picture. All other tests run with the newest one; the
+ * older ones are installed as `three-0.NNN`.
  */
 
 import { existsSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { Browser } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
-import type { Result } from "./pages/three-ways.ts";
+import type { Request } from "./pages/renderers.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
-import { furnishedRoom } from "./support/fixtures.ts";
+import { keepFigure } from "./support/figures.ts";
+import { CAMERA, furnishedRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 
 const OLDER = ["three-0.182", "three-0.184"];
+/** The node renderer as well in the long tests and where figures are measured. */
+const KINDS = process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? (["webgl", "webgpu"] as const) : (["webgl"] as const);
 /** Decibels between two pictures, for a peak of 1. */
 const ALIKE = 45;
 
@@ -35,20 +38,26 @@ describe("three.js", () => {
     await site.close();
   });
 
-  async function pictures(three?: string): Promise<Result<"placed">> {
+  /** The room as a version draws it, direct light and shadows included. */
+  async function picture(kind: Request["kind"], three?: string): Promise<number[]> {
     const { page, errors } = await openPage(browser);
-    const code = await bundle("pages/three-ways.ts", three ? { three } : {});
-    await page.goto(site.put(`/${three ?? "newest"}.html`, modulePage(code, `<body data-glb="${glb}">`)));
-    await page.waitForFunction(() => window.scenario);
-    const found = (await page.evaluate(() => window.scenario("placed"))) as Result<"placed">;
+    const code = await bundle("pages/renderers.ts", three ? { three } : {});
+    await page.goto(site.put(`/${three ?? "newest"}.html`, modulePage(code)));
+    await page.waitForFunction(() => window.ready);
+    const camera = { position: CAMERA.position, target: CAMERA.target, fovY: CAMERA.fov_y } as Request["camera"];
+    const { data, backend } = await page.evaluate((request) => window.draw(request), { glb, kind, width: 96, height: 72, camera, direct: true });
+    expect(backend).toBe(kind);
     expect(errors).toEqual([]);
     await page.close();
-    return found;
+    return data;
   }
 
-  it.each(OLDER)("%s draws as the newest", async (name) => {
-    expect(existsSync(fileURLToPath(new URL(`../node_modules/${name}`, import.meta.url)))).toBe(true);
-    const [newest, older] = [await pictures(), await pictures(name)];
-    for (const [i, picture] of newest.entries()) expect(psnr(picture, older[i]!)).toBeGreaterThan(ALIKE);
-  }, 120_000);
+  describe.each(KINDS)("on %s", (kind) => {
+    it.each(OLDER)("%s draws as the newest", async (name) => {
+      expect(existsSync(fileURLToPath(new URL(`../node_modules/${name}`, import.meta.url)))).toBe(true);
+      const decibels = psnr(await picture(kind), await picture(kind, name));
+      keepFigure(`${name} on ${kind}, dB`, decibels);
+      expect(decibels).toBeGreaterThan(ALIKE);
+    }, 120_000);
+  });
 });

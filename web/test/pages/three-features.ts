@@ -221,12 +221,10 @@ const SCENARIOS = {
 export type Scenarios = typeof SCENARIOS;
 export type Result<K extends keyof Scenarios> = Awaited<ReturnType<Scenarios[K]>>;
 
-Object.assign(window, {
-  feature: async (name: keyof Scenarios) => {
-    const renderer = makeRenderer();
-    const result = await SCENARIOS[name](renderer);
-    renderer.dispose();
-    renderer.forceContextLoss();
-    return result;
-  },
-});
+window.scenario = async (name) => {
+  const renderer = makeRenderer();
+  const result = await SCENARIOS[name as keyof Scenarios](renderer);
+  renderer.dispose();
+  renderer.forceContextLoss();
+  return result;
+};

@@ -309,7 +309,7 @@ const SCENARIOS = {
 
   async cycles(renderer: WebGLRenderer): Promise<{ geometries: number; textures: number; programs: number }[]> {
     const seen = [];
-    for (let i = 0; i < 6; i++) {
+    for (let i = 0; i < Number(document.body.dataset.cycles ?? 6); i++) {
       const { learned, scene } = await put(renderer);
       learned.update();
       draw(renderer, scene);
@@ -342,13 +342,14 @@ export type Result<K extends keyof Scenarios> = Awaited<ReturnType<Scenarios[K]>
 
 declare global {
   interface Window {
-    scenario(name: keyof Scenarios): Promise<unknown>;
+    /** Runs one of a page's scenarios with a renderer of its own. */
+    scenario(name: string): Promise<unknown>;
   }
 }
 
 window.scenario = async (name) => {
   const renderer = makeRenderer();
-  const result = await SCENARIOS[name](renderer);
+  const result = await SCENARIOS[name as keyof Scenarios](renderer);
   renderer.dispose();
   renderer.forceContextLoss();
   return result;
