@@ -6,37 +6,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lightwell.baking.evaluate import lit_views
 from lightwell.baking.reference import ViewSetup
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.camera import total_image
 
-# The metered pictures have so many times fewer pixels a side than the views that are scored, and so many paths a pixel.
-METER_SHARE, METER_PATHS = 4, 64
+# What is metered: so many views, their pixels, and paths a pixel. None follows the settings of the report.
+METER_VIEWS, METER_SIZE, METER_PATHS = 4, (56, 35), 64
 # Luminance of a pixel that counts as black, and the range of an exposure in a file (format/FORMAT.md).
 BLACK, LEAST, MOST = 1e-6, 1e-6, 1e6
 
 
-def metered_exposure(
-    scene: Scene, variable: Variable | None, stage: ViewSetup, size: tuple[int, int], with_static: bool
-) -> float:
+def metered_exposure(scene: Scene, variable: Variable | None, stage: ViewSetup, seed: int, with_static: bool) -> float:
     """Meter the exposure of a scene in small path-traced pictures of its views.
 
-    The numbers of pixels and paths are the same however long a bake may take, so that the bytes of a file do not depend
-    on it.
+    Views, pixels and paths are the same however a bake is scored and however long it may take, so that the bytes of a
+    file do not depend on it.
 
     Args:
         scene: The scene.
         variable: Ranges of the light; None: no light varies.
-        stage: Views and their lights.
-        size: Width and height of the views that are scored, pixels.
+        stage: Intensity and colour of the light; its views are taken where they are as many as are metered.
+        seed: Seed of the bake.
         with_static: Let the scene's own emitters shine too.
 
     Returns:
         Factor on radiance before tone mapping, two significant digits.
     """
-    width, height = (max(edge // METER_SHARE, 1) for edge in size)
+    known = stage.views if len(stage.views) == METER_VIEWS else None
+    views = known or lit_views(scene, variable, METER_VIEWS, seed)
+    width, height = METER_SIZE
     pictures = [
         total_image(
             scene,
@@ -51,7 +52,7 @@ def metered_exposure(
             color=stage.color,
             with_static=with_static,
         )
-        for k, (camera, light) in enumerate(stage.views)
+        for k, (camera, light) in enumerate(views)
     ]
     return exposure_of(pictures)
 

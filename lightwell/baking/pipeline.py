@@ -196,14 +196,14 @@ def attempt_exposure(state: State, stage: ViewSetup, settings: Reported, notes: 
     Args:
         state: The prepared scene.
         stage: Views and their lights.
-        settings: Size of the views.
+        settings: Seed of the bake.
         notes: Takes a note where it cannot be metered.
 
     Returns:
         Factor on radiance before tone mapping; None where it could not be metered.
     """
     with_static = "static" in state.roles
-    make = partial(metered_exposure, state.scene, state.variable, stage, settings.view_size, with_static)
+    make = partial(metered_exposure, state.scene, state.variable, stage, settings.seed, with_static)
     return notes.attempt("the exposure", make, None)
 
 
