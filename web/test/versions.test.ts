@@ -1,6 +1,6 @@
 /**
  * Every version of three.js that the package says it works with draws the same picture. All other tests run with the newest one; the
- * older ones are installed as `three-0.NNN`.
+ * older ones, installed as `three-0.NNN`, run in the long tests and where figures are measured (vitest.config.ts).
  */
 
 import { existsSync } from "node:fs";
@@ -15,8 +15,6 @@ import { CAMERA, furnishedRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 
 const OLDER = ["three-0.182", "three-0.184"];
-/** The node renderer as well in the long tests and where figures are measured. */
-const KINDS = process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? (["webgl", "webgpu"] as const) : (["webgl"] as const);
 /** Decibels between two pictures, for a peak of 1. */
 const ALIKE = 45;
 
@@ -52,7 +50,7 @@ describe("three.js", () => {
     return data;
   }
 
-  describe.each(KINDS)("on %s", (kind) => {
+  describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
     it.each(OLDER)("%s draws as the newest", async (name) => {
       expect(existsSync(fileURLToPath(new URL(`../node_modules/${name}`, import.meta.url)))).toBe(true);
       const decibels = psnr(await picture(kind), await picture(kind, name));

@@ -85,12 +85,8 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
     accessors,
     bufferViews,
     buffers: [{ byteLength: length }],
-    extensionsUsed: [
-      "LIGHTWELL_neural_radiance",
-      "KHR_materials_specular",
-      "KHR_materials_transmission",
-      "KHR_materials_emissive_strength",
-    ],
+    // Those that are there alone: what passes a file on drops the names of others.
+    extensionsUsed: [...new Set(["LIGHTWELL_neural_radiance", ...fixture.materials.flatMap(({ extensions }) => Object.keys(extensions ?? {}))])],
     extensions: { LIGHTWELL_neural_radiance: { version: 1, variables: fixture.variables, fields } },
   };
   const document = structuredClone(json);
