@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -92,6 +92,41 @@ class Binary:
             accessor["max"] = table.max(axis=0).tolist()
         self.accessors.append(accessor)
         return len(self.accessors) - 1
+
+
+def view_bytes(document: dict[str, Any], binary: bytes, index: int) -> bytes:
+    """Read the bytes of a buffer view.
+
+    Args:
+        document: glTF JSON.
+        binary: The binary chunk.
+        index: Index of the buffer view.
+
+    Returns:
+        Its bytes.
+    """
+    view = document["bufferViews"][index]
+    start = view.get("byteOffset", 0)
+    return binary[start : start + view["byteLength"]]
+
+
+def replace_views(document: dict[str, Any], binary: bytes, replaced: Mapping[int, bytes]) -> bytes:
+    """Write the binary chunk with other bytes for some buffer views, whose places are written to the document.
+
+    Args:
+        document: glTF JSON; changed.
+        binary: The binary chunk.
+        replaced: New bytes by index of the buffer view.
+
+    Returns:
+        The new chunk.
+    """
+    out = Binary()
+    for index, view in enumerate(document["bufferViews"]):
+        out.add_view(replaced[index] if index in replaced else view_bytes(document, binary, index))
+        view |= {key: out.views[-1][key] for key in ("byteOffset", "byteLength")}
+    document["buffers"][0]["byteLength"] = len(out.data)
+    return bytes(out.data)
 
 
 def pack(document: dict[str, Any], binary: bytes) -> bytes:

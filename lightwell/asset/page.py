@@ -60,8 +60,8 @@ def write_page(
     Args:
         path: File to write.
         title: Title of the page.
-        glb: The baked asset; the page carries it with KTX2 pictures decoded (``without_ktx2``) and with smaller textures
-            (``with_smaller_textures``), gzip-compressed.
+        glb: The baked asset; the page carries it with decoded KTX2 pictures (``without_ktx2``) and with smaller
+            textures (``with_smaller_textures``), gzip-compressed.
         home: Camera at which the page opens.
         views: Held-out views with path-traced references, offered for comparison.
         exposure: Factor on radiance before tone mapping, > 0; None: metered by the page.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from lightwell.asset.container import Binary, pack, unpack
+from lightwell.asset.container import pack, replace_views, unpack, view_bytes
 from lightwell.asset.pictures import LIGHTMAP, WEBP, image_index
 from lightwell.asset.records import EXTENSION
 
@@ -65,7 +65,7 @@ def with_smaller_textures(glb: bytes) -> bytes:
     views = document.get("bufferViews", [])
     if not pictures or any(view.get("extensions") or view.get("buffer", 0) for view in views):
         return glb
-    stored = {image: _bytes_of(views[picture.view], binary) for image, picture in pictures.items()}
+    stored = {image: view_bytes(document, binary, picture.view) for image, picture in pictures.items()}
     chosen = list(_within(stored, MOST_TEXELS))
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         found = pool.map(lambda image: smaller_picture(stored[image], pictures[image].colour), chosen)
@@ -181,18 +181,11 @@ def _learned_textures(extension: dict[str, Any]) -> Iterator[int]:
                 yield buffer["texture"]
 
 
-def _bytes_of(view: dict[str, Any], binary: bytes) -> bytes:
-    start = view.get("byteOffset", 0)
-    return binary[start : start + view["byteLength"]]
-
-
 def _replaced(document: dict[str, Any], binary: bytes, smaller: dict[int, bytes]) -> bytes:
     """The file with other bytes for some images."""
-    images, packed = document["images"], Binary()
+    images = document["images"]
     data_of = {images[image]["bufferView"]: data for image, data in smaller.items()}
-    for index, view in enumerate(document["bufferViews"]):
-        packed.add_view(data_of.get(index, _bytes_of(view, binary)))
-        view |= {name: packed.views[-1][name] for name in ("byteOffset", "byteLength")}
+    replaced = replace_views(document, binary, data_of)
     for image in smaller:
         images[image]["mimeType"] = "image/webp"
     for texture in document["textures"]:
@@ -200,5 +193,4 @@ def _replaced(document: dict[str, Any], binary: bytes, smaller: dict[int, bytes]
             texture.setdefault("extensions", {})[WEBP] = {"source": texture.pop("source")}
     for names in ("extensionsUsed", "extensionsRequired"):
         document[names] = sorted({*document.get(names, ()), WEBP})
-    document["buffers"][0]["byteLength"] = len(packed.data)
-    return pack(document, bytes(packed.data))
+    return pack(document, replaced)

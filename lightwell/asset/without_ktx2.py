@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from lightwell.asset.container import Binary, pack, unpack
+from lightwell.asset.container import pack, replace_views, unpack, view_bytes
 from lightwell.asset.pictures import BASISU, WEBP
 from lightwell.graph.pictures import KTX2, decoded, encode
 
@@ -24,7 +22,7 @@ def without_ktx2(glb: bytes) -> bytes:
     replaced = {}
     for image in document.get("images", ()):
         if image.get("mimeType") == KTX2:
-            replaced[image["bufferView"]] = encode(decoded(_view(document, binary, image["bufferView"]))).data
+            replaced[image["bufferView"]] = encode(decoded(view_bytes(document, binary, image["bufferView"]))).data
             image["mimeType"] = "image/webp"
     for texture in document.get("textures", ()):
         extensions = texture.get("extensions", {})
@@ -32,20 +30,4 @@ def without_ktx2(glb: bytes) -> bytes:
             extensions[WEBP] = extensions.pop(BASISU)
     for names in (document.get("extensionsUsed", []), document.get("extensionsRequired", [])):
         names[:] = sorted({WEBP if name == BASISU else name for name in names})
-    return pack(document, _packed_again(document, binary, replaced))
-
-
-def _view(document: dict[str, Any], binary: bytes, index: int) -> bytes:
-    view = document["bufferViews"][index]
-    start = view.get("byteOffset", 0)
-    return binary[start : start + view["byteLength"]]
-
-
-def _packed_again(document: dict[str, Any], binary: bytes, replaced: dict[int, bytes]) -> bytes:
-    """The binary chunk with other bytes for some buffer views, whose places are written to the document."""
-    out = Binary()
-    for index, view in enumerate(document["bufferViews"]):
-        out.add_view(replaced.get(index) or _view(document, binary, index))
-        view.update({key: out.views[-1][key] for key in ("byteOffset", "byteLength")})
-    document["buffers"][0]["byteLength"] = len(out.data)
-    return bytes(out.data)
+    return pack(document, replace_views(document, binary, replaced))
