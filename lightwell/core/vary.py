@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lightwell.core.suggest import did_you_mean
-from lightwell.core.sun_path import EXAMPLE, sun_day
+from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
+
+# Parameters of the sun and its sky.
+OF_SUN = ("direction", "day", "north", "turbidity")
+# Haze that Mitsuba's sky knows.
+TURBIDITY = (1.0, 10.0)
+_DAY = re.compile(r"day\s*=(.*)", re.DOTALL)
 
 # Two directions count as one when all their components differ by less.
 SAME_DIRECTION = 1e-4
@@ -16,15 +22,15 @@ SAME_DIRECTION = 1e-4
 
 @dataclass(frozen=True)
 class Declaration:
-    """One parsed ``--vary`` option: ``NAME.PARAMETER=VALUE``."""
+    """One parsed ``--vary`` option: ``NAME.PARAMETER=VALUE`` or ``day=VALUE``."""
 
     name: str
     """Name of the light, such as 'light' or 'sun'."""
     parameter: str
-    """'position', 'radius', 'clearance', 'direction', 'intensity' or 'color'."""
+    """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'."""
     values: tuple[float, ...] = ()
-    """box: 6 numbers, arc: 4, day: 9 (three directions), radius and clearance: 1; intensity 1 or none, color 3 or none
-    (their first setting)."""
+    """box: 6 numbers, arc: 4, direction by day(...): 9 (three directions), day: 12 (three directions and three hours),
+    radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting)."""
 
     @property
     def learned(self) -> bool:
@@ -49,6 +55,8 @@ _FORMS = {
     "radius": _Form("", "metres", "light.radius=0.05"),
     "clearance": _Form("", "metres", "light.clearance=0.1"),
     "direction": _Form("arc", "az0,el0,az1,el1", "sun.direction=arc(90,10,270,10)"),
+    "north": _Form("", "degrees", "day.north=30"),
+    "turbidity": _Form("", "1 to 10", "day.turbidity=3"),
     "intensity": _Form("", "candela or lux", "light.intensity=20", optional=True),
     "color": _Form("", "r,g,b", "light.color=1,0.9,0.8", optional=True),
 }
@@ -72,7 +80,8 @@ def parse_vary(text: str) -> Declaration:
     Args:
         text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
             ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
-            ``light.intensity`` or ``light.color``.
+            ``day=YYYY-MM-DD,latitude,longitude``, ``day.north=30``, ``day.turbidity=3``, ``light.intensity`` or
+            ``light.color``.
 
     Returns:
         The declaration.
@@ -80,6 +89,11 @@ def parse_vary(text: str) -> Declaration:
     Raises:
         ValueError: The text has another form, or a value is out of range.
     """
+    if whole := _DAY.fullmatch(text.strip()):
+        try:
+            return Declaration("day", "day", sun_hours(whole.group(1)))
+        except ValueError as error:
+            raise ValueError(_wrong(text, str(error), DAY_EXAMPLE)) from None
     match = re.fullmatch(r"([A-Za-z_]\w*)\.([a-z]+)(?:=(.*))?", text.strip(), re.DOTALL)
     if not match:
         raise ValueError(_wrong(text, "expected NAME.PARAMETER=VALUE", _FORMS["position"].example))
@@ -128,6 +142,8 @@ def _check_range(text: str, parameter: str, values: tuple[float, ...]) -> None:
         raise ValueError(_wrong(text, "an elevation lies between -90 and 90 degrees", example))
     if parameter == "direction" and _same_direction(values[:2], values[2:]):
         raise ValueError(_wrong(text, "the arc starts where it ends", example))
+    if parameter == "turbidity" and not TURBIDITY[0] <= values[0] <= TURBIDITY[1]:
+        raise ValueError(_wrong(text, f"a turbidity lies between {TURBIDITY[0]:g} and {TURBIDITY[1]:g}", example))
     if parameter in ("radius", "clearance", "intensity", "color") and any(v < 0 for v in values):
         raise ValueError(_wrong(text, f"a {parameter} is not negative", example))
 

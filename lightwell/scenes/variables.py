@@ -8,13 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from scipy.stats import qmc
 
+from lightwell.core.vary import OF_SUN
 from lightwell.core.vary import Declaration as Declaration
 from lightwell.core.vary import parse_vary as parse_vary
+from lightwell.scenes.sky import Sky
+from lightwell.scenes.suns import Sun as Sun
+from lightwell.scenes.suns import declared_sun
+from lightwell.scenes.suns import sun_arc as sun_arc
+from lightwell.scenes.suns import toward as toward
 from lightwell.scenes.vectors import Vector, vector
 
 if TYPE_CHECKING:
@@ -26,9 +32,6 @@ CLEARANCE = 0.025
 LEAST_AIR = 0.04
 # Points at which a box is tested, and how often the clearance is halved.
 PROBES, HALVINGS = 512, 8
-
-# Elevation in the middle of an arc of half a turn (sunrise to sunset), degrees: noon in a temperate summer.
-NOON_ELEVATION = 60.0
 
 
 @dataclass(frozen=True)
@@ -59,100 +62,19 @@ class PointLight:
         return (low + np.asarray(u) * (high - low)).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class Sun:
-    """A distant light on an arc of directions. The field is learned for 1 lx of white at normal incidence."""
-
-    start: tuple[float, float, float]
-    """Unit direction from the scene to the sun at t = 0."""
-    middle: tuple[float, float, float]
-    """Direction at t = 1/2; the arc is the circle on the sphere through the three directions."""
-    end: tuple[float, float, float]
-    """Direction at t = 1."""
-    name: str = "sun"
-    kind: str = "sun"
-
-    def __post_init__(self) -> None:
-        ends = (self.start, self.middle, self.end)
-        if any(np.allclose(ends[k], ends[k - 1], atol=1e-6) for k in range(3)):
-            raise ValueError(f"sun '{self.name}': start, middle and end must differ, got {ends}; declare a longer arc")
-
-    def direction(self, t: float | np.ndarray) -> np.ndarray:
-        """Compute directions to the sun, with constant speed on each half of the arc.
-
-        Args:
-            t: [...] times in [0, 1].
-
-        Returns:
-            [..., 3] unit directions.
-        """
-        t = np.clip(np.asarray(t, dtype=np.float64), 0, 1)[..., None]
-        center, radius, other, half, full = self._circle()
-        angle = np.where(t < 0.5, 2 * t * half, half + (2 * t - 1) * (full - half))
-        found = center + np.cos(angle) * radius + np.sin(angle) * other
-        return found / np.linalg.norm(found, axis=-1, keepdims=True)
-
-    def sample(self, u: np.ndarray) -> np.ndarray:
-        """Map random numbers to directions.
-
-        Args:
-            u: [N] or [N, 1] times in [0, 1).
-
-        Returns:
-            [N, 3] float32 unit directions.
-        """
-        return self.direction(np.asarray(u).reshape(-1)).astype(np.float32)
-
-    def _circle(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Compute centre, two perpendicular radii [3] (the first to ``start``), angles of ``middle`` and ``end``."""
-        start, middle, end = (np.asarray(d, dtype=np.float64) for d in (self.start, self.middle, self.end))
-        axis = np.cross(middle - start, end - middle)
-        axis /= np.linalg.norm(axis)
-        center = axis * (axis @ start)
-        radius = start - center
-        other = np.cross(axis, radius)
-        half, full = (np.arctan2((d - center) @ other, (d - center) @ radius) % (2 * np.pi) for d in (middle, end))
-        return center, radius, other, half, full
-
-
 Variable = PointLight | Sun
 
 
-def toward(azimuth: float, elevation: float) -> np.ndarray:
-    """Convert azimuth and elevation to a direction.
+def has_sky(variable: Variable | None) -> TypeGuard[Sun]:
+    """Test whether a variable is a sun that comes with its sky.
 
     Args:
-        azimuth: Degrees, clockwise from north (-Z).
-        elevation: Degrees above the horizon.
+        variable: The variable; None: no light varies.
 
     Returns:
-        [3] unit direction.
+        True for a sun with a sky.
     """
-    az, el = np.radians(azimuth), np.radians(elevation)
-    return np.array([np.cos(el) * np.sin(az), np.sin(el), -np.cos(el) * np.cos(az)])
-
-
-def sun_arc(az0: float, el0: float, az1: float, el1: float, name: str = "sun") -> Sun:
-    """Make the sun on a daily arc.
-
-    The azimuth changes linearly from az0 to az1 (90 to 270 passes south, 90 to -90 passes north). In the middle the sun
-    is at the mean azimuth and at the elevation  m + (NOON_ELEVATION - m)⁺ s²,  where m is the mean elevation and s =
-    min(|az1 - az0| / 180, 1): half a turn is a whole day and reaches noon, a short arc is nearly straight.
-
-    Args:
-        az0: First azimuth, degrees.
-        el0: First elevation, degrees.
-        az1: Last azimuth, degrees.
-        el1: Last elevation, degrees.
-        name: Name of the variable.
-
-    Returns:
-        The sun.
-    """
-    mean, span = (el0 + el1) / 2, min(abs(az1 - az0) / 180, 1)
-    rise = max(NOON_ELEVATION - mean, 0) * span**2
-    start, middle, end = toward(az0, el0), toward((az0 + az1) / 2, mean + rise), toward(az1, el1)
-    return Sun(vector(start), vector(middle), vector(end), name=name)
+    return isinstance(variable, Sun) and variable.sky is not None
 
 
 def default_variable(scene: Scene) -> PointLight:
@@ -214,7 +136,7 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     found = [d for d in map(parse_vary, texts) if d.learned]
     suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
     name = found[0].name if found else ""
-    if all(d.parameter != "direction" for d in found):
+    if all(d.parameter not in OF_SUN for d in found):
         found = [replace(d, name=name or d.name) for d in suggested] + found
     names = list(dict.fromkeys(d.name for d in found))
     if len(names) > 1:
@@ -222,19 +144,9 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
             f"vary: one light can move, not {len(names)} ({', '.join(names)}); bake one field per light, they add up"
         )
     given = {d.parameter: d.values for d in found}
-    if "direction" in given:
-        if len(given) > 1:
-            raise ValueError(f"vary: '{names[0]}' is a sun, it has a direction only; drop {', '.join(given)} or it")
-        return _sun(given["direction"], names[0])
+    if given.keys() & set(OF_SUN):
+        return declared_sun(given, names[0])
     return _point_light(given, scene, names[0] if names else "light")
-
-
-def _sun(values: tuple[float, ...], name: str) -> Sun:
-    """The sun of ``arc(...)``, 4 numbers, or of ``day(...)``, three directions."""
-    if len(values) == 4:
-        az0, el0, az1, el1 = values
-        return sun_arc(az0, el0, az1, el1, name=name)
-    return Sun(vector(values[:3]), vector(values[3:6]), vector(values[6:]), name=name)
 
 
 def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:
@@ -295,6 +207,7 @@ def to_json(
     if isinstance(variable, Sun):
         middle = variable.middle
         own: dict[str, Any] = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
+        own |= {"sky": variable.sky.json()} if variable.sky else {}
     else:
         middle = variable.sample(np.full((1, 3), 0.5))[0]
         own = {"low": [float(v) for v in variable.low], "high": [float(v) for v in variable.high]}
@@ -332,4 +245,5 @@ def _point_from_json(entry: dict[str, Any]) -> PointLight:
 
 
 def _sun_from_json(entry: dict[str, Any]) -> Sun:
-    return Sun(vector(entry["start"]), vector(entry["middle"]), vector(entry["end"]), name=entry["name"])
+    sky = Sky.of(entry["sky"]) if "sky" in entry else None
+    return Sun(vector(entry["start"]), vector(entry["middle"]), vector(entry["end"]), name=entry["name"], sky=sky)

@@ -20,6 +20,7 @@ from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
@@ -261,13 +262,21 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
         if variable is not None:
-            L += tint * trace(scene.mi, si, declared(variable, source), rng, independent(rng), *depths, True)
+            L += tint * _lit(scene.mi, si, ray, declared(variable, source), rng, depths)
         if settings["with_static"]:
             L += trace(scene.mi, si, Emitters(), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         dr.eval(L)
         total[start : start + count] += _rows(dr.block_sum(L, block))
     return {"radiance": (total / spp).astype(np.float32)}
+
+
+def _lit(geometry, si, ray, light, rng, depths) -> mi.Spectrum:
+    """Estimate the light of a declared light that camera rays see; the sky behind everything included."""
+    L = trace(geometry, si, light, rng, independent(rng), *depths, True)
+    if not isinstance(light, DayEmitter):
+        return L
+    return light.level * (L + light.sky(ray.d, ~si.is_valid()))
 
 
 def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offset: mi.Point2f) -> mi.Ray3f:

@@ -13,8 +13,9 @@ from time import perf_counter
 import numpy as np
 
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
+from lightwell.transport.day_light import day_light
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiosity import Gather, Radiosity
 from lightwell.transport.samples import Query, Samples
@@ -25,6 +26,8 @@ from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_li
 RAYS, MOST_LIGHTS = 128, 2048
 # Most points with rows, bins and coarse bins; small bakes have fewer of each in proportion.
 MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 16384, 4096
+# Times of a day whose sky is kept, in colours: fewer than lights, because they lie on one line.
+MOST_TIMES = 512
 FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
@@ -95,14 +98,17 @@ class GatheredShards(SeenShards):
         Returns:
             [K, 3] positions (directions of a sun).
         """
-        return default_lights(self._scene, self._variable)(self._size.lights, int(self._seeds[1]))
+        count = min(self._size.lights, MOST_TIMES) if has_sky(self._variable) else self._size.lights
+        return default_lights(self._scene, self._variable)(count, int(self._seeds[1]))
 
     @cached_property
     def _gather(self) -> Gather:
         start, size = perf_counter(), self._size
         radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins, size.coarse)
-        rows = radiosity.rows(self.points, size.rays, int(self._seeds[3]))
-        gather = Gather(radiosity, rows, radiosity.light(self._variable, self.lights, int(self._seeds[3])))
+        seed, variable = int(self._seeds[3]), self._variable
+        rows = radiosity.rows(self.points, size.rays, seed, sky=has_sky(variable))
+        lit = day_light(radiosity, variable, self.lights, seed) if has_sky(variable) else None
+        gather = Gather(radiosity, rows, lit or radiosity.light(variable, self.lights, seed))
         self.seconds = perf_counter() - start
         return gather
 

@@ -16,11 +16,12 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.lamps import LampGroup
+from lightwell.transport.gather_rays import PASSED
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
 from lightwell.transport.lamp_sources import LampSources
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
-from lightwell.transport.radiosity import LANES, PASSED, Radiosity, Rows
+from lightwell.transport.radiosity import LANES, Radiosity, Rows
 from lightwell.transport.samples import SurfacePoints
 
 # Shadow rays to each group from a bin, and from each half of a point: many points are worth more than exact ones.

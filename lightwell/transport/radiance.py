@@ -96,7 +96,7 @@ def _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
 
         if dr.hint(source.hits, mode="scalar"):
             Le, mis = path.meet(scene, si, source)
-            L += dr.select(mi.Bool(include_direct) | (path.depth > 1), path.β * mis * Le, 0)
+            L += dr.select(mi.Bool(include_direct or source.first_hit) | (path.depth > 1), path.β * mis * Le, 0)
 
         # ------------------ Emitter sampling, and next direction ------------------
 
@@ -131,8 +131,8 @@ def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, conn
     """
     bsdf, (lobe, direction, light) = si.bsdf(), first
     L, z, stopped = mi.Spectrum(0), None, mi.Float(1) if see_through else coverage(si, bsdf)
-    if include_direct:
-        L += _direct(scene, si, bsdf, source, rng, stopped)
+    if include_direct or source.first_hit:
+        L += _direct(scene, si, bsdf, source, rng, stopped, include_direct)
     if source.emits and connections > 0:
         z = scene.ray_intersect(source.emit(light))
         L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), stopped)
@@ -189,11 +189,11 @@ def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
     return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
 
 
-def _direct(scene, si, bsdf, source, rng, stopped) -> mi.Spectrum:
-    """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight."""
+def _direct(scene, si, bsdf, source, rng, stopped, whole) -> mi.Spectrum:
+    """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight; all of it, or no sun."""
     light = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
     value, pdf = (v / stopped for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen))
-    return dr.select(light.seen, light.mis(pdf) * value * light.weight, 0)
+    return dr.select(light.seen & (mi.Bool(whole) | ~light.delta), light.mis(pdf) * value * light.weight, 0)
 
 
 def indirect(
@@ -212,7 +212,7 @@ def indirect(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace the indirect radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
-    The scene's own emitters do not shine.
+    The scene's own emitters do not shine. All of a sky's light counts as indirect; see ``sky_source`` for its unit.
 
     Args:
         scene: Scene to trace.

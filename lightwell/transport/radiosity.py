@@ -24,17 +24,17 @@ from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
-from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
+from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
+from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.sky_source import CELLS
 from lightwell.transport.tables import tables
 
 # Rays per point by which the bins are found, and points that send them.
 PROBES, PROBE_POINTS = 16, 1 << 16
 # Rays of a coarse bin.
 COARSE_RAYS = 512
-# Mirrors, clear glass and cut-outs that a ray passes at most.
-PASSED = 6
 # Most that a coarse bin reflects of the light of its surroundings.
 MOST_REFLECTED = 0.97
 # Lanes of one launch.
@@ -48,9 +48,11 @@ class Rows:
     """What N points see of the bins: ray by ray."""
 
     bin: np.ndarray
-    """[N, P] uint16 or uint32 bin that the ray met; F where there is none."""
+    """[N, P] uint16 or uint32 bin that the ray met; F where there is none. With a sky: F + its cell where the ray
+    leaves the scene, F + cells where there is nothing."""
     weight: np.ndarray
-    """[N, P, 3] float16 radiance that leaves the point for an irradiance of 1 on that bin: a mean over a half."""
+    """[N, P, 3] float16 radiance that leaves the point for an irradiance of 1 on that bin (a radiance of 1 of that cell
+    of the sky): a mean over a half."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,9 @@ class BinLight:
     """Irradiance of the bins under K lights of 1 cd (1 lx)."""
 
     direct: np.ndarray
-    """[K, F + 1] float32; the last column is 0."""
+    """[K, F + 1] float32; the last column is 0. With a sky: [K, F + cells + 1, 3], its radiance behind the bins."""
     indirect: np.ndarray
-    """[K, C, 3] float32."""
+    """[K, C, 3] float32; with a sky [K, C + 1, 3], whose last bin is 0."""
     lights: np.ndarray
     """[K, 3]."""
 
@@ -101,27 +103,28 @@ class Radiosity:
         parts = []
         batch = max(1, LANES // rays)
         for start in range(0, count, batch):
-            found = _launch(self.scene, device, start, min(batch, count - start), rays, seed)
+            found = _launch(self.scene, device, start, min(batch, count - start), rays, seed)[:3]
             dr.eval(found)
             weight, p, n = (np.array(v).T for v in found)
             seen = weight.max(axis=1) > 0
             parts.append((p[seen], n[seen], weight[seen]))
         return tuple(np.concatenate(x) for x in zip(*parts))
 
-    def rows(self, points: SurfacePoints, rays: int, seed: int) -> Rows:
+    def rows(self, points: SurfacePoints, rays: int, seed: int, sky: bool = False) -> Rows:
         """Trace what points see of the bins.
 
         Args:
             points: N surface points.
             rays: Rays per point, even; the two halves are independent.
             seed: Seed of the rays.
+            sky: Note the cell of the sky of rays that leave the scene.
 
         Returns:
             Bins and weights, ray by ray.
         """
         if self.scene.executor is None:
-            return _seen_rows(self.scene, self.bins, points, rays, seed)
-        settings = {"rays": rays, "seed": seed}
+            return _seen_rows(self.scene, self.bins, points, rays, seed, sky=sky)
+        settings = {"rays": rays, "seed": seed, "sky": sky}
         found = self.scene.executor.rows("radiosity", settings, vars(points), rays, self.bins.arrays())
         return Rows(found["bin"], found["weight"])
 
@@ -131,12 +134,12 @@ class Radiosity:
 
         bins, random = self.bins, np.random.default_rng([self.seed, 6])
         place, normal = bins.places_of_coarse(COARSE_RAYS, random)
-        direction = _cosine(normal, random.random((2, len(normal))))
+        direction = cosine_directions(normal, random.random((2, len(normal))))
         origin = place + 1e-4 * self.scene.extent * normal
         parts = []
         for start in range(0, len(place), LANES):
             at = slice(start, start + LANES)
-            w, p, n = _free_ray(self.scene.mi, origin[at], direction[at], self.seed, start)
+            w, p, n, _ = free_ray(self.scene.mi, origin[at], direction[at], self.seed, start)
             index = bins.lookup(p, n)
             dr.eval(w, index)
             w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0)
@@ -163,11 +166,25 @@ class Radiosity:
         Returns:
             Irradiance of the bins under each light of 1 cd (1 lx).
         """
+        direct = self.direct(variable, lights, seed)
+        return BinLight(direct, self.indirect(direct), np.asarray(lights, np.float32))
+
+    def direct(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
+        """Compute the direct irradiance of the bins under white light, by shadow rays.
+
+        Args:
+            variable: What the light is.
+            lights: [K, 3] positions, metres (directions of a sun).
+            seed: Seed of the places in the bins.
+
+        Returns:
+            [K, F + 1] float32; the last column is 0.
+        """
         direct = np.zeros((len(lights), self.bins.count + 1), np.float32)
         batch = max(1, LANES // self.bins.count)
         for start in range(0, len(lights), batch):
             direct[start : start + batch, :-1] = self._irradiance(variable, lights[start : start + batch], seed + start)
-        return BinLight(direct, self.indirect(direct), np.asarray(lights, np.float32))
+        return direct
 
     def _irradiance(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
         """[k, F] direct irradiance at a random place of each bin."""
@@ -223,7 +240,7 @@ def radiosity_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
 
     Args:
         scene: The scene.
-        settings: ``rays`` and ``seed``.
+        settings: ``rays``, ``seed`` and ``sky``.
         columns: Columns of ``SurfacePoints``, [N, ...] each.
         first: Number of the first row.
         shared: ``Bins.arrays``.
@@ -232,28 +249,34 @@ def radiosity_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
         ``bin`` [N, P] and ``weight`` [N, P, 3], as in ``Rows``.
     """
     points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
-    return vars(_seen_rows(scene, Bins.of(shared), points, settings["rays"], settings["seed"], first))
+    rays, seed, sky = (settings[name] for name in ("rays", "seed", "sky"))
+    return vars(_seen_rows(scene, Bins.of(shared), points, rays, seed, first, sky))
 
 
-def _seen_rows(scene: Scene, bins: Bins, points: SurfacePoints, rays: int, seed: int, first: int = 0) -> Rows:
+def _seen_rows(
+    scene: Scene, bins: Bins, points: SurfacePoints, rays: int, seed: int, first: int = 0, sky: bool = False
+) -> Rows:
     """What points see of the bins, ray by ray."""
     device, batch = DevicePoints(points), max(1, LANES // rays)
     found = np.empty((len(points), rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
     weight = np.empty((len(points), rays, 3), np.float16)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
-        w, p, n = _launch(scene, device, start, count, rays, seed, first)
+        w, p, n, away = _launch(scene, device, start, count, rays, seed, first)
         index = bins.lookup(p, n)
+        if sky:
+            w, index = beyond(bins.count, w, index, away)
         dr.eval(w, index)
         w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0) * (2 / rays)
         met = w.max(axis=1) > 0
-        found[start : start + count] = np.where(met, np.array(index), bins.count).reshape(count, rays)
+        dark = bins.count + (CELLS if sky else 0)
+        found[start : start + count] = np.where(met, np.array(index), dark).reshape(count, rays)
         weight[start : start + count] = np.minimum(w, 6e4).reshape(count, rays, 3)
     return Rows(found, weight)
 
 
 def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, first_row: int = 0):
-    """Trace ``rays`` rays from each of some points; see ``_gather_ray``."""
+    """Trace ``rays`` rays from each of some points; see ``gather_ray``."""
     size = dr.opaque(mi.UInt32, rays)
     lane = dr.arange(mi.UInt32, count * rays)
     path, row = lane % size, dr.opaque(mi.UInt32, start) + lane // size
@@ -264,7 +287,7 @@ def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, 
     half = dr.opaque(mi.UInt32, max(rays // 2, 1))
     shift = random_streams(at_seed, number, LATTICE_STREAM + path // half)
     first = stratified(shift, path % half, half)
-    return _gather_ray(scene.mi, gather_interaction(scene, device, row), rng, first)
+    return gather_ray(scene.mi, gather_interaction(scene, device, row), rng, first)
 
 
 class Gather:
@@ -283,7 +306,11 @@ class Gather:
         self._rays = rows.bin.shape[1]
         self._direct, self._fine = mi.Float(light.direct.ravel()), light.direct.shape[1]
         self._indirect, self._coarse_count = mi.Float(light.indirect.ravel()), light.indirect.shape[1]
-        self._coarse = mi.UInt32(np.append(radiosity.bins.coarse, 0).astype(np.uint32))
+        # Cells of a sky have no indirect light: they belong to a last coarse bin without any.
+        coarse = radiosity.bins.coarse
+        behind = np.full(self._fine - len(coarse), self._coarse_count - 1 if light.direct.ndim == 3 else 0)
+        self._coarse = mi.UInt32(np.append(coarse, behind).astype(np.uint32))
+        self._colored = light.direct.ndim == 3
 
     def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
@@ -292,14 +319,22 @@ class Gather:
             upload_integers(light),
             (self._bin, self._weight, self._direct, self._indirect, self._coarse),
             tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._fine, self._coarse_count)),
+            self._colored,
         )
         dr.eval(halves)
         return tuple(np.ascontiguousarray(np.array(h).T) for h in halves)
 
 
+def _direct(direct, entry, colored):
+    """Direct light by colour."""
+    if colored:
+        return [dr.gather(mi.Float, direct, entry * 3 + c) for c in range(3)]
+    return [dr.gather(mi.Float, direct, entry)] * 3
+
+
 @dr.syntax
-def _sum_of_rays(point, light, held, sizes):
-    """Radiance of both halves of the rays of each pair."""
+def _sum_of_rays(point, light, held, sizes, colored):
+    """Radiance of both halves of the rays of each pair; direct light is white or ``colored``."""
     bin_of, weight, direct, indirect, coarse_of = held
     rays, fine, coarse_count = sizes
     a, b = mi.Color3f(0), mi.Color3f(0)
@@ -308,73 +343,12 @@ def _sum_of_rays(point, light, held, sizes):
     while dr.hint(k < rays, label="lightwell gather"):
         entry = begin + k
         index = dr.gather(mi.UInt32, bin_of, entry)
-        E = dr.gather(mi.Float, direct, light * fine + index)
+        E = _direct(direct, light * fine + index, colored)
         at = (light * coarse_count + dr.gather(mi.UInt32, coarse_of, index)) * 3
-        total = mi.Color3f(*(E + dr.gather(mi.Float, indirect, at + c) for c in range(3)))
+        total = mi.Color3f(*(E[c] + dr.gather(mi.Float, indirect, at + c) for c in range(3)))
         w = mi.Color3f(*(mi.Float(dr.gather(mi.Float16, weight, entry * 3 + c)) for c in range(3)))
         value = dr.select(index + 1 < fine, w * total, 0)
         a += dr.select(k < half, value, 0)
         b += dr.select(k < half, 0, value)
         k += 1
     return a, b
-
-
-@dr.syntax
-def _gather_ray(scene, si, rng, first):
-    """Where a ray that leaves ``si`` by its BSDF ends: radiance per irradiance there, place, normal on the side met."""
-    ctx = mi.BSDFContext()
-    lobe, direction, _ = first
-    # Lobes come in the order covered, seen through: what is seen through a blended surface is not its light.
-    sample, β = si.bsdf().sample(ctx, si, lobe * coverage(si, si.bsdf()), direction)
-    ray = si.spawn_ray(si.to_world(sample.wo))
-    weight, p, n = _end(scene, ray, β, rng)
-    return weight, p, n
-
-
-def _free_ray(scene, origin: np.ndarray, direction: np.ndarray, seed: int, stream: int):
-    """The same for rays [R, 3] that begin in the air, times π: irradiance per irradiance."""
-    ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
-    lane = dr.arange(mi.UInt32, len(origin)) + dr.opaque(mi.UInt32, stream)
-    rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(1))
-    weight, p, n = _end(scene, ray, mi.Spectrum(1), rng)
-    return weight * dr.pi, p, n
-
-
-@dr.syntax
-def _end(scene, ray, β, rng):
-    """Follow a ray through mirrors, glass and holes to the first surface that scatters."""
-    ctx = mi.BSDFContext()
-    ray, β = mi.Ray3f(ray), mi.Spectrum(β)
-    weight, p, n = mi.Spectrum(0), mi.Point3f(0), mi.Vector3f(0, 0, 1)
-    passed = mi.UInt32(0)
-    active = dr.max(β) != 0
-    while dr.hint(active, label="lightwell gather ray"):
-        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-        active &= si.is_valid()
-        u = mi.Point2f(rng.next_float32(), rng.next_float32())
-        sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
-        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
-            sample.sampled_type, mi.BSDFFlags.Null
-        )
-        β = dr.select(active, β * albedo, β)
-        ended = active & ~straight & (dr.max(albedo) > 0)
-        weight = dr.select(ended, β * dr.inv_pi, weight)
-        p = dr.select(ended, si.p, p)
-        n = dr.select(ended, dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n), n)
-        ray = si.spawn_ray(si.to_world(sample.wo))
-        passed += 1
-        active &= straight & (passed < PASSED)
-    return weight, p, n
-
-
-def _cosine(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Cosine-distributed unit directions about unit normals [R, 3] from numbers [2, R]."""
-    radius, angle = np.sqrt(u[0]), 2 * np.pi * u[1]
-    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    tangent = np.cross(normal, helper)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    across = np.cross(normal, tangent)
-    up = np.sqrt(np.maximum(1 - u[0], 0))
-    return (
-        (radius * np.cos(angle))[:, None] * tangent + (radius * np.sin(angle))[:, None] * across + up[:, None] * normal
-    )

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from lightwell.backend import dr, mi
-from lightwell.scenes.variables import PointLight, Variable
+from lightwell.scenes.variables import PointLight, Variable, has_sky
+from lightwell.transport.sky_source import DayEmitter
 
 LightSample: TypeAlias = tuple[Any, Any, Any, Any, Any]
 """Direction [world], weight = Le / pdf, pdf, whether the pdf is a delta function, shadow ray; Dr.Jit values."""
@@ -32,6 +33,7 @@ class PointEmitter:
     position: mi.Point3f
     hits = False  # a ray cannot find it
     emits = True  # it can send a ray
+    first_hit = False  # its direct light is the rasteriser's, without exception
 
     def emit(self, u: mi.Point2f) -> mi.Ray3f:
         """Make a ray from the light in a direction that is uniform on the sphere.
@@ -69,6 +71,7 @@ class SunEmitter:
     direction: mi.Vector3f
     hits = False
     emits = False
+    first_hit = False
 
     def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Return the direction to the sun; the irradiance at normal incidence is 1.
@@ -93,6 +96,7 @@ class Sphere:
     radius: mi.Float
     hits = True
     emits = False
+    first_hit = False
 
     def _solid_angle(self, p) -> tuple[mi.Float, mi.Bool]:
         """1 - cos of the half angle that the sphere fills at p, and whether p is outside of it."""
@@ -170,6 +174,7 @@ class Emitters:
 
     hits = True
     emits = False
+    first_hit = False
 
     def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Sample a direction to an emitter, as Mitsuba does; the caller traces the shadow ray.
@@ -214,11 +219,11 @@ class Emitters:
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
 
 
-Source: TypeAlias = PointEmitter | SunEmitter | Sphere | Emitters
+Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | Sphere | Emitters
 """Anything that the path tracer can sample."""
 
 
-def declared(variable: Variable, light: mi.Vector3f) -> PointEmitter | Sphere | SunEmitter:
+def declared(variable: Variable, light: mi.Vector3f) -> PointEmitter | Sphere | SunEmitter | DayEmitter:
     """Make the source that a variable declares.
 
     Args:
@@ -226,8 +231,10 @@ def declared(variable: Variable, light: mi.Vector3f) -> PointEmitter | Sphere | 
         light: Its position in every lane, metres (direction to a sun).
 
     Returns:
-        A sun, a sphere for a radius above 0, else a point.
+        A sun, alone or with its sky, a sphere for a radius above 0, else a point.
     """
+    if has_sky(variable):
+        return DayEmitter.of(variable, dr.normalize(light))
     if variable.kind == "sun":
         return SunEmitter(dr.normalize(light))
     if isinstance(variable, PointLight) and variable.radius > 0:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightwell.core.sun_path import sun_day
+from lightwell.core.sun_path import clock, parse_clock, sun_day, sun_hours
 from lightwell.core.vary import parse_vary
 from lightwell.scenes.variables import Sun
 
@@ -60,3 +60,37 @@ def test_a_wrong_day_is_one_line_with_an_example(value, message):
 
 def test_a_day_declares_a_sun():
     assert len(parse_vary("sun.direction=day(2026-06-21,48.1,11.6)").values) == 9
+
+
+def test_a_day_tells_its_hours_in_the_zone_of_its_longitude_or_in_a_given_one():
+    numbers = sun_hours("2026-06-21,48.1,11.6")
+    assert numbers[:9] == sun_day("2026-06-21,48.1,11.6")
+    # Central European Time: the sun culminates at 12:15 (longitude 3.4 degrees west of 15, equation of time +2 min).
+    assert numbers[10] == pytest.approx(12.26, abs=0.05)
+    assert numbers[9] == pytest.approx(4.5, abs=0.3) and numbers[11] == pytest.approx(20.0, abs=0.3)
+    summer = sun_hours("2026-06-21,48.1,11.6,2")
+    np.testing.assert_allclose(np.subtract(summer[9:], numbers[9:]), 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("day=2026-12-21,78.2,15.6", "the sun stays below 2 degrees on 2026-12-21"),
+        ("day=2026-02-30,48,11", "is not day(YYYY-MM-DD,latitude,longitude)"),
+        ("day=tomorrow", "is not day(YYYY-MM-DD,latitude,longitude)"),
+        ("day=2026-06-21,95,11", "a latitude lies between -90 and 90"),
+        ("day=2026-06-21,48,11,25", "a time zone lies between -14 and 14"),
+    ],
+)
+def test_a_wrong_day_with_its_sky_is_one_line_with_an_example(text, message):
+    with pytest.raises(ValueError, match=r"^vary: [^\n]+write for example day=2026[^\n]+$") as error:
+        parse_vary(text)
+    assert message in str(error.value)
+
+
+def test_clocks():
+    assert parse_clock("18:30") == 18.5 and parse_clock("7.25") == 7.25
+    assert clock(18.5) == "18:30" and clock(-0.5) == "23:30" and clock(24.25) == "00:15"
+    for wrong in ("25:00", "12:75", "noon", "-3"):
+        with pytest.raises(ValueError, match=r"no time of day; write for example 18:30"):
+            parse_clock(wrong)

@@ -1,0 +1,149 @@
+"""Sun and sky of a day: the path tracer against Mitsuba's, the gather against it, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.scenes.daylight import radiance_of_mitsuba, sunsky
+from lightwell.scenes.sky import STEPS, Sky, sky_tables
+from lightwell.scenes.variables import Sun, declare, from_json, to_json
+from lightwell.transport import draw_surface, indirect
+from lightwell.transport.camera import total_image
+from lightwell.transport.day_light import day_light
+from lightwell.transport.radiosity import Gather, Radiosity
+
+from . import rooms, zscores
+
+DAY, TURBIDITY = ("day=2026-06-21,48.1,11.6", "day.north=200"), 3.0
+# Just after sunrise, in the morning and in the afternoon.
+TIMES = (0.02, 0.3, 0.7)
+POINTS = 72
+
+
+@pytest.fixture(scope="module")
+def day(cornell) -> Sun:
+    return declare(DAY, cornell)
+
+
+def unit(day: Sun) -> float:
+    """Mitsuba's radiance in units of the day's brightest light."""
+    up = np.array([[0.0, 1.0, 0.0]])
+    sun = day.direction(0.5)
+    return float((radiance_of_mitsuba(sun, TURBIDITY, up) / day.sky.radiance(0.5, sun, up)).mean())
+
+
+def flat_sky(radiance: float) -> Sun:
+    """A sky of one radiance and no sun: c alone is not 0, in both keys."""
+    model = (0, 0, radiance, 0, 0, 0, 0, 0, 0) * 3
+    sky = Sky((0.0, 1.0), ((0.0,) * 3,) * 2, (model, model), TURBIDITY)
+    return Sun((0.9, 0.1, 0.42), (0.0, 1.0, 0.0), (-0.9, 0.1, 0.42), sky=sky)
+
+
+def test_the_numbers_of_the_sky_give_the_radiance_of_mitsubas(day):
+    random = np.random.default_rng(1)
+    directions = random.normal(size=(2000, 3))
+    directions[:, 1] = np.abs(directions[:, 1])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for k, t in enumerate(day.sky.times):
+        sun = day.direction(t)
+        truth = radiance_of_mitsuba(sun, TURBIDITY, directions)
+        found = day.sky.radiance(t, sun, directions) * unit(day)
+        assert np.abs(found / truth - 1).max() < 0.01, k
+    # Between two of the times, where only the interpolation of the light is an approximation.
+    t = 0.5 * (day.sky.times[0] + day.sky.times[1])
+    truth = radiance_of_mitsuba(day.direction(t), TURBIDITY, directions)
+    assert np.abs(day.sky.radiance(t, day.direction(t), directions) * unit(day) / truth - 1).mean() < 0.03
+
+
+def test_a_path_knows_its_times(day):
+    t = np.linspace(0, 1, 41)
+    np.testing.assert_allclose(day.time(day.direction(t)), t, atol=1e-6)
+    assert from_json(to_json(day)) == day
+    assert day.hour(day.at_hour(9.5)) == pytest.approx(9.5, abs=1e-6)
+    with pytest.raises(ValueError, match=r"the sun is not up at 23:00; choose 04:"):
+        day.at_hour(23)
+    tables = day.tables
+    assert len(tables.level) == STEPS and tables.level.max() == pytest.approx(1, rel=1e-3)
+    assert tables.level[0] < 0.3
+
+
+@pytest.fixture(scope="module")
+def points(cornell):
+    return draw_surface(cornell, POINTS, 7).points
+
+
+def suns(day: Sun) -> np.ndarray:
+    """[3, 3] directions at ``TIMES``, at steps of the tables."""
+    return day.direction(np.rint(np.array(TIMES) * (STEPS - 1)) / (STEPS - 1))
+
+
+def test_light_of_sun_and_sky_is_that_of_mitsubas_path_tracer(cornell, day, points):
+    parts, path = np.array_split(np.arange(POINTS), len(TIMES)), {"type": "path", "max_depth": 32, "rr_depth": 5}
+    truth, light = [], np.zeros((POINTS, 3))
+    for k, (rows, sun) in enumerate(zip(parts, suns(day))):
+        light[rows] = sun
+        whole = zscores.mitsubas(cornell, points[rows], {"sky": sunsky(sun, TURBIDITY)}, path, 1024, 5 + k)
+        alone = {"sky": sunsky(sun, TURBIDITY, sky_scale=0.0)}
+        drawn = zscores.mitsubas(cornell, points[rows], alone, {**path, "max_depth": 2}, 256, 9 + k)
+        truth.append((whole - drawn) * (1 / (unit(day) * float(day.level(sun)))))
+    found = zscores.ours(cornell, points, light, day, 1024, 3)
+    joined = zscores.Estimate(*(np.concatenate([getattr(t, name) for t in truth]) for name in ("mean", "variance")))
+    good, text = zscores.z_test(found - joined)
+    assert good, text
+
+
+def test_gathered_light_of_a_day_is_that_of_paths(cornell, day, points):
+    radiosity = Radiosity(cornell, draw_surface(cornell, 4096, 1).points, 0, 1024, 128)
+    gather = Gather(radiosity, radiosity.rows(points, 128, 2, sky=True), day_light(radiosity, day, suns(day), 3))
+    pairs = np.tile(np.arange(POINTS), len(TIMES)), np.arange(len(TIMES)).repeat(POINTS)
+    found = sum(gather(*pairs)) / 2
+    light = suns(day)[pairs[1]]
+    truth = sum(indirect(cornell, points[pairs[0]], light, day, 256, 4)) / 2
+    for k in range(len(TIMES)):
+        rows = pairs[1] == k
+        assert found[rows].mean(axis=0) == pytest.approx(truth[rows].mean(axis=0), rel=0.06)
+    assert np.median(np.abs(found - truth).mean(axis=1) / (truth.mean(axis=1) + 0.01)) < 0.12
+
+
+def test_a_plane_under_an_even_sky_has_a_closed_form():
+    floor, sky = rooms.plane(0.5), flat_sky(2.0)
+    points = draw_surface(floor, 64, 1).points
+    a, b = indirect(floor, points, sky.direction(0.5), sky, 1024, 2)
+    up = points.view[:, 1] > 0
+    # L = albedo × radiance, and the level of the light is 2 π × radiance (no sun).
+    assert 0.5 * (a + b)[up].mean() == pytest.approx(0.5 / (2 * np.pi), rel=0.01)
+    assert sky_tables(sky.sky, tuple(map(tuple, sky.direction(np.linspace(0, 1, STEPS))))).level[3] == pytest.approx(
+        4 * np.pi, rel=1e-3
+    )
+
+
+def test_a_picture_shows_the_sky_behind_everything(day):
+    floor = rooms.plane(0.5)
+    from lightwell.scenes.scene import Camera
+
+    camera, sun = Camera((0, 1, 4), (0, 2, 0), fov_y=30.0), day.direction(0.25)
+    picture = total_image(floor, camera, sun, day, 8, 8, 16, intensity=3.0)
+    forward = np.array([0, 1, -4]) / np.sqrt(17)
+    wanted = 3 * day.sky.radiance(0.25, sun, forward)
+    np.testing.assert_allclose(picture[3:5, 3:5].mean(axis=(0, 1)), wanted, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (("day.turbidity=3",), "needs one path"),
+        (("day=2026-06-21,48.1,11.6", "day.radius=1"), "it has no radius; drop it"),
+        (("sun.direction=arc(90,-5,270,10)", "sun.turbidity=3"), "goes below 2 degrees; a sky needs a higher sun"),
+        (("day=2026-06-21,48.1,11.6", "day.turbidity=11"), "a turbidity lies between 1 and 10"),
+    ],
+)
+def test_a_wrong_sky_is_one_line_with_a_cure(cornell, texts, message):
+    with pytest.raises(ValueError, match=r"^vary: [^\n]+$") as error:
+        declare(texts, cornell)
+    assert message in str(error.value)
+
+
+def test_an_arc_with_a_turbidity_has_a_sky_and_no_clock(cornell):
+    sun = declare(("sun.direction=arc(90,10,270,10)", "sun.turbidity=5"), cornell)
+    assert sun.sky and sun.sky.turbidity == 5 and sun.hour(sun.middle) is None
