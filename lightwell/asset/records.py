@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXTENSION = "LIGHTWELL_neural_radiance"
 # Versions of the extension's JSON (format/FORMAT.md): a file has the oldest that can say what is in it.
-VERSION, VERSION_WITH_LAMPS = 1, 2
+VERSION, VERSION_WITH_LAMPS_OR_SKY = 1, 2
 
 
 # Notebooks show the largest buffers of a field as pictures, so many pixels a side at most.

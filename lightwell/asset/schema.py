@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from importlib import resources
+from itertools import pairwise
 from typing import Any
 
 import jsonschema
@@ -56,6 +57,8 @@ def _check_references(extension: dict[str, Any]) -> None:
         names = [entry["name"] for entry in extension.get(table, ())]
         if len(set(names)) < len(names):
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
+    for i, variable in enumerate(extension["variables"]):
+        _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
     for i, field in enumerate(extension["fields"]):
         if field.get("variable", -1) >= len(extension["variables"]):
             raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no variable {field['variable']}")
@@ -64,3 +67,17 @@ def _check_references(extension: dict[str, Any]) -> None:
             raise ValueError(
                 f"{EXTENSION}.fields[{i}].graph.inputs.lamps: width {width}, expected 3 for each of {len(lamps)} lamps"
             )
+
+
+def _check_sky(sky: dict[str, Any] | None, where: str) -> None:
+    """Check that the numbers of a sky are as many as its times, and times and hours in order."""
+    if sky is None:
+        return
+    times, hours = sky["times"], sky.get("hours", (0, 1, 2))
+    if times[0] != 0 or times[-1] != 1 or any(a >= b for a, b in pairwise(times)):
+        raise ValueError(f"{where}.times: expected increasing numbers from 0 to 1")
+    for name in ("level", "sun", "model"):
+        if len(sky[name]) != len(times):
+            raise ValueError(f"{where}.{name}: expected as many as times, {len(times)}, found {len(sky[name])}")
+    if any(a >= b for a, b in pairwise(hours)):
+        raise ValueError(f"{where}.hours: expected three increasing hours")

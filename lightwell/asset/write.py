@@ -14,7 +14,7 @@ from lightwell.asset import geometry
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
-from lightwell.asset.records import EXTENSION, VERSION, VERSION_WITH_LAMPS, Fallback, FieldEntry, LampEntry
+from lightwell.asset.records import EXTENSION, VERSION, VERSION_WITH_LAMPS_OR_SKY, Fallback, FieldEntry, LampEntry
 from lightwell.asset.schema import validate
 from lightwell.files import write_atomically
 
@@ -156,7 +156,7 @@ def extension_json(
         variables: JSON objects of the variables.
         binary: Receives the bytes of the buffers and pictures.
         document: glTF JSON whose texture tables receive the pictures; None when no field has one.
-        lamps: Groups of the scene's own lights; a file without them has version 1.
+        lamps: Groups of the scene's own lights; a file without them, and without a sky, has version 1.
 
     Returns:
         The JSON of the extension.
@@ -168,7 +168,8 @@ def extension_json(
         if field.variable is not None:
             entry["variable"] = field.variable
         entries.append(entry)
-    head = {"version": VERSION_WITH_LAMPS if lamps else VERSION, "variables": list(variables)}
+    newer = lamps or any("sky" in variable for variable in variables)
+    head = {"version": VERSION_WITH_LAMPS_OR_SKY if newer else VERSION, "variables": list(variables)}
     return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | {"fields": entries}
 
 

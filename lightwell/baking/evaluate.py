@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lightwell.baking.reference_budget import EVALUATION_SEED
+from lightwell.core.sun_path import clock
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
 from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable, declare
+from lightwell.scenes.variables import Variable, declare, has_sky
 from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
 
@@ -237,6 +238,8 @@ def view_caption(variable: Variable | None, light: np.ndarray) -> str:
     """
     if variable is None:
         return "the scene's own light"
+    if has_sky(variable) and (hour := variable.hour(light)) is not None:
+        return f"at {clock(hour)}"
     where = ", ".join(f"{c:.2f}" for c in light)
     return f"{'light at' if variable.kind == 'point' else 'sun towards'} ({where})"
 
@@ -253,15 +256,18 @@ def object_names(scene: Scene) -> list[str]:
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
-def light_sweep(reference: SweepReference, shipped: Shipped) -> list[tuple[float, float, float]]:
+def light_sweep(
+    reference: SweepReference, shipped: Shipped, variable: Variable | None = None
+) -> list[tuple[float, float, float]]:
     """Compute the error of a field along the chain of held-out lights.
 
     Args:
         reference: Traced radiance along the chain.
         shipped: The field.
+        variable: Ranges of the light; those of a day give the places in hours.
 
     Returns:
-        (position on the chain in [0, 1], relative error, noise floor) for each light.
+        (position on the chain in [0, 1] or hour of the day, relative error, noise floor) for each light, in this order.
     """
     r, unit = reference, shipped.fit.unit
     f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
@@ -270,4 +276,6 @@ def light_sweep(reference: SweepReference, shipped: Shipped) -> list[tuple[float
     floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
     last = max(int(r.place.max()), 1)
     lights = [r.place == k for k in np.unique(r.place)]
-    return [(k / last, float(error[at].mean()), float(floor[at].mean())) for k, at in enumerate(lights)]
+    hours = [variable.hour(r.light[at][0]) if has_sky(variable) else None for at in lights]
+    places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
+    return sorted((place, float(error[at].mean()), float(floor[at].mean())) for place, at in zip(places, lights))

@@ -41,7 +41,7 @@ from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import to_json
+from lightwell.scenes.variables import has_sky, to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
@@ -96,6 +96,7 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     if preview:
         preview.begin(job.scene, job.request)
     state = field.prepare(job)
+    refuse_sky(name, field, state)
     if job.request.lamps and not state.lamps and parse_lamps(job.request.lamps).mode != "none":
         raise ValueError(f"bake: field '{name}' learns all lights together; use --field factored, or leave out --lamps")
     _say_plan(settings, name, job.progress)
@@ -107,6 +108,21 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     if again := state.finished(fits):
         return _write_rebake(state, settings, shipped, again)
     return _score_and_write(state, settings, name, shipped)
+
+
+def refuse_sky(name: str, field: Field, state: State) -> None:
+    """Refuse a day for fields that take all direct light for the rasteriser's.
+
+    Args:
+        name: What ``--field`` calls the field.
+        field: The field.
+        state: The prepared scene.
+
+    Raises:
+        ValueError: The variable has a sky, which the field does not learn.
+    """
+    if has_sky(state.variable) and not getattr(field, "learns_sky", False):
+        raise ValueError(f"bake: field '{name}' learns no sky; use --field factored, or drop the day from --vary")
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:

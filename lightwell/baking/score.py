@@ -26,7 +26,10 @@ from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, has_sky
+
+# What the chart of the error along the path of the light shows to the right.
+SWEEP, HOURS = "position along the sweep", "hour of the day"
 
 
 def reference_budget(settings: Reported, job: Job, fit: Fit, roles: int = 1) -> ReferenceBudget:
@@ -109,7 +112,8 @@ def score(
         versions=versions(),
         settings=facts,
         training=first.fit.training.curve,
-        sweep=[] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first),
+        sweep=[] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, state.variable),
+        sweep_axis=HOURS if has_sky(state.variable) and state.variable.sky.hours else SWEEP,
         warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered),
         unit=first.fit.unit,

@@ -7,8 +7,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightwell.core.sun_path import parse_clock
+
 # Switches of one asset at most: the extension's limit (format/FORMAT.md).
 MOST_LAMPS = 64
+# What ``--set`` calls the time of day.
+DAY = "day"
 # Ways to group all lights of a scene: by name without its number, each alone, by material, all together, no switch.
 MODES = ("name", "each", "material", "all", "none")
 _EXAMPLE = 'write for example --lamps "desk=Desk*", or one of ' + ", ".join(MODES)
@@ -60,6 +64,31 @@ def parse_settings(texts: Sequence[str]) -> dict[str, tuple[float, float, float]
         red, green, blue = numbers * 3 if len(numbers) == 1 else numbers
         found[name] = (red, green, blue)
     return found
+
+
+def parse_day(texts: Sequence[str]) -> tuple[float | None, list[str]]:
+    """Read the time of day among the values of ``--set``.
+
+    Args:
+        texts: ``day=18:30``, and settings of lamps.
+
+    Returns:
+        Hours of the last one; None without. And the other texts.
+
+    Raises:
+        ValueError: It is no time of day.
+    """
+    hour, others = None, []
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if name.strip() != DAY or not equals:
+            others.append(text)
+            continue
+        try:
+            hour = parse_clock(value)
+        except ValueError as error:
+            raise ValueError(f"set: {error}") from None
+    return hour, others
 
 
 def parse_lamps(texts: Sequence[str]) -> LampRules:

@@ -111,6 +111,31 @@ def parse_vary(text: str) -> Declaration:
     return Declaration(name, parameter, values)
 
 
+def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]:
+    """Add options of the sun to declarations.
+
+    Args:
+        texts: Declarations.
+        options: ``north`` and ``turbidity``; None: not given.
+
+    Returns:
+        The declarations with those of the options.
+
+    Raises:
+        ValueError: No sun is declared, or a number is out of range.
+    """
+    given = {name: f"{value:g}" for name, value in options.items() if value is not None}
+    if not given:
+        return tuple(texts)
+    suns = [d.name for d in map(parse_vary, texts) if d.parameter in ("direction", "day")]
+    if not suns:
+        raise ValueError(f"vary: --{next(iter(given))} is for a sun; add --vary {DAY_EXAMPLE}, or leave it out")
+    added = [f"{suns[0]}.{name}={value}" for name, value in given.items()]
+    for text in added:
+        parse_vary(text)
+    return (*texts, *(text for text in added if text not in texts))
+
+
 def _numbers(text: str, form: _Form, value: str) -> tuple[float, ...]:
     """Parse the numbers of ``value`` in the syntax of ``form``."""
     if not value and form.optional:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from lightwell.core.lamps import MODES, parse_lamps
 from lightwell.core.options import option
+from lightwell.core.vary import of_options
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS, Budget
 
 
@@ -33,11 +34,22 @@ class Request:
     )
     vary: tuple[str, ...] = option(
         (),
-        "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, sun.direction=arc(az0,el0,az1,el1) "
-        "in degrees or day(2026-06-21,48.1,11.6), light.clearance=c; light.intensity and light.color set "
+        "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, day=2026-06-21,48.1,11.6 (sun and "
+        "sky), sun.direction=arc(az0,el0,az1,el1) in degrees, light.clearance=c; light.intensity and light.color set "
         "what may always change (default: what the scene suggests, else a point light anywhere in its air)",
         metavar="WHAT=RANGE",
         repeat=True,
+        group="what may move",
+    )
+    north: float | None = option(
+        None,
+        "where north is, degrees clockwise from -Z seen from above, for a sun (default: 0)",
+        check=lambda v: "" if abs(v) <= 360 else "is no angle; give -360 to 360 degrees",
+        group="what may move",
+    )
+    turbidity: float | None = option(
+        None,
+        "haze of the air, 1 (clear) to 10; gives an arc its sky too (default: 3 for a day)",
         group="what may move",
     )
     lamps: tuple[str, ...] = option(
@@ -80,5 +92,6 @@ class Request:
     def __post_init__(self) -> None:
         """Take the time of the quality where neither a time nor an error is asked for."""
         parse_lamps(self.lamps)
+        object.__setattr__(self, "vary", of_options(self.vary, north=self.north, turbidity=self.turbidity))
         if self.quality in QUALITY_SECONDS:
             object.__setattr__(self, "budget", self.budget.or_of(self.quality))

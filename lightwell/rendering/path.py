@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from lightwell.cluster.attach import attached
-from lightwell.core.lamps import parse_lamps, parse_settings
+from lightwell.core.lamps import DAY, parse_day, parse_lamps, parse_settings
+from lightwell.core.sun_path import DAY_EXAMPLE
 from lightwell.rendering.deep import write_deep
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.variables import Sun, has_sky
 from lightwell.transport.camera import total_image
 from lightwell.transport.deep import deep_image
 
@@ -33,8 +35,10 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     """
     check_picture_name(settings.out)
     shot = Shot.of(settings)
-    place, intensity = shot.good_light, shot.intensity
-    state = parse_settings(settings.set)
+    hour, texts = parse_day(settings.set)
+    place, intensity, state = _place(shot, hour), shot.intensity, parse_settings(texts)
+    if settings.options.deep and has_sky(shot.variable):
+        raise ValueError("render: --deep has no sky; leave out --deep, or the day")
     point = max(state.pop(POINT_LIGHT, (1.0,)))
     groups = group_lamps(shot.scene, parse_lamps(settings.lamps)) if state else ()
     start = perf_counter()
@@ -50,6 +54,18 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     seconds = perf_counter() - start
     write_shot(settings, shot, picture, None if intensity is None else 1.0)
     return _facts(settings, shot, place, picture, seconds)
+
+
+def _place(shot: Shot, hour: float | None) -> np.ndarray:
+    """[3] place of the point light, or direction to the sun, at an hour where one is set."""
+    if hour is None:
+        return shot.good_light
+    if not isinstance(shot.variable, Sun):
+        raise ValueError(f"set: '{DAY}' needs a day; declare one with --vary {DAY_EXAMPLE}")
+    try:
+        return shot.variable.at_hour(hour)
+    except ValueError as error:
+        raise ValueError(f"set: {error}") from None
 
 
 def _facts(

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.core.cluster_options import ClusterOptions
-from lightwell.core.lamps import parse_lamps, parse_settings
+from lightwell.core.lamps import parse_day, parse_lamps, parse_settings
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.core.suggest import did_you_mean
+from lightwell.core.vary import parse_vary
 
 # Largest picture, pixels; beyond it the accumulated image does not fit into the memory of a small machine.
 MOST_PIXELS = 1 << 26
@@ -186,8 +187,15 @@ class RenderSettings(SceneOptions, ClusterOptions):
     )
     set: tuple[str, ...] = option(
         (),
-        "a state of the scene's own lamps, such as desk=0.3 or desk=1,0.8,0.6; light=0 turns the point light off",
+        "a state of the scene's own lamps, such as desk=0.3 or desk=1,0.8,0.6; light=0 turns the point light off; "
+        "day=18:30 is the time of a day that --vary declares",
         metavar="NAME=DIMMER",
+        repeat=True,
+    )
+    vary: tuple[str, ...] = option(
+        (),
+        "the sun instead of the point light, as for bake: day=2026-06-21,48.1,11.6 or sun.direction=arc(90,10,270,10)",
+        metavar="WHAT=RANGE",
         repeat=True,
     )
     lamps: tuple[str, ...] = option(
@@ -207,8 +215,12 @@ class RenderSettings(SceneOptions, ClusterOptions):
         """Refuse values out of range, by the name of their option."""
         check(self, "render")
         parse_lamps(self.lamps)
-        if parse_settings(self.set) and self.integrator != "path":
-            raise ValueError("render: --set is for --integrator path; leave one of them out")
+        parse_settings(parse_day(self.set)[1])
+        if (self.set or self.vary) and self.integrator != "path":
+            given = "--set" if self.set else "--vary"
+            raise ValueError(f"render: {given} is for --integrator path; leave one of them out")
+        for text in self.vary:
+            parse_vary(text)
         if self.set and self.cluster:
             raise ValueError("render: --set is for this machine alone; leave out --cluster")
         if self.options is None or isinstance(self.options, Mapping):

@@ -39,7 +39,7 @@ class Shot:
         """
         scene = load(settings.scene, **settings.loading)
         light = None if settings.light is None else np.asarray(settings.light, np.float32)
-        return Shot(scene, _camera(scene, settings.camera), declare((), scene), light, settings.intensity)
+        return Shot(scene, _camera(scene, settings.camera), declare(settings.vary, scene), light, settings.intensity)
 
     @property
     def good_light(self) -> np.ndarray:

@@ -188,7 +188,7 @@ def _training_chart(numbers: Mapping[str, Any]) -> str:
 def _sweep_chart(numbers: Mapping[str, Any]) -> str:
     at, error, floor = ([p[key] for p in numbers["sweep"]] for key in ("at", "relative_error", "noise_floor"))
     lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
-    x, y = ChartAxis("position along the sweep", brief), ChartAxis("relative error", brief_percent)
+    x, y = ChartAxis(numbers["sweep_axis"], brief), ChartAxis("relative error", brief_percent)
     return charts.line_chart(lines, x, y, "Error along the sweep of the light")
 
 

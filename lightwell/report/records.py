@@ -121,7 +121,9 @@ class ReportData:
     training: Sequence[tuple[float, float]] = ()
     """(seconds, relative error on validation samples)."""
     sweep: Sequence[tuple[float, float, float]] = ()
-    """(position along the sweep of the variable in [0, 1], relative error, noise floor)."""
+    """(position along the sweep of the variable in [0, 1] or hour of the day, relative error, noise floor)."""
+    sweep_axis: str = "position along the sweep"
+    """What the first number of ``sweep`` is."""
     asset_bytes: int | None = None
     """Size of the whole file."""
     warnings: Sequence[str] = ()

@@ -61,6 +61,7 @@ def summary(data: ReportData) -> dict[str, Any]:
         "paths_per_second": data.paths_per_second,
         "per_view": views,
         "training": [{"seconds": s, "relative_error": e} for s, e in data.training],
+        "sweep_axis": data.sweep_axis,
         "sweep": [{"at": t, "relative_error": e, "noise_floor": n} for t, e, n in data.sweep],
         "facts": data.facts,
         "settings": data.settings,

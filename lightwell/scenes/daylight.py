@@ -54,12 +54,14 @@ def clear_sky(path: tuple[tuple[float, ...], ...], turbidity: float, hours: tupl
         guess, scale = _fitted(direction, turbidity, guess)
         models.append(np.where(LINEAR, guess * scale[:, None], guess))
         cells.append(evaluate(models[-1], directions[..., 1], directions @ direction).mean(axis=1))
-    brightest = float(light_of_sphere(np.array(suns), np.array(cells)).max())
+    level = light_of_sphere(np.array(suns), np.array(cells))
+    brightest = float(level.max())
     rounded = lambda values: tuple(float(f"{v:.{DIGITS}g}") for v in np.ravel(values))  # noqa: E731
     return Sky(
         tuple(float(t) for t in key_times()),
         tuple(rounded(sun / brightest) for sun in suns),
         tuple(rounded(np.where(LINEAR, model / brightest, model)) for model in models),
+        rounded(level / brightest),
         turbidity,
         hours,
     )

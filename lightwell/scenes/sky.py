@@ -43,6 +43,9 @@ class Sky:
     """K times red, green, blue: irradiance of the sun at normal incidence."""
     model: tuple[tuple[float, ...], ...]
     """K times a … i of red, of green and of blue."""
+    level: tuple[float, ...]
+    """K brightnesses, at most 1: what a small sphere receives of sun and sky, relative to the brightest time. A field
+    is learned for light divided by it."""
     turbidity: float
     """Haze of the air, 1 (clear) to 10."""
     hours: tuple[float, ...] = ()
@@ -63,11 +66,12 @@ class Sky:
         """
         times = tuple(float(t) for t in entry["times"])
         sun, model = (tuple(tuple(map(float, row)) for row in entry[name]) for name in ("sun", "model"))
+        level = tuple(float(v) for v in entry["level"])
         whole = all(len(row) == 3 for row in sun) and all(len(row) == 3 * COEFFICIENTS for row in model)
-        if not (len(times) == len(sun) == len(model) >= 2 and whole):
-            raise ValueError("times, sun and model of a sky must be as many")
+        if not (len(times) == len(sun) == len(model) == len(level) >= 2 and whole and min(level) > 0):
+            raise ValueError("times, sun, model and level of a sky must be as many, and no level 0")
         hours = tuple(float(h) for h in entry.get("hours", ()))
-        return Sky(times, sun, model, float(entry["turbidity"]), hours)
+        return Sky(times, sun, model, level, float(entry["turbidity"]), hours)
 
     def json(self) -> dict[str, Any]:
         """Write the sky as an object of the glTF extension (format/FORMAT.md).
@@ -77,7 +81,7 @@ class Sky:
         """
         rows = {name: [list(row) for row in getattr(self, name)] for name in ("sun", "model")}
         hours = {"hours": list(self.hours)} if self.hours else {}
-        return {"turbidity": self.turbidity, **hours, "times": list(self.times), **rows}
+        return {"turbidity": self.turbidity, **hours, "times": list(self.times), "level": list(self.level), **rows}
 
     def sunlight(self, t: np.ndarray) -> np.ndarray:
         """Interpolate the irradiance of the sun at normal incidence.
@@ -171,7 +175,7 @@ def sky_tables(sky: Sky, path: tuple[tuple[float, ...], ...]) -> SkyTables:
     times, directions = np.linspace(0, 1, STEPS), cell_directions()
     cells = np.stack([sky.radiance(t, d, directions).mean(axis=1) for t, d in zip(times, np.asarray(path))])
     sun = sky.sunlight(times)
-    level = light_of_sphere(sun, cells)
+    level = np.interp(times, sky.times, sky.level)
     scale = 1 / level[:, None]
     return SkyTables((sun * scale).astype(np.float32), (cells * scale[..., None]).astype(np.float32), level)
 

@@ -21,7 +21,9 @@ describe("Arc", () => {
     ] as const) {
       expect(arc.at(t).distanceTo(new Vector3(x, y, 0))).toBeLessThan(1e-6);
     }
-    expect(arc.nearest(new Vector3(0.01, 1, 0))).toBeCloseTo(0.5, 2);
+    for (const t of [0, 0.2, 0.5, 0.9, 1]) expect(arc.time(arc.at(t))).toBeCloseTo(t, 6);
+    expect(arc.time(new Vector3(1, -0.1, 0))).toBe(0);
+    expect(arc.time(new Vector3(-1, -0.1, 0))).toBe(1);
   });
 
   it("goes the long way when its middle lies there", () => {

@@ -18,6 +18,7 @@ class ProbesField(SurfaceField):
     """See ``lightwell.fields.protocol.Field``."""
 
     Options = ProbesOptions
+    learns_sky = False
 
     def prepare(self, job: Job) -> State:
         """Find the variable light, or read the probes that an incremental bake starts from.

@@ -97,6 +97,8 @@ class SurfaceField:
     """Base of fields that are fitted to samples at surface points; see ``lightwell.fields.protocol.Field``."""
 
     shares = "surface"
+    learns_sky = True
+    """Whether the direct light of a sky is in its samples."""
 
     def __init__(
         self,

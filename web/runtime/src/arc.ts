@@ -3,8 +3,6 @@
 import { Vector3 } from "three";
 import type { Vec3 } from "./checks.ts";
 
-const SEARCH_STEPS = 512;
-
 /** `at(0)`, `at(½)` and `at(1)` are the three directions; the angle grows linearly within each half. */
 export class Arc {
   private readonly start: Vector3;
@@ -34,16 +32,12 @@ export class Arc {
     return target.copy(this.start).applyAxisAngle(this.axis, angle);
   }
 
-  /** The t whose direction is nearest to `direction`. */
-  nearest(direction: Vector3): number {
-    const probe = new Vector3();
-    let best = 0;
-    let bestDot = -Infinity;
-    for (let i = 0; i <= SEARCH_STEPS; i++) {
-      const dot = this.at(i / SEARCH_STEPS, probe).dot(direction);
-      if (dot > bestDot) [best, bestDot] = [i / SEARCH_STEPS, dot];
-    }
-    return best;
+  /** The t of a direction on the arc; that of the nearest end beside it. */
+  time(direction: Vector3): number {
+    const angle = this.angle(direction);
+    if (angle > this.toEnd + (2 * Math.PI - this.toEnd) / 2) return 0;
+    const kept = Math.min(angle, this.toEnd);
+    return kept < this.toMiddle ? kept / (2 * this.toMiddle) : 0.5 + (kept - this.toMiddle) / (2 * (this.toEnd - this.toMiddle));
   }
 
   /** Angle about the axis from `start` to `direction`, in [0, 2π). */

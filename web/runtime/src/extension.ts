@@ -109,6 +109,8 @@ export async function readExtension(
   if (version !== 1 && version !== FORMAT_VERSION) fail(`${EXTENSION}.version`, `1 or ${FORMAT_VERSION}`);
   const variables = readVariables(extension.variables, `${EXTENSION}.variables`);
   if (version === 1 && extension.lamps !== undefined) fail(`${EXTENSION}.lamps`, "nothing of that name in version 1");
+  const skies = variables.findIndex((variable) => variable.kind === "sun" && variable.sky !== null);
+  if (version === 1 && skies >= 0) fail(`${EXTENSION}.variables[${skies}].sky`, "nothing of that name in version 1");
   const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);

@@ -20,4 +20,6 @@ export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loade
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
 export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SWITCHES, readLampSettings } from "./switches.ts";
+export { clockText, hourAt, readClock, type Sky, skyAt } from "./sky.ts";
+export { SkyBackground } from "./sky-background.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

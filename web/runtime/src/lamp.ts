@@ -4,6 +4,7 @@ import { type Box3, Color, DirectionalLight, type Light, PointLight, Sphere, Vec
 import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
 import { SHADOW_RADIUS } from "./shadow-lift.ts";
+import { levelAt, sunlightAt } from "./sky.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 const POINT_SHADOW_SIZE = 1024;
@@ -22,6 +23,8 @@ export interface Lamp {
   readonly value: Vector3;
   readonly color: Color;
   intensity: number;
+  /** What the learned light is multiplied by beside colour and intensity: the brightness of the time of day. */
+  readonly level: number;
   /** Counts what a shadow map must be drawn anew for. */
   readonly shadowVersion: number;
   /** Hang the light on the root of its scene. */
@@ -51,7 +54,10 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
   readonly value = new Vector3();
   readonly color: Color;
   intensity: number;
+  level = 1;
   shadowVersion = 0;
+  /** What the colour of the three.js light is multiplied by: that of the sun at the time of day. */
+  protected readonly filter = new Color(1, 1, 1);
   protected readonly placement: Placement;
   /** Scale of the world that the light was fitted to, and what was last given to it. */
   protected scale = 1;
@@ -97,13 +103,13 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
     }
     const seen = this.seen(new Vector3());
     if (seen.distanceTo(this.value) > MOVED * Math.max(1, this.value.length())) this.move(seen);
-    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color);
+    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color).multiply(inverse(this.filter));
     if (this.object.intensity !== this.given.intensity) this.intensity = this.object.intensity / this.gain(scale);
     this.tint();
   }
 
   tint(): void {
-    this.object.color.copy(this.color);
+    this.object.color.copy(this.color).multiply(this.filter);
     this.object.intensity = this.intensity * this.gain(this.scale);
     this.given.color.copy(this.object.color);
     this.given.intensity = this.object.intensity;
@@ -113,6 +119,11 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
     this.detach();
     this.object.dispose();
   }
+}
+
+/** One over a colour; 0 where it is 0. */
+function inverse({ r, g, b }: Color): Color {
+  return new Color(...([r, g, b].map((x) => (x > 0 ? 1 / x : 0)) as [number, number, number]));
 }
 
 /** A point light in candela with inverse-square falloff and a cube shadow map. */
@@ -161,6 +172,8 @@ export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
 /** A distant light in lux, with a shadow map that fits the scene's bounding sphere. */
 export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   readonly arc: Arc;
+  /** Where on the arc the sun is, 0 to 1. */
+  time = 0;
   private readonly reach: Sphere;
 
   constructor(variable: SunVariable, bounds: Box3, placement: Placement) {
@@ -186,6 +199,12 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   /** Any direction is taken as it is: the slider keeps to the arc, saved views lie on it. */
   move(value: Vector3): boolean {
     this.value.copy(value).normalize();
+    this.time = this.arc.time(this.value);
+    const { sky } = this.variable;
+    if (sky) {
+      this.level = levelAt(sky, this.time);
+      this.filter.setRGB(...sunlightAt(sky, this.time));
+    }
     const { center, radius } = this.reach;
     this.placement.put(this.object, new Vector3().copy(center).addScaledVector(this.value, 2 * radius));
     this.placement.put(this.object.target, center);

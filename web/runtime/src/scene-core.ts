@@ -10,6 +10,8 @@ import { type Capabilities, checkMaterials, type Demand } from "./material-budge
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
 import { OwnLights } from "./own-lights.ts";
 import { boundsOf, Placement } from "./placement.ts";
+import { readClock, timeOfHour } from "./sky.ts";
+import { SkyBackground } from "./sky-background.ts";
 import { type LampSetting, type LampSwitch, Switches } from "./switches.ts";
 import type { SurfaceMaterials } from "./surface-materials.ts";
 import { MAX_LAMPS, type Variable } from "./variables.ts";
@@ -200,6 +202,17 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.ownLamps.set(name, setting);
   }
 
+  /**
+   * Set the time of day of the suns that know one: `18:30`, or hours. Returns whether one is up then; where none is, nothing
+   * changes.
+   */
+  setDay(clock: string | number): boolean {
+    const hour = typeof clock === "number" ? clock : readClock(clock);
+    const suns = SkyBackground.suns(this.lamps).map((sun) => [sun, hour === null ? null : timeOfHour(sun.variable.sky!, hour)] as const);
+    for (const [sun, time] of suns) if (time !== null) sun.move(sun.arc.at(time, new Vector3()));
+    return suns.some(([, time]) => time !== null);
+  }
+
   /** The switch of an object under the root, such as one that a ray has met; null where it belongs to none. */
   switchOf(object: Object3D): LampSwitch | null {
     return this.ownLamps.of(object);
@@ -210,8 +223,8 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     for (const lamp of this.lamps) lamp.tint();
     for (const field of this.fields) {
       const lamps = this.lampsOf(field);
-      lamps.forEach(({ color, intensity }, i) => {
-        const gain = this.shown.indirect ? intensity : 0;
+      lamps.forEach(({ color, intensity, level }, i) => {
+        const gain = this.shown.indirect ? intensity * level : 0;
         field.setGain(i, new Vector3(color.r, color.g, color.b).multiplyScalar(gain));
       });
       if (lamps.length === 0) field.setGain(0, new Vector3().setScalar(this.isOn(field) ? 1 : 0));

@@ -1,6 +1,7 @@
 /** What may move at run time: the declared lights of a baked asset. */
 
 import { direction, fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
+import { readSky, type Sky } from "./sky.ts";
 
 /** A small light that roams a box. */
 export interface PointVariable {
@@ -29,8 +30,10 @@ export interface SunVariable {
   readonly start: Vec3;
   readonly middle: Vec3;
   readonly end: Vec3;
+  /** Sky and colour of the sun along the arc; null for a white sun alone. */
+  readonly sky: Sky | null;
   readonly initial: Vec3;
-  /** Lux at normal incidence. */
+  /** Lux at normal incidence; with a sky, what a small sphere receives of both at the brightest time. */
   readonly intensity: number;
   /** Linear sRGB. */
   readonly color: Vec3;
@@ -66,6 +69,7 @@ function readVariable(value: unknown, where: string): Variable {
 type Common = Pick<PointVariable, "name" | "intensity" | "color">;
 
 function readPoint(entry: Record<string, unknown>, where: string, common: Common): PointVariable {
+  if (entry.sky !== undefined) fail(`${where}.sky`, "nothing of that name in a point");
   const low = vec3(entry.low, `${where}.low`);
   const high = vec3(entry.high, `${where}.high`);
   if (low.some((x, i) => x > high[i]!)) fail(`${where}.low`, "no component above `high`");
@@ -89,6 +93,7 @@ function readSun(entry: Record<string, unknown>, where: string, common: Common):
     start: direction(entry.start, `${where}.start`),
     middle,
     end: direction(entry.end, `${where}.end`),
+    sky: readSky(entry.sky, `${where}.sky`),
     initial: direction(entry.initial ?? middle, `${where}.initial`),
   };
 }

@@ -1,6 +1,6 @@
 /** Options of the page's address, for tests, screenshots and links. */
 
-import { type LampSetting, readLampSettings } from "lightwell";
+import { type LampSetting, readClock, readLampSettings } from "lightwell";
 import { readLights, type LightOption } from "./light-options.ts";
 import { AGAINST, type Against, MODES, type Mode } from "./modes.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
@@ -33,6 +33,8 @@ export interface Options {
   readonly samples: number;
   /** Lamps to start with, the declared ones first; empty for those alone. */
   readonly lights: readonly LightOption[];
+  /** Time of day, hours. */
+  readonly day: number | null;
   /** Settings of the scene's own lamps by name: `desk:0.3;bed:0:ffcc88`. */
   readonly lamps: ReadonlyMap<string, LampSetting>;
   /** Whether the learned light is evaluated at half resolution. */
@@ -66,6 +68,7 @@ export function readOptions(search: string): Options {
     weights: weights === "inline" || weights === "texture" ? weights : null,
     samples: query.get("samples") === "0" ? 0 : 4,
     lights: readLights(query.get("lights")),
+    day: readClock(query.get("day") ?? ""),
     lamps: readLampSettings(query.get("lamps")),
     half: query.get("half") === "1",
     keys: query.has("keys") ? query.get("keys") !== "0" : null,

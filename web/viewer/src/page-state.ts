@@ -1,17 +1,17 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
-import { lampSettingsText } from "lightwell";
+import { clockText, hourAt, lampSettingsText, SkyBackground } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** Options of the address that say what is shown, by name. */
-export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "lights", "lamps", "exposure", "tonemap", "half"] as const;
+export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "day", "lights", "lamps", "exposure", "tonemap", "half"] as const;
 
 export type PageState = Partial<Record<(typeof STATE_NAMES)[number], string>>;
 
 /** The part of the options that a state may change. */
-export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "lights" | "lamps" | "exposure" | "toneMapping" | "half">;
+export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "day" | "lights" | "lamps" | "exposure" | "toneMapping" | "half">;
 
 /** Digits that a link keeps: a tenth of a millimetre in a room. */
 const DIGITS = 5;
@@ -25,11 +25,14 @@ export function stateOf(viewer: Viewer): PageState {
   const lights = viewer.lamps.map(({ value, color, intensity }) =>
     [short(value.toArray()), color.getHexString(SRGBColorSpace), short([intensity])].join(","),
   );
+  const [sun] = SkyBackground.suns(viewer.lamps);
+  const hour = sun ? hourAt(sun.variable.sky!, sun.time) : null;
   const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {
     mode,
     ...(mode === "split" ? { against, split: short([split]) } : {}),
     ...(view === null ? { camera: short([...position, ...target, fovY]) } : { view: String(view) }),
+    ...(hour === null ? {} : { day: clockText(hour) }),
     ...(lights.length > 0 ? { lights: lights.join(";") } : {}),
     ...(lamps ? { lamps } : {}),
     exposure: short([exposure]),
@@ -59,6 +62,7 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
   if (exposure !== null) viewer.setExposure(exposure);
   if (toneMapping) viewer.setToneMapping(toneMapping);
   if (options.half !== viewer.half) viewer.setHalf(options.half);
+  if (options.day !== null) viewer.setDay(options.day);
   applyLights(viewer, options);
   applyLamps(viewer, options);
   if (against) viewer.setAgainst(against);

@@ -1,6 +1,6 @@
 /** What stands in the scene: the loaded file, its lamps, and their visible bodies. */
 
-import { type Lamp, LearnedScene, type Look, type Parts, type WeightPlacement } from "lightwell";
+import { type Lamp, LearnedScene, type Look, type Parts, SkyBackground, type WeightPlacement } from "lightwell";
 import {
   HemisphereLight,
   Light,
@@ -22,6 +22,7 @@ export class Stage {
   learned: LearnedScene | null = null;
   private readonly renderer: WebGLRenderer;
   private glows: LampGlow[] = [];
+  private sky: SkyBackground | null = null;
 
   constructor(renderer: WebGLRenderer) {
     this.renderer = renderer;
@@ -40,6 +41,10 @@ export class Stage {
     this.learned = learned;
     scene.add(learned.root);
     if (isUnlit(learned)) scene.add(new HemisphereLight(0xffffff, 0x8d8478, 2.5));
+    if (SkyBackground.suns(learned.lamps).length > 0) {
+      this.sky = new SkyBackground();
+      scene.background = this.sky.texture;
+    }
     this.embody();
     return learned;
   }
@@ -82,6 +87,7 @@ export class Stage {
   prepare(parts: Parts, exposure: number, glowing: boolean): void {
     this.learned?.show(parts);
     this.learned?.update();
+    this.sky?.update(this.lamps);
     for (const glow of this.glows) glow.update(exposure, glowing);
   }
 
@@ -99,6 +105,9 @@ export class Stage {
     this.glows = [];
     this.learned?.dispose();
     this.learned = null;
+    this.sky?.dispose();
+    this.sky = null;
+    this.scene.background = null;
     this.scene.clear();
   }
 }

@@ -175,6 +175,12 @@ export class Viewer extends ViewerFrames {
     this.relit();
   }
 
+  /** Set the time of day, hours; nothing changes where no sun is up then. */
+  setDay(hour: number): void {
+    if (this.learned?.setDay(hour)) this.relit();
+    else this.say("No sun of this file is up at that time.");
+  }
+
   setStillLight(on: boolean): void {
     this.stillLight = on;
     this.leaveView();

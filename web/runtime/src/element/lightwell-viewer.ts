@@ -41,11 +41,11 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
-  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "lamps"];
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "lamps"];
   private readonly canvas = document.createElement("canvas");
   private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
@@ -140,8 +140,10 @@ export class LightwellViewer extends ElementBase implements Client {
       const learned = new LearnedScene(gltf, { renderer });
       const scene = new Scene();
       scene.add(learned.root);
-      this.shown = { gltf, learned, scene };
-      for (const name of ["camera", "light"]) this.apply(name);
+      const sky = SkyBackground.suns(learned.lamps).length > 0 ? new SkyBackground() : null;
+      scene.background = sky?.texture ?? null;
+      this.shown = { gltf, learned, scene, sky };
+      for (const name of ["camera", "light", "day"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
@@ -183,6 +185,8 @@ export class LightwellViewer extends ElementBase implements Client {
     else if (name === "light") {
       const place = vectors(value)?.[0];
       if (place) this.shown?.learned.lamps[0]?.move(place);
+    } else if (name === "day") {
+      if (value !== null) this.shown?.learned.setDay(value);
     } else if (name === "lamps") {
       const settings = readLampSettings(value);
       for (const lamp of this.shown?.learned.switches ?? []) {
@@ -235,6 +239,7 @@ export class LightwellViewer extends ElementBase implements Client {
     if (!this.shared || !this.shown) return;
     const gliding = this.orbit?.update() ?? false;
     const exposure = positive(this.getAttribute("exposure")) ?? this.shown.learned.exposure ?? 1;
+    this.shown.sky?.update(this.shown.learned.lamps);
     const toneMapping = toneMappingOf(this.getAttribute("tone-mapping"));
     this.shared.draw({ ...this.shown, camera: this.camera, toneMapping, exposure }, this.canvas);
     if (gliding) this.invalidate();
@@ -243,6 +248,7 @@ export class LightwellViewer extends ElementBase implements Client {
   private clear(): void {
     this.shown?.learned.dispose();
     this.shown?.learned.root.removeFromParent();
+    this.shown?.sky?.dispose();
     this.shown = null;
     this.say("");
     this.bar.hidden = true;

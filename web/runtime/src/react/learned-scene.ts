@@ -44,6 +44,8 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
   readonly src: string;
   /** Place of the first lamp, metres; it stays inside the box in which its light was learned. */
   readonly light?: readonly [number, number, number];
+  /** Time of day, `18:30` or hours, where a sun of the file knows one. */
+  readonly day?: string | number;
   /** Settings of the scene's own lamps by name, such as `{ desk: 0.3 }`; the others are as in the file. */
   readonly lamps?: Readonly<Record<string, LampSetting>>;
   /** Which parts of the light are shown; all of them unless given. */
@@ -53,13 +55,16 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 }
 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
-export function LearnedScene({ src, light, lamps, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
+export function LearnedScene({ src, light, day, lamps, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
   useImperativeHandle(ref, () => scene, [scene]);
   const [x, y, z] = light ?? [];
   useEffect(() => {
     if (x !== undefined) scene.lamps[0]?.move(new Vector3(x, y, z));
   }, [scene, x, y, z]);
+  useEffect(() => {
+    if (day !== undefined) scene.setDay(day);
+  }, [scene, day]);
   const settings = JSON.stringify(lamps ?? {});
   useEffect(() => {
     for (const lamp of scene.switches) lamp.reset();

@@ -1,6 +1,6 @@
 /** Controls of one declared light. */
 
-import { SunLamp } from "lightwell";
+import { clockText, hourAt, SunLamp } from "lightwell";
 import { Color, Vector3 } from "three";
 import type { Viewer } from "../viewer.ts";
 import { createSection, createSlider } from "./controls.ts";
@@ -25,9 +25,9 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
   const sun = lamp instanceof SunLamp ? lamp : null;
   const arc = sun
     ? createSlider(
-        "Path",
+        sun.variable.sky?.hours ? "Time" : "Path",
         [0, 1, 0.002],
-        (t) => `${Math.round(t * 100)} %`,
+        (t) => timeText(sun, t),
         (t) => void viewer.lampController.move(index, sun.arc.at(t, new Vector3())),
       )
     : null;
@@ -41,7 +41,7 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
       .toArray()
       .map((x) => x.toFixed(2))
       .join("  ");
-    if (sun) arc?.set(sun.arc.nearest(lamp.value));
+    if (sun) arc?.set(sun.time);
   };
   const stop = viewer.on("change", update);
   viewer.on("lamps", stop);
@@ -60,6 +60,12 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
   const section = createSection(lampName(viewer, index), ...rows);
   if (viewer.lampController.isAdded(index)) section.querySelector("h2")?.append(createRemove(viewer, index));
   return section;
+}
+
+/** The clock where there is one, else the share of the path. */
+function timeText({ variable }: SunLamp, t: number): string {
+  const hour = variable.sky ? hourAt(variable.sky, t) : null;
+  return hour === null ? `${Math.round(t * 100)} %` : clockText(hour);
 }
 
 function createRemove(viewer: Viewer, index: number): HTMLElement {
