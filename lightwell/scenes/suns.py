@@ -89,6 +89,17 @@ class Sun:
         t = self.time(direction)
         return np.ones_like(t) if self.sky is None else np.interp(t, np.linspace(0, 1, STEPS), self.tables.level)
 
+    def sunlight(self, direction: np.ndarray) -> np.ndarray:
+        """Look up the irradiance of the sun at normal incidence, divided by the level of the time.
+
+        Args:
+            direction: [..., 3] directions to the sun.
+
+        Returns:
+            [..., 3] float32 linear RGB; only with a ``sky``.
+        """
+        return self.tables.sun[np.rint(self.time(direction) * (STEPS - 1)).astype(int)]
+
     def hour(self, direction: np.ndarray) -> float | None:
         """Compute the time of day.
 

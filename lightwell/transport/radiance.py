@@ -16,7 +16,7 @@ Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, from_json, to_json
+from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
@@ -39,8 +39,6 @@ from lightwell.transport.tables import tables
 MAX_DEPTH = 32
 # Depth from which Russian roulette may end a path; Mitsuba's default.
 RR_DEPTH = 5
-
-
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
 # emitter sampling alone it takes 1.5 times as long and has a third of the variance (Cornell box, light anywhere).
 CONNECTIONS = MAX_DEPTH
@@ -247,6 +245,8 @@ def direct(
 ) -> np.ndarray:
     """Trace the direct radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
+    With a sky: of its sun alone, because that of the sky is part of ``indirect``.
+
     Args:
         scene: Scene to trace.
         points: N points.
@@ -260,8 +260,9 @@ def direct(
         [N, 3] float32; exact for a light without radius.
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
-    a, b = _traced(scene, points, PathSettings(paths, seed, 2, RR_DEPTH, True, CONNECTIONS), variable, light, report)
-    return 0.5 * (a + b)
+    bare = replace(variable, sky=None) if has_sky(variable) else variable
+    a, b = _traced(scene, points, PathSettings(paths, seed, 2, RR_DEPTH, True, CONNECTIONS), bare, light, report)
+    return 0.5 * (a + b) * variable.sunlight(light) if has_sky(variable) else 0.5 * (a + b)
 
 
 def static(

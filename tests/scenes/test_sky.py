@@ -37,7 +37,8 @@ def test_cells_are_directions_above_the_horizon_of_one_solid_angle():
 def extension(version: int = 2, **changed) -> dict:
     arc = {"start": [1, 0, 0], "middle": [0, 1, 0], "end": [-1, 0, 0], "initial": [0, 1, 0]}
     sky = {**VECTORS["sky"], **changed}
-    graph = {"version": 1, "inputs": {"position": 3}, "buffers": {}, "nodes": [], "outputs": {"radiance": "position"}}
+    none = {"id": "none", "op": "affine", "inputs": ["position"], "scale": [0.0] * 3, "offset": [0.0] * 3}
+    graph = {"version": 1, "inputs": {"position": 3}, "buffers": {}, "nodes": [none], "outputs": {"radiance": "none"}}
     field = {"name": "indirect", "role": "indirect", "variable": 0, "graph": graph}
     sun = {"name": "day", "kind": "sun", **arc, "intensity": 1, "color": [1, 1, 1], "sky": sky}
     return {"version": version, "variables": [sun], "fields": [field]}

@@ -1,0 +1,75 @@
+"""A bake of a day: the file has the sky, the report the hours, and a picture the light of a time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lightwell.asset.read import read_fields
+from lightwell.asset.validate import validate_file
+from lightwell.baking.pipeline import bake
+from lightwell.rendering.path import render_path
+from lightwell.rendering.settings import RenderSettings
+from lightwell.scenes.variables import from_json
+from tests.baking.conftest import small
+
+DAY = "day=2026-06-21,48.1,11.6"
+
+
+@pytest.fixture(scope="module")
+def baked_day(tmp_path_factory) -> tuple[Path, dict]:
+    out = tmp_path_factory.mktemp("day") / "out"
+    return out, bake(small(out, shards=1, steps=40, views=1, vary=(DAY,), north=180.0, turbidity=4.0))
+
+
+def test_the_file_has_sun_and_sky_and_the_report_their_hours(baked_day):
+    out, report = baked_day
+    assert validate_file(out) == []
+    _, (entry,) = read_fields(out / "scene.glb")
+    sun = from_json(entry)
+    assert (entry["name"], entry["kind"], sun.sky.turbidity) == ("day", "sun", 4)
+    # North is where south was: at noon the sun stands in -Z.
+    assert sun.middle[2] < 0
+    assert sun.hour(np.array(entry["initial"])) == pytest.approx(12.3, abs=8)
+    assert report["sweep_axis"] == "hour of the day"
+    hours = [point["at"] for point in report["sweep"]]
+    assert hours == sorted(hours) and 4 < hours[0] < hours[-1] < 21
+    assert report["relative_error"] < 2 and np.isfinite(report["relative_error"])
+    data = (out / "scene.glb").read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert document["extensions"]["LIGHTWELL_neural_radiance"]["version"] == 2
+
+
+def test_a_picture_of_a_time(tmp_path):
+    def render(out: str, *state: str) -> dict:
+        settings = RenderSettings("cornell", tmp_path / out, size=(12, 8), spp=4, vary=(DAY,), set=state)
+        return render_path(settings)
+
+    noon, evening = render("noon.exr", "day=12:15", "light=2"), render("evening.exr", "day=19:55", "light=2")
+    assert noon["light"][1] > 0.9 > 0.1 > evening["light"][1] > 0.03
+    assert noon["mean_radiance"] > evening["mean_radiance"] > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"set": ("day=18:30",)}, "set: 'day' needs a day; declare one with --vary day="),
+        ({"vary": (DAY,), "set": ("day=23:00",)}, "set: the sun is not up at 23:00; choose 04:"),
+        ({"vary": (DAY,), "set": ("day=evening",)}, "set: 'evening' is no time of day; write for example 18:30"),
+        ({"vary": (DAY,), "integrator": "vpl"}, "render: --vary is for --integrator path"),
+        ({"vary": ("day=2026-12-21,80,0",)}, "choose another day or place"),
+        ({"vary": (DAY,), "options": {"deep": 2}}, "render: --deep has no sky"),
+    ],
+)
+def test_a_time_that_cannot_be_shown_is_one_line_with_a_cure(tmp_path, options, message):
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
+        render_path(RenderSettings("cornell", tmp_path / "x.exr", size=(4, 4), spp=1, **options))
+    assert message in str(error.value)
+
+
+def test_a_field_without_a_sky_refuses_a_day(tmp_path):
+    with pytest.raises(ValueError, match="field 'probes' learns no sky; use --field factored"):
+        bake(small(tmp_path / "out", field="probes", vary=(DAY,)))
