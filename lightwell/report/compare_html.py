@@ -212,5 +212,5 @@ def _sweep(numbers: Numbers) -> str:
     first = numbers["fields"][0]["sweep"]
     at, floors = ([point[key] for point in first] for key in ("at", "noise_floor"))
     floor = ChartSeries("noise floor", at, floors, dashed=True, tone="floor")
-    x, y = ChartAxis("position along the sweep", brief), ChartAxis("relative error", brief_percent, log=True)
+    x, y = ChartAxis(numbers["sweep_axis"], brief), ChartAxis("relative error", brief_percent, log=True)
     return charts.line_chart([*_lines(numbers, "sweep", "at"), floor], x, y, "Error along the sweep of the light")

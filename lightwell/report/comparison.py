@@ -23,6 +23,7 @@ SHARED = (
     "unit",
     "noise_floor",
     "points",
+    "sweep_axis",
     "psnr_ceiling_db",
     "tone_mapping",
     "paths",

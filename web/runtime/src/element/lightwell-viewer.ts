@@ -5,6 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
+import { SkyBackground } from "../sky-background.ts";
 import { readLampSettings } from "../switches.ts";
 import { positive, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
@@ -33,6 +34,8 @@ interface Shown {
   readonly gltf: GLTF;
   readonly learned: LearnedScene;
   readonly scene: Scene;
+  /** The sky behind it; null where no sun of the file has one. */
+  readonly sky: SkyBackground | null;
 }
 
 /**
