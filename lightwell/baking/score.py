@@ -112,14 +112,23 @@ def score(
         versions=versions(),
         settings=facts,
         training=first.fit.training.curve,
-        sweep=[] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, state.variable),
-        sweep_axis=HOURS if has_sky(state.variable) and state.variable.sky.hours else SWEEP,
+        **_sweep(state, reference, first),
         warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
     )
+
+
+def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]:
+    """Errors along the path of the light, and what the chart shows to the right."""
+    variable = state.variable
+    axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
+    return {
+        "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable),
+        "sweep_axis": axis,
+    }
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:

@@ -28,9 +28,6 @@ def sun_day(text: str) -> tuple[float, ...]:
 
     Returns:
         Unit directions to the sun when it is ``LOWEST`` high, at noon, and when it is as low again: 9 numbers.
-
-    Raises:
-        ValueError: The text is no day and place, or the sun does not rise there.
     """
     return sun_hours(text)[:9]
 

@@ -116,7 +116,7 @@ def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]
 
     Args:
         texts: Declarations.
-        options: ``north`` and ``turbidity``; None: not given.
+        **options: ``north`` and ``turbidity``; None: not given.
 
     Returns:
         The declarations with those of the options.

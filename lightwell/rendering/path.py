@@ -32,6 +32,9 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
 
     Returns:
         Size, paths, light, mean radiance, seconds, warnings; JSON values.
+
+    Raises:
+        ValueError: A deep picture of a light with a sky is asked for.
     """
     check_picture_name(settings.out)
     shot = Shot.of(settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -56,15 +57,18 @@ def clear_sky(path: tuple[tuple[float, ...], ...], turbidity: float, hours: tupl
         cells.append(evaluate(models[-1], directions[..., 1], directions @ direction).mean(axis=1))
     level = light_of_sphere(np.array(suns), np.array(cells))
     brightest = float(level.max())
-    rounded = lambda values: tuple(float(f"{v:.{DIGITS}g}") for v in np.ravel(values))  # noqa: E731
     return Sky(
         tuple(float(t) for t in key_times()),
-        tuple(rounded(sun / brightest) for sun in suns),
-        tuple(rounded(np.where(LINEAR, model / brightest, model)) for model in models),
-        rounded(level / brightest),
+        tuple(_rounded(sun / brightest) for sun in suns),
+        tuple(_rounded(np.where(LINEAR, model / brightest, model)) for model in models),
+        _rounded(level / brightest),
         turbidity,
         hours,
     )
+
+
+def _rounded(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(f"{v:.{DIGITS}g}") for v in np.ravel(values))
 
 
 def key_times() -> np.ndarray:
@@ -97,7 +101,7 @@ def radiance_of_mitsuba(
     return np.array(found, np.float64).T
 
 
-def sunsky(sun: np.ndarray, turbidity: float, *, sky_scale: float = 1.0, sun_scale: float = 1.0) -> dict:
+def sunsky(sun: np.ndarray, turbidity: float, *, sky_scale: float = 1.0, sun_scale: float = 1.0) -> dict[str, Any]:
     """Describe Mitsuba's emitter of sun and sky, with y up.
 
     Args:
@@ -148,7 +152,7 @@ def _fitted(direction: np.ndarray, turbidity: float, guess: np.ndarray) -> tuple
     scale = wanted.mean(axis=0)
     models = []
     for c in range(3):
-        starts = (guess[c][NONLINEAR], *STARTS)
+        starts = (guess[c][NONLINEAR], *map(np.asarray, STARTS))
         found = (_search(height, cosine, wanted[:, c] / scale[c], start) for start in starts)
         best = min(_until_exact(found), key=lambda pair: pair[1])
         models.append(best[0])

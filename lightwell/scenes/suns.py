@@ -153,7 +153,9 @@ class Sun:
         center = axis * (axis @ start)
         radius = start - center
         other = np.cross(axis, radius)
-        half, full = (np.arctan2((d - center) @ other, (d - center) @ radius) % (2 * np.pi) for d in (middle, end))
+        half, full = (
+            float(np.arctan2((d - center) @ other, (d - center) @ radius) % (2 * np.pi)) for d in (middle, end)
+        )
         return center, radius, other, half, full
 
 
@@ -219,8 +221,10 @@ def declared_sun(given: dict[str, tuple[float, ...]], name: str) -> Sun:
     values = paths[0]
     sun = sun_arc(*values, name=name) if len(values) == 4 else _sun_of(values, name)
     if "north" in given:
-        turned = (_turned(np.array(way), given["north"][0]) for way in (sun.start, sun.middle, sun.end))
-        sun = replace(sun, **dict(zip(("start", "middle", "end"), map(vector, turned))))
+        start, middle, end = (
+            vector(_turned(np.array(way), given["north"][0])) for way in (sun.start, sun.middle, sun.end)
+        )
+        sun = replace(sun, start=start, middle=middle, end=end)
     if len(values) != DAY_NUMBERS and "turbidity" not in given:
         return sun
     return with_sky(sun, given.get("turbidity", (USUAL_TURBIDITY,))[0], values[9:])

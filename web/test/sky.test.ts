@@ -2,7 +2,7 @@
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import { clockText, FormatError, readClock, SkyBackground, SunLamp } from "lightwell";
+import { clockText, FormatError, readClock, SkyBackground, SunLamp, sunsWithSky } from "lightwell";
 import { Box3, Group, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { Placement } from "../runtime/src/placement.ts";
@@ -95,7 +95,7 @@ describe("a sun with a sky", () => {
 
   it("has a picture of its sky that follows it", () => {
     const [sun, background] = [lamp(), new SkyBackground()];
-    expect(SkyBackground.suns([sun])).toEqual([sun]);
+    expect(sunsWithSky([sun])).toEqual([sun]);
     expect(background.update([sun])).toBe(true);
     expect(background.update([sun])).toBe(false);
     const before = (background.texture.image.data as unknown as Uint16Array).slice();

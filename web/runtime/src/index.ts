@@ -10,7 +10,7 @@ export {
 } from "./extension.ts";
 export { FieldProgram } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
-export { createLamp, type Lamp, PointLamp, SunLamp } from "./lamp.ts";
+export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky } from "./lamp.ts";
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions, type Look } from "./learned-scene.ts";
 export { EXTENSION } from "./extension-name.ts";

@@ -232,6 +232,11 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   }
 }
 
+/** The suns among lamps that have a sky. */
+export function sunsWithSky(lamps: readonly Lamp[]): SunLamp[] {
+  return lamps.filter((lamp): lamp is SunLamp => lamp instanceof SunLamp && lamp.variable.sky !== null);
+}
+
 /** Sees to it that every renderer draws the shadow maps anew after a change. */
 export class ShadowKeeper {
   /** Versions that a renderer has drawn, by what it keeps its resources in: a restored context has a new one. */

@@ -3,7 +3,7 @@
 import { type Box3, type Camera, Color, type Group, type Material, type Object3D, type Scene, type Texture, Vector3 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { FieldRecord } from "./extension.ts";
-import { createLamp, type Lamp, ShadowKeeper } from "./lamp.ts";
+import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
@@ -11,7 +11,6 @@ import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
 import { OwnLights } from "./own-lights.ts";
 import { boundsOf, Placement } from "./placement.ts";
 import { readClock, timeOfHour } from "./sky.ts";
-import { SkyBackground } from "./sky-background.ts";
 import { type LampSetting, type LampSwitch, Switches } from "./switches.ts";
 import type { SurfaceMaterials } from "./surface-materials.ts";
 import { MAX_LAMPS, type Variable } from "./variables.ts";
@@ -208,7 +207,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    */
   setDay(clock: string | number): boolean {
     const hour = typeof clock === "number" ? clock : readClock(clock);
-    const suns = SkyBackground.suns(this.lamps).map((sun) => [sun, hour === null ? null : timeOfHour(sun.variable.sky!, hour)] as const);
+    const suns = sunsWithSky(this.lamps).map((sun) => [sun, hour === null ? null : timeOfHour(sun.variable.sky!, hour)] as const);
     for (const [sun, time] of suns) if (time !== null) sun.move(sun.arc.at(time, new Vector3()));
     return suns.some(([, time]) => time !== null);
   }

@@ -1,7 +1,7 @@
 /** The sky behind a scene, drawn from the numbers of its suns. */
 
 import { ClampToEdgeWrapping, DataTexture, DataUtils, EquirectangularReflectionMapping, HalfFloatType, LinearFilter, RepeatWrapping, RGBAFormat } from "three";
-import { type Lamp, SunLamp } from "./lamp.ts";
+import { type Lamp, type SunLamp, sunsWithSky } from "./lamp.ts";
 import { skyAt } from "./sky.ts";
 
 /** Columns and rows of the picture: 2.8 degrees a texel, finer than the glow about the sun. */
@@ -22,14 +22,9 @@ export class SkyBackground {
     this.texture.wrapT = ClampToEdgeWrapping;
   }
 
-  /** The suns among lamps that have a sky. */
-  static suns(lamps: readonly Lamp[]): SunLamp[] {
-    return lamps.filter((lamp): lamp is SunLamp => lamp instanceof SunLamp && lamp.variable.sky !== null);
-  }
-
   /** Bring the picture up to date; call before drawing. Returns whether it has changed. */
   update(lamps: readonly Lamp[]): boolean {
-    const suns = SkyBackground.suns(lamps);
+    const suns = sunsWithSky(lamps);
     const key = suns.map(({ value, color, intensity }) => [...value.toArray(), ...color.toArray(), intensity].join()).join(";");
     if (key === this.drawn) return false;
     this.drawn = key;

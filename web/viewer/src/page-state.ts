@@ -1,6 +1,6 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
-import { clockText, hourAt, lampSettingsText, SkyBackground } from "lightwell";
+import { clockText, hourAt, lampSettingsText, sunsWithSky } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
 import type { Viewer } from "./viewer.ts";
@@ -25,7 +25,7 @@ export function stateOf(viewer: Viewer): PageState {
   const lights = viewer.lamps.map(({ value, color, intensity }) =>
     [short(value.toArray()), color.getHexString(SRGBColorSpace), short([intensity])].join(","),
   );
-  const [sun] = SkyBackground.suns(viewer.lamps);
+  const [sun] = sunsWithSky(viewer.lamps);
   const hour = sun ? hourAt(sun.variable.sky!, sun.time) : null;
   const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {

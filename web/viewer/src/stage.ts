@@ -1,6 +1,6 @@
 /** What stands in the scene: the loaded file, its lamps, and their visible bodies. */
 
-import { type Lamp, LearnedScene, type Look, type Parts, SkyBackground, type WeightPlacement } from "lightwell";
+import { type Lamp, LearnedScene, type Look, type Parts, SkyBackground, sunsWithSky, type WeightPlacement } from "lightwell";
 import {
   HemisphereLight,
   Light,
@@ -41,7 +41,7 @@ export class Stage {
     this.learned = learned;
     scene.add(learned.root);
     if (isUnlit(learned)) scene.add(new HemisphereLight(0xffffff, 0x8d8478, 2.5));
-    if (SkyBackground.suns(learned.lamps).length > 0) {
+    if (sunsWithSky(learned.lamps).length > 0) {
       this.sky = new SkyBackground();
       scene.background = this.sky.texture;
     }

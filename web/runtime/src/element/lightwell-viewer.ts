@@ -5,6 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
+import { sunsWithSky } from "../lamp.ts";
 import { SkyBackground } from "../sky-background.ts";
 import { readLampSettings } from "../switches.ts";
 import { positive, toneMappingOf, vectors } from "./attributes.ts";
@@ -143,7 +144,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const learned = new LearnedScene(gltf, { renderer });
       const scene = new Scene();
       scene.add(learned.root);
-      const sky = SkyBackground.suns(learned.lamps).length > 0 ? new SkyBackground() : null;
+      const sky = sunsWithSky(learned.lamps).length > 0 ? new SkyBackground() : null;
       scene.background = sky?.texture ?? null;
       this.shown = { gltf, learned, scene, sky };
       for (const name of ["camera", "light", "day"]) this.apply(name);
