@@ -12,8 +12,8 @@ from run_tests import Counts, Result, Room
 
 ROOT = Path(__file__).parents[1]
 JUNIT = """<testsuites><testsuite tests="7" failures="1" errors="1" skipped="2"><testcase classname="tests.a"
-name="one"><failure/></testcase><testcase classname="tests.a" name="two"><error/></testcase><testcase classname="tests.a"
-name="three"/></testsuite></testsuites>"""
+name="one"><failure/></testcase><testcase classname="tests.a" name="two"><error/></testcase><testcase
+classname="tests.a" name="three"/></testsuite></testsuites>"""
 # A process that writes a report of two tests, one of which failed where it ends with exit code 1.
 WRITE = """import sys
 code = int(sys.argv[1])
