@@ -106,8 +106,9 @@ def race(scene: Any, sensor: Any, options: Figures, plan: Figures, truth: Truth,
             start = time.perf_counter()
             theirs = after(nrc, theirs, seed)
             wall_pt += time.perf_counter() - start
+        done = nrc.last
         rows.append(
-            [truth.error(picture), wall, nrc.last.seconds["train"], nrc.last.samples, truth.error(theirs), wall_pt]
+            [truth.error(picture), wall, done.seconds["train"], done.rendered.samples, truth.error(theirs), wall_pt]
         )
     error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
     return {"error": error, "wall": wall, "train": train, "samples": samples, "error_pt": error_pt, "wall_pt": wall_pt,
@@ -190,7 +191,7 @@ def unbiased(name: str, scene: Any, plan: Figures) -> Figures:
         if seed >= 0:
             sides[0].append(a)
             sides[1].append(b)
-            rows.append([wall, wall_pt, nrc.last.seconds["train"], nrc.last.samples, nrc.last.guiding])
+            rows.append([wall, wall_pt, nrc.last.seconds["train"], nrc.last.rendered.samples, nrc.last.guiding])
     a, b = np.array(sides[0]), np.array(sides[1])
     means = a.mean(axis=(1, 2, 3)), b.mean(axis=(1, 2, 3))
     z = (means[0].mean() - means[1].mean()) / np.sqrt(sum(m.var(ddof=1) for m in means) / repeats)

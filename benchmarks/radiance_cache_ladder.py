@@ -113,8 +113,9 @@ def against_path(scene: Any, sensor: Any, options: Figures, plan: Figures, truth
         picture, wall = timed(
             lambda seed=seed, nrc=nrc: mi.render(scene, sensor=sensor, integrator=nrc, spp=1, seed=100 + seed)
         )
+        done = nrc.last
         rows.append(
-            [truth.error(picture), wall, nrc.last.seconds["train"], nrc.last.samples, truth.error(theirs), wall_pt]
+            [truth.error(picture), wall, done.seconds["train"], done.rendered.samples, truth.error(theirs), wall_pt]
         )
     error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
     return {"error": error, "seconds": wall, "train": train, "samples": samples, "error_pt": error_pt,

@@ -40,7 +40,7 @@ def denoised_image(image: ImageState, picture: Any) -> Any:
     check_film(image.sensor)
     albedo, normal = guides(image.scene, image.sensor, image.cache, image.seed)
     numbers = np.array(picture)
-    if image.half is None:
+    if image.rendered.half is None:
         numbers[..., :3] = denoise(numbers[..., :3], albedo, normal)
     else:
         numbers[..., :3] = _with_cache(image, numbers[..., :3], albedo, normal)
@@ -51,11 +51,11 @@ def denoised_image(image: ImageState, picture: Any) -> Any:
 
 def _with_cache(image: ImageState, picture: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Denoise the colours [H, W, 3], and blend them with the view of the cache where that is nearer to the truth."""
-    assert image.half is not None
+    assert image.rendered.half is not None
     albedo, normal = clean_guide_images(albedo, normal)
-    halves = NoisyHalves.of(picture, *image.half)
+    halves = NoisyHalves.of(picture, *image.rendered.half)
     whole, a, b = (denoise(x, albedo, normal, clean_guides=True) for x in (picture, halves.a, halves.b))
     cached = view(image.scene, image.sensor, image.cache, "cache", GUIDE_SPP, image.seed)
     weight = cache_weight(halves, NoisyHalves(a, b), cached, albedo)
-    image.cache_share = float(weight.mean())
+    image.rendered.cache_share = float(weight.mean())
     return blended(whole, cached, weight)

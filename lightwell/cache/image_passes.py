@@ -10,7 +10,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache import frames
 from lightwell.cache.guide_selector import ENOUGH, PARTS, PASSES, GuideSelector
-from lightwell.cache.image_state import ImageState, train_frame
+from lightwell.cache.image_state import ImageState, keeps_half, train_frame
 from lightwell.cache.radiance_cache import RadianceCache
 
 # Smallest number of samples per pixel used for the limit of caustics.
@@ -45,7 +45,7 @@ class ImagePasses:
         self.pixels = width * height
         self.timed = self.settings.image.seconds > 0
         self.learns = image.caching or image.guiding
-        self.half = self.film.create_block() if image.keeps_half else None
+        self.half = self.film.create_block() if keeps_half(image) else None
         """Sums of every second pass, where half of the samples is kept."""
         self.turns = 0
 
@@ -74,8 +74,8 @@ class ImagePasses:
                 longest = max(longest, time.perf_counter() - start) if done > block else 0.0
                 if time.perf_counter() - image.began + longest > self.settings.image.seconds:
                     break
-        image.samples = done
-        image.half = self._kept_half(done)
+        image.rendered.samples = done
+        image.rendered.half = self._kept_half(done)
         developed = self.film.develop()
         return developed + self._second_level(done) if two_level else developed
 

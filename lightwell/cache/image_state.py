@@ -18,6 +18,18 @@ STILL_SPP = 8
 
 
 @dataclass
+class Rendered:
+    """The samples of an image."""
+
+    samples: int = 0
+    """Samples per pixel that were rendered."""
+    half: tuple[Any, float] | None = None
+    """[H, W, 3] mean of about half of the samples, and their share, where the denoiser needs them."""
+    cache_share: float | None = None
+    """Mean weight of the cache's view in a denoised image, where it is blended."""
+
+
+@dataclass
 class ImageState:
     """What is rendered, and what was found out on the way."""
 
@@ -39,12 +51,8 @@ class ImageState:
     """Training statistics, one entry per frame."""
     seconds: dict[str, float] = field(default_factory=lambda: {"train": 0.0, "trace": 0.0})
     """Wall time by stage."""
-    samples: int = 0
-    """Samples per pixel that were rendered."""
-    half: tuple[Any, float] | None = None
-    """[H, W, 3] mean of about half of the samples, and their share, where the denoiser needs them."""
-    cache_share: float | None = None
-    """Mean weight of the cache's view in a denoised image, where it is blended."""
+    rendered: Rendered = field(default_factory=Rendered)
+    """The samples that were rendered."""
     pilot: GuideSelector | None = None
     """Test of the guide, where there was one."""
 
@@ -57,15 +65,6 @@ class ImageState:
             self.guiding &= self.still and not s.image.denoise
 
     @property
-    def keeps_half(self) -> bool:
-        """Return whether the mean of half of the samples is kept for the denoiser.
-
-        Returns:
-            True for a still that is blended with the view of a trained cache.
-        """
-        return self.settings.image.denoise_cache and self.still and self.caching
-
-    @property
     def still(self) -> bool:
         """Return whether all training precedes the image.
 
@@ -75,6 +74,18 @@ class ImageState:
         s = self.settings
         long = self.spp >= STILL_SPP or s.image.seconds > 0
         return s.learns and (s.image.mode == "still" or (s.image.mode == "auto" and long))
+
+
+def keeps_half(image: ImageState) -> bool:
+    """Return whether the mean of half of the samples is kept for the denoiser.
+
+    Args:
+        image: The image.
+
+    Returns:
+        True for a still that is blended with the view of a trained cache.
+    """
+    return image.settings.image.denoise_cache and image.still and image.caching
 
 
 def train_frame(image: ImageState) -> None:

@@ -112,10 +112,10 @@ def test_a_still_is_not_worse_than_with_the_denoiser_alone():
         nrc = NrcIntegrator(settings=settings_of(options))
         image = np.array(mi.render(scene, integrator=nrc, spp=8, seed=1))
         errors[with_cache] = float(np.mean((image - reference) ** 2 / (reference**2 + 0.01)))
-        share = nrc.last.cache_share
+        share = nrc.last.rendered.cache_share
     assert share is not None and 0 <= share <= 1
     # Half of the samples, and one of both halves.
-    half, part = nrc.last.half
+    half, part = nrc.last.rendered.half
     assert part == 0.5 and half.shape == (48, 48, 3) and abs(half.mean() / reference.mean() - 1) < 0.3
     # Both are noise of one image: other samples change either by some per cent.
     assert errors[True] < 1.1 * errors[False]

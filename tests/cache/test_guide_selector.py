@@ -71,7 +71,7 @@ def test_a_noisy_still_has_a_pilot_whose_samples_stay_in_the_picture():
     nrc = noisy(scene, warmup=8)
     picture = np.array(mi.render(scene, integrator=nrc, spp=64))
     pilot = nrc.last.pilot
-    assert nrc.last.samples == 64 and nrc.cache.guiding.table.frames == 7
+    assert nrc.last.rendered.samples == 64 and nrc.cache.guiding.table.frames == 7
     assert all(len(x) == PASSES for x in pilot.pictures.values())
     assert nrc.last.guiding == pilot.guide_pays(False)
     plain = np.array(mi.render(scene, integrator=integrator(warmup=8, guide="never"), spp=64))

@@ -171,7 +171,9 @@ def test_a_still_too_short_for_two_frames_of_training_is_path_traced():
         and np.isfinite(picture).all()
     )
     plain = NrcIntegrator(settings=settings_of({"termination_c": "inf", "mode": "frames"}))
-    assert np.allclose(picture, np.array(mi.render(scene, integrator=plain, spp=nrc.last.samples, seed=1)), atol=1e-5)
+    assert np.allclose(
+        picture, np.array(mi.render(scene, integrator=plain, spp=nrc.last.rendered.samples, seed=1)), atol=1e-5
+    )
 
 
 def test_caustics_are_cut_in_stills_only_and_less_the_more_samples_there_are():
