@@ -35,6 +35,15 @@ def test_the_quick_benchmark_times_training_and_inference():
     assert "training: time of a step" in text and "in Dr.Jit over sgemm" in text
 
 
+@pytest.mark.slow
+def test_the_bytes_of_a_field_are_compared_and_nothing_is_written():
+    stored, results = ROOT / "benchmarks/field_bytes.json", ROOT / "benchmarks/results/architecture.json"
+    before = stored.read_bytes(), results.read_bytes()
+    text = _run("benchmarks/field_bytes.py", "--only", "mlp")
+    assert "fields that have the stored bytes" in text and ("differ: mlp" in text or "recorded on" in text)
+    assert (stored.read_bytes(), results.read_bytes()) == before
+
+
 def test_the_quick_web_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/web.json"
     before = results.read_bytes()
