@@ -128,6 +128,8 @@ def test_marked_tests_are_found():
         ("mitsuba/llvm_ad_rgb.cpython-312-x86_64-linux-gnu.so", False),
         ("mitsuba/plugins/path.so", True),
         ("mitsuba/plugins/volpathmis.so", False),
+        ("mitsuba/plugins/sunsky.so", True),
+        ("mitsuba/data/sunsky/sunsky_datasets.bin", True),
         ("mitsuba/libmitsuba.so", True),
         ("numpy/_core/tests/test_umath.py", False),
         ("numpy/testing/__init__.py", True),

@@ -48,14 +48,14 @@ DROPPED = (
     "*.dist-info/licenses/*", "mitsuba/cmake/*", "drjit/cmake/*", "mitsuba/include/*", "drjit/include/*", "bin/*",
     "mitsuba/mitsuba", "mitsuba/mitsuba_stubs/*", "numpy/f2py/*",
     # Tables of spectral variants.
-    "mitsuba/data/sunsky/*", "mitsuba/data/ior/*", "mitsuba/data/srgb.coeff",
+    "mitsuba/data/ior/*", "mitsuba/data/srgb.coeff",
     "scipy/datasets/*", "skimage/data/*",
 )  # fmt: skip
 # Variants of Mitsuba that stay: the one that is measured, and the scalar one that it reads files with.
 VARIANTS = ("cuda_ad_rgb", "scalar_rgb")
 # Plug-ins that no scene of lightwell and none of its tests on a GPU names.
 PLUGINS_DROPPED = (
-    "ellipsoids*", "volpath*", "bsplinecurve", "linearcurve", "sdfgrid", "sunsky", "timed_sunsky", "measured*",
+    "ellipsoids*", "volpath*", "bsplinecurve", "linearcurve", "sdfgrid", "timed_sunsky", "measured*",
     "ptracer", "stokes", "hair", "pplastic", "polarizer", "retarder", "circular", "catmullrom", "lanczos", "mitchell",
     "tabphase", "sggx", "blendphase", "rayleigh", "heterogeneous", "gridvolume", "specfilm", "batch", "irregular",
     "blackbody", "d65", "distant", "radiancemeter", "irradiancemeter", "moment", "merge",
