@@ -18,6 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NoReturn
 
+from lightwell.core.suggest import did_you_mean
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -76,7 +78,8 @@ class Limits:
         for text in texts:
             name, equals, value = text.partition("=")
             if name not in NAMES or not equals:
-                raise ValueError(f"'{text[:60]}' is no limit: write NAME=VALUE with one of {', '.join(NAMES)}")
+                cure = did_you_mean(name, NAMES, f"write NAME=VALUE with one of {', '.join(NAMES)}")
+                raise ValueError(f"'{text[:60]}' is no limit: {cure}")
             try:
                 number = float(value)
             except ValueError:

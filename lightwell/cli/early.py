@@ -48,6 +48,7 @@ def _check_files(arguments: argparse.Namespace) -> None:
     if "scene" in arguments:
         check_source(arguments.scene)
     if verb == "lens" and arguments.frame not in LENS_TOOLS:
+        _check_tool(arguments.frame)
         if not arguments.out:
             raise ValueError("lens: no picture to write; name it with -o OUT.exr or -o OUT.png")
         if arguments.focus is None and arguments.focus_at is None:
@@ -60,6 +61,13 @@ def _check_files(arguments: argparse.Namespace) -> None:
         raise ValueError(
             f"{verb}: there is no '{arguments.path}'; name a folder written by 'lightwell bake', or a .glb"
         )
+
+
+def _check_tool(frame: str) -> None:
+    """A misspelt tool reads as a frame."""
+    near = "" if "." in frame or Path(frame).exists() else did_you_mean(frame, LENS_TOOLS)
+    if near:
+        raise ValueError(f"lens: there is no file '{frame}'; {near}")
 
 
 def _check_field(name: str, preset: str = "default") -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lightwell.cli.arguments import add_options, given_options
 from lightwell.core.scene_options import LimitOptions
+from lightwell.core.suggest import did_you_mean
 from lightwell.core.units import size_text
 
 TARGETS_HELP = (
@@ -59,7 +60,8 @@ def _language(arguments: argparse.Namespace) -> list[Path]:
 
     if arguments.to not in TARGETS:
         known = ", ".join([*TARGETS, *ENGINES])
-        raise ValueError(f"export: expected --to {known}, found '{arguments.to}'; choose one of them")
+        cure = did_you_mean(arguments.to, [*TARGETS, *ENGINES], "choose one of them")
+        raise ValueError(f"export: expected --to {known}, found '{arguments.to}'; {cure}")
     path = Path(arguments.path)
     names = {"field": arguments.field, "name": arguments.name, "weights": arguments.weights}
     exported = export_field(path, arguments.to, **names, **given_options(arguments, LimitOptions, "export"))

@@ -69,7 +69,10 @@ def table(facts: Mapping[str, Any]) -> list[str]:
 
 def _records(rows: list[Mapping[str, Any]]) -> list[str]:
     names = list(dict.fromkeys(name for row in rows for name in row))
-    cells = [names, *([_text(name, row.get(name, "")) for name in names] for row in rows)]
+    cells = [
+        [name.replace("_", " ") for name in names],
+        *([_text(name, row.get(name, "")) for name in names] for row in rows),
+    ]
     widths = [max(len(row[k]) for row in cells) for k in range(len(names))]
     return ["  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in cells]
 
@@ -78,9 +81,16 @@ def _text(name: str, value: Any) -> str:
     if name == "bounds":
         low, high = value
         size = " x ".join(f"{b - a:.4g}" for a, b in zip(low, high))
-        return f"{size} m, from {tuple(low)} to {tuple(high)}"
+        return f"{size} m, from {_number(low)} to {_number(high)}"
     if name.endswith("bytes"):
         return size_text(value)
+    return _number(value)
+
+
+def _number(value: Any) -> str:
+    """Four digits of what is measured; what is counted as it is."""
     if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in value) + ")"
+        return "(" + ", ".join(map(_number, value)) + ")"
+    if isinstance(value, float):
+        return f"{value:.4g}"
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)

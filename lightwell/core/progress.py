@@ -123,7 +123,7 @@ class Progress:
         Yields:
             The bar.
         """
-        LOG.info("%s: %g steps %s", title, total, note)
+        LOG.info("%s: %g %s", title, total, note or "parts")
         if self.quiet:
             yield ProgressStage(None, TaskID(0))
             return

@@ -63,7 +63,8 @@ _FORMS = {
 
 
 def _wrong(text: str, what: str, example: str) -> str:
-    return f"vary: '{text}': {what}; write for example {example}"
+    end = "" if what.endswith("?") else ";"
+    return f"vary: '{text}': {what}{end} write for example {example}"
 
 
 def _unknown(text: str, parameter: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lightwell.core.suggest import did_you_mean
 from lightwell.lens import pyramid, solve
 from lightwell.lens.bake import FINE
 from lightwell.lens.choose import choose
@@ -86,7 +87,8 @@ class Engine:
             LensError: The solver is unknown.
         """
         if solver not in SOLVERS:
-            raise LensError(f"lens: no solver {solver!r}; there are {', '.join(SOLVERS)}")
+            cure = did_you_mean(solver, SOLVERS, f"there are {', '.join(SOLVERS)}")
+            raise LensError(f"lens: no solver {solver!r}; {cure}")
         self.family, self.recipe, self.shelf = family, recipe, shelf
         self.solver, self.tolerance, self.white = solver, tolerance, white
         # The steps of a family with one axis are too small to be visible; dither would be the larger error.

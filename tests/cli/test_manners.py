@@ -40,6 +40,10 @@ MISTAKES = {
     "bake cornell -o x --quality god": "--quality 'god' is unknown; did you mean 'good'?",
     "bake cornell -o x --vary light.positon=box(0,0,0,1,1,1)": "did you mean 'position'?",
     "bake cornell -o x --limit cats=3": "--limit 'cats=3' is no limit: write NAME=VALUE with one of",
+    "bake cornell -o x --limit vertexes=3": "'vertexes=3' is no limit: did you mean 'vertices'?",
+    "bake cornell -o x --vary lamp.positon=box(0,0,0,1,1,1)": "did you mean 'position'? write for example",
+    "lens bkae x.lwsp": "unrecognized arguments: x.lwsp",
+    "lens bkae": "there is no file 'bkae'; did you mean 'bake'?",
     "store claer": "action 'claer' is unknown; did you mean 'clear'?",
     "info nowhere": "there is no scene of that name",
     "view nowhere": "'nowhere' has no index.html",
@@ -154,6 +158,15 @@ def test_info_is_a_table(capsys):
     assert "bounds            2.026 x 2 x 2.038 m" in text and "{" not in text
     lines = table({"bytes": 291_800, "fields": [{"name": "indirect", "macs": 1199}], "warnings": ["one", "two"]})
     assert lines[0].split() == ["bytes", "292", "kB"] and "  indirect  1,199" in lines and "  two" in lines
+
+
+def test_info_writes_four_digits_and_no_names_of_python():
+    lines = table(
+        {"bounds": [[0.0, 0.05094, 0.0], [1.0, 2.0, 1.0]], "fields": [{"macs_per_frame": 50_816, "low": [1 / 3]}]}
+    )
+    assert lines[0].endswith("from (0, 0.05094, 0) to (1, 2, 1)") and lines[3].split()[:3] == ["macs", "per", "frame"]
+    assert lines[4].split() == ["50,816", "(0.3333)"]
+    assert table({"clearance": 0.04840012431144715})[0].endswith(" 0.0484")
 
 
 def test_sizes_and_times_are_written_one_way():

@@ -42,3 +42,11 @@ def test_quiet_shows_nothing(cell):
     with Progress(quiet=True, console=Console(force_jupyter=True)).stage("trace", 4) as bar:
         bar.advance(4)
     assert cell == []
+
+
+def test_a_log_says_how_much_of_what_a_stage_does(caplog):
+    with caplog.at_level("INFO"):
+        for note in ("shards", "", "held-out views"):
+            with Progress(quiet=True).stage("trace", 7, note):
+                pass
+    assert caplog.messages == ["trace: 7 shards", "trace: 7 parts", "trace: 7 held-out views"]

@@ -77,6 +77,7 @@ def test_the_command_writes_a_folder_and_names_its_files(bake_folder, tmp_path, 
     [
         (["--to", "godot", "--weights", "table"], "--weights is for languages"),
         (["--to", "source"], "found 'source'; choose one of them"),
+        (["--to", "gdot"], "found 'gdot'; did you mean 'godot'?"),
     ],
 )
 def test_mistakes_are_one_line(bake_folder, arguments, message, capsys):

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from lightwell.report import ViewComparison, summary, write_report
+from lightwell.report.pages import unbroken
 from lightwell.report.picture_metrics import MAX_PSNR_DB
 from lightwell.report.records import PageLink, ViewSurfaces
+from lightwell.report.verdict import Verdict
 
 KEYS = {
     *("relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse", "energy_ratio"),
@@ -78,6 +80,12 @@ def test_page_is_accessible_and_fits_a_phone(tmp_path, data, accessible):
 def test_terms_are_explained_where_they_stand(page):
     assert page.count('role="tooltip"') >= 5
     assert '<th class="n"><abbr title="Structural similarity' in page and '<abbr title=""' not in page
+
+
+def test_options_in_a_verdict_stay_on_one_line(tmp_path, data):
+    assert unbroken("fair <b>; --quality best") == 'fair &lt;b&gt;; <span class="option">--quality</span> best'
+    page = write_report(tmp_path, replace(data, verdict=Verdict("fair", "--truth would tell"))).html.read_text("utf-8")
+    assert '<span class="option">--truth</span> would tell</p>' in page
 
 
 def test_page_is_well_formed_and_self_contained(page):

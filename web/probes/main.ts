@@ -26,6 +26,7 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { half } from "../runtime/src/probes/file.ts";
+import { meteredExposure } from "./exposure.ts";
 
 const bytesIn = (id: string): ArrayBuffer => {
   const text = document.getElementById(id)?.textContent;
@@ -61,8 +62,7 @@ class Page {
     const { volume } = this;
     const [nx, ny, nz] = volume.file.shape;
     for (let k = 0; k < nx * ny * nz; k++) if (volume.alive(k)) this.nodes.push(k);
-    const sizes = this.nodes.map((k) => mean(volume, k)).sort((a, b) => a - b);
-    this.exposure = 0.35 * Math.PI / Math.max(sizes[Math.floor(0.6 * sizes.length)] ?? 1, 1e-9);
+    this.exposure = meteredExposure(this.nodes.map((k) => mean(volume, k)));
     this.marks = new InstancedMesh(new SphereGeometry(0.035 * volume.file.spacing, 10, 6), new MeshBasicMaterial(), this.nodes.length);
     this.marks.visible = false;
     this.renderer.toneMapping = AgXToneMapping;

@@ -213,7 +213,7 @@ def _traced(state: EditedScene, role: Role, before: EditState, points: SurfacePo
     rows, job = np.flatnonzero(touched), state.job
     paths = int(np.clip(PATHS_SHARE * before.facts["paths"] / len(rows), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
     light, report = before.samples.query.light[rows], PathReport()
-    with job.work.timed("trace"), job.progress.stage(f"trace {role}", 1, f"{len(rows)} samples") as stage:
+    with job.work.timed("trace"), job.progress.stage(f"trace {role}", 1, f"batch of {len(rows):,} samples") as stage:
         made = collect(
             state.scene, state.variable, points[rows], light, paths, before.facts["seed"] + SEED,
             weight=before.samples.weight[rows], own_light=role == "static", report=report,
