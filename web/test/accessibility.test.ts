@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
-import { launch, openPage, Site } from "./support/browser.ts";
+import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { keepFigure } from "./support/figures.ts";
 import { furnishedRoom, linearField, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
@@ -15,12 +15,14 @@ const SIZES = { phone: [390, 780], "phone on its side": [780, 390], desktop: [12
 
 let browser: Browser;
 let url = "";
+let page: Page;
 const site = new Site();
 
 beforeAll(async () => {
   await site.open();
   browser = await launch("llvmpipe");
   url = site.put("/page.html", pageWith(writeGlb(furnishedRoom({ fields: [linearField(), stillField()] })), { title: "Furnished room", views: [] }));
+  ({ page } = await openPage(browser, ...SIZES.phone, COARSE));
 }, 60_000);
 
 afterAll(async () => {
@@ -28,11 +30,10 @@ afterAll(async () => {
   await site.close();
 });
 
-async function open([width, height]: readonly [number, number]): Promise<Page> {
-  const { page } = await openPage(browser, width, height);
+async function open([width, height]: readonly [number, number]): Promise<void> {
+  await page.setViewportSize({ width, height });
   await page.goto(`${url}?mode=learned`);
   await page.evaluate(() => window.lightwell.ready);
-  return page;
 }
 
 /** What axe finds wrong, in one line each. */
@@ -66,13 +67,7 @@ function overlaps(): string[] {
 }
 
 describe.each(Object.entries(SIZES))("on a %s", (name, size) => {
-  let page: Page;
-
-  beforeAll(async () => {
-    page = await open(size);
-  }, 60_000);
-
-  afterAll(() => page?.close());
+  beforeAll(() => open(size), 60_000);
 
   it("no control lies over another one", async () => {
     expect(await page.evaluate(overlaps)).toEqual([]);

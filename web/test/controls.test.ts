@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
-import { launch, openPage, Site } from "./support/browser.ts";
+import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { expertField } from "./support/experts.ts";
 import { CAMERA, furnishedRoom, linearField, plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
@@ -20,6 +20,7 @@ const folder = mkdtempSync(join(tmpdir(), "lightwell-"));
 beforeAll(async () => {
   browser = await launch("llvmpipe");
   await site.open();
+  tab = await openPage(browser, 640, 480, COARSE);
 });
 
 afterAll(async () => {
@@ -28,17 +29,16 @@ afterAll(async () => {
   rmSync(folder, { recursive: true });
 });
 
-afterEach(async () => {
-  const { errors } = tab;
-  await tab.page.close();
-  expect(errors).toEqual([]);
+afterEach(() => {
+  expect(tab.errors.splice(0)).toEqual([]);
 });
 
 async function open(width: number, height: number, html: string, mode = "learned"): Promise<Page> {
-  tab = await openPage(browser, width, height);
-  await tab.page.goto(`${site.put("/page.html", html)}?mode=${mode}`);
-  await tab.page.evaluate(() => window.lightwell.ready);
-  return tab.page;
+  const { page } = tab;
+  await page.setViewportSize({ width, height });
+  await page.goto(`${site.put("/page.html", html)}?mode=${mode}`);
+  await page.evaluate(() => window.lightwell.ready);
+  return page;
 }
 
 const grey = packReference(new Float32Array(16 * 12 * 3).fill(0.2), 16);
@@ -56,8 +56,23 @@ const data = {
 const html = () => pageWith(writeGlb(furnishedRoom({ fields: [linearField(), stillField()] })), data);
 const stats = (page: Page) => page.evaluate(() => window.lightwell.stats());
 
+/** The furnished room with two views as it is when the page opens: it is loaded once, and put back for the next test. */
+async function openRoom(width: number, height: number): Promise<Page> {
+  const { page } = tab;
+  if (!page.url().includes("/page.html") || (await stats(page)).title !== data.title) return open(width, height, html());
+  await page.setViewportSize({ width, height });
+  await page.evaluate(async () => {
+    const { lightwell } = window;
+    while (lightwell.stats().lights.length > 1) lightwell.removeLamp(1);
+    await lightwell.setMode("learned");
+  });
+  await page.locator('[aria-label="Start again"]').dispatchEvent("click");
+  await expect.poll(() => stats(page)).toMatchObject({ mode: "learned", view: null, preparing: false, lights: [[0, 1.6, 0]] });
+  return page;
+}
+
 it("switches modes by keys and by the control", async () => {
-  const page = await open(640, 480, html());
+  const page = await openRoom(640, 480);
   for (const [key, mode] of [
     ["2", "reference"],
     ["3", "difference"],
@@ -78,6 +93,7 @@ it("switches modes by keys and by the control", async () => {
 });
 
 it("writes names as text, and numbers as people read them", async () => {
+  // Whether the panel is open is decided where the page opens.
   const page = await open(900, 640, html());
   expect(await page.locator("header h1").innerText()).toBe("Two <i>fields");
   expect(await page.locator(".view span").nth(1).innerText()).toBe("</script><b>Lamp left");
@@ -88,9 +104,9 @@ it("writes names as text, and numbers as people read them", async () => {
 });
 
 it("can be used while the learned light is compiled", async () => {
-  tab = await openPage(browser, 640, 480);
+  const { page, errors } = await openPage(browser, 640, 480, COARSE);
   // The programs of the field are not ready until `release` is set.
-  await tab.page.addInitScript(() => {
+  await page.addInitScript(() => {
     const COMPLETION_STATUS = 0x91b1;
     const gl = WebGL2RenderingContext.prototype;
     const { shaderSource, attachShader, getProgramParameter, linkProgram } = gl;
@@ -113,8 +129,7 @@ it("can be used while the learned light is compiled", async () => {
       return name === COMPLETION_STATUS && waits ? false : getProgramParameter.call(this, program, name);
     };
   });
-  const { page } = tab;
-  await page.goto(site.put("/page.html", html()));
+  await page.goto(site.put("/compiled.html", html()));
   await page.locator(".preparing").waitFor();
   expect(await page.locator(".preparing").innerText()).toContain("Preparing the learned light");
   await page.locator(".view").nth(1).click();
@@ -134,6 +149,8 @@ it("can be used while the learned light is compiled", async () => {
   await page.locator(".preparing").waitFor({ state: "hidden" });
   // What was compiled ahead is what is drawn with.
   expect(await links()).toBe(begun);
+  expect(errors).toEqual([]);
+  await page.close();
 });
 
 it("stops down for a view that would be washed out, and back", async () => {
@@ -157,7 +174,7 @@ it("stops down for a view that would be washed out, and back", async () => {
 });
 
 it("shows a lamp that is out of sight at the rim", async () => {
-  const page = await open(640, 480, html());
+  const page = await openRoom(640, 480);
   await page.evaluate(() => window.lightwell.setCamera([0, 0.3, 3], [0, -0.6, 0]));
   await page.locator(".lamp.away").waitFor();
   const box = (await page.locator(".lamp").boundingBox())!;
@@ -166,7 +183,7 @@ it("shows a lamp that is out of sight at the rim", async () => {
 });
 
 it("goes to a saved view, and home", async () => {
-  const page = await open(640, 480, html());
+  const page = await openRoom(640, 480);
   await page.locator(".view").nth(1).click();
   expect(await stats(page)).toMatchObject({ view: 1, lights: [[-0.2, 1, 0.2]] });
   await page.getByRole("button", { name: "Start again" }).click();
@@ -174,7 +191,7 @@ it("goes to a saved view, and home", async () => {
 });
 
 it("moves the light by pointer, wheel and keys, and says when it stops it", async () => {
-  const page = await open(740, 480, html());
+  const page = await openRoom(740, 480);
   const box = (await page.locator(".lamp").boundingBox())!;
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   await page.mouse.move(x, y);
@@ -198,7 +215,7 @@ it("moves the light by pointer, wheel and keys, and says when it stops it", asyn
 });
 
 it("orbits, and then a reference no longer applies", async () => {
-  const page = await open(640, 480, html());
+  const page = await openRoom(640, 480);
   await page.keyboard.press("2");
   await page.mouse.move(60, 200);
   await page.mouse.down();
@@ -208,7 +225,7 @@ it("orbits, and then a reference no longer applies", async () => {
 });
 
 it("draws nothing while nothing changes", async () => {
-  const page = await open(320, 240, html());
+  const page = await openRoom(320, 240);
   await page.waitForTimeout(700);
   const drawn = await page.evaluate(async () => {
     let count = 0;
@@ -228,7 +245,7 @@ it("draws nothing while nothing changes", async () => {
 });
 
 it("fits a phone: no control leaves the screen", async () => {
-  const page = await open(390, 844, html());
+  const page = await openRoom(390, 844);
   for (const selector of [".modes", ".views", ".panel", "header"]) {
     const box = (await page.locator(selector).boundingBox())!;
     expect(box.x).toBeGreaterThanOrEqual(0);
@@ -263,7 +280,7 @@ it("moves a sun along its arc by a slider", async () => {
 });
 
 it("adds and removes lamps by keys and by the panel, and halves the resolution", async () => {
-  const page = await open(900, 900, html());
+  const page = await openRoom(900, 900);
   const lights = async () => (await stats(page)).lights.length;
   await page.keyboard.press("+");
   expect(await lights()).toBe(2);
@@ -294,11 +311,10 @@ it("adds and removes lamps by keys and by the panel, and halves the resolution",
 });
 
 it("offers experts where a field has them", async () => {
-  const page = await open(900, 640, html());
+  const page = await openRoom(900, 640);
   expect(await page.getByRole("radio", { name: "Experts" }).isVisible()).toBe(false);
   await page.keyboard.press("7");
   expect(await stats(page)).toMatchObject({ mode: "learned", notice: expect.stringContaining("no parts") });
-  await page.close();
   const other = await open(900, 640, pageWith(writeGlb(plainRoom({ fields: [expertField()] })), data));
   await other.getByRole("radio", { name: "Experts" }).click();
   expect((await stats(other)).mode).toBe("experts");
@@ -323,7 +339,6 @@ it("opens a chosen file when it carries none", async () => {
 
 it("loads the asset that its address names", async () => {
   site.put("/there.glb", writeGlb(plainRoom()));
-  tab = await openPage(browser, 320, 240);
   await tab.page.goto(`${site.put("/empty.html", readFileSync(BUILT_PAGE, "utf8"))}?asset=there.glb`);
   await tab.page.evaluate(() => window.lightwell.ready);
   expect((await stats(tab.page)).title).toBe("there");
@@ -332,7 +347,6 @@ it("loads the asset that its address names", async () => {
 it("opens from a file", async () => {
   const path = join(folder, "index.html");
   writeFileSync(path, html());
-  tab = await openPage(browser, 320, 240);
   await tab.page.goto(pathToFileURL(path).href);
   await tab.page.evaluate(() => window.lightwell.ready);
   expect((await stats(tab.page)).fields).toHaveLength(2);

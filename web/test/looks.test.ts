@@ -18,12 +18,13 @@ const QUERY = `?size=${WIDTH}x${HEIGHT}&ui=0&tonemap=none&exposure=1&dither=0&sa
 const REFLECTANCE = WHITE[0] + 0.04;
 
 let browser: Browser;
-let tab: { page: Page; errors: string[] } | null = null;
+let tab: { page: Page; errors: string[] };
 const site = new Site();
 
 beforeAll(async () => {
   browser = await launch("llvmpipe");
   await site.open();
+  tab = await openPage(browser, WIDTH, HEIGHT);
 });
 
 afterAll(async () => {
@@ -31,19 +32,17 @@ afterAll(async () => {
   await site.close();
 });
 
-afterEach(async () => {
-  const errors = tab?.errors ?? [];
-  await tab?.page.close();
-  tab = null;
-  expect(errors).toEqual([]);
+afterEach(() => {
+  expect(tab.errors.splice(0)).toEqual([]);
 });
 
-async function open(fixture: Fixture, query = QUERY): Promise<Page> {
-  tab = await openPage(browser, WIDTH, HEIGHT);
-  await tab.page.goto(site.put("/page.html", pageWith(writeGlb(fixture), { home: CAMERA })) + query);
-  await tab.page.evaluate(() => window.lightwell.ready);
-  return tab.page;
+async function load({ page }: { page: Page }, fixture: Fixture, query = QUERY): Promise<Page> {
+  await page.goto(site.put("/page.html", pageWith(writeGlb(fixture), { home: CAMERA })) + query);
+  await page.evaluate(() => window.lightwell.ready);
+  return page;
 }
+
+const open = (fixture: Fixture, query = QUERY) => load(tab, fixture, query);
 
 type Radiance = (x: number, y: number) => number[];
 
@@ -164,7 +163,6 @@ it("shows the learned light behind clear glass once", async () => {
   };
   const pane = quad(MATERIALS.length, [-0.8, 0.2, -0.3], [1.6, 0, 0], [0, 1.6, 0]);
   const bare = (await radiance(await open(plainRoom()), "learned"))(64, 48);
-  await tab!.page.close();
   const page = await open(plainRoom({ meshes: [...room(), pane], materials: [...MATERIALS, glass] }));
   const seen = (await radiance(page, "learned"))(64, 48);
   // 4 to 8 % are reflected, and the picture behind is blurred a little.
@@ -237,8 +235,8 @@ it("at half resolution, light stays on its side of a depth edge", async () => {
 });
 
 it("paints experts by number, stripes their border, and computes nothing of it before", async () => {
-  tab = await openPage(browser, WIDTH, HEIGHT);
-  const { page } = tab;
+  const other = await openPage(browser, WIDTH, HEIGHT);
+  const { page } = other;
   await page.addInitScript(() => {
     Object.assign(window, { painters: 0 });
     const { shaderSource } = WebGL2RenderingContext.prototype;
@@ -247,9 +245,7 @@ it("paints experts by number, stripes their border, and computes nothing of it b
       shaderSource.call(this, shader, source);
     };
   });
-  const fixture = plainRoom({ fields: [expertField()] });
-  await page.goto(site.put("/page.html", pageWith(writeGlb(fixture), { home: CAMERA })) + QUERY);
-  await page.evaluate(() => window.lightwell.ready);
+  await load(other, plainRoom({ fields: [expertField()] }));
   const painters = () => page.evaluate(() => (window as unknown as { painters: number }).painters);
   const at = await radiance(page, "indirect");
   expect(await painters()).toBe(0);
@@ -275,6 +271,8 @@ it("paints experts by number, stripes their border, and computes nothing of it b
     const found = columns.flatMap((x) => [40, 42, 44, 46, 48, 50].map((y) => nearestColor(painted(x, y))));
     expect(found).toEqual(expect.arrayContaining([1, 2]));
   }
+  expect(other.errors).toEqual([]);
+  await page.close();
 });
 
 /** The palette's colour of the same hue and saturation. */

@@ -4,7 +4,7 @@ import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
-import { launch, openPage, Site } from "./support/browser.ts";
+import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { CAMERA, plainRoom, room } from "./support/fixtures.ts";
 import { ball, writeGlb } from "./support/glb.ts";
 import { BUILT_PAGE, pageWith } from "./support/page.ts";
@@ -29,7 +29,7 @@ afterAll(async () => {
 });
 
 async function open(url = address): Promise<{ page: Page; errors: string[] }> {
-  const tab = await openPage(browser, 800, 500);
+  const tab = await openPage(browser, 800, 500, COARSE);
   await tab.page.goto(url);
   await tab.page.evaluate(() => window.lightwell.ready);
   return tab;
@@ -84,7 +84,7 @@ it("single keys are no shortcuts once they are switched off, here and at the nex
 });
 
 it("says how much of a file has come", async () => {
-  const { page } = await openPage(browser, 400, 300);
+  const { page } = await openPage(browser, 400, 300, COARSE);
   await page.addInitScript(() => {
     const told: string[] = ((window as any).told = []);
     addEventListener("DOMContentLoaded", () =>

@@ -3,7 +3,7 @@
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
 import { readOptions } from "../viewer/src/options.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
+import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { CAMERA, linearField, plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 import { pageWith } from "./support/page.ts";
@@ -19,7 +19,7 @@ beforeAll(async () => {
   browser = await launch("llvmpipe");
   address = site.put("/page.html", pageWith(writeGlb(plainRoom({ fields: [linearField(), stillField()] })), { home: CAMERA }));
   site.put("/around.html", `<!doctype html><link rel="icon" href="data:,"><iframe src="/page.html?mode=learned&exposure=1" width="320" height="240"></iframe>`);
-  ({ page, errors } = await openPage(browser, 640, 480));
+  ({ page, errors } = await openPage(browser, 640, 480, COARSE));
   await page.context().grantPermissions(["clipboard-read", "clipboard-write"]);
   await page.goto(`${address}?tonemap=none&exposure=1&dither=0`);
   await page.evaluate(() => window.lightwell.ready);

@@ -28,19 +28,24 @@ const REFLECTANCE = WHITE[0] + 0.04;
 
 type Radiance = (x: number, y: number) => number[];
 
+/** Fields of files that carry lights of their own. */
+const FIELDS = process.env.LIGHTWELL_LONG_TESTS ? [[linearField()], [linearField(), stillField()]] : [[linearField(), stillField()]];
+
 const RASTERISERS: Backend[] = process.env.LIGHTWELL_LONG_TESTS ? (Object.keys(BACKENDS) as Backend[]) : ["llvmpipe"];
 
 describe.each(RASTERISERS)("the page on %s", (backend) => {
   let browser: Browser;
   const site = new Site();
   let count = 0;
-  let tab: { page: Page; errors: string[] } | null = null;
+  /** Every test of another fixture loads it here. */
+  let tab: { page: Page; errors: string[] };
   /** The plain room, for tests that change modes and lights alone. */
   let plain: { page: Page; errors: string[] } | null = null;
 
   beforeAll(async () => {
     browser = await launch(backend);
     await site.open();
+    tab = await openPage(browser, WIDTH, HEIGHT);
   });
 
   afterAll(async () => {
@@ -48,32 +53,25 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
     await site.close();
   });
 
-  afterEach(async () => {
-    const errors = tab?.errors ?? [];
-    await tab?.page.close();
-    tab = null;
-    expect([...errors, ...(plain?.errors ?? [])]).toEqual([]);
+  afterEach(() => {
+    expect([...tab.errors.splice(0), ...(plain?.errors ?? [])]).toEqual([]);
   });
+
+  async function load({ page }: { page: Page }, fixture: Fixture, query: string, data: unknown): Promise<Page> {
+    await page.goto(site.put(`/${++count}.html`, pageWith(writeGlb(fixture), data)) + query);
+    await page.evaluate(() => window.lightwell.ready);
+    return page;
+  }
+
+  const open = (fixture: Fixture, query = QUERY, data: unknown = { title: "Fixture", home: CAMERA }) => load(tab, fixture, query, data);
 
   async function openPlain(): Promise<Page> {
     if (!plain) {
-      await open(plainRoom());
-      [plain, tab] = [tab, null];
+      plain = await openPage(browser, WIDTH, HEIGHT);
+      await load(plain, plainRoom(), QUERY, { title: "Fixture", home: CAMERA });
     }
-    await plain!.page.evaluate((light) => void window.lightwell.setLight(light), LAMP.initial as [number, number, number]);
-    return plain!.page;
-  }
-
-  async function open(
-    fixture: Fixture,
-    query = QUERY,
-    page: unknown = { title: "Fixture", home: CAMERA },
-  ): Promise<Page> {
-    const url = site.put(`/${++count}.html`, pageWith(writeGlb(fixture), page));
-    tab = await openPage(browser, WIDTH, HEIGHT);
-    await tab.page.goto(url + query);
-    await tab.page.evaluate(() => window.lightwell.ready);
-    return tab.page;
+    await plain.page.evaluate((light) => void window.lightwell.setLight(light), LAMP.initial as [number, number, number]);
+    return plain.page;
   }
 
   async function radiance(page: Page): Promise<Radiance> {
@@ -143,7 +141,6 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
         for (let x = 66; x < 86; x += 4) expect(at(x, y)[0]!).toBeGreaterThan(0.05);
         for (let x = 42; x < 63; x += 2) expect(at(x, y)[0]!).toBe(0);
       }
-      await page.close();
     }
   });
 
@@ -248,7 +245,6 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
       const at = await radiance(page);
       // A lost context reads as black.
       expect((await page.evaluate(() => window.lightwell.stats())).contextLost).toBe(false);
-      await page.close();
       return [...backWall(12)].flatMap(([x, y]) => at(x, y));
     };
     // A lamp beside the back wall, which hangs below it: without the wall, nothing but the void is seen.
@@ -269,7 +265,7 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
       document.nodes.push({ translation: [0, 1, 0.5], extensions: { KHR_lights_punctual: { light: 1 } } });
       document.scenes[0]!.nodes = [0, 1, 3, 4, 5, 6];
     };
-    for (const fields of [[linearField()], [linearField(), stillField()]]) {
+    for (const fields of FIELDS) {
       const [with3, without] = [await open3({ fields, tamper }), await open3({ fields })];
       // Up to the last bit of a half float: the same walls are drawn in another order.
       const apart = with3.map((value, i) => Math.abs(value - without[i]!) / Math.max(without[i]!, 1e-3));
@@ -311,7 +307,6 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
     const weights = async (layers: number, query = QUERY.replace(/size=[^&]+/, "size=16x12")) => {
       const page = await open(plainRoom({ fields: [deep(layers)] }), query);
       const stats = await page.evaluate(() => window.lightwell.stats());
-      await page.close();
       expect(stats.macs).toBe(4096 * layers + 384);
       expect(stats.renderer.toLowerCase()).toContain(backend);
       return stats.weights;
@@ -329,8 +324,8 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
   });
 
   it("goes on with direct light when the learned light does not compile", async () => {
-    tab = await openPage(browser, WIDTH, HEIGHT);
-    await tab.page.addInitScript(() => {
+    const other = await openPage(browser, WIDTH, HEIGHT);
+    await other.page.addInitScript(() => {
       const { shaderSource } = WebGL2RenderingContext.prototype;
       WebGL2RenderingContext.prototype.shaderSource = function (shader, source) {
         shaderSource.call(
@@ -340,15 +335,12 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
         );
       };
     });
-    await tab.page.goto(
-      site.put(`/${++count}.html`, pageWith(writeGlb(plainRoom()), { home: CAMERA })) + QUERY,
-    );
-    await tab.page.evaluate(() => window.lightwell.ready);
-    const at = await radiance(tab.page);
+    await load(other, plainRoom(), QUERY, { home: CAMERA });
+    const at = await radiance(other.page);
     expect(at(64, 48)[0]).toBeGreaterThan(0.01);
-    expect((await tab.page.evaluate(() => window.lightwell.stats())).trouble).toContain("could not compile");
-    expect(tab.errors.some((text) => text.includes("syntax error"))).toBe(true);
-    tab.errors.length = 0;
+    expect((await other.page.evaluate(() => window.lightwell.stats())).trouble).toContain("could not compile");
+    expect(other.errors.some((text) => text.includes("syntax error"))).toBe(true);
+    await other.page.close();
   });
 
   it("says so when the graphics context is lost, and comes back", async () => {
@@ -374,6 +366,6 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
       await restored;
     });
     expect((await radiance(page))(64, 48)).toEqual(before);
-    tab!.errors.length = 0;
+    tab.errors.length = 0;
   });
 });

@@ -74,13 +74,20 @@ export class Site {
 /** Longest wait for a page, milliseconds; more on a machine that does other things. */
 const PAGE_TIMEOUT = Number(process.env.LIGHTWELL_PAGE_TIMEOUT ?? 30_000);
 
-/** A tab that remembers its errors. */
+/** Pixels of a rasteriser for each pixel of a layout, where a test looks at controls and not at the picture. */
+export const COARSE = 0.25;
+
+/**
+ * A tab that remembers its errors. To load another document in it costs half of the processor time of opening another tab, so that
+ * tests share one where none of them changes its browser.
+ */
 export async function openPage(
   browser: Browser,
   width = 192,
   height = 144,
+  deviceScaleFactor = 1,
 ): Promise<{ page: Page; errors: string[] }> {
-  const page = await browser.newPage({ viewport: { width, height } });
+  const page = await browser.newPage({ viewport: { width, height }, deviceScaleFactor });
   page.setDefaultTimeout(PAGE_TIMEOUT);
   const errors: string[] = [];
   page.on("pageerror", (error) => errors.push(String(error)));
