@@ -10,6 +10,8 @@ import pytest
 import release
 import yaml
 
+from lightwell.cli.main import verb_parser
+
 ROOT = release.ROOT
 
 
@@ -82,3 +84,36 @@ def _minor(version):
 def test_files_of_the_forge_are_yaml(name):
     (path,) = (ROOT / ".github").rglob(name)
     assert isinstance(yaml.safe_load(path.read_text()), dict)
+
+
+def _commands(path):
+    """The lines of all `run:` steps of a workflow."""
+    for job in yaml.safe_load(path.read_text())["jobs"].values():
+        for step in job["steps"]:
+            yield from (line.strip() for line in step.get("run", "").splitlines() if line.strip())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.stem)
+def test_commands_of_workflows_exist(path):
+    """Targets of make, folders of tests, extras; and who reads the file is told that it has never run."""
+    assert "NEVER RUN" in path.read_text().split("\non:")[0]
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    lines = list(_commands(path))
+    assert lines
+    for line in lines:
+        words = line.split()
+        assert words[0] != "make" or not set(words[1:]) - set(targets), line
+        missing = [word for word in words if word.startswith("tests/") and not (ROOT / word).exists()]
+        assert not missing, line
+        if words[0] == "lightwell":
+            verb_parser(words[1], words[2:]).parse_args(words[2:])
+
+
+def test_the_dockerfile_copies_what_the_wheel_is_built_from():
+    text = (ROOT / "Dockerfile").read_text()
+    assert "Never built" in text.splitlines()[0] and "COPY . /src" in text and "pip install" in text
+    left_out = (ROOT / ".dockerignore").read_text().split()
+    assert not {"lightwell", "pyproject.toml", "README.md", "LICENSE", "THIRD_PARTY.md"} & set(left_out)
+    (image,) = re.findall(r"^FROM python:(3\.\d+)-slim$", text, re.MULTILINE)
+    assert f"Python :: {image}" in (ROOT / "pyproject.toml").read_text()
+    assert "The `Dockerfile` has never been built" in (ROOT / "docs/tutorials/install.md").read_text()

@@ -1,7 +1,10 @@
 """What the documents state is what the code has: versions, limits, presets, files, variables, paths, defaults."""
 
 import dataclasses
+import json
 import re
+from collections.abc import Sequence
+from fractions import Fraction
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import lightwell
+from lightwell.cache.settings import OPTIONS
 from lightwell.cli.interrupts import INTERRUPTED
 from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
 from lightwell.cli.whole_parser import whole_verbs
@@ -238,13 +242,83 @@ def test_terms_of_reports_are_in_the_glossary():
 
 
 def test_defaults_in_the_pages_of_verbs_are_those_of_the_help():
-    """A number in parentheses after an option in a table is its default."""
+    """Numbers in parentheses in the row of one or several options are their defaults, in this order."""
+    checked = set()
     for verb, *tool in whole_verbs():
         page = (DOCS / f"how-to/{verb}.md").read_text()
-        actions = verb_parser(verb, tool)._actions
-        helps = {flag: action.help or "" for action in actions for flag in action.option_strings}
-        for flag, text in re.findall(r"^\| `(--[a-z-]+)[^`]*` \| ([^|]*) \|", page, re.MULTILINE):
-            shown = re.search(r"\((\d+)\)\s*$|\((\d+)\);", text)
-            if shown and "default" in helps.get(flag, ""):
-                number = shown[1] or shown[2]
-                assert re.search(rf"default:? {number}\b", helps[flag]), f"{verb} {flag}: {number} or '{helps[flag]}'"
+        helps = _helps(verb, tool)
+        for cell, text in re.findall(r"^\| (`--[a-z][^|]*) \| ([^|]*) \|", page, re.MULTILINE):
+            flags = re.findall(r"`(--[a-z-]+)", cell)
+            numbers = re.findall(r"\(([\d.]+)\)", text)
+            if len(numbers) == len(flags) and all(flag in helps for flag in flags):
+                told = [_default(helps[flag]) for flag in flags]
+                assert told == [None] * len(flags) or [float(n) for n in numbers] == told, f"{verb} {flags}: {told}"
+                checked |= set(flags)
+    assert {"--mips", "--longest", "--noise", "--size"} <= checked
+
+
+def _helps(verb: str, tool: Sequence[str] = ()) -> dict[str, str]:
+    actions = verb_parser(verb, tool)._actions
+    return {
+        flag: (action.help or "").replace("%(default)s", str(action.default))
+        for action in actions
+        for flag in action.option_strings
+    }
+
+
+def _default(text: str) -> float | None:
+    found = re.search(r"\(default:? ([\d.]+)\)", text)
+    return float(found[1]) if found else None
+
+
+def test_options_in_tables_of_a_verb_are_its_own():
+    of_verb: dict[str, set[str]] = {}
+    for verb, *tool in whole_verbs():
+        of_verb.setdefault(verb, set()).update(verb_parser(verb, tool)._option_string_actions)
+    for verb, known in of_verb.items():
+        page = (DOCS / f"how-to/{verb}.md").read_text()
+        cells = re.findall(r"^\| (`--[a-z][^|]*) \|", page, re.MULTILINE)
+        assert not [flag for cell in cells for flag in re.findall(r"`(--[a-z-]+)", cell) if flag not in known], verb
+
+
+def test_options_of_the_radiance_cache_and_their_defaults():
+    found = {}
+    for row in _table((DOCS / "radiance-cache.md").read_text(), 3):
+        names = re.findall(r"`(\w+)`", row[0])
+        if names and names[0] in OPTIONS:
+            found |= dict(zip(names, (_value(text) for text in row[1].split(", ")), strict=True))
+    defaults = {name: declared.default for name, (_, declared, _) in OPTIONS.items()}
+    assert found == defaults
+
+
+def _value(text: str) -> object:
+    text = text.strip("`")
+    if text in ("true", "false"):
+        return text == "true"
+    return float(Fraction(text)) if re.fullmatch(r"-?[\d./]+", text) else text
+
+
+def test_defaults_of_a_day():
+    defaults = dict((row[0].strip("`").split(" ")[0], row[2]) for row in _table((DOCS / "day.md").read_text(), 3)[1:])
+    helps = _helps("bake")
+    assert set(defaults) == {"--north", "--turbidity"}
+    for flag, value in defaults.items():
+        assert re.search(rf"\(default: {value}\b", helps[flag])
+
+
+def test_extras_that_documents_and_messages_name_exist():
+    text = (ROOT / "pyproject.toml").read_text()
+    (block,) = re.findall(r"^\[project\.optional-dependencies\]\n(.*?)\n\n", text, re.MULTILINE | re.DOTALL)
+    extras = set(re.findall(r"^(\w+) = ", block, re.MULTILINE))
+    files = [*PAGES, *(ROOT / "lightwell").rglob("*.py")]
+    named = {name for path in files for name in re.findall(r"lightwell\[([a-z0-9]+)\]", path.read_text())}
+    assert {"usd", "ktx2", "cluster"} <= named <= extras
+
+
+def test_figures_of_the_readme_are_measured():
+    rows = json.loads((ROOT / "benchmarks/results/main_job.json").read_text())
+    (demo,) = [row["note"] for row in rows if row["what"].startswith("make demo")]
+    text = (ROOT / "README.md").read_text()
+    beside = text[text.index("*The page that `make demo`") : text.index("## Install")]
+    shown = re.findall(r"([\d.]+) %", beside)
+    assert len(shown) == 2 and shown == re.findall(r"([\d.]+)%", demo)
