@@ -12,13 +12,12 @@ trusted file.
 
 from __future__ import annotations
 
+import difflib
 import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NoReturn
-
-from lightwell.core.suggest import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,8 @@ class Limits:
         for text in texts:
             name, equals, value = text.partition("=")
             if name not in NAMES or not equals:
-                cure = did_you_mean(name, NAMES, f"write NAME=VALUE with one of {', '.join(NAMES)}")
+                near = difflib.get_close_matches(name, NAMES, 1)
+                cure = f"did you mean '{near[0]}'?" if near else f"write NAME=VALUE with one of {', '.join(NAMES)}"
                 raise ValueError(f"'{text[:60]}' is no limit: {cure}")
             try:
                 number = float(value)
