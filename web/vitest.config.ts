@@ -11,5 +11,7 @@ export default defineConfig({
     hookTimeout: 60_000,
     // Two browsers at once would starve each other on a small machine.
     fileParallelism: false,
+    // Each file in a process of its own would load three.js and the rest forty times.
+    isolate: false,
   },
 });

@@ -105,11 +105,13 @@ const ON_PAGE = process.env.LIGHTWELL_LONG_TESTS ? CASES : CASES.filter(([name])
 
 describe("hostile files", () => {
   let browser: Browser;
+  let tab: Awaited<ReturnType<typeof openPage>>;
   const site = new Site();
 
   beforeAll(async () => {
     browser = await launch("llvmpipe");
     await site.open();
+    tab = await openPage(browser, 96, 64);
   });
 
   afterAll(async () => {
@@ -118,7 +120,7 @@ describe("hostile files", () => {
   });
 
   it.each(ON_PAGE)("%s is said on the page", async (_name, make, message) => {
-    const { page, errors } = await openPage(browser, 96, 64);
+    const { page, errors } = tab;
     await page.goto(site.put("/page.html", pageWith(make())));
     const failed = await page.evaluate(() =>
       window.lightwell.ready.then(
@@ -129,6 +131,5 @@ describe("hostile files", () => {
     expect(failed).toMatch(message);
     expect(await page.locator(".status[role=alert]").innerText()).toMatch(message);
     expect(errors).toEqual([]);
-    await page.close();
   });
 });

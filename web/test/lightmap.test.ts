@@ -5,7 +5,7 @@ import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
 import type { Mode } from "../viewer/src/modes.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
+import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { pageWith } from "./support/page.ts";
 
 const [WIDTH, HEIGHT] = [128, 96];
@@ -26,15 +26,15 @@ beforeAll(async () => {
   await site.open();
   browser = await launch("llvmpipe");
   const url = site.put("/index.html", pageWith(GLB, { title: "Light map", home: HOME })) + QUERY;
-  const open = async (width: number, height: number, query: string) => {
-    const tab = await openPage(browser, width, height);
+  const open = async (width: number, height: number, query: string, scale = 1) => {
+    const tab = await openPage(browser, width, height, scale);
     tab.page.on("close", () => errors.push(...tab.errors));
     await tab.page.goto(url + query);
     await tab.page.evaluate(() => window.lightwell.ready);
     return tab.page;
   };
   page = await open(WIDTH, HEIGHT, "&ui=0");
-  whole = await open(760, 480, "");
+  whole = await open(760, 480, "", COARSE);
 });
 
 afterAll(async () => {

@@ -11,6 +11,7 @@ import { BUILT_PAGE, pageWith } from "./support/page.ts";
 
 let browser: Browser;
 let address = "";
+let tab: { page: Page; errors: string[] };
 const site = new Site();
 const html = pageWith(writeGlb(plainRoom()), { home: CAMERA, title: "A room, furnished" });
 
@@ -18,7 +19,7 @@ beforeAll(async () => {
   await site.open();
   browser = await launch("llvmpipe");
   address = site.put("/page.html", html);
-  site.put("/empty.html", readFileSync(BUILT_PAGE, "utf8"));
+  tab = await openPage(browser, 800, 500, COARSE);
   // Large enough to come in several parts.
   site.put("/scene.glb", writeGlb(plainRoom({ meshes: [...room(), ball(0, [0, 1, 0], 0.3, 150)] })));
 });
@@ -29,7 +30,7 @@ afterAll(async () => {
 });
 
 async function open(url = address): Promise<{ page: Page; errors: string[] }> {
-  const tab = await openPage(browser, 800, 500, COARSE);
+  tab.errors.length = 0;
   await tab.page.goto(url);
   await tab.page.evaluate(() => window.lightwell.ready);
   return tab;
@@ -55,7 +56,6 @@ it("saves the picture as a PNG of the scene's name, and a turn as a film that en
   expect(film.size).toBeGreaterThan(500);
   film.cameras[1]!.forEach((x, i) => expect(x).toBeCloseTo(film.cameras[0]![i]!, 2));
   expect(errors).toEqual([]);
-  await page.close();
 });
 
 it("single keys are no shortcuts once they are switched off, here and at the next visit, but for the help", async () => {
@@ -80,7 +80,6 @@ it("single keys are no shortcuts once they are switched off, here and at the nex
   await page.evaluate(() => window.lightwell.ready);
   await page.keyboard.press("4");
   expect(await mode()).toBe("direct");
-  await page.close();
 });
 
 it("says how much of a file has come", async () => {
@@ -111,5 +110,4 @@ it("runs under the policy that the documentation gives", async () => {
   });
   expect(await page.evaluate(() => "foreign" in window)).toBe(false);
   expect(errors.join()).toMatch(/Content Security Policy/);
-  await page.close();
 });
