@@ -30,12 +30,14 @@ const room = plainRoom({
 const STYLE = "<style>body{margin:0} lightwell-viewer{width:120px;height:90px}</style>";
 
 let browser: Browser;
+let tab: { page: Page; errors: string[] };
 let code = "";
 const site = new Site();
 
 beforeAll(async () => {
   await site.open();
-  browser = await launch("swiftshader");
+  browser = await launch("llvmpipe");
+  tab = await openPage(browser, 400, 300);
   code = await bundle(ENTRY);
   site.put("/scene.glb", writeGlb(room));
   const svg = `<svg xmlns="http://www.w3.org/2000/svg" width="4" height="3"><rect width="4" height="3" fill="red"/></svg>`;
@@ -48,7 +50,7 @@ afterAll(async () => {
 });
 
 async function open(name: string, elements: string): Promise<{ page: Page; errors: string[] }> {
-  const tab = await openPage(browser, 400, 300);
+  tab.errors.length = 0;
   await tab.page.goto(site.put(`/${name}.html`, modulePage(code, `${STYLE}${elements}`)));
   return tab;
 }
@@ -86,7 +88,6 @@ it("many on one page share one renderer, each with its own picture, and free it"
   expect(await page.evaluate(() => (window as any).contexts)).toBe(2);
   // The test itself reads back often.
   expect(errors.filter((text) => !text.startsWith("Canvas2D"))).toEqual([]);
-  await page.close();
 });
 
 it("stands at the file's camera of a name, at a place, or at the first camera, with the file's exposure", async () => {
@@ -103,7 +104,6 @@ it("stands at the file's camera of a name, at a place, or at the first camera, w
   expect(await stand("near")).toEqual([0.2, 1, 2, 34.38]);
   expect(await stand("1 2 3 / 0 1 0")).toEqual([1, 2, 3, 40]);
   expect(await page.evaluate(() => (document.querySelector("lightwell-viewer") as any).scene.exposure)).toBe(1.5);
-  await page.close();
 });
 
 it("shows a poster and how much has come, waits until it is near, and says what is seen", async () => {
@@ -129,5 +129,4 @@ it("shows a poster and how much has come, waits until it is near, and says what 
   expect((await state()).poster).toBe(false);
   await page.evaluate(() => document.querySelector("lightwell-viewer")!.setAttribute("controls", ""));
   expect((await state()).tab).toBe(0);
-  await page.close();
 });

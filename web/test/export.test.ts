@@ -84,6 +84,10 @@ const NETWORKS: Vector[] = loadVectors().filter(
     graph.widths.get([...graph.outputs.values()][0]!) === 3,
 );
 
+/** Where the weights of a network stand: both places in the long tests, each for half of the networks otherwise. */
+const placesOf = (index: number): readonly ("inline" | "table")[] =>
+  process.env.LIGHTWELL_LONG_TESTS ? ["inline", "table"] : [index % 2 ? "inline" : "table"];
+
 describe.each(["glsl", "wgsl"] as const)("%s", (to) => {
   it("of a light map samples its pictures as NumPy does", async () => {
     const graph = await fixture();
@@ -97,10 +101,10 @@ describe.each(["glsl", "wgsl"] as const)("%s", (to) => {
 
   it("of every network equals NumPy, weights in the text and in a table", async () => {
     expect(NETWORKS.length).toBeGreaterThanOrEqual(5);
-    for (const { name, graph: whole, inputs: given, outputs, points } of NETWORKS) {
+    for (const [index, { name, graph: whole, inputs: given, outputs, points }] of NETWORKS.entries()) {
       const [output] = [...whole.outputs];
       const graph = { ...whole, outputs: new Map([["radiance", output![1]]]) };
-      for (const weights of ["inline", "table"] as const) {
+      for (const weights of placesOf(index)) {
         const shader = exportShader(graph, { to, weights });
         const used = shader.text.match(/^\/\/ (?:fn|vec3) lightwell\((.*)\)/m)![1]!;
         const names = [...graph.inputs.keys()].filter((key) => new RegExp(`\\b${key}\\b`).test(used));

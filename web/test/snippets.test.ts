@@ -16,11 +16,13 @@ const [WIDTH, HEIGHT] = [160, 120];
 
 let browser: Browser;
 let room: Buffer;
+let tab: { page: Page; errors: string[] };
 const site = new Site();
 
 beforeAll(async () => {
   await site.open();
-  browser = await launch("swiftshader");
+  browser = await launch("llvmpipe");
+  tab = await openPage(browser, WIDTH, HEIGHT);
   site.put("/scene.glb", bakedRoom());
   // Any picture: it is gone when the scene is there.
   site.put("/scene.webp", readFileSync(new URL("pictures/three-desktop.png", import.meta.url)));
@@ -34,12 +36,12 @@ afterAll(async () => {
   await site.close();
 });
 
-/** A file as a bake writes it: with its exposure, and a camera where the page opens. */
-function bakedRoom(): Uint8Array<ArrayBuffer> {
+/** A file as a bake writes it: with its exposure unless there is none, and a camera where the page opens. */
+function bakedRoom(exposure: number | null = EXPOSURE): Uint8Array<ArrayBuffer> {
   return writeGlb(
     furnishedRoom({
       tamper: (json: any) => {
-        json.extensions.LIGHTWELL_neural_radiance.exposure = EXPOSURE;
+        if (exposure !== null) json.extensions.LIGHTWELL_neural_radiance.exposure = exposure;
         json.cameras = [{ type: "perspective", perspective: { yfov: (CAMERA.fov_y * Math.PI) / 180, znear: 0.01 } }];
         json.scenes[0].nodes.push(json.nodes.push({ camera: 0, translation: CAMERA.position }) - 1);
       },
@@ -55,18 +57,17 @@ function snippets(heading: string, language: string): string[] {
 
 /** A picture of a page, taken when `ready` holds there. */
 async function shown(html: string, ready: () => unknown, query = ""): Promise<Buffer> {
-  const { page, errors } = await openPage(browser, WIDTH, HEIGHT);
+  const { page, errors } = tab;
   await page.goto(site.put("/index.html", html) + query);
   await page.waitForFunction(ready).catch(() => expect(errors).toEqual([]));
   const picture = await page.screenshot();
   expect(errors).toEqual([]);
-  await page.close();
   return picture;
 }
 
-/** The three lines and those for the tone curve, in a page that has a renderer, a scene and a camera. */
-async function threeLines(curve: string): Promise<Buffer> {
-  const [lines] = snippets("three.js in three lines", "ts");
+/** A page that has a renderer, a scene and a camera, with the three lines and those for the tone curve. */
+async function threeLines(): Promise<string> {
+  const [lines, curve] = snippets("three.js in three lines", "ts");
   const code = await bundle(`
     import { AgXToneMapping, PerspectiveCamera, Scene, WebGLRenderer } from "three";
     import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -84,23 +85,24 @@ async function threeLines(curve: string): Promise<Buffer> {
       renderer.render(scene, camera);
       document.body.dataset.frames = String(Number(document.body.dataset.frames ?? 0) + 1);
     });`);
-  return shown(modulePage(code, "<body><style>body { margin: 0 }</style>"), () => Number(document.body.dataset.frames) > 2);
+  return modulePage(code, "<body><style>body { margin: 0 }</style>");
 }
 
 /** A few per cent: the page smooths edges and shadows in its own way. */
 async function expectSame(picture: Buffer): Promise<void> {
-  const page: Page = await browser.newPage();
-  const { mean, off } = await likenessOf(page, picture, room);
-  await page.close();
+  const { mean, off } = await likenessOf(tab.page, picture, room);
   expect(mean).toBeLessThan(0.02);
   expect(off).toBeLessThan(0.05);
 }
 
 it("three lines of three.js, and three for the tone curve", async () => {
-  const curve = snippets("three.js in three lines", "ts")[1]!;
-  await expectSame(await threeLines(curve));
+  const page = await threeLines();
+  const drawn = () => Number(document.body.dataset.frames) > 2;
+  await expectSame(await shown(page, drawn));
   // The exposure makes the picture.
-  await expect(expectSame(await threeLines(curve.replace("learned.exposure ?? 1", "1")))).rejects.toThrow();
+  site.put("/scene.glb", bakedRoom(null));
+  await expect(expectSame(await shown(page, drawn))).rejects.toThrow();
+  site.put("/scene.glb", bakedRoom());
 });
 
 it("the custom element", async () => {

@@ -106,6 +106,27 @@ async function readPicture(gpu: GPUDevice, texture: GPUTexture): Promise<number[
   return data;
 }
 
+/** Lenses by what they are made of: to compile one takes longer than most of its frames. */
+const lenses = new Map<string, Promise<Lens>>();
+
+/** A lens for a request; one with changed shaders is made anew, and is the caller's to dispose of. */
+async function lensFor(gpu: GPUDevice, request: LensRequest): Promise<{ lens: Lens; kept: boolean }> {
+  const { width, height, libraries, options, hardware, plant, idle } = request;
+  const make = async () => {
+    const read = await Promise.all(libraries.map((text) => readLibrary(bytes(text))));
+    return Lens.create(gpu, { ...options, libraries: read, format: "rgba32float" }, width, height);
+  };
+  if (plant || idle) return { lens: await make(), kept: false };
+  const key = JSON.stringify([width, height, libraries, options, hardware]);
+  // Only the last one: lenses of many sizes would fill the memory.
+  if (!lenses.has(key)) {
+    for (const other of lenses.values()) (await other).dispose();
+    lenses.clear();
+    lenses.set(key, make());
+  }
+  return { lens: await lenses.get(key)!, kept: true };
+}
+
 async function draw(request: LensRequest): Promise<LensAnswer> {
   const { width, height } = request;
   const { device: gpu, adapter } = await device();
@@ -124,8 +145,7 @@ async function draw(request: LensRequest): Promise<LensAnswer> {
     return original({ ...descriptor, code: descriptor.code.replaceAll(plant.from, plant.to) });
   };
   try {
-    const libraries = await Promise.all(request.libraries.map((text) => readLibrary(bytes(text))));
-    const lens = await Lens.create(gpu, { ...request.options, libraries, format: "rgba32float" }, width, height);
+    const { lens, kept: keep } = await lensFor(gpu, request);
     const color = upload(gpu, request.light, width, height, 4);
     const depth = request.depthBuffer ? depthBuffer(gpu, request.depth, width, height) : upload(gpu, request.depth, width, height, 1);
     const motion = request.motion ? upload(gpu, request.motion, width, height, 2) : null;
@@ -143,7 +163,7 @@ async function draw(request: LensRequest): Promise<LensAnswer> {
     const buffers: Record<string, number[]> = {};
     for (const name of request.read ?? []) buffers[name] = Array.from(new Int32Array(await lens.read(name)));
     const answer = { picture: await readPicture(gpu, picture), buffers, guard, domain, report: await lens.report(), errors, adapter, milliseconds };
-    lens.dispose();
+    if (!keep) lens.dispose();
     for (const texture of [color, depth, motion, picture]) texture?.destroy();
     return answer;
   } finally {

@@ -22,7 +22,7 @@ export function useScenarios(module: string): ScenarioPage {
 
   beforeAll(async () => {
     await site.open();
-    opened.browser = await launch("swiftshader");
+    opened.browser = await launch("llvmpipe");
     Object.assign(opened, await openPage(opened.browser));
     const glb = Buffer.from(writeGlb(furnishedRoom())).toString("base64");
     await opened.page!.goto(site.put("/index.html", modulePage(await bundle(module), `<body data-glb="${glb}">`)));
