@@ -1,7 +1,5 @@
 """Pages in a headless Chromium under the content security policy of the server."""
 
-import os
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -9,8 +7,8 @@ import pytest
 
 from lightwell.serving.folder import open_server
 
-PACKAGE = Path(__file__).parents[1] / "lightwell"
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "lightwell"
 POLICY_BROKEN = "Content Security Policy"
 # What the pages use: their own scripts, a worker and a picture from memory, WebAssembly, a file of the folder.
 PAGE = """<!doctype html><body><script type="module">
@@ -41,15 +39,16 @@ document.body.append(late);
 @pytest.fixture
 def show(tmp_path):
     """A function that loads a page and returns its text and what the browser logged."""
-    if CHROMIUM is None:
-        pytest.skip("there is no Chromium; tools/find-chromium.sh --install gets one")
+    found = subprocess.run(["sh", ROOT / "tools/find-chromium.sh"], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    chromium = found.stdout.strip()
 
     def show(page: str) -> tuple[str, str]:
         (tmp_path / "index.html").write_text(page)
         (tmp_path / "note.json").write_text('"note"')
         with open_server(tmp_path) as server:
             flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--timeout=20000"]
-            command = [CHROMIUM, *flags, "--virtual-time-budget=4000", "--dump-dom", server.url]
+            command = [chromium, *flags, "--virtual-time-budget=4000", "--dump-dom", server.url]
             done = subprocess.run(command, capture_output=True, text=True, timeout=120)
         return done.stdout, done.stderr
 

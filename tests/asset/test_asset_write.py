@@ -1,8 +1,6 @@
 """The written GLB: valid glTF 2.0, faithful to the records, whole or absent."""
 
 import json
-import os
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -32,16 +30,8 @@ def accessor(document, binary, index):
     return array.reshape(-1, width) if width > 1 else array
 
 
-def modules() -> Path | None:
-    """A folder whose node_modules holds gltf-validator."""
-    candidates = [HERE.parents[1] / "web", Path(os.environ.get("LIGHTWELL_NODE_ROOT", "."))]
-    return next((c.resolve() for c in candidates if (c / "node_modules/gltf-validator").is_dir()), None)
-
-
 def test_khronos_validator_finds_nothing(tmp_path, scene, entry, variable):
-    root = modules()
-    if shutil.which("node") is None or root is None:
-        pytest.skip("node or its package gltf-validator is not installed")
+    root = HERE.parents[1] / "web"
     path = tmp_path / "room.glb"
     write_glb(path, scene, [entry], [variable])
     command = ["node", str(HERE / "validate.mjs"), str(path), str(root)]

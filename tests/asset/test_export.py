@@ -11,10 +11,8 @@ from lightwell.asset import export
 from lightwell.cli import main
 
 ASSET = Path(__file__).parents[2] / "web/test/fixtures/lightmap.glb"
-needs_node = pytest.mark.skipif(not shutil.which("node"), reason="no Node on this machine")
 
 
-@needs_node
 @pytest.mark.parametrize(
     ("to", "word"),
     [
@@ -34,7 +32,6 @@ def test_a_light_map_becomes_a_text_and_pictures(tmp_path, to, word, capsys):
     assert len(re.findall(r": [0-9.]+ k?B$", capsys.readouterr().out, re.MULTILINE)) == 3
 
 
-@needs_node
 def test_tables_go_beside_the_text(tmp_path):
     made = export.export_field(ASSET, "wgsl", weights="table")
     paths = export.write_export(tmp_path / "field.wgsl", made)
@@ -42,7 +39,6 @@ def test_tables_go_beside_the_text(tmp_path):
     assert len(made.tables["lightwell_texels"]) % 16 == 0
 
 
-@needs_node
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -69,7 +65,6 @@ def test_no_engine_is_one_line_with_its_cure(monkeypatch):
             export.run_exporter("{}")
 
 
-@needs_node
 def test_the_embedded_engine_gives_the_same_text(monkeypatch):
     with_node = export.export_field(ASSET, "glsl")
     monkeypatch.setattr(shutil, "which", lambda _: None)
@@ -77,7 +72,5 @@ def test_the_embedded_engine_gives_the_same_text(monkeypatch):
 
 
 def test_a_broken_request_is_an_error_not_a_crash():
-    if not shutil.which("node"):
-        pytest.skip("no Node on this machine")
     answer = json.loads(export.run_exporter('{"graph": 5, "arrays": {}, "pictures": {}, "options": {"to": "glsl"}}'))
     assert "expected an object" in answer["error"]

@@ -3,7 +3,6 @@
 import copy
 import importlib.util
 import json
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -122,8 +121,6 @@ def test_a_picture_that_is_not_the_buffer_is_not_written(example):
 
 def test_khronos_validator_finds_no_error(baked):
     root = ROOT / "web"
-    if shutil.which("node") is None or not (root / "node_modules/gltf-validator").is_dir():
-        pytest.skip("node or its package gltf-validator is not installed")
     command = ["node", str(HERE / "validate.mjs"), str(baked), str(root)]
     report = json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout)
     assert report["issues"]["numErrors"] == 0, report["issues"]["messages"]

@@ -6,7 +6,6 @@ import gzip
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -165,8 +164,6 @@ def test_every_preset_bakes(tmp_path, preset, kept):
 
 
 def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
-    if shutil.which("node") is None:
-        pytest.skip("node is not installed")
     bake(BakeSettings("cornell", tmp_path, preset="siren", **SMALL | {"steps": 2}))
     path = tmp_path / "siren.glsl"
     assert main(["export", str(tmp_path), "--to", "shadertoy", "-o", str(path)]) == 0
