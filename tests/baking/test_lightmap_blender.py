@@ -1,6 +1,5 @@
-"""A scene that Blender has exported bakes unchanged. Needs LIGHTWELL_BPY, a Python that has bpy (pip install bpy)."""
+"""A scene that Blender has exported bakes unchanged."""
 
-import os
 import subprocess
 from pathlib import Path
 
@@ -12,19 +11,15 @@ from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings
 from lightwell.fields.budget import Budget
 
-PYTHON = os.environ.get("LIGHTWELL_BPY", "")
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "lightmap_blender.py"
 
 # Blender is one of the programs that `make test-all` is for.
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not PYTHON, reason="LIGHTWELL_BPY does not name a Python that has bpy"),
-]
+pytestmark = pytest.mark.slow
 
 
-def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path):
+def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path, blender):
     room = tmp_path / "room.glb"
-    subprocess.run([PYTHON, SCRIPT, "export", room], check=True, capture_output=True, timeout=300)
+    subprocess.run([blender("5.0.1"), SCRIPT, "export", room], check=True, capture_output=True, timeout=300)
     budget = dict(budget=Budget(1.0), size=64, mips=0, views=1, view_size=(24, 16), shards=1, paths=4, steps=20)
     report = bake(BakeSettings(str(room), tmp_path / "out", field="lightmap", **budget))
     fields, _ = read_fields(tmp_path / "out" / "scene.glb")
@@ -32,9 +27,9 @@ def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path):
     assert not any("no light of its own" in w for w in report["warnings"])
 
 
-def test_cycles_finds_the_same_light(tmp_path, monkeypatch):
+def test_cycles_finds_the_same_light(tmp_path, blender, monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPT.parent))
     from lightmap_cycles import side_by_side
 
-    found = side_by_side(PYTHON, tmp_path, 48, 16, 64)
+    found = side_by_side(str(blender("5.0.1")), tmp_path, 48, 16, 64)
     assert found.apart < 0.2 and found.error <= found.cycles_error

@@ -1,0 +1,58 @@
+"""Environments of other versions of Python and of Blender, for the tests of `make test-all`."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import venv
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+# Releases of the package `bpy`, each of which is a Blender without a window; all want this Python.
+BLENDERS, BLENDER_PYTHON = ("4.2.23", "4.5.15", "5.0.1"), "3.11"
+
+
+def interpreter(version: str) -> str | None:
+    """Find an interpreter by its version, such as 3.11; None where this machine has none."""
+    homes = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python{version}"), reverse=True)
+    for candidate in (shutil.which(f"python{version}"), *map(str, homes)):
+        if candidate and subprocess.run([candidate, "-c", "import venv"], capture_output=True).returncode == 0:
+            return candidate
+    return None
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory) -> Callable[..., Path]:
+    """A function that makes an environment once and returns its Python: (version of Python, packages)."""
+    made: dict[tuple[str, ...], Path] = {}
+
+    def make(version: str, *packages: str) -> Path:
+        found = interpreter(version)
+        if found is None:
+            pytest.skip(f"this machine has no Python {version}")
+        key = (version, *packages)
+        if key not in made:
+            home = tmp_path_factory.mktemp("environment")
+            subprocess.run([found, "-m", "venv", home], check=True)
+            context = venv.EnvBuilder().ensure_directories(home)
+            python = Path(context.bin_path) / "python"
+            install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-compile", *packages]
+            subprocess.run(install, check=True, timeout=1800)
+            made[key] = python
+        return made[key]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def blender(environment) -> Callable[[str], Path]:
+    """A function that returns a Python which is Blender of a version of ``BLENDERS``."""
+    return lambda version: environment(BLENDER_PYTHON, f"bpy=={version}")
+
+
+@pytest.fixture(scope="session", params=BLENDERS)
+def every_blender(request, blender) -> Path:
+    """A Python that is Blender, of each version."""
+    return blender(request.param)
