@@ -34,9 +34,15 @@ class Written(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self.numbers)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.folder}, {len(self.numbers)} entries>"
+
 
 class Report(Written):
     """What a bake achieved: the numbers of ``report.json`` (``rebake.json`` where only a part was baked again)."""
+
+    def __repr__(self) -> str:
+        return f"<Report {self.folder}: {self.verdict}>"
 
     @property
     def verdict(self) -> str:
@@ -103,6 +109,9 @@ class Asset:
     """Its fields, each with its shading graph; see ``lightwell.graph.evaluate``."""
     variables: Sequence[Mapping[str, Any]]
     """What may move at run time, as the extension's JSON says it."""
+
+    def __repr__(self) -> str:
+        return f"<Asset {self.path}: {', '.join(map(repr, self.fields)) or 'no fields'}>"
 
     def _repr_html_(self) -> str:
         """The fields, with the pictures of the report that lies beside the file, for notebooks."""

@@ -77,7 +77,7 @@ class Limits:
         for text in texts:
             name, equals, value = text.partition("=")
             if name not in NAMES or not equals:
-                near = difflib.get_close_matches(name, NAMES, 1)
+                near = [] if name in NAMES else difflib.get_close_matches(name, NAMES, 1)
                 cure = f"did you mean '{near[0]}'?" if near else f"write NAME=VALUE with one of {', '.join(NAMES)}"
                 raise ValueError(f"'{text[:60]}' is no limit: {cure}")
             try:

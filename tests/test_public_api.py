@@ -62,12 +62,18 @@ def test_no_submodule_takes_the_place_of_a_function(tmp_path):
         if not found.name.endswith("__main__"):
             import_module(found.name)
     assert ">triangles</td>" in (shown := lightwell.load("cornell")._repr_html_()) and "data:image/png" in shown
+    scene = lightwell.load("cornell")
+    assert repr(scene) == "<Scene cornell: 40 triangles, 4 materials, 2.03 x 2 x 2.04 m>"
+    assert repr(scene.meshes[0]) == "<Mesh green_wall: 2 triangles, material 2>"
     report = lightwell.bake("cornell", tmp_path / "out", field="mlp", preset="small", **TINY)
     assert report["bytes"] > 0 and report.page.exists() and report.verdict
     shown = report._repr_html_()
     assert "Relative error" in shown and shown.count("data:image/jpeg") == 2
     assert json.loads((tmp_path / "out/report.json").read_text()) == dict(report)
+    assert repr(report) == f"<Report {tmp_path / 'out'}: {report.verdict}>"
     asset = lightwell.read(tmp_path / "out")
+    assert repr(asset).startswith(f"<Asset {asset.path}: <FieldEntry indirect (indirect): <Graph of position [3]")
+    assert all(len(repr(thing)) < 300 for thing in (asset, *asset.fields[0].graph.buffers.values()))
     assert [field.role for field in asset.fields] == ["indirect"] and len(asset.variables) == 1
     assert asset._repr_html_().count("data:image/jpeg") == 2 and "MAC" in asset.fields[0]._repr_html_()
     picture = lightwell.render("cornell", tmp_path / "a.png", size=(16, 10), spp=1)

@@ -87,6 +87,9 @@ class FieldEntry:
     pictures: Mapping[str, Picture] = field(default_factory=dict)
     """Buffers, uint8 [H, W, 3] with the scale 1/255, that are stored as the red, green and blue of a picture."""
 
+    def __repr__(self) -> str:
+        return f"<FieldEntry {self.name} ({self.role}): {self.graph!r}>"
+
     def rows(self) -> list[tuple[str, str]]:
         """Describe the field for tables.
 

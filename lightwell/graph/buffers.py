@@ -33,6 +33,9 @@ class Buffer:
         if self.scale is not None:
             object.__setattr__(self, "scale", np.asarray(self.scale, np.float32))
 
+    def __repr__(self) -> str:
+        return f"<Buffer {self.type} {list(self.shape)}, {self.nbytes:,} bytes>"
+
     @property
     def shape(self) -> tuple[int, ...]:
         return self.array.shape

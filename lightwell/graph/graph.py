@@ -87,6 +87,10 @@ class Graph:
     uses: tuple[Use, ...] = field(init=False, repr=False, compare=False)
     """What each node's op sees, in the order of ``nodes``."""
 
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name} [{width}]" for name, width in self.inputs.items())
+        return f"<Graph of {given}: {len(self.nodes)} nodes, {self.nbytes:,} bytes, {self.macs:,} MAC per pixel>"
+
     def _total(self, cost: str, per_frame: bool) -> int:
         pairs = zip(self.nodes, self.uses)
         return sum(getattr(OPS[node.op], cost)(use) for node, use in pairs if node.per_frame == per_frame)

@@ -132,6 +132,9 @@ class Mesh:
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Mean emitted radiance when the surface is a light, else 0."""
 
+    def __repr__(self) -> str:
+        return f"<Mesh {self.name}: {len(self.indices):,} triangles, material {self.material}>"
+
     @property
     def triangle_areas(self) -> np.ndarray:
         """[T] float64, square metres."""
@@ -242,6 +245,11 @@ class Scene:
             return None
         low, high = np.quantile(mesh.positions[mesh.indices].mean(axis=1), [CORE_OUTLIERS, 1 - CORE_OUTLIERS], axis=0)
         return low, high
+
+    def __repr__(self) -> str:
+        triangles = sum(len(mesh.indices) for mesh in self.meshes)
+        size = " x ".join(f"{edge:.3g}" for edge in self.bounds[1] - self.bounds[0])
+        return f"<Scene {self.name}: {triangles:,} triangles, {len(self.materials)} materials, {size} m>"
 
     def _repr_html_(self) -> str:
         """A picture of the surfaces, counts and bounds, for notebooks."""

@@ -40,6 +40,7 @@ MISTAKES = {
     "bake cornell -o x --quality god": "--quality 'god' is unknown; did you mean 'good'?",
     "bake cornell -o x --vary light.positon=box(0,0,0,1,1,1)": "did you mean 'position'?",
     "bake cornell -o x --limit cats=3": "--limit 'cats=3' is no limit: write NAME=VALUE with one of",
+    "bake cornell -o x --limit vertices": "'vertices' is no limit: write NAME=VALUE with one of",
     "bake cornell -o x --limit vertexes=3": "'vertexes=3' is no limit: did you mean 'vertices'?",
     "bake cornell -o x --vary lamp.positon=box(0,0,0,1,1,1)": "did you mean 'position'? write for example",
     "lens bkae x.lwsp": "unrecognized arguments: x.lwsp",
