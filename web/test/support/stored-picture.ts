@@ -18,6 +18,8 @@ export interface Likeness {
 /** A stored picture and how a screenshot of the page differs from it; all zero where it is being stored. */
 export async function likeness(page: Page, name: string): Promise<Likeness> {
   const path = fileURLToPath(new URL(`../pictures/${name}.png`, import.meta.url));
+  // What is stored was looked at by nobody yet: it waits for everything to be there.
+  if (STORE) await page.waitForTimeout(8000);
   const shot = await page.screenshot();
   if (STORE) {
     mkdirSync(dirname(path), { recursive: true });
@@ -51,10 +53,11 @@ async function compare([a, b]: readonly [string, string]): Promise<Likeness> {
   return { mean: sum / p.length, off: off / p.length };
 }
 
-/** Animations stand at their first moment: pictures are the same at every run. */
+/** Animations stand at their first moment, and are drawn a few times a second: pictures are the same at every run, and soon there. */
 export async function standStill(page: Page): Promise<void> {
   await page.addInitScript(() => {
     const own = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = (callback) => own(() => callback(0));
+    window.requestAnimationFrame = (callback) => own(() => setTimeout(callback, 150, 0));
+    performance.now = () => 0;
   });
 }
