@@ -10,7 +10,8 @@ For a ``Sun`` the positions are unit directions on its arc, and the geometry is 
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import qmc
+
+from lightwell.core.sobol import Sobol
 
 from .free_air import FreeAir, free_air
 from .scene import Camera, Scene
@@ -94,7 +95,7 @@ def _lights(scene: Scene, variable: Variable, count: int, seed: int, stream: int
     random = np.random.default_rng(np.random.SeedSequence([seed, stream]))
     if isinstance(variable, Sun):
         return variable.sample((np.arange(count) + random.random(count)) / count)[random.permutation(count)]
-    sobol, air = qmc.Sobol(3, scramble=True, seed=random), free_air(scene)
+    sobol, air = Sobol(3, random), free_air(scene)
     kept: list[np.ndarray] = []
     found = tried = 0
     while found < count:

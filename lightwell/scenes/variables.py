@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
-from scipy.stats import qmc
 
+from lightwell.core.sobol import Sobol
 from lightwell.core.vary import OF_SUN
 from lightwell.core.vary import Declaration as Declaration
 from lightwell.core.vary import parse_vary as parse_vary
@@ -108,7 +108,7 @@ def _fitting_clearance(scene: Scene, default: PointLight) -> float:
     from lightwell.scenes.free_air import free_air
 
     first, low, high = default.clearance, np.array(default.low), np.array(default.high)
-    points = low + qmc.Sobol(3, scramble=True, seed=0).random(PROBES) * (high - low)
+    points = low + Sobol(3, 0).random(PROBES) * (high - low)
     air = free_air(scene)
     for halving in range(HALVINGS):
         clearance = first / 2**halving

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
+from lightwell.core.sobol import Sobol
 from lightwell.scenes.vectors import vector
 
 from .free_air import FreeAir, free_air
@@ -125,7 +125,7 @@ def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Genera
         margin = 0.1 * (high - low)
         low = np.maximum(low, np.asarray(variable.low) - margin)
         high = np.minimum(high, np.asarray(variable.high) + margin)
-    points = low + qmc.Sobol(3, scramble=True, seed=random).random(2048) * (high - low)
+    points = low + Sobol(3, random).random(2048) * (high - low)
     air = free_air(scene)
     for halving in range(HALVINGS):
         free = points[air.accepts(points, EYE_CLEARANCE * _extent(scene) / 2**halving)]

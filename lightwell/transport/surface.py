@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lightwell.core.sobol import Sobol
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import interaction as interaction
 from lightwell.transport.point_rejection import Rejection as Rejection
@@ -178,10 +179,8 @@ class _Candidates:
 
     def _numbers(self):
         """Make a scrambled Sobol sequence, another one for every request."""
-        from scipy.stats import qmc
-
         self._calls += 1
-        return qmc.Sobol(7, scramble=True, rng=np.random.default_rng([self.seed, 0, self._calls]))
+        return Sobol(7, np.random.default_rng([self.seed, 0, self._calls]))
 
     def _round(self, numbers, size: float, mass: np.ndarray) -> SurfacePoints:
         """Draw about ``size`` candidates; returns the accepted ones."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lightwell.core.sobol import Sobol
 from lightwell.scenes.scene import Scene
 from lightwell.transport.point_rejection import Rejection, reject
 from lightwell.transport.queries import frames
@@ -31,11 +32,9 @@ def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) 
     Returns:
         [2, T] bool.
     """
-    from scipy.stats import qmc
-
     t = tables(scene)
     found = np.zeros((2, len(t.area)), bool)
-    numbers = qmc.Sobol(7, scramble=True, rng=np.random.default_rng([seed, 0xA7]))
+    numbers = Sobol(7, np.random.default_rng([seed, 0xA7]))
     _look(scene, candidates(scene, numbers.random(POINTS)), found, seed, report)
     for place in PLACES:
         side, triangle = np.nonzero(~found & (t.area > 0))
