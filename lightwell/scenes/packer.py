@@ -132,10 +132,10 @@ class Packer:
         )
 
     def _start(self) -> subprocess.Popen[bytes]:
-        # The other process imports the same modules as this one.
-        program = "import sys; sys.path[:] = sys.argv[1:]; from lightwell.scenes.packer import serve; serve()"
+        # The other process finds the same modules as this one, and imports of lightwell this file alone.
+        program = "import runpy, sys; sys.path[:] = sys.argv[2:]; runpy.run_path(sys.argv[1])['serve']()"
         self._process = subprocess.Popen(
-            [sys.executable, "-c", program, *sys.path],
+            [sys.executable, "-c", program, __file__, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
