@@ -19,9 +19,9 @@ def small(out: Path, **changes) -> BakeSettings:
         "paths": 8,
         "lights_per_shard": 32,
         "views": 2,
-        "view_size": (36, 24),
-        # A reference of a fifth of a second: these tests look at what is written, not at how good it is.
-        "truth": Budget(0.2),
+        "view_size": (24, 16),
+        # The least of a reference: these tests look at what is written, not at how good it is.
+        "truth": Budget(0.05),
     }
     return BakeSettings(**(settings | changes))
 

@@ -19,7 +19,7 @@ from lightwell.baking.cost import compressed_bytes
 from lightwell.baking.reference import trace_points, trace_view
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.cli import main
-from lightwell.core.work import store_of
+from lightwell.core.work import FOLDER, store_of
 from lightwell.fields.baked import Baked
 from lightwell.fields.budget import Budget
 from lightwell.fields.protocol import Lowered
@@ -55,7 +55,7 @@ def small(out, **changes) -> CompareSettings:
         "lights_per_shard": 32,
         "views": 2,
         "view_size": (48, 32),
-        "truth": Budget(1.0),
+        "truth": Budget(0.5),
     }
     return CompareSettings(**(settings | changes))
 
@@ -79,15 +79,25 @@ def checkpoints(out: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory):
-    """(folder, numbers) of a comparison of two fields."""
+def joined(tmp_path_factory):
+    """(folder, then, now) of a kept comparison that another field joined: numbers and checkpoints before and after."""
     out = tmp_path_factory.mktemp("compare") / "out"
-    return out, compare_fields(small(out))
+    first = compare_fields(small(out, fields=parse_fields("mlp:small"), keep=True))
+    then = first, checkpoints(out)
+    return out, then, (compare_fields(small(out, keep=True, resume=True)), checkpoints(out))
 
 
-def test_all_files_are_written_and_nothing_else(compared):
+@pytest.fixture(scope="module")
+def compared(joined):
+    """(folder, numbers) of a comparison of two fields."""
+    out, _, (numbers, _) = joined
+    return out, numbers
+
+
+def test_all_files_are_written(compared):
     out, numbers = compared
-    assert sorted(p.name for p in out.iterdir()) == ["compare.html", "compare.json", "mlp-report-20", "mlp-small"]
+    written = sorted(p.name for p in out.iterdir() if p.name != FOLDER)
+    assert written == ["compare.html", "compare.json", "mlp-report-20", "mlp-small"]
     for field in numbers["fields"]:
         names = sorted(p.name for p in (out / field["folder"]).iterdir())
         assert names == ["index.html", "report.html", "report.json", "scene.glb"]
@@ -149,13 +159,9 @@ def test_the_table_is_sorted_by_error(compared):
     assert len(lines) == 3 and f"{errors[0]:.2%}" in lines[1]
 
 
-def test_other_fields_join_a_kept_comparison(tmp_path):
+def test_other_fields_join_a_kept_comparison(joined):
     """With --keep, --resume trains only the new field, on the samples that are there."""
-    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
-    first = compare_fields(small(tmp_path, fields=parse_fields("mlp:small"), keep=True, **few))
-    before = checkpoints(tmp_path)
-    again = compare_fields(small(tmp_path, keep=True, resume=True, **few))
-    after = checkpoints(tmp_path)
+    _, (first, before), (again, after) = joined
     assert len(before) == 1 and len(after) == 2 and before.items() <= after.items()
     assert again["fields"][0]["relative_error"] == first["fields"][0]["relative_error"]
     # Tracing again would double them.
@@ -193,21 +199,27 @@ def test_interrupted_by_the_keyboard(tmp_path, capsys, monkeypatch):
     assert "--resume" in capsys.readouterr().err
 
 
-def test_a_field_that_fails_is_left_out(tmp_path, monkeypatch):
-    failing(monkeypatch, "report-20", RuntimeError("train: loss nan at step 3 is not finite"))
-    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
-    numbers = compare_fields(small(tmp_path, **few))
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory):
+    """(folder, numbers) of a comparison with a time budget, in which one of two fields fails."""
+    out = tmp_path_factory.mktemp("failed") / "out"
+    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.05)}
+    with pytest.MonkeyPatch.context() as patch:
+        failing(patch, "report-20", RuntimeError("train: loss nan at step 3 is not finite"))
+        return out, compare_fields(small(out, steps=None, budget=Budget(2.0), **few))
+
+
+def test_a_field_that_fails_is_left_out_and_nothing_else_is_written(failed):
+    out, numbers = failed
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]
     assert "not finite" in numbers["failed"]["mlp:report-20"]
-    assert "mlp:report-20 failed" in (tmp_path / "compare.html").read_text()
+    assert "mlp:report-20 failed" in (out / "compare.html").read_text()
+    assert sorted(path.name for path in out.iterdir()) == ["compare.html", "compare.json", "mlp-small"]
 
 
-def test_a_time_budget_becomes_steps(tmp_path):
+def test_a_time_budget_becomes_steps(failed):
     """Without --steps the time decides; every field gets as much of it, and at least a few steps."""
-    few = {"views": 1, "view_size": (24, 16), "shards": 1, "lights_per_shard": 8, "truth": Budget(0.2)}
-    settings = small(tmp_path, steps=None, budget=Budget(2.0), fields=parse_fields("mlp:small"), **few)
-    numbers = compare_fields(settings)
-    (field,) = numbers["fields"]
+    (field,) = failed[1]["fields"]
     # On a busy machine two seconds are few steps.
     assert field["steps"] >= 2 and field["training"][-1]["seconds"] <= field["train_seconds"] + 1e-6
 

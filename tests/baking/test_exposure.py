@@ -8,11 +8,7 @@ from lightwell.baking.exposure import METER_VIEWS, exposure_of, metered_exposure
 from lightwell.baking.reference import ViewSetup
 from lightwell.core.color import MIDDLE_GREY
 from lightwell.scenes import load
-from lightwell.scenes.scene import Camera
 from lightwell.scenes.variables import declare
-
-LIGHT = np.float32([0.1, 1.2, 0.1])
-VIEWS = [(Camera((0.0, 1.0, 3.5), (0.0, 1.0, 0.0), fov_y=40), LIGHT)] * METER_VIEWS
 
 
 def flat(value: float) -> np.ndarray:
@@ -30,14 +26,15 @@ def test_half_way_between_the_first_and_the_brightest_picture():
     assert (exposure_of([flat(1e9)]), exposure_of([flat(1e-5)])) == (1e-6, 1.8e4)
 
 
-def test_metered_twice_it_is_the_same_and_follows_the_light():
+def test_metered_by_any_number_of_views_it_is_the_same_and_follows_the_light():
     scene = load("cornell")
     variable = declare(("light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)",), scene)
-    of = lambda intensity: metered_exposure(  # noqa: E731
-        scene, variable, ViewSetup(VIEWS, intensity, (1.0, 1.0, 1.0)), 0, False
-    )
-    assert of(2.0) == of(2.0) > 0
-    assert of(2.0) == pytest.approx(4 * of(8.0), rel=0.06)  # two significant digits
+
+    def metered(views: int, intensity: float) -> float:
+        setup = ViewSetup(lit_views(scene, variable, views, 0), intensity, (1.0, 1.0, 1.0))
+        return metered_exposure(scene, variable, setup, 0, False)
+
     # The number of views that a bake is scored in changes nothing.
-    few, many = (ViewSetup(lit_views(scene, variable, count, 0), 2.0, (1.0, 1.0, 1.0)) for count in (1, METER_VIEWS))
-    assert metered_exposure(scene, variable, few, 0, False) == metered_exposure(scene, variable, many, 0, False)
+    once = metered(1, 2.0)
+    assert once == metered(METER_VIEWS, 2.0) > 0
+    assert once == pytest.approx(4 * metered(1, 8.0), rel=0.06)  # two significant digits

@@ -1,6 +1,7 @@
 """The bake of a light map, end to end and small."""
 
 import base64
+import copy
 import dataclasses
 import gzip
 import json
@@ -19,37 +20,84 @@ from lightwell.asset.container import unpack
 from lightwell.asset.page_textures import with_smaller_textures
 from lightwell.asset.without_ktx2 import without_ktx2
 from lightwell.baking.pipeline import bake
-from lightwell.baking.settings import BakeSettings
+from lightwell.baking.settings import BakeSettings, request_of
 from lightwell.cli import main
 from lightwell.core.formats import JSON
 from lightwell.core.progress import Progress
 from lightwell.core.work import Work, WorkPart, store_of
 from lightwell.fields.budget import Budget
+from lightwell.fields.lightmap import fitting
 from lightwell.fields.lightmap.field import LightmapField
 from lightwell.fields.lightmap.fit import PRESETS
 from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
 from lightwell.fields.protocol import Job
 from lightwell.fields.request import Request
+from lightwell.scenes import load
 
+QUIET = Progress(quiet=True)
 # Few samples: the shards of a test are small.
 SMALL = dict(
     field="lightmap", budget=Budget(1.0), options={"size": 64, "mips": 0}, paths=4, views=1, view_size=(24, 16),
-    shards=1, steps=20, lights_per_shard=8, truth=Budget(0.1),
+    shards=1, steps=20, lights_per_shard=8, truth=Budget(0.05),
 )  # fmt: skip
 
 
-def test_default(tmp_path, kept):
-    report = bake(BakeSettings("cornell", tmp_path, **{**SMALL, "steps": 200}))
-    fields, variables = read_fields(tmp_path / "scene.glb")
+def keep_network(patch) -> None:
+    """A hundred noisy samples cannot tell whether so few steps of training are better than none."""
+    patch.setattr(fitting, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
+
+
+@pytest.fixture
+def kept(monkeypatch):
+    """A network that is kept."""
+    keep_network(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """(folder, report) of a bake from beginning to end, whose network is kept."""
+    out = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        keep_network(patch)
+        return out, bake(BakeSettings("cornell", out, **SMALL))
+
+
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory):
+    """A prepared scene and its samples."""
+    return lit(LightmapField(), BakeSettings("cornell", tmp_path_factory.mktemp("samples"), **SMALL))
+
+
+def lit(field: LightmapField, settings: BakeSettings):
+    """(state, samples) of a field, as a bake makes them."""
+    scene = load("cornell")
+    job = Job(scene, Request(**request_of(settings)), settings.options, Work(settings, scene.digest), QUIET)
+    state = field.prepare(job)
+    return state, field.sample(state, "static")
+
+
+def fitted(sampled, out, progress=None, options=None, preset="default", **request):
+    """A fit of the same samples with other settings."""
+    state, samples = copy.copy(sampled[0]), sampled[1]
+    settings = BakeSettings("cornell", out, **SMALL | {"options": SMALL["options"] | (options or {})} | request)
+    work = Work(settings, state.scene.digest)
+    job = Job(state.scene, Request(**request_of(settings)), settings.options, work, progress or QUIET)
+    state.job, state.preset = job, PRESETS[preset]
+    return LightmapField().fit(state, "static", samples)
+
+
+def test_default(whole):
+    out, report = whole
+    fields, variables = read_fields(out / "scene.glb")
     assert [f.role for f in fields] == ["static"] and variables == []
     assert {"e", "f0", "f1", "f2"} <= set(fields[0].graph.buffers)
     assert report["field"] == "lightmap" and np.isfinite(report["psnr_db"])
     assert report["facts"]["atlas"]["charts"] > 5
     assert any("white sky" in w for w in report["warnings"])
-    assert json.loads((tmp_path / "report.json").read_text())["bytes"] == report["bytes"]
-    document, _ = unpack((tmp_path / "scene.glb").read_bytes())
+    assert json.loads((out / "report.json").read_text())["bytes"] == report["bytes"]
+    document, _ = unpack((out / "scene.glb").read_bytes())
     assert all("MOZ_lightmap" in m["extensions"] for m in document["materials"])
-    assert (tmp_path / "index.html").stat().st_size > 1000
+    assert (out / "index.html").stat().st_size > 1000
 
 
 def test_a_light_that_moves(tmp_path):
@@ -66,9 +114,8 @@ def test_plain_has_no_network(tmp_path):
     assert report["macs_per_pixel"] == 0
 
 
-def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
-    whole, halved = tmp_path / "whole", tmp_path / "halved"
-    bake(BakeSettings("cornell", whole, **SMALL))
+def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch, kept, whole):
+    halved = tmp_path / "halved"
     get, calls = WorkPart.get, []
 
     def killed(self, function, *arguments):
@@ -84,7 +131,7 @@ def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch):
     kept = {entry.function for entry in store_of(halved).entries()}
     assert {f"lightmap.{name}" for name in ("sides", "counts", "light", "views", "phase")} <= kept
     bake(BakeSettings("cornell", halved, resume=True, **SMALL))
-    assert (halved / "scene.glb").read_bytes() == (whole / "scene.glb").read_bytes()
+    assert (halved / "scene.glb").read_bytes() == (whole[0] / "scene.glb").read_bytes()
 
 
 def _light_of(out):
@@ -121,20 +168,11 @@ def test_a_bake_killed_by_the_system_ends_with_the_same_bytes(tmp_path):
 
 def test_small_charts_get_a_larger_square():
     from lightwell.fields.lightmap import sides
-    from lightwell.scenes import load
 
     scene, _ = sides.lit_scene(load("cornell"))
     stored = sides.lit_sides(scene, 0)
     for least, largest, size in ((0.0, 2048, 64), (1.0, 2048, 128), (1.0, 64, 64)):
         assert roomy_atlas(scene, 64, 0, stored, AtlasLimits(least, largest)).size == size
-
-
-@pytest.fixture
-def kept(monkeypatch):
-    """A network that is kept: a hundred noisy samples cannot tell whether so few steps are better than none."""
-    from lightwell.fields.lightmap import fitting
-
-    monkeypatch.setattr(fitting, "shown_error", lambda fit, samples: 0.0 if fit.preset.hidden else 1.0)
 
 
 @pytest.mark.parametrize(
@@ -147,9 +185,8 @@ def kept(monkeypatch):
         ),
     ],
 )
-def test_every_preset_bakes(tmp_path, preset, kept):
-    bake(BakeSettings("cornell", tmp_path, preset=preset, **SMALL | {"steps": 10}))
-    graph = read_fields(tmp_path / "scene.glb")[0][0].graph
+def test_every_preset_becomes_pictures(sampled, tmp_path, preset, kept):
+    graph = fitted(sampled, tmp_path, preset=preset, steps=10).lower().graph
     pictures = {name for name, buffer in graph.buffers.items() if buffer.type == "uint8"}
     assert (
         pictures
@@ -171,9 +208,11 @@ def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
     assert "mainImage" in text and "uniform" not in text and "sin(" in text
 
 
-def test_max_bytes_are_kept(tmp_path):
-    report = bake(BakeSettings("cornell", tmp_path, **SMALL | {"options": {"size": 64, "mips": 0, "max_bytes": 4800}}))
-    assert report["bytes"] <= 4800
+def test_max_bytes_are_kept(sampled, tmp_path):
+    fit = fitted(sampled, tmp_path, options={"max_bytes": 4800})
+    lowered = fit.lower()
+    weights = sum(buffer.nbytes for name, buffer in lowered.graph.buffers.items() if name not in lowered.pictures)
+    assert weights + sum(len(picture.data) for picture in lowered.pictures.values()) <= 4800
 
 
 def test_ktx2_pictures_and_a_page_without_a_decoder(tmp_path):
@@ -193,9 +232,9 @@ def test_ktx2_pictures_and_a_page_without_a_decoder(tmp_path):
     assert gzip.decompress(base64.b64decode(carried)) == with_smaller_textures(without_ktx2(glb))
 
 
-def test_too_few_bytes_are_refused(tmp_path):
+def test_too_few_bytes_are_refused(sampled, tmp_path):
     with pytest.raises(ValueError, match="--max-bytes 100 is too few for this light map, whose smallest form takes"):
-        bake(BakeSettings("cornell", tmp_path, **SMALL | {"options": {"size": 64, "mips": 0, "max_bytes": 100}}))
+        fitted(sampled, tmp_path, preset="plain", options={"max_bytes": 100})
 
 
 @pytest.mark.parametrize(
@@ -216,8 +255,7 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 def test_the_best_of_several_starts_is_taken():
     """By samples that training never saw; too few steps for two starts are one."""
-    from lightwell.fields.lightmap import fitting, sides, trace, views
-    from lightwell.scenes import load
+    from lightwell.fields.lightmap import sides, trace, views
 
     scene, _ = sides.lit_scene(load("cornell"))
     made = trace.chart(scene, 64, 0, 4, 0)
@@ -242,23 +280,18 @@ def test_the_best_of_several_starts_is_taken():
 )
 def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size, times):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
-    from lightwell.scenes import load
-
     presets = {"plain": dataclasses.replace(PRESETS["plain"], size=64)}
     field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest))
-    settings = BakeSettings("cornell", tmp_path, preset="plain", **SMALL | {"options": {"mips": 0}, "steps": 10})
-    request = Request(preset="plain", budget=Budget(0.1), steps=10, paths=4)
-    scene = load("cornell")
-    work = Work(settings, scene.digest)
-    state = field.prepare(Job(scene, request, settings.options, work, Progress(quiet=True)))
-    planned, _ = work.part(field="lightmap").find("lightmap.counts", JSON)
+    changes = {"options": {"mips": 0}, "steps": 10, "shards": None, "budget": Budget(0.1)}
+    state, samples = lit(field, BakeSettings("cornell", tmp_path, preset="plain", **SMALL | changes))
+    planned, _ = state.job.work.part(field="lightmap").find("lightmap.counts", JSON)
     assert (state.atlas.size, state.paths) == (size, times * planned)
-    fit = field.fit(state, "static", field.sample(state, "static"))
+    fit = field.fit(state, "static", samples)
     assert fit.plan["texel_paths"] == state.paths and fit.chart.atlas.size == size
     assert fit.lower().graph.buffers["e"].shape[:2] == (size, size)
 
 
-def test_an_error_budget_takes_rounds_and_says_what_was_reached(tmp_path):
+def test_an_error_budget_takes_rounds_and_says_what_was_reached(sampled, tmp_path):
     """As for every field: each round has twice the paths, eye samples and steps of the last."""
     said = []
 
@@ -266,7 +299,7 @@ def test_an_error_budget_takes_rounds_and_says_what_was_reached(tmp_path):
         def say(self, text):
             said.append(text)
 
-    settings = BakeSettings("cornell", tmp_path, **SMALL | {"budget": Budget(None, 1e-6, rounds=1), "steps": 10})
-    report = bake(settings, Heard(quiet=True))
-    assert report["settings"]["plans"]["static"]["steps"] == 20
+    fit = fitted(sampled, tmp_path, Heard(quiet=True), budget=Budget(None, 1e-6, rounds=1), steps=10)
+    plan, first = fit.plan, sampled[0]
+    assert (plan["steps"], plan["eye_samples"], plan["texel_paths"]) == (20, 2 * first.eyes, 2 * first.paths)
     assert any("after 2 rounds, asked for" in text for text in said)

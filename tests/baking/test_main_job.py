@@ -100,7 +100,7 @@ def test_another_seed_gives_another_field(baked, tmp_path):
     ],
 )
 def test_declared_variables_reach_the_asset(tmp_path, vary):
-    bake(small(tmp_path / "out", vary=(vary,), views=1, steps=10))
+    bake(small(tmp_path / "out", vary=(vary,), views=1, steps=10, shards=1))
     (variable,) = read_fields(tmp_path / "out/scene.glb")[1]
     from lightwell.scenes import load
 
