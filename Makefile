@@ -7,7 +7,7 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check -q
 
 PYTEST_MARKS ?= not slow
 
-.PHONY: setup demo test test-fast test-all test-python test-web viewer docs check-links live-pages release lint benchmarks clean
+.PHONY: setup demo test test-fast test-all test-python test-web viewer docs check-links live-pages release lint style benchmarks clean
 
 setup: $(VENV)/.installed
 
@@ -24,8 +24,9 @@ $(VENV)/.installed-test: $(VENV)/.installed
 demo: setup
 	@$(VENV)/bin/lightwell demo
 
-# The last line is "N passed, N failed, N skipped" over Python and web; above it is a table of seconds.
-test: lint web/node_modules/.installed
+# The last line is "N passed, N failed, N skipped" over Python and web; above it is a table of seconds. Types are checked beside
+# the tests.
+test: style web/node_modules/.installed
 	@$(VENV)/bin/python tools/run_tests.py --marks "$(PYTEST_MARKS)"
 
 # For work: the checks of the code and the tests that trace and train nothing, at most 90 s.
@@ -81,10 +82,12 @@ $(VENV)/.installed-release: $(VENV)/.installed
 release: $(VENV)/.installed-release web/node_modules/.installed
 	$(VENV)/bin/python tools/release.py
 
-lint: $(VENV)/.installed-test
+lint: style
+	$(VENV)/bin/mypy
+
+style: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
-	$(VENV)/bin/mypy
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/main_job.py

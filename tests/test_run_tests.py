@@ -1,6 +1,7 @@
 """The script behind ``make test``: it counts what ran, names what failed, and its last line is the total."""
 
 import json
+import os
 import re
 import sys
 from dataclasses import replace
@@ -86,6 +87,22 @@ def test_an_unknown_room_is_refused(capsys):
     with pytest.raises(SystemExit):
         run_tests.main(["--room", "attic"])
     assert "no room attic" in capsys.readouterr().err
+
+
+def test_long_rooms_begin_first():
+    names = [one.name for one in run_tests.all_rooms("")]
+    assert names[: 1 + len(run_tests.LONG)] == ["web", *run_tests.LONG] and len(set(names)) == len(names)
+
+
+def test_wrong_types_fail_their_room(tmp_path):
+    """mypy writes the report that the script reads."""
+    (tmp_path / "wrong.py").write_text("x: int = 'a'\n")
+    (tmp_path / "right.py").write_text("x: int = 1\n")
+    types = replace(run_tests.types_room(), folder=tmp_path)
+    files = {name: replace(types, name=name, command=(*types.command, f"{name}.py")) for name in ("right", "wrong")}
+    found = {one.room: one for one in run_tests.run(list(files.values()), 2, dict(os.environ))}
+    assert found["right"].counts == Counts(1) and not found["right"].failed
+    assert found["wrong"].counts.failed == 1 and found["wrong"].failed
 
 
 def test_make_test_runs_every_file_of_tests():

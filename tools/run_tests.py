@@ -2,9 +2,9 @@
 
     python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...]
 
-A room is a folder of ``tests/``, a file ``tests/test_*.py``, ``quick`` (tests without tracing) or ``web``. Each
-is a process of its own, so that no room sees what another left in Mitsuba. Exit code 1 when a test failed or a room
-ended in an error.
+A room is a folder of ``tests/``, a file ``tests/test_*.py``, ``quick`` (tests without tracing), ``types`` (mypy) or
+``web``. Each is a process of its own, so that no room sees what another left in Mitsuba. Exit code 1 when a test failed
+or a room ended in an error.
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ QUICK = (
     "tests/core", "tests/graph", "tests/asset", "tests/report", "tests/test_rooms.py", "tests/test_files.py",
     "tests/test_limits.py", "tests/test_exr.py", "tests/test_interrupts.py", "tests/test_isolated.py",
     "tests/test_serve.py", "tests/test_tests.py",
+)  # fmt: skip
+# Rooms of more than half a minute of processor time, longest first; they begin before the others, so that none of them
+# is left alone at the end.
+LONG = (
+    "tests/baking", "tests/scenes", "quick", "tests/cache", "tests/fields", "tests/probes", "tests/transport",
+    "tests/lens", "tests/networks", "tests/fuzz", "types",
 )  # fmt: skip
 # Seconds between two looks at the running rooms.
 POLL = 0.05
@@ -149,7 +155,7 @@ def python_rooms(marks: str) -> list[Room]:
         marks: Expression of pytest's ``-m``; empty for all tests.
 
     Returns:
-        Long rooms first, so that none is left alone at the end: ``quick``, folders of tests, then single files.
+        ``quick``, folders of tests, then single files.
     """
     folders = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
     found = [str(path.relative_to(ROOT)) for path in folders + sorted((ROOT / "tests").glob("test_*.py"))]
@@ -168,6 +174,29 @@ def web_room() -> Room:
     """
     command = ("npm", "test", "--silent", "--", "--reporter=default", "--reporter=json")
     return Room("web", command, "--outputFile.json=", read_vitest, ROOT / "web", waits=True)
+
+
+def types_room() -> Room:
+    """Describe the room that checks types.
+
+    Returns:
+        The room, which counts as one test.
+    """
+    return Room("types", (sys.executable, "-m", "mypy"), "--junit-xml=", read_junit)
+
+
+def all_rooms(marks: str) -> list[Room]:
+    """List all rooms in the order in which they begin.
+
+    Args:
+        marks: Expression of pytest's ``-m``; empty for all tests.
+
+    Returns:
+        The web first, which takes longer than the processor works for it, then the rooms of ``LONG`` and the others.
+    """
+    order = {name: number for number, name in enumerate(LONG)}
+    others = [types_room(), *python_rooms(marks)]
+    return [web_room(), *sorted(others, key=lambda room: order.get(room.name, len(order)))]
 
 
 def start(room: Room, folder: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
@@ -294,14 +323,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Run the tests room by room; the last line is the total.")
     parser.add_argument("--marks", default=MARKS, help="expression of pytest's -m; '' runs all (default: %(default)r)")
     parser.add_argument(
-        "--jobs", type=int, default=2, help="rooms that run at once, beside that of the web (default: %(default)s)"
+        "--jobs",
+        type=int,
+        # One more than there are processors: a room waits now and then, for a disk or a process that it started.
+        default=(os.cpu_count() or 1) + 1,
+        help="rooms that run at once, beside that of the web (default: one more than there are processors)",
     )
     parser.add_argument(
-        "--room", action="append", help="only this, such as tests/core, python or web (may be repeated)"
+        "--room", action="append", help="only this, such as tests/core, types, python or web (may be repeated)"
     )
     asked = parser.parse_args(arguments)
-    # The web tests take twice as long as the processor works for them: first, beside the others.
-    rooms = [web_room(), *python_rooms(asked.marks)]
+    rooms = all_rooms(asked.marks)
     wanted = {name.rstrip("/") for name in asked.room or ("python", "web")}
     if unknown := wanted - {"python"} - {room.name for room in rooms}:
         parser.error(
