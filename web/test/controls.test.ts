@@ -244,7 +244,7 @@ it("draws nothing while nothing changes", async () => {
   expect(drawn).toBe(0);
 });
 
-it("fits a phone: no control leaves the screen", async () => {
+it("fits a phone: no control leaves the screen, and open controls leave the picture in sight", async () => {
   const page = await openRoom(390, 844);
   for (const selector of [".modes", ".views", ".panel", "header"]) {
     const box = (await page.locator(selector).boundingBox())!;
@@ -254,6 +254,10 @@ it("fits a phone: no control leaves the screen", async () => {
   }
   await page.getByRole("button", { name: "Controls" }).click();
   await page.getByRole("slider", { name: "Exposure" }).waitFor();
+  // What a control changes stays in sight: the upper half of the picture is free.
+  const open = (await page.locator(".panel-body").boundingBox())!;
+  expect(open.y).toBeGreaterThan(844 / 2);
+  expect(open.y + open.height).toBeLessThanOrEqual(844);
 });
 
 it("moves a sun along its arc by a slider", async () => {
