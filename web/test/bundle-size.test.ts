@@ -1,6 +1,6 @@
 /** What the package weighs in a page that has three.js already; written to `test-results/bundle.json` for the benchmarks. */
 
-import { mkdirSync, readdirSync, writeFileSync } from "node:fs";
+import { mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { expect, it } from "vitest";
 import { bundle, bundleChunks, type Chunk, gzipped, NOT_OURS } from "./support/bundle.ts";
@@ -26,6 +26,16 @@ const CASES = {
   lens: 'export { Lens, readLibrary } from "lightwell/lens";',
   "lens-three": 'export { LensNode } from "lightwell/lens/three"; export { readLibrary } from "lightwell/lens";',
 };
+
+const GUIDE = readFileSync(new URL("../../docs/web.md", import.meta.url), "utf8");
+/** How the guide calls what is imported. */
+const NAMES = { loader: "`LightwellLoaderPlugin`", typical: "with `LearnedScene`", webgpu: "with `LearnedNodeScene`" } as const;
+
+/** Kilobytes that the guide gives for an import: at once, and with a file that has a field. */
+function documented(name: keyof typeof NAMES): number[] {
+  const row = GUIDE.split("\n").find((line) => line.startsWith(`| ${NAMES[name]}`))!;
+  return [...row.matchAll(/([\d.]+) kB/g)].map((match) => Number(match[1]));
+}
 
 /** The entry and what it imports at once; with what it loads for a common file where `loaded`. */
 function fetched(chunks: readonly Chunk[], loaded: boolean): Chunk[] {
@@ -54,6 +64,9 @@ it.each(Object.keys(AT_ONCE) as (keyof typeof AT_ONCE)[])("%s: what a page fetch
   sizes[`${name} with a field`] = together(fetched(chunks, true));
   expect(sizes[`${name} at once`]!.gzipped).toBeLessThanOrEqual(AT_ONCE[name]);
   expect(sizes[`${name} with a field`]!.gzipped).toBeLessThanOrEqual(WITH_FIELD[name]);
+  const found = [sizes[`${name} at once`]!, sizes[`${name} with a field`]!].map((size) => size.gzipped / 1000);
+  documented(name).forEach((kilobytes, i) => expect(Math.abs(found[i]! / kilobytes - 1)).toBeLessThan(0.05));
+  expect(documented(name)).toHaveLength(2);
   expect(fetched(chunks, true).length).toBeGreaterThan(fetched(chunks, false).length);
 });
 

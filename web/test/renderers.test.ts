@@ -8,7 +8,7 @@ import type { Answer, Request } from "./pages/renderers.ts";
 import { type Backend, launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
 import { CAMERA, LAMP, linearField, linearRadiance, plainRoom, stillField, STILL, WHITE } from "./support/fixtures.ts";
-import { type Fixture, matte, quad, writeGlb } from "./support/glb.ts";
+import { ball, type Fixture, matte, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint } from "./support/optics.ts";
 
 const [WIDTH, HEIGHT] = [96, 72];
@@ -140,6 +140,25 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     expect(lit[1]).toBeCloseTo(plain[1]!, 4);
     expect(plain[1]).toBeGreaterThan(0.02);
     expect(middle(await draw(kind, glb, { edit: "detached" }))).toEqual([0, 0, 0]);
+  });
+
+  // Which renderer draws must not show: three.js' own surface model is another one, and changes from version to version.
+  it.each(adapters.filter((kind) => kind !== "webgl"))("%s: direct light on matte, glossy, coated and metallic surfaces is that of WebGLRenderer", async (kind) => {
+    const surface = (metallicFactor: number, roughnessFactor: number, extensions = {}) => ({
+      pbrMetallicRoughness: { baseColorFactor: [0.6, 0.4, 0.2, 1], metallicFactor, roughnessFactor },
+      extensions,
+    });
+    const materials = [matte(...WHITE), surface(0, 0.4), surface(1, 0.5), surface(0, 0.8, { KHR_materials_clearcoat: { clearcoatFactor: 1, clearcoatRoughnessFactor: 0.3 } })];
+    const balls = [-0.6, 0, 0.6].map((x, i) => ball(i + 1, [x, 0.8, 0], 0.27));
+    const glb = writeGlb({ ...plainRoom({ fields: [stillField()] }), meshes: [quad(0, [-1, 0, -1], [2, 0, 0], [0, 2, 0]), ...balls], materials });
+    const parts = { raster: true, indirect: false, still: false };
+    const [found, expected] = [await draw(kind, glb, { parts }), await draw("webgl", glb, { parts })];
+    const apart = expected.data.map((x, i) => (i % 4 === 3 ? 0 : Math.abs(found.data[i]! - x) / Math.max(0.05, x)));
+    // At the rims of balls and shadows, renderers may disagree on who owns a pixel.
+    expect(apart.filter((x) => x > 0.02).length / apart.length).toBeLessThan(0.01);
+    // The upper halves, which the lamp lights.
+    const lit = (data: number[], x: number) => data[4 * (36 * WIDTH + x)]!;
+    for (const x of [32, 48, 64]) expect(lit(expected.data, x)).toBeGreaterThan(0.02);
   });
 
   it.each(adapters)("%s: follows its root", async (kind) => {

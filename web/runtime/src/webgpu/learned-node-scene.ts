@@ -1,6 +1,6 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields, for three.js' `WebGPURenderer`. */
 
-import type { Camera, Object3D, Scene } from "three";
+import { type Camera, type Light, type LightShadow, type Object3D, REVISION, type Scene } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { float, lights, materialEmissive, vec3 } from "three/tsl";
 import { SceneCore, type SceneOptions } from "../scene-core.ts";
@@ -9,6 +9,7 @@ import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes } from "./field-nodes.ts";
 import { reflectanceNode, surfaceNodes } from "./learned-radiance.ts";
 import { type NodeFinish, NodePatch } from "./node-patch.ts";
+import { setupLightingModel } from "./principled-model.ts";
 
 /** Up to this many multiply-adds a pixel, weights become literals of the shader. */
 const INLINE_LIMIT = 4096;
@@ -21,12 +22,14 @@ export interface NodeRenderer extends DeviceOwner {
   compileAsync(scene: Object3D, camera: Camera): Promise<unknown>;
 }
 
+/** three.js before 0.183 draws the faces that a lamp sees into its shadow map, and tests them against themselves without this share of the range. */
+const OLD_SHADOW_BIAS = Number.parseInt(REVISION) < 183 ? -0.005 : 0;
+
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
 
 /**
- * As `LearnedScene`, for `WebGPURenderer`: full resolution, and direct light by three.js' own surface model, whose coat is a little
- * different from the path tracer's. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
+ * As `LearnedScene`, for `WebGPURenderer`: full resolution, and shadows are tested by three.js' own nodes. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
  */
 export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   protected readonly materials: SurfaceMaterials;
@@ -55,6 +58,11 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     await renderer.compileAsync(scene, camera);
   }
 
+  override update(renderer?: DeviceOwner): void {
+    for (const { object } of this.lamps) (object as Light & { shadow: LightShadow }).shadow.bias ||= OLD_SHADOW_BIAS;
+    super.update(renderer);
+  }
+
   /** Shaders differ: those without rasterised light have no lights at all. */
   protected showRaster(on: boolean): void {
     if (on === this.raster) return;
@@ -71,7 +79,7 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     const { fields } = this;
     const keep = this.options.environment === "keep" || fields.length === 0;
     const key = (look: string) => () => `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}`;
-    const base = () => ({ lightsNode: this.raster ? null : lights([]), envNode: keep && this.raster ? null : (vec3 as AnyNode)(0) });
+    const base = () => ({ setupLightingModel, lightsNode: this.raster ? null : lights([]), envNode: keep && this.raster ? null : (vec3 as AnyNode)(0) });
     const emission = () => (materialEmissive as AnyNode).mul((float as AnyNode)(this.raster ? 1 : 0));
     const plain: NodeFinish = { key: key("plain"), properties: () => ({ ...base(), emissiveNode: emission() }) };
     const learned: NodeFinish = {

@@ -11,6 +11,8 @@ export interface SurfaceProperties {
   readonly envNode?: AnyNode;
   /** The lights that shine on it in place of the scene's; null leaves those. */
   readonly lightsNode?: AnyNode;
+  /** Makes the surface model of lights. */
+  readonly setupLightingModel?: unknown;
 }
 
 /** Asked for whenever a material is compiled anew: nodes depend on the lamps. */
