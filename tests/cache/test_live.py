@@ -160,4 +160,5 @@ def test_an_interrupt_at_any_time_is_exit_code_130_and_quiet(delay):
     time.sleep(delay)
     os.kill(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=30)
-    assert (process.returncode, err) == (130, "")
+    # Before Python itself handles signals, the system ends it; shells call both 130.
+    assert process.returncode in (130, -signal.SIGINT) and err == ""
