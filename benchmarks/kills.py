@@ -82,10 +82,10 @@ def bake_library(out: Path) -> None:
     from lightwell.lens.library_cache import LibraryCache
     from lightwell.lens.recipes import Recipe
 
-    family, shelf = depth(8.0, noise=0.004), LibraryCache()
-    library = shelf.library(family, Recipe())
+    family, libraries = depth(8.0, noise=0.004), LibraryCache()
+    library = libraries.library(family, Recipe())
     for first in range(0, family.size, 3):
-        shelf.ensure(library, list(range(first, min(first + 3, family.size))))
+        libraries.ensure(library, list(range(first, min(first + 3, family.size))))
 
 
 @dataclass(frozen=True)

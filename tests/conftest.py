@@ -1,15 +1,19 @@
-"""Environments of other versions of Python and of Blender, for the tests of `make test-all`."""
+"""The wheel, and environments of other versions of Python and of Blender, for the tests of `make test-all`."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import venv
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
+# What a wheel is made of.
+SOURCES = ("lightwell", "pyproject.toml", "README.md", "LICENSE", "THIRD_PARTY.md")
 # Releases of the package `bpy`, each of which is a Blender without a window; all want this Python.
 BLENDERS, BLENDER_PYTHON = ("4.2.23", "4.5.15", "5.0.1"), "3.11"
 
@@ -21,6 +25,18 @@ def interpreter(version: str) -> str | None:
         if candidate and subprocess.run([candidate, "-c", "import venv"], capture_output=True).returncode == 0:
             return candidate
     return None
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel of this checkout, built beside it."""
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    for name in SOURCES:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
+        copy(ROOT / name, source / name)
+    build = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", "-w", out, source]
+    subprocess.run(build, check=True, timeout=600)
+    return next(out.glob("lightwell-*.whl"))
 
 
 @pytest.fixture(scope="session")

@@ -36,9 +36,9 @@ def run(*words: object, path: str | None = None) -> str:
 @pytest.mark.parametrize(
     "version", [version for version in PYTHONS if version != "{}.{}".format(*sys.version_info[:2])]
 )
-def test_every_python_installs_bakes_and_reads(version, environment, tmp_path, monkeypatch):
+def test_every_python_installs_bakes_and_reads(version, environment, wheel, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    python = environment(version, str(ROOT))
+    python = environment(version, str(wheel))
     assert run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip() == version
     run(python, "-m", "lightwell", "demo", "two-rooms", "-o", tmp_path / "demo", *SMALL)
     assert {"scene.glb", "index.html", "report.html"} <= {path.name for path in (tmp_path / "demo").iterdir()}

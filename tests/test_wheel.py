@@ -4,21 +4,17 @@ import os
 import subprocess
 import sys
 import venv
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
 SMALL = ["--shards", "1", "--steps", "4", "--paths", "2", "--views", "1", "--truth", "0.1s", "--no-open"]
 
 
 @pytest.mark.slow
-def test_the_wheel_alone_runs_the_demo(tmp_path, monkeypatch):
+def test_the_wheel_alone_runs_the_demo(tmp_path, wheel, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wheels, home = tmp_path / "wheels", tmp_path / "venv"
-    _run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(ROOT))
-    own = next(wheels.glob("lightwell-*.whl"))
-    _run(sys.executable, "-m", "pip", "download", "-q", "-d", wheels, own)
+    _run(sys.executable, "-m", "pip", "download", "-q", "-d", wheels, wheel)
     venv.create(home, with_pip=True)
     programs = home / ("Scripts" if sys.platform == "win32" else "bin")
     install = ["-m", "pip", "install", "-q", "--no-compile", "--no-index", "--find-links", wheels, "lightwell"]

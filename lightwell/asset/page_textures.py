@@ -32,7 +32,7 @@ QUALITIES = (90, 95)
 # Decibels on 8-bit values; 40 dB, 2.5 steps of 255 on average, is taken for visually lossless.
 NEAR_ENOUGH = 40.0
 # WebP's setting between size (6) and speed (0).
-LOSSY_EFFORT, LOSSLESS_EFFORT = 4, 2
+LOSSY_METHOD, LOSSLESS_METHOD = 4, 2
 # Texels that are encoded for one page, about five seconds of one core; the pictures after them stay as they are.
 MOST_TEXELS = 2**24
 
@@ -122,10 +122,10 @@ def smaller_picture(data: bytes, colour: bool) -> bytes | None:
 def _attempts(picture: Image.Image, colour: bool) -> Iterator[bytes]:
     """The picture as WebP, the smallest first; each is near enough."""
     for quality in QUALITIES if colour else ():
-        encoded = _encoded(picture, quality=quality, method=LOSSY_EFFORT, exact=True)
+        encoded = _encoded(picture, quality=quality, method=LOSSY_METHOD, exact=True)
         if decibels(picture, encoded) >= NEAR_ENOUGH:
             yield encoded
-    yield _encoded(picture, lossless=True, method=LOSSLESS_EFFORT, exact=True)
+    yield _encoded(picture, lossless=True, method=LOSSLESS_METHOD, exact=True)
 
 
 def _encoded(picture: Image.Image, **options: Any) -> bytes:

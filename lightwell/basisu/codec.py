@@ -31,7 +31,7 @@ BLOCK = 4
 # Bytes of a block on the GPU: BC7 or ASTC of UASTC; BC1 or ETC1 of ETC1S.
 CODECS = {"uastc": 16, "etc1s": 8}
 # Basis Universal's own defaults: level 2 of UASTC loses 0.8 dB to the slowest, level 2 of ETC1S.
-EFFORT = 2
+LEVEL = 2
 CURE = "pip install 'lightwell[ktx2]'"
 # Seconds in which the WebAssembly must have started, also on a busy machine.
 START_SECONDS = 600
@@ -114,7 +114,7 @@ def encode(texels: np.ndarray, codec: str, mips: int = 0) -> bytes:
     with _LOCK:
         engine = _engine()
         _fill(engine, "texels", rgba.tobytes())
-        count = engine.eval(f"encode({width}, {height}, {'true' if codec == 'uastc' else 'false'}, {EFFORT}, {mips})")
+        count = engine.eval(f"encode({width}, {height}, {'true' if codec == 'uastc' else 'false'}, {LEVEL}, {mips})")
         if not count:
             raise RuntimeError(f"KTX2: the encoder refuses {width} x {height} texels; encode them without --compress")
         return bytes(engine.eval("file.buffer"))

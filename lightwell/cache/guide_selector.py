@@ -51,7 +51,7 @@ class GuideSelector:
         """
         if min(len(x) for x in self.pictures.values()) < 2:
             return False
-        plain, guided = efforts(np.array(self.pictures[False]), np.array(self.pictures[True]))
+        plain, guided = relative_variances(np.array(self.pictures[False]), np.array(self.pictures[True]))
         cost = min(self.seconds[True]) / max(min(self.seconds[False]), 1e-9) if timed else COST
         return guided * cost < plain
 
@@ -69,7 +69,7 @@ def radiance_of(channels: np.ndarray) -> np.ndarray:
     return np.where(weight > 0, channels[..., :3] / np.where(weight > 0, weight, 1), np.nan)
 
 
-def efforts(plain: np.ndarray, guided: np.ndarray) -> tuple[float, float]:
+def relative_variances(plain: np.ndarray, guided: np.ndarray) -> tuple[float, float]:
     """Estimate the relative variance of one pass of each kind.
 
     Pixels are averaged over squares; variance is divided by the squared mean, and the noisiest squares are left out.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BYTE = np.float32(1 / 255)
 FORMATS = ("PNG", "WEBP", "JPEG")
 # WebP's slowest and smallest setting.
-EFFORT = 6
+WEBP_METHOD = 6
 
 Mime = Literal["image/png", "image/webp", "image/jpeg", "image/ktx2"]
 MIMES: dict[str, Mime] = {
@@ -111,9 +111,9 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
     if kind == "png":
         image.save(stream, "PNG", optimize=True)
     elif kind == "webp" and not quality:
-        image.save(stream, "WEBP", lossless=True, quality=100, method=EFFORT, exact=True)
+        image.save(stream, "WEBP", lossless=True, quality=100, method=WEBP_METHOD, exact=True)
     elif kind == "webp":
-        image.save(stream, "WEBP", quality=int(quality), method=EFFORT)
+        image.save(stream, "WEBP", quality=int(quality), method=WEBP_METHOD)
     elif kind == "jpeg":
         image.save(stream, "JPEG", quality=int(quality or 90), subsampling=0, optimize=True)
     else:

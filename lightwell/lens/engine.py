@@ -66,7 +66,7 @@ class Engine:
         self,
         family: Family,
         recipe: Recipe,
-        shelf: LibraryCache,
+        libraries: LibraryCache,
         solver: str = "dst",
         choice: str = "auto",
         tolerance: float = TOLERANCE,
@@ -77,7 +77,7 @@ class Engine:
         Args:
             family: Family of kernels.
             recipe: How missing spreadlets are made.
-            shelf: Libraries.
+            libraries: Libraries.
             solver: ``dst``, ``fft``, ``7/5`` or ``5/3``.
             choice: Node of a value between two: ``stochastic``, ``nearest`` or ``auto``.
             tolerance: Error, relative to ``white``, above which a bright pixel uses lossless points; infinity: never.
@@ -89,11 +89,11 @@ class Engine:
         if solver not in SOLVERS:
             cure = did_you_mean(solver, SOLVERS, f"there are {', '.join(SOLVERS)}")
             raise LensError(f"lens: no solver {solver!r}; {cure}")
-        self.family, self.recipe, self.shelf = family, recipe, shelf
+        self.family, self.recipe, self.libraries = family, recipe, libraries
         self.solver, self.tolerance, self.white = solver, tolerance, white
         # The steps of a family with one axis are too small to be visible; dither would be the larger error.
         self.choice = ("nearest" if family.name == "depth" else "stochastic") if choice == "auto" else choice
-        self.library: Library = shelf.library(family, recipe)
+        self.library: Library = libraries.library(family, recipe)
         # Dense kernels of nodes that extremely bright pixels used.
         self._dense: dict[int, Spreadlet] = {}
 
@@ -150,7 +150,7 @@ class Engine:
             report.clamped += clamped
         used = np.unique(node)
         with timed(report, "bake"):
-            self.shelf.ensure(self.library, used)
+            self.libraries.ensure(self.library, used)
         with timed(report, "plan"):
             tier = self._tier(node, rgba, report)
             key = node * 3 + tier

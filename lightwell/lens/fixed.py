@@ -150,7 +150,7 @@ def splat(frame: Frame, points: Points, sources: Sources, white: float = 1.0) ->
     return Planes(*(None if p is None else p.astype(np.float32) * step for p in (both.picture, both.charges)))
 
 
-def twin(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
+def scatter_reference(frame: Frame, points: Points, sources: Sources, white: float = 1.0) -> Planes:
     """Scatter one source after the other in NumPy: the reference implementation, equal to ``scatter`` bit for bit.
 
     Args:

@@ -29,15 +29,15 @@ SIZES = (64, 128, 256, 512, 1024)
 class Lens:
     """A lens for one or many frames; keeps libraries open between them."""
 
-    def __init__(self, settings: LensSettings | None = None, shelf: LibraryCache | None = None) -> None:
+    def __init__(self, settings: LensSettings | None = None, libraries: LibraryCache | None = None) -> None:
         """Make a lens.
 
         Args:
             settings: Settings; None for the defaults.
-            shelf: Libraries; None for those of the user's store.
+            libraries: Libraries; None for those of the user's store.
         """
         self.settings = settings or LensSettings()
-        self.shelf = shelf or LibraryCache()
+        self.libraries = libraries or LibraryCache()
         # Engines by family, size of the blur and length of the motion.
         self._engines: dict[tuple[int, int, str], Engine] = {}
 
@@ -228,7 +228,9 @@ class Lens:
                 family = families.shaped_speed(radius, length, set_.aperture)
             solver = set_.solver or ("7/5" if set_.preset == "paper" else "dst")
             tolerance = np.inf if set_.preset == "paper" else set_.tolerance
-            self._engines[key] = Engine(family, set_.recipe(), self.shelf, solver, set_.choice, tolerance, set_.white)
+            self._engines[key] = Engine(
+                family, set_.recipe(), self.libraries, solver, set_.choice, tolerance, set_.white
+            )
         return self._engines[key]
 
 

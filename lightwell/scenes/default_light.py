@@ -40,5 +40,5 @@ def with_lamp(scene: Scene, place: Sequence[float]) -> Scene:
 
 def _with(scene: Scene, emitter: dict[str, Any]) -> Scene:
     shapes = {f"mesh_{k:06d}": shape for k, shape in enumerate(scene.mi.shapes())}
-    built = mi.load_dict({"type": "scene", **shapes, "still_light": emitter}, optimize=False)
+    built = mi.load_dict({"type": "scene", **shapes, "default_light": emitter}, optimize=False)
     return replace(scene, mi=built, digest=f"{scene.digest}:{sorted(emitter)}")

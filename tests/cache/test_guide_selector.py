@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, settings_of
-from lightwell.cache.guide_selector import COST, PASSES, GuideSelector, efforts, radiance_of
+from lightwell.cache.guide_selector import COST, PASSES, GuideSelector, radiance_of, relative_variances
 
 from .scenes import room
 
@@ -19,18 +19,18 @@ def passes(variance: float, seed: int, mean: float = 2.0, count: int = 12) -> np
 
 
 def test_efforts_are_relative_variances():
-    plain, guided = efforts(passes(0.5, 0), passes(0.1, 1))
+    plain, guided = relative_variances(passes(0.5, 0), passes(0.1, 1))
     assert plain == pytest.approx(0.5, rel=0.1) and guided == pytest.approx(0.1, rel=0.1)
-    brighter = efforts(100 * passes(0.5, 0), 100 * passes(0.1, 1))
+    brighter = relative_variances(100 * passes(0.5, 0), 100 * passes(0.1, 1))
     assert brighter == pytest.approx((plain, guided), rel=1e-5)
 
 
 def test_single_bright_paths_do_not_decide():
     plain, guided = passes(0.5, 0), passes(0.1, 1)
     guided[3, 5, 7] = 1e4
-    assert efforts(plain, guided)[1] < 0.15
+    assert relative_variances(plain, guided)[1] < 0.15
     guided[:, 9, 9] = np.nan  # no sample fell there
-    assert efforts(plain, guided)[1] < 0.15
+    assert relative_variances(plain, guided)[1] < 0.15
 
 
 def trial(plain: float, guided: float, seconds: tuple[float, float], count: int = PASSES) -> GuideSelector:
@@ -52,7 +52,7 @@ def test_time_counts_where_there_is_a_clock():
 def test_blocks_without_weight_hold_nothing():
     block = np.array([[[2.0, 4, 6, 1, 2], [1, 1, 1, 1, 0]]])
     assert np.allclose(radiance_of(block)[0, 0], [1, 2, 3]) and np.isnan(radiance_of(block)[0, 1]).all()
-    assert np.isnan(efforts(*np.full((2, 3, 8, 8, 3), np.nan))).all()
+    assert np.isnan(relative_variances(*np.full((2, 3, 8, 8, 3), np.nan))).all()
 
 
 def integrator(**options) -> NrcIntegrator:

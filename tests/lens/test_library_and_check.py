@@ -167,9 +167,9 @@ def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
 
 def test_the_shelf_keeps_what_it_baked():
     family = families.depth(7.0, noise=0.2)
-    shelf = LibraryCache()
-    made = shelf.library(family, Recipe())
-    assert shelf.ensure(made, np.arange(family.size)) == family.size and shelf.ensure(made, np.arange(3)) == 0
+    libraries = LibraryCache()
+    made = libraries.library(family, Recipe())
+    assert libraries.ensure(made, np.arange(family.size)) == family.size and libraries.ensure(made, np.arange(3)) == 0
     (path,) = [entry.path for entry in Store(default_folder()).entries() if entry.path.read_bytes() == made.tobytes()]
     assert LibraryCache().library(family, Recipe()).tobytes() == made.tobytes()
     path.write_bytes(b"LWSPgarbage")
@@ -179,8 +179,8 @@ def test_the_shelf_keeps_what_it_baked():
 def test_what_two_processes_bake_is_kept_together(tmp_path):
     """The second to write has not seen what the first wrote; a library that loses nodes is baked for ever."""
     family, store = families.depth(7.0, noise=0.2), Store(tmp_path)
-    shelves = [LibraryCache(store=store), LibraryCache(store=store)]
-    made = [shelf.library(family, Recipe()) for shelf in shelves]
-    for shelf, library, node in zip(shelves, made, (0, 1)):
-        shelf.ensure(library, np.array([node]))
+    caches = [LibraryCache(store=store), LibraryCache(store=store)]
+    made = [libraries.library(family, Recipe()) for libraries in caches]
+    for libraries, library, node in zip(caches, made, (0, 1)):
+        libraries.ensure(library, np.array([node]))
     assert {0, 1} <= {node for node, _ in LibraryCache(store=store).library(family, Recipe()).nodes}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from lightwell import lens
-from lightwell.lens import families, psf
-from lightwell.lens import reference as twin
+from lightwell.lens import families, psf, reference
 from lightwell.lens.aperture import from_picture, polygon
 from lightwell.lens.camera import distance, from_thin_lens
 from lightwell.lens.engine import Engine
@@ -96,7 +95,7 @@ def test_sparse_against_dense_on_a_ramp_reaches_50_db_with_few_points():
     made = Lens(LensSettings(edges="dark", layers=1)).blur(Layer(rgba, s, None), report)
     which = np.broadcast_to(node, (size, size))
     kernels = {int(n): family.kernel(int(n)) for n in np.unique(node)}
-    exact = twin.dense(rgba.astype(float), [kernels.get(i, np.ones((1, 1))) for i in range(node.max() + 1)], which)
+    exact = reference.dense(rgba.astype(float), [kernels.get(i, np.ones((1, 1))) for i in range(node.max() + 1)], which)
     error = np.mean((np.clip(made[..., :3], 0, 1) - np.clip(exact[..., :3], 0, 1)) ** 2)
     assert -10 * np.log10(error) > 50 and report.points < 0.45 * report.dense
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lightwell.lens import families, fixed, pyramid, solve
-from lightwell.lens import reference as twin
+from lightwell.lens import families, fixed, pyramid, reference, solve
 from lightwell.lens.bake import bake_node
 from lightwell.lens.choose import choose, uniform
 from lightwell.lens.psf import capsule
@@ -80,7 +79,7 @@ def _random(turned: bool, seed: int = 0):
 @pytest.mark.parametrize("turned", [False, True])
 def test_scatter_equals_its_twin(turned):
     frame, points, sources = _random(turned)
-    fast, slow = splat(frame, points, sources), twin.splat(frame, points, sources)
+    fast, slow = splat(frame, points, sources), reference.splat(frame, points, sources)
     for a, b in ((fast.picture, slow.picture), (fast.charges, slow.charges)):
         assert np.abs(a - b).max() < 2e-5 * np.abs(b).max()
 
@@ -88,13 +87,13 @@ def test_scatter_equals_its_twin(turned):
 @pytest.mark.parametrize("turned", [False, True])
 def test_integer_scatter_equals_its_twin_bit_for_bit_and_sums_to_zero(turned):
     frame, points, sources = _random(turned, 1)
-    fast, slow = fixed.scatter(frame, points, sources), fixed.twin(frame, points, sources)
+    fast, slow = fixed.scatter(frame, points, sources), fixed.scatter_reference(frame, points, sources)
     assert np.array_equal(fast.picture, slow.picture) and np.array_equal(fast.charges, slow.charges)
     assert (fast.charges.sum((0, 1), dtype=np.int64) == 0).all()
     again = fixed.scatter(frame, points, sources)
     assert again.charges.tobytes() == fast.charges.tobytes()
     # Float quality: a step is 2⁻¹⁶ of white and a pixel gets at most a few hundred roundings.
-    exact = twin.splat(frame, points, sources)
+    exact = reference.splat(frame, points, sources)
     assert np.abs(fast.charges * 2.0**-16 - exact.charges).max() < 2e-3 * max(1, np.abs(exact.charges).max())
 
 
@@ -134,7 +133,10 @@ def test_a_guard_one_pixel_short_is_wrong():
     edge = np.ones_like(charges, bool)
     edge[inner, inner] = False
     cut[edge] = 0
-    assert np.abs(full - twin.dense(np.ones((32, 32, 1)), [capsule(8.0)], np.zeros((32, 32), int))[..., 0]).max() < 1e-3
+    assert (
+        np.abs(full - reference.dense(np.ones((32, 32, 1)), [capsule(8.0)], np.zeros((32, 32), int))[..., 0]).max()
+        < 1e-3
+    )
     assert np.abs(frame.crop(solve.dst(cut)) - full).max() > 1e-3
 
 
@@ -142,7 +144,7 @@ def test_dense_twin_is_a_convolution():
     image = np.zeros((21, 21, 1))
     image[10, 10] = 2.0
     k = capsule(3.0)
-    made = twin.dense(image, [k], np.zeros((21, 21), int))[..., 0]
+    made = reference.dense(image, [k], np.zeros((21, 21), int))[..., 0]
     h = k.shape[0] // 2
     assert np.allclose(made[10 - h : 11 + h, 10 - h : 11 + h], 2 * k)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from lightwell.graph.ops.example import Examples, no_examples
 
-# Limits that no honest field comes near; a file from a stranger that exceeds one is refused before it is evaluated.
+# Limits that no field of lightwell comes near; a file from a stranger that exceeds one is refused before evaluation.
 MAX_WIDTH = 4096
 MAX_NODES = 4096
 MAX_ELEMENTS = 1 << 26
