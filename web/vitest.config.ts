@@ -5,8 +5,12 @@ export default defineConfig({
   resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
   test: {
     include: ["test/**/*.test.ts"],
-    // Older versions of three.js are for `make test-all`, and for the benchmark.
-    exclude: [...configDefaults.exclude, ...(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [] : ["test/versions.test.ts"])],
+    // Older versions of three.js are for `make test-all`, and for the benchmark; times are for the benchmark.
+    exclude: [
+      ...configDefaults.exclude,
+      ...(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [] : ["test/versions.test.ts"]),
+      ...(process.env.LIGHTWELL_MEASURE ? [] : ["test/times.test.ts"]),
+    ],
     testTimeout: 60_000,
     hookTimeout: 60_000,
     // Two browsers at once would starve each other on a small machine.
