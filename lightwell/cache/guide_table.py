@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.cache.guide import BINS, FACES, LOG2, NODES, OFFSETS, SIDE, Guide
 
 # Cells along the longest edge of the scene's box.
@@ -274,10 +274,10 @@ def on_device(rows: np.ndarray, p: np.ndarray, level: np.ndarray, cells: mi.Vect
     """
     guide = Guide()
     guide.cells = cells
-    guide.rows = mi.UInt32(rows.astype(np.uint32))
-    guide.tree = mi.Float(tree_of(p).ravel())
-    guide.density = mi.Float((p * (BINS / (4 * np.pi))).astype(np.float32).ravel())
-    guide.level = mi.Float(level.astype(np.float32))
+    guide.rows = upload_integers(rows)
+    guide.tree = upload_floats(tree_of(p).ravel())
+    guide.density = upload_floats((p * (BINS / (4 * np.pi))).ravel())
+    guide.level = upload_floats(level)
     guide.share = share
     dr.eval(guide)
     return guide

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats
 
 # Angles of the table, and samples of one entry, which are spread over the texture.
 ANGLES, SAMPLES = 16, 256
@@ -92,7 +92,7 @@ def material_table(scene: Any) -> CacheMaterialTable:
         _refuse(bsdfs, numbers, broken)
         albedo[numbers, :, :3] = np.maximum(total - diffuse, 0)
     highest = float((albedo[numbers, :, :3] + diffuse).max()) if len(numbers) else 0.0
-    table = CacheMaterialTable(mi.Float(roughness), mi.Float(albedo.ravel()), highest)
+    table = CacheMaterialTable(upload_floats(roughness), upload_floats(albedo.ravel()), highest)
     dr.eval(table.roughness, table.albedo)
     return table
 

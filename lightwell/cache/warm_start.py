@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.read import read_fields
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats
 from lightwell.cache.batches import frozen_batches
 from lightwell.cache.features import WIDTH
 from lightwell.cache.learner import LUMINANCE, Batch
@@ -169,6 +169,6 @@ def _records(
     vertex = cache.region.context.vertex(si, si.bsdf(), mi.Bool(True))
     features, lane = dr.zeros(mi.Float, count * WIDTH), dr.arange(mi.UInt32, count)
     vertex.store(features, lane, mi.Bool(True))
-    targets = mi.Float(np.concatenate([radiance, np.ones((count, 1))], axis=1).astype(np.float32).ravel())
+    targets = upload_floats(np.concatenate([radiance, np.ones((count, 1))], axis=1).ravel())
     dr.eval(features, targets, lane)
     return features, targets, lane

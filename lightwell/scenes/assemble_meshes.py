@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from lightwell.backend import mi
+from lightwell.backend import mi, upload_floats, upload_integers
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.scene import Mesh
 
@@ -153,12 +153,12 @@ def mitsuba_mesh(
         has_vertex_texcoords=uv is not None,
     )
     params = mi.traverse(result)
-    params["vertex_positions"] = mi.Float(mesh.positions.ravel())
-    params["faces"] = mi.UInt32(mesh.indices.ravel())
+    params["vertex_positions"] = upload_floats(mesh.positions.ravel())
+    params["faces"] = upload_integers(mesh.indices.ravel())
     if mesh.normals is not None:
-        params["vertex_normals"] = mi.Float(mesh.normals.ravel())
+        params["vertex_normals"] = upload_floats(mesh.normals.ravel())
     if uv is not None:
-        params["vertex_texcoords"] = mi.Float(uv.ravel())
+        params["vertex_texcoords"] = upload_floats(uv.ravel())
     params.update()
     if colors is not None:
         result.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel())

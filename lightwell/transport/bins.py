@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_integers
 from lightwell.transport.interactions import upload
 
 # The lattice covers the middle of the places along each axis: all but this share at each end, and a margin of the rest.
@@ -89,11 +89,11 @@ class Bins:
 
     @cached_property
     def _device(self):
-        table = mi.UInt32(self.table.astype(np.uint32))
+        table = upload_integers(self.table)
         places, normals, *sites = (
             upload(mi.Vector3f, a.reshape(-1, 3)) for a in (self.place, self.normal, self.sites, self.site_normals)
         )
-        return table, places, normals, *sites, mi.UInt32(self.owner.astype(np.uint32).ravel())
+        return table, places, normals, *sites, upload_integers(self.owner.ravel())
 
     def lookup(self, p: Any, n: Any) -> mi.UInt32:
         """Find the bins of places on the device.

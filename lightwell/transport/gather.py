@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
@@ -82,11 +82,11 @@ class KnownIrradiance:
         padded = np.concatenate([image, np.zeros((*image.shape[:2], 1))], axis=2).astype(np.float32)
         return KnownIrradiance(
             dr.opaque(mi.UInt32, atlas.size),
-            mi.Float(padded.ravel()),
-            mi.Float(atlas.uv.astype(np.float32).ravel()),
+            upload_floats(padded.ravel()),
+            upload_floats(atlas.uv.ravel()),
             mi.Bool(stored.ravel()),
-            mi.Float(np.where(matte, 0.0, DIELECTRIC_F0).astype(np.float32)),
-            mi.UInt32(t.first[:-1].astype(np.uint32)),
+            upload_floats(np.where(matte, 0.0, DIELECTRIC_F0)),
+            upload_integers(t.first[:-1]),
             len(t.area),
             shape_lookup(scene),
         )

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi, upload_floats, upload_integers
+from lightwell.backend import aligned, dr, mi, upload_floats, upload_integers
 from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
@@ -301,15 +301,15 @@ class Gather:
             rows: What N points see.
             light: Irradiance of the bins under K lights.
         """
-        self._bin = mi.UInt32(rows.bin.astype(np.uint32).ravel())
-        self._weight = mi.Float16(rows.weight.ravel())
+        self._bin = upload_integers(rows.bin.ravel())
+        self._weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
         self._rays = rows.bin.shape[1]
-        self._direct, self._fine = mi.Float(light.direct.ravel()), light.direct.shape[1]
-        self._indirect, self._coarse_count = mi.Float(light.indirect.ravel()), light.indirect.shape[1]
+        self._direct, self._fine = upload_floats(light.direct.ravel()), light.direct.shape[1]
+        self._indirect, self._coarse_count = upload_floats(light.indirect.ravel()), light.indirect.shape[1]
         # Cells of a sky have no indirect light: they belong to a last coarse bin without any.
         coarse = radiosity.bins.coarse
         behind = np.full(self._fine - len(coarse), self._coarse_count - 1 if light.direct.ndim == 3 else 0)
-        self._coarse = mi.UInt32(np.append(coarse, behind).astype(np.uint32))
+        self._coarse = upload_integers(np.append(coarse, behind))
         self._colored = light.direct.ndim == 3
 
     def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,12 +3,13 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from format_vectors import FOLDER, SCHEMA_FILE, cases, document, schema_text
 
-from lightwell.backend import dr, mi
+from lightwell.backend import aligned, dr, mi
 from lightwell.graph import OPS, Builder, Graph, compile, evaluate, evaluate_drjit
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.graph.ops.hashgrid import PRIMES, levels
@@ -80,6 +81,32 @@ def test_compiled_graph_is_one_kernel_and_keeps_frame_values():
         sizes = [entry["size"] for entry in dr.kernel_history((dr.KernelType.JIT,))]
     assert sizes[-1] == 24
     assert set(sizes[:-1]) == {1}
+
+
+def moved(graph: Graph, begin: int) -> Graph:
+    """The same graph whose tables begin some bytes behind an aligned address, as those of a file do."""
+
+    def table(array: np.ndarray) -> np.ndarray:
+        memory = aligned(np.zeros(array.nbytes + begin, np.uint8), np.uint8)
+        memory[begin:] = np.frombuffer(array.tobytes(), np.uint8)
+        return memory[begin:].view(array.dtype).reshape(array.shape)
+
+    return replace(graph, buffers={k: replace(b, array=table(b.array)) for k, b in graph.buffers.items()})
+
+
+@pytest.mark.parametrize("name", ["texture_5x7x4", "rows_7x4", "tree_3_6", "hashgrid_6x4_6"])
+def test_tables_anywhere_in_memory_need_the_same_kernels(name):
+    """Kernels depend on the alignment of what they read; what is compiled once is found on disk by the next process."""
+    graph, inputs = CASES[name]
+    given, kernels = to_drjit(inputs), []
+    dr.eval(given)
+    for begin in (0, 4, 16):
+        compiled = compile(moved(graph, begin))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            dr.eval(compiled(given))
+            kernels.append({entry["hash"] for entry in dr.kernel_history((dr.KernelType.JIT,))})
+    assert kernels[0] == kernels[1] == kernels[2]
 
 
 def test_drjit_takes_vectors_and_single_floats():

@@ -66,9 +66,9 @@ def upload_table(use: Use) -> dict[str, Any]:
     Returns:
         "table" to the flat array.
     """
-    from lightwell.backend import dr, mi
+    from lightwell.backend import dr, upload_floats
 
-    table = mi.Float(use.values("buffer").ravel())
+    table = upload_floats(use.values("buffer").ravel())
     dr.make_opaque(table)
     return {"table": table}
 

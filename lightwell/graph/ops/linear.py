@@ -57,13 +57,13 @@ def _prepare_linear(use: Use) -> Any:
 
 def _prepare_gathers(use: Use) -> Any:
     """Rows of weights with the bias behind them, [experts * out, stride]: whole packets of four."""
-    from lightwell.backend import dr, mi
+    from lightwell.backend import dr, upload_floats
 
     weights, bias = use.values("weights"), use.values("bias")
     stride = -(-(weights.shape[2] + 1) // 4) * 4
     rows = np.zeros((*bias.shape, stride), np.float32)
     rows[..., : weights.shape[2]], rows[..., weights.shape[2]] = weights, bias
-    table = mi.Float(rows.ravel())
+    table = upload_floats(rows.ravel())
     dr.make_opaque(table)
     return {"rows": table, "stride": stride}
 

@@ -69,9 +69,9 @@ def _numpy_tree(use: Use, a: np.ndarray) -> np.ndarray:
 
 
 def _prepare(use: Use) -> Any:
-    from lightwell.backend import dr, mi
+    from lightwell.backend import dr, upload_floats
 
-    nodes = mi.Float(use.values("nodes").ravel())
+    nodes = upload_floats(use.values("nodes").ravel())
     dr.make_opaque(nodes)
     return {"nodes": nodes}
 
