@@ -214,6 +214,36 @@ it("moves the light by pointer, wheel and keys, and says when it stops it", asyn
   expect(await page.locator(".notice.shown").innerText()).toContain("stays inside");
 });
 
+it("on a phone, a finger drags the lamp, the panel opens and folds, and the help begins with gestures", async () => {
+  const context = await browser.newContext({ viewport: { width: 390, height: 780 }, deviceScaleFactor: COARSE, hasTouch: true, isMobile: true });
+  const page = await context.newPage();
+  await page.goto(`${site.put("/phone.html", html())}?mode=learned`);
+  await page.evaluate(() => window.lightwell.ready);
+  const box = (await page.locator(".lamp").boundingBox())!;
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const fingers = await context.newCDPSession(page);
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", touchPoints: { x: number; y: number }[]) => fingers.send("Input.dispatchTouchEvent", { type, touchPoints });
+  await touch("touchStart", [{ x, y }]);
+  await touch("touchMove", [{ x: x + 15, y: y + 20 }]);
+  await touch("touchMove", [{ x: x + 30, y: y + 40 }]);
+  await touch("touchEnd", []);
+  const [moved] = (await stats(page)).lights;
+  expect(moved![0]).toBeGreaterThan(0.1);
+  expect(moved![1]).toBeLessThan(1.5);
+  // The picture stood still meanwhile.
+  expect((await stats(page)).mode).toBe("learned");
+  const [panel, exposure] = [page.getByRole("button", { name: "Controls" }), page.getByRole("slider", { name: "Exposure" })];
+  expect(await exposure.isVisible()).toBe(false);
+  await panel.tap();
+  await exposure.waitFor();
+  await page.getByRole("button", { name: "Help" }).tap();
+  expect(await page.getByRole("dialog").locator("dt").first().innerText()).toContain("one finger");
+  await page.getByRole("button", { name: "Close" }).tap();
+  await panel.tap();
+  await exposure.waitFor({ state: "hidden" });
+  await context.close();
+});
+
 it("orbits, and then a reference no longer applies", async () => {
   const page = await openRoom(640, 480);
   await page.keyboard.press("2");

@@ -18,6 +18,17 @@ beforeAll(async () => {
   await site.open();
   browser = await launch("swiftshader");
   ({ page, errors } = await openPage(browser, WIDTH, HEIGHT));
+  await page.addInitScript(() => {
+    // A device that goes when the test says so: browsers have no other way.
+    const own = globalThis.GPUAdapter?.prototype.requestDevice;
+    if (!own) return;
+    GPUAdapter.prototype.requestDevice = async function (descriptor) {
+      const device = await own.call(this, descriptor);
+      const lost = new Promise<GPUDeviceLostInfo>((resolve) => Object.assign(window, { loseDevice: resolve }));
+      Object.defineProperty(device, "lost", { value: lost });
+      return device;
+    };
+  });
   await page.goto(site.put("/index.html", pageWith(writeGlb(furnishedRoom()))).concat(`?size=${WIDTH}x${HEIGHT}&ui=0&dither=0`));
   await page.evaluate(() => window.lightwell.ready);
   adapter = await page.evaluate(async () => Boolean(await navigator.gpu?.requestAdapter()));
@@ -62,4 +73,16 @@ it("softens what is out of focus, keeps the light, and goes when it is switched 
   await set(false, {});
   await page.evaluate(() => window.lightwell.renderOnce());
   expect(difference((await shown()).grey, sharp.grey)).toBeLessThan(0.5);
+});
+
+it("says that the device was lost, and shows sharp pictures", async () => {
+  await set(true, { focus: 0.5, fstop: 0.3 });
+  await page.evaluate(() => (window as any).loseDevice({ reason: "unknown", message: "the driver was restarted" }));
+  await expect.poll(() => page.evaluate(() => window.lightwell.stats().notice)).toBe("The lens lost its graphics device and is off: the driver was restarted. Switch it on again to try once more.");
+  const sharp = await shown();
+  expect(sharp.contrast).toBeGreaterThan(1);
+  // Another device must compile the lens anew.
+  if (!process.env.LIGHTWELL_LONG_TESTS) return;
+  await set(true, { focus: 0.5, fstop: 0.3 });
+  expect((await shown()).contrast).toBeLessThan(0.75 * sharp.contrast);
 });
