@@ -7,7 +7,7 @@ from fuzz_formats import FORMATS
 from fuzz_run import Tally, Worker, run
 
 # Mutants of each format in a usual run and in a long one.
-FEW, MANY = 20, 300
+FEW, MANY = 10, 300
 
 
 @pytest.fixture(scope="module")

@@ -166,6 +166,8 @@ def fair(principled):
     return points, reference(principled, points, {"light": point_light(LIGHT)})
 
 
+# What the planted bugs are compared with; every run has ``test_point_light`` of the same scene.
+@pytest.mark.slow
 def test_no_planted_bug(principled, roaming, fair):
     points, truth = fair
     passed, text = z_test(estimate(principled, points, LIGHT, roaming) - truth)
