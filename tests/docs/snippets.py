@@ -133,7 +133,7 @@ def lowered(words: list[str]) -> list[str]:
     for flag, value in SMALL_FIELDS.get(field, {}).items():
         added += [flag, value] if flag not in words else []
     if "--rebake" in words:
-        added = ["--paths", "2"]
+        added = [] if field == "probes" else ["--paths", "2"]  # probes repeat the bake in OLD, paths included
     if "--preview" in words:
         added.append("--no-open")
     if any(word.endswith("%") for word in words):

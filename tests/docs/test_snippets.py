@@ -203,3 +203,9 @@ def test_every_page_of_docs_is_in_one_list_of_the_index():
     assert len(set(named)) == len(named) and all(page.is_file() for page in named)
     others = {ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "THIRD_PARTY")}
     assert set(named) == {*PAGES, *others} - {index}
+
+
+def test_a_rebake_of_probes_is_lowered_by_nothing_that_it_refuses():
+    words = "lightwell bake edited.glb -o new --field probes --rebake out --box=0,0,0,1,1,1".split()
+    assert lowered(words) == words
+    assert lowered([*words[:5], "--rebake", "out"])[-2:] == ["--paths", "2"]
