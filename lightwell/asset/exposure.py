@@ -15,13 +15,10 @@ def declared_exposure(path: str | Path) -> float | None:
     """Read the exposure of a baked file.
 
     Args:
-        path: A GLB.
+        path: A GLB; another file, or an exposure that is not a positive number, is a ``ValueError``.
 
     Returns:
         Factor on radiance before tone mapping; None where the file is absent, or declares none.
-
-    Raises:
-        ValueError: The file is no GLB, or its exposure is not a positive number.
     """
     if not Path(path).is_file():
         return None
