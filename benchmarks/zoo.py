@@ -2,7 +2,8 @@
 
     python benchmarks/zoo.py [--subset 8] [--only NAMES] [--out FOLDER] [--quality NAME]
                                                 hours on 2 cores; goes on where it stopped
-    python benchmarks/zoo.py --ablation [--subset 4]    what each choice is worth, at equal samples and steps
+    python benchmarks/zoo.py --ablation [--subset 8] [--out FOLDER]
+                                                what each choice is worth, at equal steps; goes on where it stopped
     python benchmarks/zoo.py --table                    print what is recorded
 
 Every scene is baked and scored in processes of its own. Figures of merit are medians and 90th percentiles over scenes.
@@ -188,7 +189,8 @@ def main() -> None:
     if arguments.ablation:
         from zoo_ablation import ablation
 
-        publish("zoo_ablation", ablation({name: known[name] for name in names}), quick=False)
+        names = [name for name in names if name in SUBSET]
+        publish("zoo_ablation", ablation({name: known[name] for name in names}, arguments.out), quick=False)
         return
     if arguments.table:
         names = [name for name in names if (arguments.out / f"{name}.json").exists()]

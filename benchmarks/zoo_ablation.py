@@ -1,22 +1,27 @@
 """What each choice of the field is worth: variants at equal steps, scored against one reference; for benchmarks/zoo.py.
 
-Samples are made once for each way of making them; every variant trains for the same number of batches.
+Samples are made once for each way of making them; every variant trains for the same number of batches. The figures of
+each scene lie in FOLDER/NAME.json from the moment that a variant is scored: a run that was stopped goes on there.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from rows import Row, without_bar
 from zoo_score import BUDGET, SIZE, VIEWS
 
 from lightwell.baking.evaluate import views_and_lights
-from lightwell.baking.quality import Quality, score_quality, trace_quality
+from lightwell.baking.quality import score_quality, trace_quality
 from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, around_samples, radiance_unit
 from lightwell.fields.surface.factored import PRESETS, FactoredFit, FactoredPreset
+from lightwell.files import write_atomically
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.scenes import load
 from lightwell.scenes.scene import Scene
@@ -54,14 +59,19 @@ def gathered(scene: Scene, variable: Variable) -> Samples:
 
 def variants() -> dict[str, tuple[str, FactoredPreset]]:
     """Name → (kind of samples, preset); each adds one thing to the one before."""
-    plain = replace(PRESETS["default"], grid=THREE_LEVELS, hidden=(24, 14))
+    default = PRESETS["default"]
+    adam = replace(default, training=replace(default.training, optimiser="adam"))
+    matte = replace(adam, mirror=None, glossy_hidden=None)
+    plain = replace(matte, grid=THREE_LEVELS, hidden=(24, 14))
     decayed = replace(plain, grid=replace(THREE_LEVELS, decay=(0.0, 0.1, 1.0)))
     return {
         "by area": ("area", plain),
         "where people look": ("seen", plain),
         "gathered": ("gathered", plain),
         "decay": ("gathered", decayed),
-        "four levels (default)": ("gathered", PRESETS["default"]),
+        "four levels": ("gathered", matte),
+        "mirrored ray": ("gathered", adam),
+        "Adam for hash grids (default)": ("gathered", default),
     }
 
 
@@ -76,8 +86,13 @@ def train(scene: Scene, variable: Variable, samples: Samples, preset: FactoredPr
     return Baked(fit.lower())
 
 
-def of_scene(source: str) -> dict[str, Quality]:
-    """Variant → figures on one scene."""
+def of_scene(name: str, source: str, out: Path) -> dict[str, dict]:
+    """Variant → figures on one scene, those of an earlier run included."""
+    path = out / f"{name}.json"
+    found: dict[str, dict] = json.loads(path.read_text()) if path.exists() else {}
+    missing = {variant: what for variant, what in variants().items() if variant not in found}
+    if not missing:
+        return found
     scene = load(source)
     variable = declare((), scene)
     truth = trace_quality(scene, variable, views_and_lights(scene, variable, VIEWS, 0), SIZE, BUDGET, 0)
@@ -86,26 +101,43 @@ def of_scene(source: str) -> dict[str, Quality]:
         "seen": lambda: path_traced(scene, variable, True),
         "gathered": lambda: gathered(scene, variable),
     }
-    made, found = {}, {}
-    for name, (kind, preset) in variants().items():
+    made: dict[str, Samples] = {}
+    for variant, (kind, preset) in missing.items():
         if kind not in made:
             made = {kind: make[kind]()}
         baked = train(scene, variable, made[kind], preset)
-        found[name] = score_quality(truth, lambda p, l, b=baked: b(make_query(scene, p, l)))
-        print(f"{scene.name} {name}: {found[name].psnr_db:.2f} dB, mottle {found[name].mottle}", flush=True)
+        quality = score_quality(truth, lambda p, l, b=baked: b(make_query(scene, p, l)))
+        found[variant] = {figure: getattr(quality, figure) for figure in FIGURES}
+        write_atomically(path, json.dumps(found))
+        print(f"{name} {variant}: {quality.psnr_db:.2f} dB, mottle {quality.mottle}", flush=True)
     return found
 
 
-def ablation(chosen: dict[str, str]) -> list[Row]:
-    """Medians over scenes of every figure of every variant."""
-    scenes = [of_scene(source) for source in chosen.values()]
-    rows = []
-    for name in variants():
+def middle(values: list[float | None]) -> float | None:
+    """The median of the values that there are."""
+    there = [value for value in values if value is not None]
+    return float(np.median(there)) if there else None
+
+
+def ablation(chosen: dict[str, str], out: Path) -> list[Row]:
+    """Medians over scenes of every figure of every variant, and of what each adds to the PSNR of the one before.
+
+    Args:
+        chosen: Name of a scene → what ``lightwell.load`` takes.
+        out: Folder of the figures of each scene.
+
+    Returns:
+        Rows without bars.
+    """
+    scenes = [of_scene(name, source, out) for name, source in chosen.items()]
+    names, note, rows = list(variants()), ", ".join(chosen), []
+    for name in names:
         for figure in FIGURES:
-            values = [getattr(scene[name], figure) for scene in scenes]
-            values = [value for value in values if value is not None]
-            middle = float(np.median(values)) if values else None
-            rows.append(
-                without_bar(f"{name}: median {figure}", middle, "dB" if figure == "psnr_db" else "", ", ".join(chosen))
-            )
+            unit = "dB" if figure == "psnr_db" else ""
+            value = middle([scene[name][figure] for scene in scenes])
+            rows.append(without_bar(f"{name}: median {figure}", value, unit, note))
+    for before, name in pairwise(names):
+        pairs = [(scene[name]["psnr_db"], scene[before]["psnr_db"]) for scene in scenes]
+        gain = middle([None if a is None or b is None else a - b for a, b in pairs])
+        rows.append(without_bar(f"{name}: median gain over '{before}'", gain, "dB", note))
     return rows
