@@ -22,7 +22,9 @@ DAY = "day=2026-06-21,48.1,11.6"
 @pytest.fixture(scope="module")
 def baked_day(tmp_path_factory) -> tuple[Path, dict]:
     out = tmp_path_factory.mktemp("day") / "out"
-    return out, bake(small(out, shards=1, steps=40, views=1, vary=(DAY,), north=180.0, turbidity=4.0))
+    return out, bake(
+        small(out, shards=1, lights_per_shard=8, steps=20, views=1, vary=(DAY,), north=180.0, turbidity=4.0)
+    )
 
 
 def test_the_file_has_sun_and_sky_and_the_report_their_hours(baked_day):
