@@ -4,7 +4,9 @@ import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { MeshStandardMaterial } from "three";
 import { readProbes } from "../runtime/src/probes/file.ts";
+import { ProbeVolume } from "../runtime/src/probes/volume.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { bundle, gzipped, modulePage, NOT_OURS } from "./support/bundle.ts";
 
@@ -125,6 +127,13 @@ it("reads what a bake writes, and refuses what is damaged", () => {
     }
   }
   expect(refused).toBeGreaterThan(5);
+});
+
+it("says which part of a shader is missing that its light goes into", () => {
+  const material = new MeshStandardMaterial();
+  new ProbeVolume(bytesOf(ROOMS)).light(material);
+  const shader = { uniforms: {}, vertexShader: "#include <common>\n#include <project_vertex>", fragmentShader: "#include <common>\n#include <opaque_fragment>" };
+  expect(() => material.onBeforeCompile(shader as never, null as never)).toThrow("expected '#include <lights_fragment_maps>' in a shader of three.js, found none");
 });
 
 // `benchmarks/light_probes.py` asks for it: a quarter of a minute of a quiet machine.

@@ -69,6 +69,18 @@ it("dispose gives everything back, and attach lights it again", async () => {
   expect(difference(learned!, again!)).toBe(0);
 });
 
+it("shadows follow the lamp's castShadow", async () => {
+  const [shadowed, lit, again] = await run("shadows");
+  const brighter = lit!.filter((x, i) => x > shadowed![i]! + 0.02).length / lit!.length;
+  expect(brighter).toBeGreaterThan(0.02);
+  expect(lit!.filter((x, i) => x < shadowed![i]! - 1e-3)).toEqual([]);
+  expect(difference(shadowed!, again!)).toBe(0);
+});
+
+it("dispose frees the model's textures unless they are to stay", async () => {
+  expect(await run("textures")).toEqual([0, 1]);
+});
+
 it("a root has one scene; two scenes on a page do not mix", async () => {
   const { pictures, lights } = await run("twice");
   const [first, second, third, other, still] = pictures;

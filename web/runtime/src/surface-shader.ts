@@ -7,6 +7,7 @@ import {
 } from "three";
 import { rendererName } from "./device.ts";
 import { principledLight } from "./principled.ts";
+import { replacePart } from "./shader-part.ts";
 import { SHADOW_LIFT } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 
@@ -15,13 +16,6 @@ const MIN_REFLECTANCE = "1e-3";
 
 /** Dielectric reflectance at normal incidence for an index of refraction of 1.5 (glTF 2.0, appendix B). */
 const DIELECTRIC_F0 = "0.04";
-
-/** Put text in the place of a part of a shader; throws when three.js, or whoever patched before, has it no more. */
-export function replacePart(shader: string, part: string, text: string): string {
-  if (!shader.includes(part))
-    throw new Error(`lightwell: expected '${part}' in a shader of three.js, found none; use a supported version of three.js, or keep it in onBeforeCompile`);
-  return shader.replace(part, () => text);
-}
 
 /** Finish the shader of a standard or physical material. */
 export function patchSurfaceShader(

@@ -237,6 +237,31 @@ const SCENARIOS = {
     return { pictures, left, first };
   },
 
+  /** With the lamp's shadow, without it, and with it again. */
+  async shadows(renderer: WebGLRenderer): Promise<Picture[]> {
+    const { learned, scene } = await put(renderer);
+    const light = learned.lamps[0]!.object as PointLight;
+    return [true, false, true].map((on) => {
+      light.castShadow = on;
+      learned.update();
+      return draw(renderer, scene);
+    });
+  },
+
+  /** How often a texture of the model is freed: by a scene that leaves textures, and by one that does not. */
+  async textures(renderer: WebGLRenderer): Promise<number[]> {
+    const { gltf, learned } = await put(renderer);
+    let freed = 0;
+    const map = new DataTexture(new Uint8Array([255, 255, 255, 255]), 1, 1);
+    map.addEventListener("dispose", () => void freed++);
+    materialsOf(gltf.scene)[0]!.map = map;
+    learned.dispose({ textures: false });
+    const kept = freed;
+    learned.attach();
+    learned.dispose();
+    return [kept, freed];
+  },
+
   /** One scene after the other on one root, the first of them forgotten; then two roots in one picture and alone. */
   async twice(renderer: WebGLRenderer): Promise<{ pictures: Picture[]; lights: number }> {
     const { gltf, learned, scene } = await put(renderer);

@@ -2,6 +2,7 @@
 
 import { DataTexture, type IUniform, type Material, NearestFilter, RGBAIntegerFormat, UnsignedIntType } from "three";
 import { type ProbeFile, readProbes } from "./file.ts";
+import { replacePart } from "../shader-part.ts";
 import { probesGlsl, ROW_BITS } from "./shader.ts";
 
 /** How a material asks a volume. */
@@ -79,13 +80,17 @@ export class ProbeVolume {
         [`${name}_u_probe`]: use.probe,
         [`${name}_u_offset`]: use.offset,
       });
-      shader.vertexShader = shader.vertexShader
-        .replace("#include <common>", `#include <common>\nvarying vec3 ${name}_place;`)
-        .replace("#include <project_vertex>", `#include <project_vertex>\n${placing(name)}`);
-      shader.fragmentShader = shader.fragmentShader
-        .replace("#include <common>", `#include <common>\n${declared(name)}${probesGlsl(this.file, name)}`)
-        .replace("#include <lights_fragment_maps>", `#include <lights_fragment_maps>\n${asking(name)}`)
-        .replace("#include <opaque_fragment>", `#include <opaque_fragment>\n${showing(name)}`);
+      for (const [part, text] of [
+        ["#include <common>", `varying vec3 ${name}_place;`],
+        ["#include <project_vertex>", placing(name)],
+      ] as const)
+        shader.vertexShader = replacePart(shader.vertexShader, part, `${part}\n${text}`);
+      for (const [part, text] of [
+        ["#include <common>", `${declared(name)}${probesGlsl(this.file, name)}`],
+        ["#include <lights_fragment_maps>", asking(name)],
+        ["#include <opaque_fragment>", showing(name)],
+      ] as const)
+        shader.fragmentShader = replacePart(shader.fragmentShader, part, `${part}\n${text}`);
     };
     const key = material.customProgramCacheKey();
     material.customProgramCacheKey = () => `${key}${name}`;
