@@ -23,6 +23,12 @@ export interface ProbeUse {
 
 let volumes = 0;
 
+/** A shader with text after one of three.js' chunks. */
+function addAfter(shader: string, [chunk, text]: readonly string[]): string {
+  const part = `#include <${chunk}>`;
+  return replacePart(shader, part, `${part}\n${text}`);
+}
+
 /** Probes that light what moves. `dispose()` frees the texture. */
 export class ProbeVolume {
   readonly file: ProbeFile;
@@ -80,17 +86,15 @@ export class ProbeVolume {
         [`${name}_u_probe`]: use.probe,
         [`${name}_u_offset`]: use.offset,
       });
-      for (const [part, text] of [
-        ["#include <common>", `varying vec3 ${name}_place;`],
-        ["#include <project_vertex>", placing(name)],
-      ] as const)
-        shader.vertexShader = replacePart(shader.vertexShader, part, `${part}\n${text}`);
-      for (const [part, text] of [
-        ["#include <common>", `${declared(name)}${probesGlsl(this.file, name)}`],
-        ["#include <lights_fragment_maps>", asking(name)],
-        ["#include <opaque_fragment>", showing(name)],
-      ] as const)
-        shader.fragmentShader = replacePart(shader.fragmentShader, part, `${part}\n${text}`);
+      shader.vertexShader = [
+        ["common", `varying vec3 ${name}_place;`],
+        ["project_vertex", placing(name)],
+      ].reduce(addAfter, shader.vertexShader);
+      shader.fragmentShader = [
+        ["common", `${declared(name)}${probesGlsl(this.file, name)}`],
+        ["lights_fragment_maps", asking(name)],
+        ["opaque_fragment", showing(name)],
+      ].reduce(addAfter, shader.fragmentShader);
     };
     const key = material.customProgramCacheKey();
     material.customProgramCacheKey = () => `${key}${name}`;
