@@ -26,7 +26,12 @@ class Sobol:
         Args:
             dimensions: Numbers per point, 1 to 7.
             seed: Seed of the scramble, or random numbers, of which a child is used so that their own stream stays.
+
+        Raises:
+            ValueError: There are no direction numbers for so many dimensions.
         """
+        if not 1 <= dimensions <= 1 + len(FIRST):
+            raise ValueError(f"a Sobol sequence has 1 to {1 + len(FIRST)} dimensions, found {dimensions}")
         rng = np.random.default_rng(seed) if isinstance(seed, int) else seed.spawn(1)[0]
         # [D, BITS] direction numbers.
         self._directions = _directions(dimensions)

@@ -11,7 +11,7 @@ import numpy as np
 from lightwell.backend import mi
 from lightwell.scenes.assemble_bsdf import Bsdfs, textures, uv_set
 from lightwell.scenes.assemble_lights import area_light, punctual
-from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh
+from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
 
@@ -93,7 +93,8 @@ def _kept(
         else (0, 0)
     )
     extent = float(np.max(np.subtract(high, low, dtype=np.float64), initial=0.0))
-    cleaned = [(i, clean(name, mesh, extent, warn)) for i, mesh in enumerate(whole)]
+    cleaned = [(i, clean(mesh, extent)) for i, mesh in enumerate(whole)]
+    warn_of_dropped([(whole[i], mesh) for i, mesh in cleaned], warn)
     kept = [(i, mesh) for i, mesh in cleaned if mesh is not None]
     if not kept:
         raise SceneError(f"scene '{name}': has no triangles; a scene needs at least one surface, export its meshes too")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NoReturn
 
@@ -14,27 +14,43 @@ from lightwell.scenes.scene import Mesh
 
 # A triangle smaller than this fraction of the squared extent of the scene has no usable normal in single precision.
 SMALLEST_AREA = 1e-14
+# Meshes that a warning of lost triangles names.
+MOST_NAMED = 3
 
 
-def clean(scene: str, mesh: Mesh, extent: float, warn: Callable[[str], None]) -> Mesh | None:
+def clean(mesh: Mesh, extent: float) -> Mesh | None:
     """Remove triangles of zero area and normalise normals.
 
     Args:
-        scene: Name of the scene.
         mesh: Mesh to clean.
         extent: Longest edge of the scene's bounds, metres.
-        warn: Called when triangles are removed.
 
     Returns:
         The cleaned mesh, or None when no triangle is left.
     """
     good = mesh.triangle_areas > SMALLEST_AREA * extent**2
-    if not good.all():
-        warn(f"mesh '{mesh.name}': dropped {int((~good).sum())} of {len(good)} triangles, which have no area")
     if not good.any():
         return None
     mesh = replace(mesh, indices=np.ascontiguousarray(mesh.indices[good]))
     return mesh if mesh.normals is None else replace(mesh, normals=_unit_normals(mesh, mesh.normals))
+
+
+def warn_of_dropped(pairs: Sequence[tuple[Mesh, Mesh | None]], warn: Callable[[str], None]) -> None:
+    """Tell which meshes lost triangles without area; many meshes share one line, so that other warnings are seen.
+
+    Args:
+        pairs: Each mesh before and after cleaning.
+        warn: Called with each line.
+    """
+    counts = [(mesh.name, len(mesh.indices), 0 if kept is None else len(kept.indices)) for mesh, kept in pairs]
+    lost = [(name, before, before - after) for name, before, after in counts if after < before]
+    if len(lost) > MOST_NAMED:
+        total, dropped = (sum(column) for column in list(zip(*lost))[1:])
+        first = ", ".join(f"'{name}'" for name, _, _ in lost[:MOST_NAMED])
+        warn(f"{len(lost)} meshes ({first} …): dropped {dropped} of {total} triangles, which have no area")
+        return
+    for name, before, dropped in lost:
+        warn(f"mesh '{name}': dropped {dropped} of {before} triangles, which have no area")
 
 
 def checked(scene: str, mesh: Mesh, material_count: int) -> Mesh:

@@ -26,6 +26,12 @@ def test_the_stream_of_random_numbers_stays_and_a_seed_serves():
     np.testing.assert_array_equal(Sobol(3, 6).random(16), qmc.Sobol(3, scramble=True, seed=6).random(16))
 
 
+@pytest.mark.parametrize("dimensions", [0, 8])
+def test_dimensions_without_direction_numbers_are_refused(dimensions):
+    with pytest.raises(ValueError, match=f"1 to 7 dimensions, found {dimensions}"):
+        Sobol(dimensions, 0)
+
+
 def test_a_sequence_has_an_end():
     with pytest.raises(ValueError, match=f"has {1 << BITS} points"):
         Sobol(1, np.random.default_rng(0)).random((1 << BITS) + 1)

@@ -118,6 +118,12 @@ def test_triangles_without_area_are_dropped():
     ]
 
 
+def test_many_meshes_that_lose_triangles_are_one_line():
+    indices = np.uint32([[0, 0, 1], [0, 2, 1], [0, 3, 2]])
+    scene = assemble("s", [Mesh(f"m{k}", SQUARE, indices, 0) for k in range(5)], [WHITE])
+    assert scene.warnings == ["5 meshes ('m0', 'm1', 'm2' …): dropped 5 of 15 triangles, which have no area"]
+
+
 def test_flat_and_smooth_shading():
     tilted = np.tile(np.float32([3, 4, 0]), (4, 1))
     for normals, expected in ((None, [0, 1, 0]), (tilted, [0.6, 0.8, 0])):
