@@ -9,7 +9,15 @@ from typing import Any
 
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.pipeline import PAGE, attempt_exposure, loaded, refuse_sky, write_asset, write_report_and_page
+from lightwell.baking.pipeline import (
+    PAGE,
+    attempt_exposure,
+    loaded,
+    refuse_mover,
+    refuse_sky,
+    write_asset,
+    write_report_and_page,
+)
 from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.baking.score import reference_budget, score, variable_json
@@ -165,6 +173,7 @@ class _Comparison:
         options = field_options(choice.field, {}, "compare")
         state = field.prepare(Job(self.scene, request, options, self.work, self.progress, shared=True))
         refuse_sky(choice.field, field, state)
+        refuse_mover(choice.field, field, state)
         fit = self._fit(field, state, choice)
         shipped = Shipped.of(ROLE, fit, fit.lower())
         reference = self._traced(state, fit)

@@ -40,6 +40,7 @@ from lightwell.files import write_atomically
 from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
+from lightwell.scenes.posing import declared_mover
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import has_sky, to_json
 
@@ -97,6 +98,7 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
         preview.begin(job.scene, job.request)
     state = field.prepare(job)
     refuse_sky(name, field, state)
+    refuse_mover(name, field, state)
     if job.request.lamps and not state.lamps and parse_lamps(job.request.lamps).mode != "none":
         raise ValueError(f"bake: field '{name}' learns all lights together; use --field factored, or leave out --lamps")
     _say_plan(settings, name, job.progress)
@@ -123,6 +125,24 @@ def refuse_sky(name: str, field: Field, state: State) -> None:
     """
     if has_sky(state.variable) and not getattr(field, "learns_sky", False):
         raise ValueError(f"bake: field '{name}' learns no sky; use --field factored, or drop the day from --vary")
+
+
+def refuse_mover(name: str, field: Field, state: State) -> None:
+    """Refuse a node that moves for fields that learn one pose.
+
+    Args:
+        name: What ``--field`` calls the field.
+        field: The field.
+        state: The prepared scene.
+
+    Raises:
+        ValueError: A node is declared, which is not there or which the field does not learn.
+    """
+    mover = declared_mover(state.job.request.vary, state.job.scene)
+    if mover is not None and not getattr(field, "learns_movers", False):
+        raise ValueError(
+            f"bake: field '{name}' learns one pose; use --field factored, or drop node '{mover.name}' from --vary"
+        )
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:

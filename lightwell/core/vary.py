@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightwell.core.mover_texts import is_mover, parse_mover
 from lightwell.core.suggest import did_you_mean
 from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
 
@@ -27,10 +28,20 @@ class Declaration:
     name: str
     """Name of the light, such as 'light' or 'sun'."""
     parameter: str
-    """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'."""
+    """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'; of a node
+    'rotation' or 'translation'."""
     values: tuple[float, ...] = ()
     """box: 6 numbers, arc: 4, direction by day(...): 9 (three directions), day: 12 (three directions and three hours),
-    radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting)."""
+    radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting); rotation: an
+    axis and two angles, degrees; translation: two offsets, metres."""
+
+    text: str = ""
+    """What declares a node, without its range: 'node:Door.rotation'; empty for lights."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it declares a node that moves, instead of a light."""
+        return bool(self.text)
 
     @property
     def learned(self) -> bool:
@@ -82,7 +93,7 @@ def parse_vary(text: str) -> Declaration:
         text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
             ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
             ``day=YYYY-MM-DD,latitude,longitude``, ``day.north=30``, ``day.turbidity=3``, ``light.intensity`` or
-            ``light.color``.
+            ``light.color``; ``node:NAME.rotation=y:0..110`` or ``node:NAME.translation=(0,0,0)..(0,0,1.2)``.
 
     Returns:
         The declaration.
@@ -90,6 +101,9 @@ def parse_vary(text: str) -> Declaration:
     Raises:
         ValueError: The text has another form, or a value is out of range.
     """
+    if is_mover(text):
+        node = parse_mover(text)
+        return Declaration(node.name, node.path, node.values, node.what)
     if whole := _DAY.fullmatch(text.strip()):
         try:
             return Declaration("day", "day", sun_hours(whole.group(1)))

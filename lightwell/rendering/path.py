@@ -10,12 +10,14 @@ import numpy as np
 
 from lightwell.cluster.attach import attached
 from lightwell.core.lamps import DAY, parse_day, parse_lamps, parse_settings
+from lightwell.core.mover_texts import parse_movers
 from lightwell.core.sun_path import DAY_EXAMPLE
 from lightwell.rendering.deep import write_deep
 from lightwell.rendering.settings import RenderSettings, check_picture_name
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.posing import in_state
 from lightwell.scenes.variables import Sun, has_sky
 from lightwell.transport.camera import total_image
 from lightwell.transport.deep import deep_image
@@ -34,21 +36,23 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
         Size, paths, light, mean radiance, seconds, warnings; JSON values.
 
     Raises:
-        ValueError: A deep picture of a light with a sky is asked for.
+        ValueError: A deep picture of a light with a sky is asked for, or a node that is not there.
     """
     check_picture_name(settings.out)
     shot = Shot.of(settings)
-    hour, texts = parse_day(settings.set)
+    moved, texts = parse_movers(settings.set)
+    hour, texts = parse_day(texts)
     place, intensity, state = _place(shot, hour), shot.intensity, parse_settings(texts)
     if settings.options.deep and has_sky(shot.variable):
         raise ValueError("render: --deep has no sky; leave out --deep, or the day")
     point = max(state.pop(POINT_LIGHT, (1.0,)))
-    groups = group_lamps(shot.scene, parse_lamps(settings.lamps)) if state else ()
+    scene = in_state(shot.scene, moved, settings.vary)
+    groups = group_lamps(scene, parse_lamps(settings.lamps)) if state else ()
     start = perf_counter()
     candela = point * (1.0 if intensity is None else intensity)
-    view = (shot.scene, shot.camera, place, shot.variable, *settings.size, settings.spp)
-    here = attached(shot.scene, settings.loading, settings, lambda line: None)
-    with here, dimmed(shot.scene, groups, state):
+    view = (scene, shot.camera, place, shot.variable, *settings.size, settings.spp)
+    here = attached(scene, settings.loading, settings, lambda line: None)
+    with here, dimmed(scene, groups, state):
         if settings.options.deep:
             radiance, depth = deep_image(*view, settings.options.deep, settings.seed, intensity=candela)
             write_deep(Path(settings.out), radiance, depth)

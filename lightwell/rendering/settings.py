@@ -11,6 +11,7 @@ from typing import Any
 
 from lightwell.core.cluster_options import ClusterOptions
 from lightwell.core.lamps import parse_day, parse_lamps, parse_settings
+from lightwell.core.mover_texts import parse_movers
 from lightwell.core.options import check, made, option, options_of
 from lightwell.core.scene_options import SceneOptions
 from lightwell.core.suggest import did_you_mean
@@ -188,7 +189,8 @@ class RenderSettings(SceneOptions, ClusterOptions):
     set: tuple[str, ...] = option(
         (),
         "a state of the scene's own lamps, such as desk=0.3 or desk=1,0.8,0.6; light=0 turns the point light off; "
-        "day=18:30 is the time of a day that --vary declares",
+        "day=18:30 is the time of a day that --vary declares; node:Door.rotation=45 (degrees about y, or x:45) and "
+        "node:Door.translation=(0,0,0.6) (metres) move a node",
         metavar="NAME=DIMMER",
         repeat=True,
     )
@@ -215,7 +217,7 @@ class RenderSettings(SceneOptions, ClusterOptions):
         """Refuse values out of range, by the name of their option."""
         check(self, "render")
         parse_lamps(self.lamps)
-        parse_settings(parse_day(self.set)[1])
+        parse_settings(parse_day(parse_movers(self.set)[1])[1])
         if (self.set or self.vary) and self.integrator != "path":
             given = "--set" if self.set else "--vary"
             raise ValueError(f"render: {given} is for --integrator path; leave one of them out")

@@ -13,7 +13,7 @@ from lightwell.scenes.assemble_bsdf import Bsdfs, textures, uv_set
 from lightwell.scenes.assemble_lights import area_light, punctual
 from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
 from lightwell.scenes.errors import SceneError
-from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene
+from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene, SceneNode
 
 
 def assemble(
@@ -30,6 +30,8 @@ def assemble(
     bsdfs: Sequence[Any] | None = None,
     area_lights: Sequence[Any] | None = None,
     emitters: Sequence[Any] = (),
+    nodes: Sequence[SceneNode] = (),
+    clips: Sequence[str] = (),
 ) -> Scene:
     """Build a ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
 
@@ -50,6 +52,8 @@ def assemble(
         bsdfs: Per mesh, a Mitsuba BSDF to use instead of the one made from its material, or None.
         area_lights: Per mesh, a Mitsuba area emitter to use instead of the one made from its material, or None.
         emitters: Further Mitsuba emitters, used unchanged.
+        nodes: Tree of nodes, whose meshes are indices into ``meshes``.
+        clips: Names of the animations of the file.
 
     Returns:
         The scene.
@@ -78,7 +82,14 @@ def assemble(
         warnings=list(dict.fromkeys(found)),
         source=source,
         digest=digest,
+        nodes=tuple(_of_kept(node, {number: index for index, (number, _) in enumerate(kept)}) for node in nodes),
+        clips=tuple(clips),
     )
+
+
+def _of_kept(node: SceneNode, index_of: dict[int, int]) -> SceneNode:
+    """The node with the indices of the meshes that were kept."""
+    return replace(node, meshes=tuple(index_of[mesh] for mesh in node.meshes if mesh in index_of))
 
 
 def _kept(
@@ -101,17 +112,19 @@ def _kept(
     return kept
 
 
-def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf: Any, own_light: Any) -> tuple[Mesh, Any]:
-    """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh."""
+def _shape(mesh: Mesh, material: Material, factory: Bsdfs | None, own_bsdf: Any, own_light: Any) -> tuple[Mesh, Any]:
+    """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh. Without a factory the BSDF
+    is one that a factory has made."""
     uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
     colors = None
     if mesh.colors is not None:
         # With a texture, the factor is multiplied into the texture; without one, into the vertex colours here.
         factor = 1 if material.base_color_texture is not None else np.array(material.base_color[:3], np.float32)
         colors = mesh.colors[:, :3] * factor
-    if own_bsdf is None:
+    if own_bsdf is None or factory is None:
         mirrored = mirrored_uv(mesh, uv)
-        own_bsdf = factory(mesh.material, colors=colors is not None, mirrored=mirrored)
+        if factory is not None:
+            own_bsdf = factory(mesh.material, colors=colors is not None, mirrored=mirrored)
         # Mitsuba generates coordinates for a mesh without any; viewers sample the texture at (0, 0).
         if uv is None and textures(material):
             uv = np.zeros((len(mesh.positions), 2), np.float32)
@@ -120,6 +133,20 @@ def _shape(mesh: Mesh, material: Material, factory: Bsdfs, own_bsdf: Any, own_li
         mesh = replace(mesh, emission=emission)
     shape = mitsuba_mesh(mesh, own_bsdf, emitter=own_light, uv=uv, colors=colors)
     return mesh, shape
+
+
+def posed_mesh(mesh: Mesh, material: Material, shape: Any) -> Any:
+    """Make the Mitsuba mesh of a moved mesh.
+
+    Args:
+        mesh: The mesh in its pose.
+        material: Its material.
+        shape: The Mitsuba mesh at rest, whose BSDF is shared.
+
+    Returns:
+        The Mitsuba mesh.
+    """
+    return _shape(mesh, material, None, shape.bsdf(), None)[1]
 
 
 def _add_emitters(

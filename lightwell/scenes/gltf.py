@@ -10,6 +10,7 @@ extension is refused.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -28,7 +29,7 @@ from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
 from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
 from lightwell.scenes.gltf_rest import poses_for_flat_nodes
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
-from lightwell.scenes.scene import Camera, Light, LightKind, Material, Mesh, Scene
+from lightwell.scenes.scene import Camera, Light, LightKind, Material, Mesh, Scene, SceneNode
 
 KNOWN_EXTENSIONS = READ | {
     DRACO,
@@ -72,6 +73,8 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
         warnings=reader.warnings,
         source=str(path),
         digest=reader.document.digest,
+        nodes=reader.tree,
+        clips=reader.clips,
     )
 
 
@@ -90,6 +93,12 @@ class _Reader:
         self._textures = Textures(document, accessors, self.warnings.append)
         # Index into ``materials`` of each of the file's materials that is used; None is the default material.
         self._material_of: dict[int | None, int] = {}
+        self.tree: list[SceneNode] = []
+        self.clips: list[str] = []
+        # Meshes, lights and cameras of every node, by index.
+        self._meshes_of: dict[int, list[int]] = {}
+        self._lights_of: dict[int, int] = {}
+        self._cameras_of: dict[int, str] = {}
         # World matrix of every node in the scene, by index.
         self._worlds: dict[int, np.ndarray] = {}
 
@@ -102,18 +111,38 @@ class _Reader:
             nodes = list(placed_nodes(self.document, self._unit, poses))
         self._worlds = {node.index: node.matrix for node in nodes}
         self._textures.charge()
-        for placement in placements(self.document, self._accessors, nodes):
+        placed = placements(self.document, self._accessors, nodes)
+        for placement in placed:
             self._add_meshes(placement)
         for node in nodes:
             self._add_camera(node)
             self._add_light(node)
         if not self.meshes:
             self.document.fail("has no triangles in its default scene", "export its meshes too")
-        if self.document.count("animations"):
+        # Joined placements belong to no node.
+        if not any(placement.joined for placement in placed):
+            self.tree = self._tree(nodes)
+        if count := self.document.count("animations"):
+            self.clips = [self.document.item("animations", i).text("name", "") or f"clip {i}" for i in range(count)]
             self.warnings.append("animations are ignored; the scene is loaded at rest")
         if ignored := sorted(name[:40] for name in self._geometry.ignored):
             self.warnings.append(f"vertex attributes are ignored: {', '.join(ignored[:10])}")
         self._warn_of_size()
+
+    def _tree(self, nodes: Sequence[PlacedNode]) -> list[SceneNode]:
+        """Nodes, parents first, with what hangs on each; skinned meshes hang on their joints, not on their node."""
+        index_of = {node.index: k for k, node in enumerate(nodes)}
+        return [
+            SceneNode(
+                node.name,
+                index_of.get(node.parent, -1),
+                node.matrix,
+                tuple(self._meshes_of.get(node.index, ())),
+                (self._lights_of[node.index],) if node.index in self._lights_of else (),
+                (self._cameras_of[node.index],) if node.index in self._cameras_of else (),
+            )
+            for node in nodes
+        ]
 
     def _warn_of_size(self) -> None:
         """Warn when the scene is so large or small that its unit is probably not the metre."""
@@ -156,6 +185,8 @@ class _Reader:
                 )
                 continue
             same: dict[str, Any] = {"uv0": primitive.uv0, "uv1": primitive.uv1, "colors": primitive.colors}
+            if joints is None:
+                self._meshes_of.setdefault(node.index, []).append(len(self.meshes))
             repeated = {k: v if v is None or copies == 1 else np.tile(v, (copies, 1)) for k, v in same.items()}
             self.meshes.append(Mesh(name, material=material, **(arrays | repeated)))
 
@@ -189,7 +220,7 @@ class _Reader:
         if lens is None:
             self.warnings.append(f"camera '{node.name}': only perspective cameras are loaded")
             return
-        matrix = node.matrix
+        matrix, self._cameras_of[node.index] = node.matrix, node.name
         position, forward, up = matrix[:3, 3], -_direction(matrix[:3, 2]), _direction(matrix[:3, 1])
         self.cameras.append(
             Camera(
@@ -211,6 +242,7 @@ class _Reader:
         number = extension.index("light", len(lights), "light")
         if number is None:
             extension.fail("has no light")
+        self._lights_of[node.index] = len(self.lights)
         light = self._possible(_light(Place(self.document.scene, f"light {number}", lights[number])), node.name)
         self.lights.append(
             replace(

@@ -25,6 +25,8 @@ class PlacedNode:
     name: str
     matrix: np.ndarray
     """[4, 4] float64, from the node's space to the world."""
+    parent: int = -1
+    """Index of the parent in the file; -1 for a root."""
 
 
 def placed_nodes(
@@ -43,10 +45,10 @@ def placed_nodes(
     count = document.count("nodes")
     document.budget.charge("nodes", count)
     root = np.diag([unit, unit, unit, 1.0])
-    waiting = [(index, root, 1) for index in reversed(_roots(document))]
+    waiting = [(index, root, 1, -1) for index in reversed(_roots(document))]
     seen: set[int] = set()
     while waiting:
-        index, parent, depth = waiting.pop()
+        index, parent, depth, above = waiting.pop()
         place = document.item("nodes", index)
         if index in seen:
             place.fail("is reached twice; nodes must form a tree")
@@ -55,8 +57,8 @@ def placed_nodes(
         if poses and index in poses:
             place.value = place.value | poses[index]
         matrix = _world_matrix(place, parent)
-        yield PlacedNode(index, place, place.text("name", "") or place.what, matrix)
-        waiting += [(child, matrix, depth + 1) for child in reversed(place.indices("children", count, "node"))]
+        yield PlacedNode(index, place, place.text("name", "") or place.what, matrix, above)
+        waiting += [(child, matrix, depth + 1, index) for child in reversed(place.indices("children", count, "node"))]
 
 
 def _world_matrix(place: Place, parent: np.ndarray) -> np.ndarray:

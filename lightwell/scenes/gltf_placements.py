@@ -32,6 +32,8 @@ class Placement:
     matrices: np.ndarray
     """[K, 4, 4] float64, from the mesh's space to the world."""
     name: str
+    joined: bool = False
+    """Whether it holds the placements of several nodes."""
 
 
 def placements(document: Document, accessors: Accessors, nodes: Sequence[PlacedNode]) -> list[Placement]:
@@ -161,5 +163,5 @@ def _joined(made: Sequence[Placement]) -> list[Placement]:
         first, rest = group[0], len(group) - 1
         matrices = np.concatenate([p.matrices for p in group]) if rest else first.matrices
         name = f"{first.name} and {rest} more" if rest else first.name
-        joined.append(Placement(first.node, first.mesh, matrices, name))
+        joined.append(Placement(first.node, first.mesh, matrices, name, joined=rest > 0))
     return joined

@@ -18,6 +18,7 @@ from PIL import Image as PillowImage
 
 from lightwell.core.notebook import card, png_uri
 from lightwell.scenes.executor import RowExecutor
+from lightwell.scenes.movers import Mover
 from lightwell.scenes.scene_cache import Derived, SceneCache
 
 # Reflectance of a dielectric with an index of refraction of 1.5 at normal incidence (glTF 2.0, appendix B).
@@ -172,6 +173,23 @@ class Camera:
     name: str = ""
 
 
+@dataclass(frozen=True)
+class SceneNode:
+    """A node of the scene's tree: what moves together."""
+
+    name: str
+    parent: int
+    """Index into ``Scene.nodes``; -1 for a root. Parents come first."""
+    matrix: np.ndarray = field(repr=False)
+    """[4, 4] float64, from the node's space to the world, metres."""
+    meshes: tuple[int, ...] = ()
+    """Its own meshes, indices into ``Scene.meshes``; those of its children are theirs."""
+    lights: tuple[int, ...] = ()
+    """Its own lights, indices into ``Scene.lights``."""
+    cameras: tuple[str, ...] = ()
+    """Names of its own cameras."""
+
+
 @dataclass
 class Scene:
     """A loaded scene: lights and surfaces as records and as a Mitsuba scene."""
@@ -193,6 +211,12 @@ class Scene:
     """Hash of everything that changes the transport (file contents); identifies checkpoints."""
     whole: Callable[[], Any] | None = None
     """Makes the ``mitsuba.Scene`` of a Mitsuba file as its author wrote it, with media; None for other files."""
+    nodes: tuple[SceneNode, ...] = field(default=(), repr=False)
+    """The tree of nodes, parents first; none for Mitsuba files."""
+    clips: tuple[str, ...] = ()
+    """Names of the animations of the file; the scene is loaded at rest."""
+    mover: Mover | None = None
+    """The part that a bake moves (``lightwell.scenes.posing``); None: nothing moves. The records are at rest."""
     executor: RowExecutor | None = field(default=None, init=False, repr=False, compare=False)
     """Where work on the scene runs that can be divided by rows; None: in this process."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)

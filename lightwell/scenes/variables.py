@@ -133,7 +133,7 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     Raises:
         ValueError: The declarations name several lights, or contradict each other.
     """
-    found = [d for d in map(parse_vary, texts) if d.learned]
+    found = [d for d in map(parse_vary, texts) if d.learned and not d.moves]
     suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
     name = found[0].name if found else ""
     if all(d.parameter not in OF_SUN for d in found):

@@ -22,18 +22,18 @@ def courtyard():
 
 
 def test_names():
-    assert NAMES == ("cornell", "courtyard", "loft", "two-rooms")
+    assert NAMES == ("cornell", "courtyard", "doorway", "loft", "two-rooms")
 
 
 def test_an_unknown_name_says_which_exist():
-    message = "no built-in scene 'atrium'; choose one of cornell, courtyard, loft, two-rooms"
+    message = "no built-in scene 'atrium'; choose one of cornell, courtyard, doorway, loft, two-rooms"
     with pytest.raises(ValueError, match=message):
         build("atrium")
 
 
-def test_the_scene_is_clean_and_only_the_loft_has_lamps(scene):
+def test_the_scene_is_clean_and_only_loft_and_doorway_have_lamps(scene):
     assert scene.warnings == []
-    assert scene.has_static_light == (scene.name == "loft")
+    assert scene.has_static_light == (scene.name in ("loft", "doorway"))
     assert scene.source == f"builtin:{scene.name}"
     assert scene.cameras[0].name == "home"
     assert 5 <= len(scene.cameras) <= 7

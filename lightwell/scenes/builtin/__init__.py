@@ -2,15 +2,21 @@
 
 ``cornell`` is the Cornell box, ``courtyard`` a house around a light well, ``two-rooms`` a test for light that leaks
 through thin walls; none of them has a light of its own: the variable light of the bake lights it. ``loft`` has nine
-lamps of its own.
+lamps of its own, ``doorway`` one lamp and a door.
 """
 
 from __future__ import annotations
 
 from ..scene import Scene
-from . import cornell, courtyard, loft, two_rooms
+from . import cornell, courtyard, doorway, loft, two_rooms
 
-_BUILDERS = {"cornell": cornell.build, "courtyard": courtyard.build, "loft": loft.build, "two-rooms": two_rooms.build}
+_BUILDERS = {
+    "cornell": cornell.build,
+    "courtyard": courtyard.build,
+    "doorway": doorway.build,
+    "loft": loft.build,
+    "two-rooms": two_rooms.build,
+}
 
 NAMES = tuple(_BUILDERS)
 

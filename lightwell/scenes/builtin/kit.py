@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..assemble import assemble
-from ..scene import Camera, Material, Mesh, Scene
+from ..scene import Camera, Material, Mesh, Scene, SceneNode
 from .shapes import MeshPart, merge
 
 
@@ -29,6 +29,7 @@ class Kit:
         self.version = version
         self._materials: dict[str, tuple[Material, float]] = {}
         self._parts: dict[tuple[str, str], list[MeshPart]] = {}
+        self._pivots: dict[str, tuple[float, float, float]] = {}
 
     def material(self, material: Material, tile: float = 1.0) -> str:
         """Register a material.
@@ -58,6 +59,15 @@ class Kit:
             raise ValueError(f"builtin: '{object_name}' wants the unknown material '{material}'; register it first")
         self._parts.setdefault((object_name, material), []).extend(parts)
 
+    def pivot(self, object_name: str, place: tuple[float, float, float]) -> None:
+        """Set the origin of an object's node, about which it turns; without one it is the scene's origin.
+
+        Args:
+            object_name: Name of the object.
+            place: Position in metres.
+        """
+        self._pivots[object_name] = place
+
     def scene(self, cameras: Sequence[Camera]) -> Scene:
         """Assemble the finished scene.
 
@@ -72,7 +82,20 @@ class Kit:
         materials = [self._materials[name][0] for name in used]
         digest = content_digest(f"{self.name} {self.version}", meshes, materials)
         source = f"builtin:{self.name}"
-        return assemble(self.name, meshes, materials, cameras=list(cameras), source=source, digest=digest)
+        nodes = self._nodes()
+        return assemble(self.name, meshes, materials, cameras=list(cameras), source=source, digest=digest, nodes=nodes)
+
+    def _nodes(self) -> list[SceneNode]:
+        """One node per object, with the meshes of all its materials."""
+        meshes: dict[str, list[int]] = {}
+        for index, (name, _) in enumerate(self._parts):
+            meshes.setdefault(name, []).append(index)
+        nodes = []
+        for name, indices in meshes.items():
+            matrix = np.eye(4)
+            matrix[:3, 3] = self._pivots.get(name, (0.0, 0.0, 0.0))
+            nodes.append(SceneNode(name, -1, matrix, tuple(indices)))
+        return nodes
 
     def _mesh(self, object_name: str, material: str, index: int) -> Mesh:
         part = merge(self._parts[object_name, material])

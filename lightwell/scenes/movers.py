@@ -1,0 +1,139 @@
+"""The part of a scene that a bake moves: a node with its children that turns about an axis or slides along one.
+
+Notation: v a value, degrees or metres; t = (v − low) / (high − low) the slider, 0 to 1. At rest the scene is as its
+file has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A node whose rotation or translation is a variable of a bake."""
+
+    name: str
+    """Name of the node."""
+    path: Literal["rotation", "translation"]
+    axis: Vector
+    """Unit direction in world space at rest: the axis of the rotation, or the way of the translation."""
+    pivot: Vector
+    """A point of the axis of a rotation, metres; what a translation by 0 adds to the rest position, metres."""
+    low: float
+    """First value: degrees from rest, or 0 metres."""
+    high: float
+    """Last value: degrees from rest, or metres from the first."""
+    meshes: tuple[int, ...]
+    """Meshes that move, indices into ``Scene.meshes``."""
+    lights: tuple[int, ...] = ()
+    """Punctual lights that move, indices into ``Scene.lights``."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of a value: 'degrees' or 'metres'."""
+        return "degrees" if self.path == "rotation" else "metres"
+
+    @property
+    def sign(self) -> str:
+        """Sign of the unit, for captions."""
+        return "°" if self.path == "rotation" else " m"
+
+    def value(self, slider: float) -> float:
+        """Convert a slider to a value.
+
+        Args:
+            slider: 0 to 1.
+
+        Returns:
+            Degrees or metres.
+        """
+        return self.low + (self.high - self.low) * slider
+
+    def slider(self, value: float) -> float:
+        """Convert a value to a slider.
+
+        Args:
+            value: Degrees or metres.
+
+        Returns:
+            0 at the first value, 1 at the last one.
+        """
+        return (value - self.low) / (self.high - self.low)
+
+    @property
+    def initial(self) -> float:
+        """The slider that a page shows first: the rest pose where it lies in the range, else the first value."""
+        at = self.slider(0.0)
+        return at if self.path == "rotation" and 0 <= at <= 1 else 0.0
+
+    def caption(self, slider: float) -> str:
+        """Describe a pose in words.
+
+        Args:
+            slider: 0 to 1.
+
+        Returns:
+            For example 'Door at 45°'.
+        """
+        return f"{self.name} at {self.value(slider):.3g}{self.sign}"
+
+    def motion(self, slider: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the motions from the rest pose to poses.
+
+        Args:
+            slider: [N] sliders.
+
+        Returns:
+            Rotations [N, 3, 3] and translations [N, 3], metres: a point x of the rest pose moves to R x + c.
+        """
+        v = self.low + (self.high - self.low) * np.asarray(slider, np.float64).reshape(-1)
+        axis, pivot = np.asarray(self.axis), np.asarray(self.pivot)
+        if self.path == "translation":
+            return np.broadcast_to(np.eye(3), (len(v), 3, 3)), pivot + v[:, None] * axis
+        x, y, z = axis
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        angle = np.radians(v)[:, None, None]
+        # Rodrigues' formula.
+        turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+        return turn, pivot - turn @ pivot
+
+    def moved(self, slider: float, points: np.ndarray, directions: bool = False) -> np.ndarray:
+        """Move points or directions from the rest pose to a pose.
+
+        Args:
+            slider: 0 to 1.
+            points: [N, 3] positions in metres, or directions.
+            directions: Whether they are directions.
+
+        Returns:
+            [N, 3] float64.
+        """
+        turn, offset = self.motion(np.array([slider]))
+        return np.asarray(points, np.float64) @ turn[0].T + (0 if directions else offset[0])
+
+    def json(self) -> dict[str, Any]:
+        """Describe the mover for reports.
+
+        Returns:
+            JSON values.
+        """
+        return {"name": self.name, "path": self.path, "unit": self.unit, "range": [self.low, self.high]}
+
+
+def pose_nodes(count: int) -> np.ndarray:
+    """Choose the sliders of the poses that are traced: Clenshaw–Curtis nodes, dense towards both end stops.
+
+    Args:
+        count: K, ≥ 2.
+
+    Returns:
+        [K] increasing from 0 to 1.
+    """
+    return 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / (count - 1))
