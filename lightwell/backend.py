@@ -137,8 +137,8 @@ import drjit as dr  # noqa: E402  (the variant must be chosen first)
 import mitsuba as mi  # noqa: E402
 
 __all__ = [
-    "ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "aligned", "cure", "dr", "freeze", "mi", "upload_floats",
-    "upload_integers",
+    "ACTIVE", "MINIMUM_LLVM", "VARIANTS", "Backend", "aligned", "cure", "dr", "freeze", "mi", "two_threads",
+    "upload_floats", "upload_integers",
 ]  # fmt: skip
 
 # Bytes of the widest vector registers.
@@ -167,6 +167,23 @@ def freeze(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
             return frozen(*arguments)
 
     return call
+
+
+@contextmanager
+def two_threads() -> Iterator[None]:
+    """Give Dr.Jit at least two worker threads for a while.
+
+    Mitsuba 3.9 reads and writes EXR files in tasks that wait for other tasks: with one thread they wait for ever.
+    """
+    count = dr.thread_count()
+    if count > 1:
+        yield
+        return
+    dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        dr.set_thread_count(count)
 
 
 def aligned(array: np.ndarray, kind: type) -> np.ndarray:

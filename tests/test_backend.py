@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lightwell.backend import ACTIVE, aligned, cure, dr, mi, upload_floats
+from lightwell.backend import ACTIVE, aligned, cure, dr, mi, two_threads, upload_floats
+from lightwell.core.image_io import write_picture
 
 PROGRAM = """
 import sys; sys.path[:] = sys.argv[1:]
@@ -64,3 +65,17 @@ def test_aligned_copies_are_copies():
         copy = aligned(original, np.float32)
         assert copy.dtype == np.float32 and (not copy.size or copy.ctypes.data % 64 == 0)
         assert np.array_equal(copy, original) and not np.shares_memory(copy, original)
+
+
+def test_pictures_are_written_and_read_with_one_thread(tmp_path):
+    """Mitsuba's own writer and reader of EXR files wait for ever there."""
+    path, picture = tmp_path / "picture.exr", np.full((4, 6, 3), 0.5, np.float32)
+    before = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        write_picture(path, picture)
+        assert dr.thread_count() == 1
+        with two_threads():
+            assert np.array_equal(np.array(mi.Bitmap(str(path))), picture)
+    finally:
+        dr.set_thread_count(before)

@@ -70,6 +70,23 @@ def test_a_room_that_waits_runs_beside_the_others(tmp_path):
     assert {one.room: one.failed for one in run_tests.run(rooms, 1, {})} == {"web": False, "other": False}
 
 
+def test_time_of_processes_that_are_left_behind_counts():
+    """As of a browser, whose processes live on when the one that the tests wait for has ended."""
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    leaves = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {work!r}])\n" + WRITE
+    (one,) = run_tests.run([room("leaves", 0, leaves)], 1, {})
+    assert not one.failed and one.processor_seconds > 0.5
+
+
+def test_rooms_side_by_side_have_one_thread_each(monkeypatch):
+    for name in run_tests.THREADS:
+        monkeypatch.delenv(name, raising=False)
+    assert {run_tests.environment(True)[name] for name in run_tests.THREADS} == {"1"}
+    assert not set(run_tests.THREADS) & set(run_tests.environment(False))
+    monkeypatch.setenv("LIGHTWELL_THREADS", "4")
+    assert run_tests.environment(True)["LIGHTWELL_THREADS"] == "4"
+
+
 def test_the_last_line_is_the_total():
     results = [
         Result("a", Counts(3, 0, 1), 0, 2.0, 3.0),

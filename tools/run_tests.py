@@ -92,7 +92,7 @@ class Result:
     seconds: float
     """Wall time."""
     processor_seconds: float
-    """User and system time of the process and of all that it waited for."""
+    """User and system time of the process and of all that it started, browsers included."""
 
     @property
     def failed(self) -> bool:
@@ -212,7 +212,8 @@ def start(room: Room, folder: Path, environment: dict[str, str]) -> subprocess.P
     """
     print(f"{room.name}: {shlex.join(room.command[1:])}", flush=True)
     stem = room.name.replace("/", "-")
-    command = [*room.command, f"{room.report_option}{folder / stem}.report"]
+    counted = (sys.executable, str(ROOT / "tools/count_orphans.py"))
+    command = [*counted, *room.command, f"{room.report_option}{folder / stem}.report"]
     with (folder / f"{stem}.log").open("wb") as log:
         return subprocess.Popen(command, cwd=room.folder, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
@@ -300,15 +301,24 @@ def summary(results: list[Result], seconds: float) -> str:
     return "\n".join([*lines, str(sum((one.counts for one in results), Counts()))])
 
 
-def environment() -> dict[str, str]:
+# Worker threads of Dr.Jit and of NumPy's linear algebra.
+THREADS = ("LIGHTWELL_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def environment(side_by_side: bool) -> dict[str, str]:
     """Make the environment of the tests.
+
+    Args:
+        side_by_side: Whether rooms run at once. Each then has one worker thread, unless the environment says otherwise:
+            threads that wait for work of others take a quarter more processor time.
 
     Returns:
         That of this process, with ``CHROMIUM`` where a browser is found.
     """
     found = subprocess.run([ROOT / "tools/find-chromium.sh"], stdout=subprocess.PIPE, text=True, check=False)
     chromium = {"CHROMIUM": found.stdout.strip()} if found.returncode == 0 else {}
-    return os.environ | chromium
+    threads = dict.fromkeys(THREADS, "1") if side_by_side else {}
+    return threads | os.environ | chromium
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -341,8 +351,8 @@ def main(arguments: list[str] | None = None) -> int:
         )
     if "python" in wanted:
         wanted |= {room.name for room in rooms} - {"web"}
-    begin = time.monotonic()
-    results = list(run([room for room in rooms if room.name in wanted], max(asked.jobs, 1), environment()))
+    begin, chosen, jobs = time.monotonic(), [room for room in rooms if room.name in wanted], max(asked.jobs, 1)
+    results = list(run(chosen, jobs, environment(min(len(chosen), jobs) > 1)))
     print(summary(results, time.monotonic() - begin))
     return int(any(one.failed for one in results))
 

@@ -46,9 +46,10 @@ def encoded(pixels: np.ndarray, kind: str, **options: int) -> bytes:
 
 
 def _exr(picture: np.ndarray) -> bytes:
-    from lightwell.backend import mi
+    from lightwell.backend import mi, two_threads
 
-    stream = mi.MemoryStream()
-    mi.Bitmap(np.ascontiguousarray(picture[..., :3], np.float32)).write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    stream, bitmap = mi.MemoryStream(), mi.Bitmap(np.ascontiguousarray(picture[..., :3], np.float32))
+    with two_threads():
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
     stream.seek(0)
     return stream.read(stream.size())

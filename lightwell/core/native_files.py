@@ -93,4 +93,7 @@ def _mitsuba() -> Any:
     if mitsuba.variant() is None:
         mitsuba.set_variant("scalar_rgb")
         mitsuba.set_log_level(mitsuba.LogLevel.Error)
+        # With one thread, as on a machine of one processor, reading an EXR file does not end: `backend.two_threads`.
+        drjit: Any = import_module("drjit")
+        drjit.set_thread_count(max(drjit.thread_count(), 2))
     return mitsuba
