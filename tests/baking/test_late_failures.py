@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from lightwell.asset.read import read_fields
 from lightwell.baking import pipeline, reference
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.pipeline import bake
@@ -42,7 +43,10 @@ def test_a_failure_becomes_a_note_and_the_rest_goes_on():
 def test_a_late_failure_costs_no_bake(stages, tmp_path, monkeypatch):
     for module, function, _ in (STAGES[stage] for stage in stages):
         monkeypatch.setattr(module, function, broken)
-    report = bake(small(tmp_path / "out", steps=10, views=1, shards=1))
+    # Beside what fails, it shows that a declared sun reaches the asset.
+    report = bake(small(tmp_path / "out", steps=10, views=1, shards=1, vary=("sun.direction=arc(100,20,260,20)",)))
+    (variable,) = read_fields(tmp_path / "out/scene.glb")[1]
+    assert variable["kind"] == "sun"
     for _, _, word in (STAGES[stage] for stage in stages):
         assert any(word in note for note in report["warnings"])
     for name in ("scene.glb", "index.html", "report.html", "report.json"):
@@ -64,7 +68,12 @@ def test_a_bare_report_and_a_page_without_pictures_are_better_than_none(tmp_path
 
     monkeypatch.setattr(pipeline, "write_report", once)
     monkeypatch.setattr(pipeline, "write_page", picky)
+    # Beside what fails, it shows a light map whose light moves.
     field = {"field": "lightmap", "options": {"size": 64, "mips": 0}}
-    report = bake(small(tmp_path / "out", steps=10, views=1, shards=1, **field))
+    vary = ("light.position=box(-0.5,1.2,-0.5,0.5,1.6,0.5)",)
+    report = bake(small(tmp_path / "out", steps=10, views=1, shards=1, paths=4, lights_per_shard=8, vary=vary, **field))
+    fields, variables = read_fields(tmp_path / "out/scene.glb")
+    assert [f.role for f in fields] == ["indirect"] and variables[0]["kind"] == "point"
+    assert {"light", "uv1"} <= set(fields[0].graph.inputs)
     assert report["relative_error"] is None and any("the figures" in note for note in report["warnings"])
     assert pages == [True, False] and (tmp_path / "out/index.html").stat().st_size > 1000

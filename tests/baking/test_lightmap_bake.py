@@ -18,7 +18,9 @@ import pytest
 from lightwell.asset import read_fields
 from lightwell.asset.container import unpack
 from lightwell.asset.page_textures import with_smaller_textures
+from lightwell.asset.records import FieldEntry
 from lightwell.asset.without_ktx2 import without_ktx2
+from lightwell.asset.write import glb_bytes
 from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings, request_of
 from lightwell.cli import main
@@ -100,6 +102,8 @@ def test_default(whole):
     assert (out / "index.html").stat().st_size > 1000
 
 
+# ``test_late_failures`` bakes such a light map, too.
+@pytest.mark.slow
 def test_a_light_that_moves(tmp_path):
     vary = ("light.position=box(-0.5,1.2,-0.5,0.5,1.6,0.5)",)
     bake(BakeSettings("cornell", tmp_path, vary=vary, **SMALL))
@@ -200,10 +204,11 @@ def test_every_preset_becomes_pictures(sampled, tmp_path, preset, kept):
     )
 
 
-def test_a_baked_siren_becomes_a_shadertoy(tmp_path):
-    bake(BakeSettings("cornell", tmp_path, preset="siren", **SMALL | {"steps": 2}))
+def test_a_fitted_siren_becomes_a_shadertoy(sampled, tmp_path):
+    graph = fitted(sampled, tmp_path, preset="siren", steps=2).lower().graph
+    (tmp_path / "siren.glb").write_bytes(glb_bytes(sampled[0].scene, [FieldEntry("light", "static", graph)], []))
     path = tmp_path / "siren.glsl"
-    assert main(["export", str(tmp_path), "--to", "shadertoy", "-o", str(path)]) == 0
+    assert main(["export", str(tmp_path / "siren.glb"), "--to", "shadertoy", "-o", str(path)]) == 0
     text = path.read_text()
     assert "mainImage" in text and "uniform" not in text and "sin(" in text
 

@@ -92,12 +92,11 @@ def test_another_seed_gives_another_field(baked, tmp_path):
     assert (tmp_path / "other/scene.glb").read_bytes() != (baked[0] / "scene.glb").read_bytes()
 
 
+# ``test_late_failures`` bakes with a declared sun, too.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "vary",
-    [
-        "sun.direction=arc(100,20,260,20)",
-        pytest.param("light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)", marks=pytest.mark.slow),
-    ],
+    ["sun.direction=arc(100,20,260,20)", "light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)"],
 )
 def test_declared_variables_reach_the_asset(tmp_path, vary):
     bake(small(tmp_path / "out", vary=(vary,), views=1, steps=10, shards=1))
