@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
-from lightwell.backend import mi
+from lightwell.backend import mi, two_threads
+from lightwell.core.image_io import write_picture
 from lightwell.limits import Limits
 from lightwell.scenes import SceneError, load
 from lightwell.scenes.mitsuba_xml import load_mitsuba
@@ -349,7 +350,8 @@ def test_pictures_of_other_formats_are_read_by_a_worker(tmp_path, name):
     if name[2:] in ("bmp", "tga"):
         PillowImage.fromarray((pixels * 255).astype(np.uint8)).save(tmp_path / name)
     else:
-        mi.Bitmap(pixels).write(str(tmp_path / name))
+        with two_threads():
+            mi.Bitmap(pixels).write(str(tmp_path / name))
     path = saved(tmp_path, texture(name))
     ours = load(path).mi.shapes()[0].bsdf()
     theirs = mi.load_file(str(path)).shapes()[0].bsdf()
@@ -386,7 +388,7 @@ def test_curves_are_left_out_and_never_opened(tmp_path):
 
 
 def test_an_exr_file_is_checked_before_its_worker_decodes_it(tmp_path):
-    mi.Bitmap(np.ones((8, 8, 3), np.float32)).write(str(tmp_path / "a.exr"))
+    write_picture(tmp_path / "a.exr", np.ones((8, 8, 3)))
     data = (tmp_path / "a.exr").read_bytes()
     assert load_mitsuba(saved(tmp_path, texture("a.exr")))
     (tmp_path / "cut.exr").write_bytes(data[:-9])

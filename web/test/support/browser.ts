@@ -33,10 +33,34 @@ export function findChromium(): string {
   return path;
 }
 
-export function launch(backend: Backend): Promise<Browser> {
+/** Start a browser of one's own: for tests that may bring it down. */
+export function launchAlone(backend: Backend): Promise<Browser> {
   return chromium.launch({
     executablePath: findChromium(),
     args: ["--no-sandbox", "--disable-gpu-watchdog", ...BACKENDS[backend]],
+  });
+}
+
+/** The running browsers; they end with this process. To start one costs more than most files of tests. */
+const running = new Map<Backend, Promise<Browser>>();
+
+/** The browser of a backend, which all files share; `close` closes the tabs that were opened by what is returned. */
+export async function launch(backend: Backend): Promise<Browser> {
+  const starting = running.get(backend) ?? launchAlone(backend);
+  running.set(backend, starting);
+  const browser = await starting;
+  const opened = new Set<{ close(): Promise<void> }>();
+  const kept = <T extends { close(): Promise<void> }>(one: T): T => (opened.add(one), one);
+  const own: Partial<Browser> = {
+    newPage: async (options) => kept(await browser.newPage(options)),
+    newContext: async (options) => kept(await browser.newContext(options)),
+    close: async () => void (await Promise.all([...opened].map((one) => one.close()))),
+  };
+  return new Proxy(browser, {
+    get: (target, name) => {
+      const value = name in own ? own[name as keyof Browser] : Reflect.get(target, name, target);
+      return typeof value === "function" ? value.bind(target) : value;
+    },
   });
 }
 
