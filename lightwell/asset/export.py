@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.container import read_file, refusing
-from lightwell.asset.read import read_fields
+from lightwell.asset.read import read_fields, refuse_moving
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.files import write_atomically
 from lightwell.graph import graph_to_json
@@ -90,6 +90,7 @@ def export_field(
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
     fields, _ = read_fields(path, limits)
     entry = _named(fields, field, path)
+    refuse_moving(fields, "export")
     document, _ = read_file(path, limits)
     with refusing(path):
         request, bounds = _request(entry, document), _bounds(document)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,6 +55,24 @@ def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[Fi
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error
+
+
+def refuse_moving(fields: Sequence[FieldEntry], verb: str) -> None:
+    """Refuse fields that follow a node that moves, for what knows one pose.
+
+    Args:
+        fields: The fields of a file.
+        verb: What cannot take them, for the message.
+
+    Raises:
+        ValueError: A field reads the pose of a node.
+    """
+    for field in fields:
+        if "pose" in field.graph.inputs:
+            raise ValueError(
+                f"{verb}: field '{field.name}' follows a node that moves, which only lightwell's own page and runtime "
+                "for three.js play; bake without --vary node:…"
+            )
 
 
 def _fields(

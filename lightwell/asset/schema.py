@@ -18,6 +18,8 @@ from lightwell.asset.records import EXTENSION
 GRAPH_SCHEMA = "graph.schema.json"
 # Longest quotation of the file's data in an error message, characters.
 MAX_QUOTE = 160
+# How far the squared length of an axis may be from 1.
+UNIT_TOLERANCE = 1e-3
 
 
 @cache
@@ -59,14 +61,35 @@ def _check_references(extension: dict[str, Any]) -> None:
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
     for i, variable in enumerate(extension["variables"]):
         _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
+    _check_movers(extension)
     for i, field in enumerate(extension["fields"]):
-        if field.get("variable", -1) >= len(extension["variables"]):
-            raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no variable {field['variable']}")
+        if field.get("variable", -1) >= sum(variable["kind"] != "node" for variable in extension["variables"]):
+            raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no light {field['variable']}")
         width = field["graph"]["inputs"].get("lamps", 3 * len(lamps))
         if width != 3 * len(lamps):
             raise ValueError(
                 f"{EXTENSION}.fields[{i}].graph.inputs.lamps: width {width}, expected 3 for each of {len(lamps)} lamps"
             )
+
+
+def _check_movers(extension: dict[str, Any]) -> None:
+    """Check that lights come before nodes, that ranges hold their first value, and that graphs have their poses."""
+    variables = extension["variables"]
+    kinds = [variable["kind"] == "node" for variable in variables]
+    if kinds != sorted(kinds):
+        raise ValueError(f"{EXTENSION}.variables: lights come before nodes")
+    for i, variable in enumerate(variables):
+        if variable["kind"] != "node":
+            continue
+        low, high = variable["range"]
+        if low == high or not min(low, high) <= variable["initial"] <= max(low, high):
+            raise ValueError(f"{EXTENSION}.variables[{i}]: expected a range that is not empty and holds initial")
+        if abs(sum(c * c for c in variable["axis"]) - 1) > UNIT_TOLERANCE:
+            raise ValueError(f"{EXTENSION}.variables[{i}].axis: expected a unit vector")
+    for i, field in enumerate(extension["fields"]):
+        width, nodes = field["graph"]["inputs"].get("pose", sum(kinds)), sum(kinds)
+        if width != nodes:
+            raise ValueError(f"{EXTENSION}.fields[{i}].graph.inputs.pose: width {width}, expected {nodes}, 1 a node")
 
 
 def _check_sky(sky: dict[str, Any] | None, where: str) -> None:

@@ -13,6 +13,7 @@ import lightwell
 from lightwell.asset import geometry
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
+from lightwell.asset.moving import add_mover, moving_nodes
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
 from lightwell.asset.records import EXTENSION, VERSION, VERSION_WITH_LAMPS_OR_SKY, Fallback, FieldEntry, LampEntry
 from lightwell.asset.schema import validate
@@ -33,6 +34,7 @@ def write_glb(
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
+    pose: float | None = None,
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -48,11 +50,12 @@ def write_glb(
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
+        pose: First slider of the scene's mover, 0 to 1, which becomes a variable; None: nothing moves.
 
     Returns:
         Number of bytes written.
     """
-    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure))
+    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose))
 
 
 def glb_bytes(
@@ -63,6 +66,7 @@ def glb_bytes(
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
+    pose: float | None = None,
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -74,6 +78,7 @@ def glb_bytes(
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
+        pose: First slider of the scene's mover, 0 to 1, which becomes a variable; None: nothing moves.
 
     Returns:
         The bytes of the file.
@@ -82,7 +87,12 @@ def glb_bytes(
     document: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
     _add_surfaces(document, scene, binary)
     _add_lights_and_cameras(document, scene)
-    document["scenes"] = [{"name": scene.name, "nodes": list(range(len(document["nodes"])))}]
+    roots = list(range(len(document["nodes"])))
+    if scene.mover is not None and pose is not None:
+        number = add_mover(document, scene, scene.mover)
+        roots = [*(k for k in roots if k not in moving_nodes(scene, scene.mover)), number]
+        variables = [*variables, scene.mover.variable_json(number, pose)]
+    document["scenes"] = [{"name": scene.name, "nodes": roots}]
     document["scene"] = 0
     if fallback is not None:
         add_fallback(document, binary, fallback)
@@ -168,7 +178,7 @@ def extension_json(
         if field.variable is not None:
             entry["variable"] = field.variable
         entries.append(entry)
-    newer = lamps or any("sky" in variable for variable in variables)
+    newer = lamps or any("sky" in variable or variable["kind"] == "node" for variable in variables)
     head = {"version": VERSION_WITH_LAMPS_OR_SKY if newer else VERSION, "variables": list(variables)}
     return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | {"fields": entries}
 

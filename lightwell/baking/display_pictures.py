@@ -12,10 +12,12 @@ import numpy as np
 
 from lightwell.baking.reference_budget import PICTURE_SCALE
 from lightwell.core.denoise import denoise, missing
+from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport import Query, SurfacePoints
 from lightwell.transport.camera import gbuffer, guide_images, total_image
+from lightwell.transport.moved import at_pose
 from lightwell.transport.queries import make_query
 
 if TYPE_CHECKING:
@@ -122,7 +124,10 @@ def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[
     Reference: Kopf, Cohen, Lischinski, Uyttendaele, *Joint Bilateral Upsampling*, SIGGRAPH 2007.
     """
     large = (PICTURE_SCALE * size[0], PICTURE_SCALE * size[1])
-    points, mask, _ = gbuffer(scene, camera, *large)
+    # The view is in one pose, where something moves.
+    slider = None if view.points.pose is None or not len(view.points) else float(view.points.pose[0])
+    points, mask, _ = gbuffer(scene if slider is None else posed(scene, slider), camera, *large)
+    points = points if slider is None else at_pose(points, slider)
     seen = np.flatnonzero(mask)
     points = points[seen]
     low, high = (make_query(scene, at, np.zeros(3, np.float32)) for at in (view.points, points))

@@ -13,6 +13,7 @@ from lightwell.core.sun_path import clock
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
+from lightwell.scenes.movers import Mover
 from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, declare, has_sky
@@ -226,16 +227,19 @@ def view_name(camera: Camera, number: int) -> str:
     return camera.name or f"view {number + 1}"
 
 
-def view_caption(variable: Variable | None, light: np.ndarray) -> str:
+def view_caption(variable: Variable | None, light: np.ndarray, pose: str = "") -> str:
     """Describe the position of the light of a view.
 
     Args:
         variable: Ranges of the light; None: no light varies.
         light: [3] position in metres, or direction towards the sun.
+        pose: The pose of the scene in words.
 
     Returns:
         The caption.
     """
+    if pose:
+        return f"{pose}, {view_caption(variable, light)}"
     if variable is None:
         return "the scene's own light"
     if has_sky(variable) and (hour := variable.hour(light)) is not None:
@@ -257,7 +261,7 @@ def object_names(scene: Scene) -> list[str]:
 
 
 def light_sweep(
-    reference: SweepReference, shipped: Shipped, variable: Variable | None = None
+    reference: SweepReference, shipped: Shipped, variable: Variable | None = None, mover: Mover | None = None
 ) -> list[tuple[float, float, float]]:
     """Compute the error of a field along the chain of held-out lights.
 
@@ -265,6 +269,7 @@ def light_sweep(
         reference: Traced radiance along the chain.
         shipped: The field.
         variable: Ranges of the light; those of a day give the places in hours.
+        mover: The mover along whose range the points were traced; None: along the path of the light.
 
     Returns:
         (position on the chain in [0, 1] or hour of the day, relative error, noise floor) for each light, in this order.
@@ -278,4 +283,6 @@ def light_sweep(
     lights = [r.place == k for k in np.unique(r.place)]
     hours = [variable.hour(r.light[at][0]) if has_sky(variable) else None for at in lights]
     places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
+    if mover is not None and r.points.pose is not None:
+        places = [mover.value(float(r.points.pose[at][0])) for at in lights]
     return sorted((place, float(error[at].mean()), float(floor[at].mean())) for place, at in zip(places, lights))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lightwell.baking.evaluate import lit_views
+from lightwell.baking.poses import standing, view_pose
 from lightwell.baking.reference import ViewSetup
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.scenes.scene import Scene
@@ -40,7 +41,7 @@ def metered_exposure(scene: Scene, variable: Variable | None, stage: ViewSetup, 
     width, height = METER_SIZE
     pictures = [
         total_image(
-            scene,
+            standing(scene, view_pose(scene, k)),
             camera,
             light,
             variable,

@@ -23,6 +23,7 @@ from lightwell.asset.write import write_glb
 from lightwell.baking.evaluate import Shipped, lit_views
 from lightwell.baking.exposure import metered_exposure
 from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.poses import view_pose
 from lightwell.baking.reference import Reference, ViewSetup, choose_stage, trace_reference
 from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
@@ -31,6 +32,7 @@ from lightwell.core.lamps import parse_lamps
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.units import size_text, time_text
+from lightwell.core.vary import parse_vary
 from lightwell.core.work import Work
 from lightwell.fields.budget import DEFAULT_QUALITY, estimate
 from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State
@@ -94,6 +96,8 @@ def bake(
 
 def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: Preview | None) -> dict[str, Any]:
     """Learn, score and write."""
+    if preview and any(parse_vary(text).moves for text in job.request.vary):
+        raise ValueError("bake: --preview shows one pose; leave it out, or drop the node from --vary")
     if preview:
         preview.begin(job.scene, job.request)
     state = field.prepare(job)
@@ -280,7 +284,14 @@ def write_asset(
     ]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
     return write_glb(
-        out / "scene.glb", state.shipped, entries, variables, fallback=fallback, lamps=lamps, exposure=exposure
+        out / "scene.glb",
+        state.shipped,
+        entries,
+        variables,
+        fallback=fallback,
+        lamps=lamps,
+        exposure=exposure,
+        pose=view_pose(state.scene, 0),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from lightwell.baking.display_pictures import denoised
 from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.poses import standing, view_pose
 from lightwell.baking.reference import PointReference, Reference, ViewReference, trace_points, trace_view
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.report import metrics, picture_metrics
@@ -22,6 +23,7 @@ from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport import direct, indirect, static
+from lightwell.transport.moved import at_pose
 from lightwell.transport.patches import POINTS, draw_patches
 from lightwell.transport.samples import SurfacePoints
 
@@ -208,7 +210,10 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
     Returns:
         The patches; None where the scene has no flat surface.
     """
-    candidates = draw_patches(scene, PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
+    # Patches are scored in one pose: the one of the first view.
+    slider = view_pose(scene, 0)
+    candidates = draw_patches(standing(scene, slider), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
+    candidates = candidates if slider is None else at_pose(candidates, slider)
     number = len(candidates) // POINTS
     if not number:
         return None

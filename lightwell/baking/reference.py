@@ -17,6 +17,7 @@ from lightwell.asset.page import PageView
 from lightwell.baking.display_pictures import DisplayView, display_view, reference_picture
 from lightwell.baking.evaluate import lit_views, role_scale, view_name
 from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.poses import scored_points, seen_points, standing, swept_points, view_pose
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.baking.settings import Reported
 from lightwell.core.formats import RecordFormat
@@ -27,7 +28,6 @@ from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, first_settings
 from lightwell.transport import SurfacePoints, draw_surface, indirect, static
-from lightwell.transport.camera import gbuffer
 
 # Version; to be increased when the same arguments give other samples than before.
 VERSION = 1
@@ -147,13 +147,16 @@ def trace_reference(
                 points[role] = found
         bar.advance()
         sweep = None
-        if variable is not None and "indirect" in roles:
+        if scene.mover is not None or (variable is not None and "indirect" in roles):
             make_sweep = partial(trace_sweep, scene, variable, budget, seed)
+            if scene.mover is not None:
+                make_sweep = partial(trace_poses, scene, variable, roles[0], stage.views[0][1], budget, seed)
             sweep = keep("the error along the path of the light", "sweep", SweepReference, make_sweep)
         bar.advance()
         views: list[ViewReference | None] = []
         for k, (camera, light) in enumerate(stage.views):
-            make = partial(trace_view, scene, variable, camera, light, roles, size, budget.pixel_paths, stage.intensity)
+            view = (scene, variable, camera, light, roles, size, budget.pixel_paths, stage.intensity)
+            make = partial(trace_view, *view, view_pose(scene, k))
             more = {"view": k, "of": settings.views, "size": list(size)}
             views.append(keep(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
             bar.advance()
@@ -194,10 +197,12 @@ def _page_views(
     pictures = []
     for k, (camera, light) in enumerate(stage.views):
         options = {"intensity": stage.intensity, "color": stage.color, "with_static": with_static}
-        make = partial(reference_picture, scene, camera, light, variable, size, spp, k, **options)
+        shown = standing(scene, view_pose(scene, k))
+        make = partial(reference_picture, shown, camera, light, variable, size, spp, k, **options)
         picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
         if picture is not None and np.isfinite(picture).all():
-            pictures.append(PageView(view_name(camera, k), camera, tuple(float(c) for c in light), picture))
+            place, pose = tuple(float(c) for c in light), view_pose(scene, k)
+            pictures.append(PageView(view_name(camera, k), camera, place, picture, pose))
     return pictures
 
 
@@ -247,13 +252,13 @@ def trace_points(
     Returns:
         The reference.
     """
-    draw = draw_surface(scene, budget.points, seed + EVALUATION_SEED)
-    light = np.zeros((budget.points, 3), np.float32)
+    points, weight = scored_points(scene, budget.points, seed + EVALUATION_SEED)
+    light = np.zeros((len(points), 3), np.float32)
     if variable is not None:
         lights = held_out_lights(scene, variable, budget.lights, seed + 2 * EVALUATION_SEED)
-        light = lights[np.arange(budget.points) % len(lights)]
-    a, b = _halves(scene, variable, role, draw.points, light, budget.point_paths, seed)
-    return PointReference(draw.points, light, a, b, draw.weight)
+        light = lights[np.arange(len(points)) % len(lights)]
+    a, b = halves_of(scene, variable, role, points, light, budget.point_paths, seed)
+    return PointReference(points, light, a, b, weight)
 
 
 def trace_view(
@@ -265,6 +270,7 @@ def trace_view(
     size: tuple[int, int],
     paths: int,
     intensity: float = 1.0,
+    slider: float | None = None,
 ) -> ViewReference:
     """Trace one view.
 
@@ -277,15 +283,16 @@ def trace_view(
         size: Width and height, pixels.
         paths: Paths per pixel, even, ≥ 2.
         intensity: Intensity of the light on the page, cd or lx; the scene's own light is divided by it.
+        slider: Pose of the scene's mover, 0 to 1; None: nothing moves.
 
     Returns:
         The reference.
     """
-    points, mask, _ = gbuffer(scene, camera, *size)
+    points, mask = seen_points(scene, camera, *size, slider)
     seen = np.flatnonzero(mask)
     a, b = np.zeros((2, len(seen), 3))
     for role in roles:
-        halves = _halves(scene, variable, role, points[seen], light, paths, 1)
+        halves = halves_of(scene, variable, role, points[seen], light, paths, 1)
         a, b = (total + role_scale(role, intensity) * half for total, half in zip((a, b), halves))
     return ViewReference(points[seen], np.asarray(light, np.float32), a, b, seen)
 
@@ -311,6 +318,28 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
     return SweepReference(points[rows], lights.repeat(len(points), axis=0), a, b, place)
 
 
+def trace_poses(
+    scene: Scene, variable: Variable | None, role: str, light: np.ndarray, budget: ReferenceBudget, seed: int
+) -> SweepReference:
+    """Trace a few points that stand still in a chain of poses, from one end stop of the mover to the other.
+
+    Args:
+        scene: Scene with a mover.
+        variable: Ranges of the light; None: no light varies.
+        role: The role.
+        light: [3] place of the light.
+        budget: Numbers of points, poses and paths.
+        seed: Seed of the bake.
+
+    Returns:
+        The reference; ``place`` counts the poses.
+    """
+    points, each = swept_points(scene, budget.sweep_points, max(budget.sweep, 4), seed + 3 * EVALUATION_SEED)
+    lights = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
+    a, b = halves_of(scene, variable, role, points, lights, budget.sweep_paths, seed)
+    return SweepReference(points, lights, a, b, np.arange(len(points)) // max(each, 1))
+
+
 def chain(lights: np.ndarray) -> np.ndarray:
     """Order lights so that each is the nearest of the remaining ones to the one before.
 
@@ -328,8 +357,29 @@ def chain(lights: np.ndarray) -> np.ndarray:
     return lights[order]
 
 
-def _halves(scene, variable, role: str, points, light, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two independent halves of the radiance of a role, [N, 3] each."""
-    if role == "static":
+def halves_of(
+    scene: Scene,
+    variable: Variable | None,
+    role: str,
+    points: SurfacePoints,
+    light: np.ndarray,
+    paths: int,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trace the radiance of a role at points.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light; None: no light varies.
+        role: The role.
+        points: N points.
+        light: [3] or [N, 3] places of the light.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the bake.
+
+    Returns:
+        Two independent halves, [N, 3] each.
+    """
+    if role == "static" or variable is None:
         return static(scene, points, paths, seed + EVALUATION_SEED)
     return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED)

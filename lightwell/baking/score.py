@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.poses import leak_facts, pose_facts, view_pose
 from lightwell.baking.quality import Quality, quality_of_reference, score_quality
-from lightwell.baking.reference import Reference, ViewReference
+from lightwell.baking.reference import Reference, ViewReference, halves_of
 from lightwell.baking.reference_budget import ReferenceBudget, reference_seconds, shared_seconds
 from lightwell.baking.settings import Reported
 from lightwell.core.denoise import missing
@@ -27,6 +29,7 @@ from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, has_sky
+from lightwell.transport import SurfacePoints
 
 # What the chart of the error along the path of the light shows to the right.
 SWEEP, HOURS = "position along the sweep", "hour of the day"
@@ -114,7 +117,7 @@ def score(
         training=first.fit.training.curve,
         **_sweep(state, reference, first),
         warnings=[*warnings(state), *notes.texts],
-        facts=facts_of(ordered),
+        facts=facts_of(ordered) | _pose_facts(state, reference, ordered[0], points, budget, notes),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
@@ -123,12 +126,34 @@ def score(
 
 def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]:
     """Errors along the path of the light, and what the chart shows to the right."""
-    variable = state.variable
+    variable, mover = state.variable, state.scene.mover
     axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
     return {
-        "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable),
-        "sweep_axis": axis,
+        "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
+        "sweep_axis": axis if mover is None else f"{mover.name}, {mover.unit}",
     }
+
+
+def _pose_facts(
+    state: State,
+    reference: Reference,
+    first: Shipped,
+    points: Mapping[str, PointComparison],
+    budget: ReferenceBudget,
+    notes: LateNotes,
+) -> dict[str, Any]:
+    """Errors by pose, and what leaks at the end stops, where something moves."""
+    scene, found = state.scene, points.get(first.role)
+    if scene.mover is None or found is None:
+        return {}
+    light, traced = reference.stage.views[0][1], reference.points[first.role].points
+
+    def halves(at: SurfacePoints, lights: np.ndarray, paths: int) -> tuple[np.ndarray, np.ndarray]:
+        return halves_of(scene, state.variable, first.role, at, lights, paths, state.job.request.seed)
+
+    facts = pose_facts(scene, traced, first, (found.prediction, found.half_a, found.half_b))
+    leak = partial(leak_facts, scene, first, light, halves, budget)
+    return {"mover": facts | {"end_stops": notes.attempt("the leak at the end stops", leak, [])}}
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:
@@ -151,7 +176,9 @@ def _compare_views(
     for k, ((camera, light), view, display) in enumerate(zip(stage.views, reference.views, reference.display)):
         if view is None:
             continue
-        name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light)
+        slider, mover = view_pose(state.scene, k), state.scene.mover
+        pose = "" if slider is None or mover is None else mover.caption(slider)
+        name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light, pose)
         views.append(evaluate.compare_view(view, ordered, size, name, caption, stage.intensity, names, display))
         if not views[-1].reference.any():
             notes.add(f"{name} shows no indirect light: its figures say little")

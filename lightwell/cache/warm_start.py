@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.asset.read import read_fields
+from lightwell.asset.read import read_fields, refuse_moving
 from lightwell.backend import dr, mi, upload_floats
 from lightwell.cache.batches import frozen_batches
 from lightwell.cache.features import WIDTH
@@ -55,7 +55,9 @@ class BakedLight:
         Returns:
             The fields.
         """
-        return BakedLight(str(path), {entry.role: entry.graph for entry in read_fields(path)[0]})
+        fields = read_fields(path)[0]
+        refuse_moving(fields, "render")
+        return BakedLight(str(path), {entry.role: entry.graph for entry in fields})
 
 
 @dataclass(frozen=True)

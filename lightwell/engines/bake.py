@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.container import read_file, refusing
-from lightwell.asset.read import read_fields
+from lightwell.asset.read import read_fields, refuse_moving
 from lightwell.asset.records import FieldEntry
 from lightwell.engines.light_map import light_map
 from lightwell.engines.probe_grid import ProbeGrid, read_grid
@@ -50,6 +50,7 @@ def read_bake(path: str | Path, limits: Limits | None = None) -> Bake:
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     asset = folder / ASSET if Path(path).is_dir() else Path(path)
     fields, variables = read_fields(asset, limits)
+    refuse_moving(fields, "export")
     document, _ = read_file(asset, limits)
     with refusing(asset):
         lit = lit_nodes(document)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from lightwell.networks.loop import TrainingState
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Material, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.samples import Query, Samples
+from lightwell.transport.samples import Query, Samples, columns_of
 
 # The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
 UNIT_FACTOR = 4.0
@@ -39,6 +39,8 @@ class FieldSetup:
     """Whether the radiance of all surfaces is view-independent: no glossy reflection."""
     relief: bool = False
     """Whether a material has a normal map."""
+    moves: bool = False
+    """Whether a part of the scene moves; the field then reads the pose."""
     scene: Scene | None = field(default=None, repr=False, compare=False)
     """The scene itself, for fields that trace rays of their own."""
     variable: Variable | None = field(default=None, repr=False, compare=False)
@@ -66,7 +68,8 @@ class FieldSetup:
         center, size = _triple((low + high) / 2), _triple(high - low)
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         bumpy = bool(relief(scene).any())
-        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, scene, variable)
+        moves = scene.mover is not None
+        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, moves, scene, variable)
 
 
 # The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest
@@ -85,6 +88,8 @@ def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
         The set-up with smaller bounds; ``setup`` itself where they would not be smaller.
     """
     places = samples.query.position
+    if setup.moves:
+        places = np.concatenate([places, samples.query.rest_position])
     low, high = np.quantile(places, [OUTLIERS, 1 - OUTLIERS], axis=0)
     if setup.light == "point":
         lights = samples.query.light
@@ -242,5 +247,4 @@ def query_inputs(query: Query) -> dict[str, np.ndarray]:
     Returns:
         [N, C] float32 arrays by name of the input.
     """
-    names = [f.name for f in fields(query)]
-    return {name: np.ascontiguousarray(getattr(query, name), np.float32) for name in names}
+    return {name: np.ascontiguousarray(values, np.float32) for name, values in columns_of(query).items()}

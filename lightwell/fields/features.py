@@ -37,17 +37,19 @@ class FeatureOctaves:
     """Amplitude of an octave relative to the one below: smaller prefers smooth light where samples are few."""
 
 
-def open_builder(relief: bool = False, lamps: int = 0) -> Builder:
+def open_builder(relief: bool = False, lamps: int = 0, moves: bool = False) -> Builder:
     """Start a graph that has the inputs of a query.
 
     Args:
         relief: Whether the graph may read normals that normal maps have bent.
         lamps: Number of groups of lamps that have a switch.
+        moves: Whether a part of the scene moves.
 
     Returns:
         The builder.
     """
     more = ({"shading_normal": 3} if relief else {}) | ({"lamps": 3 * lamps} if lamps else {})
+    more |= {"pose": 1, "rest_position": 3, "rest_normal": 3} if moves else {}
     return Builder(**INPUT_WIDTHS, **more)
 
 
@@ -157,8 +159,10 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
         Name of the node with the point in [0, 1]³, width 3.
     """
     scale = 0.5 / (GRID_MARGIN * setup.half_extent)
-    place = b.affine("position", [scale] * 3, [0.5 - c * scale for c in setup.center])
-    return b.add(place, b.scale("normal", lift))
+    # What moves is learned in its own frame.
+    position, normal = ("rest_position", "rest_normal") if setup.moves else ("position", "normal")
+    place = b.affine(position, [scale] * 3, [0.5 - c * scale for c in setup.center])
+    return b.add(place, b.scale(normal, lift))
 
 
 # Softens the reciprocal of a direction's components; exits farther than this many half edges do not occur.
@@ -234,14 +238,41 @@ def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) 
     Returns:
         Names of nodes that are evaluated per frame; none without a variable light.
     """
+    pose = pose_features(b) if setup.moves else []
     if setup.light == "static":
-        return []
+        return pose
     l = _light(b, setup)
     encoded = waves(b, l, octaves, falloff, per_frame=True)
     if setup.light == "sun":
-        return [l, encoded]
+        return [l, encoded, *pose]
     walls = []
     for sign in (-1.0, 1.0):
         half = [0.5 * edge / setup.half_extent for edge in setup.size or (2 * setup.half_extent,) * 3]
         walls.append(b.log(b.affine(l, [sign] * 3, half, per_frame=True), DISTANCE_SOFTENING, per_frame=True))
-    return [l, *walls, encoded]
+    return [l, *walls, encoded, *pose]
+
+
+# Octaves of the slider of a mover, and the amplitude of each relative to the one below.
+POSE_OCTAVES, POSE_FALLOFF = 4, 0.6
+# Share of the range in which an end stop is left: light through a door begins with a step where it opens.
+END_STOP = 0.01
+
+
+def pose_features(b: Builder) -> list[str]:
+    """Add the inputs of a network that depends on the pose of a mover: the slider t, waves of it, and two numbers that
+    are 1 at an end stop and 0 beside it, so that what is shut can be learned apart from what is ajar.
+
+    Args:
+        b: Graph to add nodes to.
+
+    Returns:
+        Names of nodes that are evaluated per frame.
+    """
+    t = b.affine("pose", [2.0], [-1.0], per_frame=True)
+    waved = b.frequency("pose", POSE_OCTAVES, per_frame=True)
+    amplitude = np.repeat(POSE_FALLOFF ** np.arange(POSE_OCTAVES), 2)
+    waved = b.affine(waved, amplitude, np.zeros_like(amplitude), per_frame=True)
+    first = b.affine("pose", [-1 / END_STOP], [1.0], per_frame=True)
+    last = b.affine("pose", [1 / END_STOP], [1.0 - 1 / END_STOP], per_frame=True)
+    stops = [b.clamp(end, low=0.0, high=1.0, per_frame=True) for end in (first, last)]
+    return [t, waved, *stops]

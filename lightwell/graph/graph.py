@@ -21,9 +21,9 @@ from lightwell.graph.ops.op import MAX_ELEMENTS, MAX_MACS, MAX_NODES, MAX_WIDTH
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]{0,63}\Z")
 # Inputs that are the same for every pixel of a frame; `per_frame` nodes may use these only.
-FRAME_INPUTS = ("light", "lamps")
+FRAME_INPUTS = ("light", "lamps", "pose")
 # Inputs that `per_frame` nodes alone may use: shaders have no such value.
-FRAME_ONLY = ("lamps",)
+FRAME_ONLY = ("lamps", "pose")
 MAX_INPUTS = 64
 # Widths of the outputs that runtimes know; a graph may have others, of any width.
 OUTPUT_WIDTHS = {"radiance": 3, "segment": 1, "overlap": 1, "second": 1}

@@ -126,6 +126,28 @@ class Mover:
         """
         return {"name": self.name, "path": self.path, "unit": self.unit, "range": [self.low, self.high]}
 
+    def variable_json(self, node: int, initial: float) -> dict[str, Any]:
+        """Write the mover as an entry of ``variables`` in the glTF extension (format/FORMAT.md).
+
+        Args:
+            node: Index of the node of the asset that moves.
+            initial: First slider, 0 to 1.
+
+        Returns:
+            JSON-compatible object.
+        """
+        more = {"offset": [float(c) for c in self.pivot]} if self.path == "translation" else {}
+        return {
+            "name": self.name,
+            "kind": "node",
+            "node": node,
+            "path": self.path,
+            "axis": [float(c) for c in self.axis],
+            "range": [float(self.low), float(self.high)],
+            "unit": self.unit,
+            "initial": float(self.value(initial)),
+        } | more
+
 
 def pose_nodes(count: int) -> np.ndarray:
     """Choose the sliders of the poses that are traced: Clenshaw–Curtis nodes, dense towards both end stops.

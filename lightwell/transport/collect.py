@@ -8,7 +8,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport, indirect, static
-from lightwell.transport.samples import Samples, SurfacePoints
+from lightwell.transport.samples import Samples, SurfacePoints, columns_of
 
 
 def collect(
@@ -71,6 +71,6 @@ def join(parts: list[Samples]) -> Samples:
         All rows in one ``Samples``.
     """
     rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("half_a", "half_b", "weight", "shape")}
-    query = type(parts[0].query)
-    columns = {name: np.concatenate([getattr(p.query, name) for p in parts]) for name in query.__dataclass_fields__}
-    return Samples(query=query(**columns), **rows)
+    names = columns_of(parts[0].query)
+    columns = {name: np.concatenate([getattr(p.query, name) for p in parts]) for name in names}
+    return Samples(query=type(parts[0].query)(**columns), **rows)

@@ -18,7 +18,7 @@ from lightwell.transport.adaptive import PairChoice, Predict, residual_density
 from lightwell.transport.day_light import day_light
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiosity import Gather, Radiosity
-from lightwell.transport.samples import Query, Samples
+from lightwell.transport.samples import Query, Samples, columns_of
 from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds
 
@@ -162,7 +162,7 @@ class GatheredShards(SeenShards):
 
     def _columns(self, point: np.ndarray, light: np.ndarray, weight: np.ndarray, paths: int) -> tuple[dict, dict]:
         """Columns and counts of a shard of pairs, by index."""
-        columns = {name: getattr(self._query, name)[point] for name in Query.__dataclass_fields__}
+        columns = {name: values[point] for name, values in columns_of(self._query).items()}
         half_a, half_b = self._gather(point, light)
         columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b}
         return columns | place_columns(self.points[point], weight, self._flat[point]), path_counts(paths)

@@ -20,7 +20,7 @@ from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, trace
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables
 
@@ -68,9 +68,9 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     settings = {"paths": paths, "seed": seed}
     if scene.executor is None:
-        rows = irradiance_rows(scene, settings, vars(points), 0, {})["rows"]
+        rows = irradiance_rows(scene, settings, columns_of(points), 0, {})["rows"]
     else:
-        rows = scene.executor.rows("irradiance", settings, vars(points), paths)["rows"]
+        rows = scene.executor.rows("irradiance", settings, columns_of(points), paths)["rows"]
     both = rows.mean(axis=1)
     return Irradiance(rows[:, 0, :3], rows[:, 1, :3], both[:, 3:6], both[:, 6])
 

@@ -9,7 +9,7 @@ import numpy as np
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import Scene
 from lightwell.transport.queries import make_query
-from lightwell.transport.samples import Query, SurfacePoints
+from lightwell.transport.samples import Query, SurfacePoints, columns_of
 from lightwell.transport.visible import seen_side
 
 
@@ -37,5 +37,5 @@ def query_of_lightmap(
     """
     query = make_query(scene, points, np.zeros(3, np.float32) if light is None else light)
     uv = atlas.lookup(points.shape, points.triangle, points.barycentric, seen_side(scene, points))
-    columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
+    columns = columns_of(query)
     return LightmapQuery(**columns, uv1=uv.astype(np.float32))

@@ -18,7 +18,7 @@ from lightwell.transport.gathered_shards import GatherSize
 from lightwell.transport.lamp_light import LampLight
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiosity import Radiosity
-from lightwell.transport.samples import Query, Samples
+from lightwell.transport.samples import Samples, columns_of
 from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, shard_seeds
 
@@ -58,7 +58,7 @@ class OwnLightShards(SeenShards):
         chosen = self.points[(np.arange(settings.size) + index * settings.size) % len(self.points)]
         shares = self._light.shares(chosen, self._rays, shard_seeds(settings, index)[2], SHADOW_RAYS)
         query = make_query(self._scene, chosen, np.zeros(3, np.float32))
-        columns = {name: getattr(query, name) for name in Query.__dataclass_fields__}
+        columns = columns_of(query)
         columns |= {"half_a": shares.half_a[:, 0], "half_b": shares.half_b[:, 0]}
         columns |= place_columns(chosen, np.ones(settings.size, np.float32), frames(self._scene, chosen)[2])
         return columns, path_counts(settings.size * self._rays)

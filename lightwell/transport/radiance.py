@@ -26,12 +26,13 @@ from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
+from lightwell.transport.moved import by_pose
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
 from lightwell.transport.path_settings import PathSettings
 from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters, Source, declared
 from lightwell.transport.tables import tables
 
@@ -305,7 +306,13 @@ def _traced(
     light: np.ndarray | None,
     report: PathReport | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Both half means of all points, in this process or by the executor of the scene."""
+    """Both half means of all points, in this process or by the executor of the scene; of each pose by itself."""
+    if scene.mover is not None:
+        means = np.zeros((2, len(points), 3), np.float32)
+        for rows, scene_of_pose, own in by_pose(scene, points):
+            lit = None if light is None else light[rows]
+            means[:, rows] = _traced(scene_of_pose, own, limits, variable, lit, report)
+        return means[0], means[1]
     paths = limits.paths
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
@@ -313,7 +320,7 @@ def _traced(
         means, good = _means(scene, points, limits, variable, light)
     else:
         settings = {"limits": asdict(limits), "variable": None if variable is None else to_json(variable)}
-        columns = vars(points) | ({} if light is None else {"light": light})
+        columns = columns_of(points) | ({} if light is None else {"light": light})
         found = scene.executor.rows("radiance", settings, columns, paths)
         means, good = found["means"], found["good"]
     if report is not None:

@@ -27,7 +27,7 @@ from lightwell.transport.bins import Bins, find_bins, parted
 from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import CELLS
 from lightwell.transport.tables import tables
 
@@ -125,7 +125,7 @@ class Radiosity:
         if self.scene.executor is None:
             return _seen_rows(self.scene, self.bins, points, rays, seed, sky=sky)
         settings = {"rays": rays, "seed": seed, "sky": sky}
-        found = self.scene.executor.rows("radiosity", settings, vars(points), rays, self.bins.arrays())
+        found = self.scene.executor.rows("radiosity", settings, columns_of(points), rays, self.bins.arrays())
         return Rows(found["bin"], found["weight"])
 
     def _coarse_rows(self):

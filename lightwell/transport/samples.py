@@ -3,8 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+
+
+def columns_of(record: Any) -> dict[str, np.ndarray]:
+    """Return the columns of a record of rows that are there.
+
+    Args:
+        record: ``SurfacePoints`` or ``Query``.
+
+    Returns:
+        Arrays [N, ...] by name; those that are None are left out.
+    """
+    return {f.name: value for f in fields(record) if (value := getattr(record, f.name)) is not None}
 
 
 @dataclass(frozen=True)
@@ -19,12 +32,14 @@ class SurfacePoints:
     """[N, 2] weights of the triangle's second and third vertex."""
     view: np.ndarray
     """[N, 3] unit direction from the point to the camera; its side of the surface is the side that is seen."""
+    pose: np.ndarray | None = None
+    """[N] slider of the scene's mover at each point, 0 to 1; None: the scene is as its records say."""
 
     def __len__(self) -> int:
         return len(self.shape)
 
     def __getitem__(self, rows) -> SurfacePoints:
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        return type(self)(**{name: values[rows] for name, values in columns_of(self).items()})
 
 
 @dataclass(frozen=True)
@@ -50,6 +65,12 @@ class Query:
     """[N, 1] glTF metalness in [0, 1]."""
     shading_normal: np.ndarray = None  # type: ignore[assignment]
     """[N, 3] ``normal`` bent by the normal maps of the materials; left out: none has one."""
+    pose: np.ndarray = None  # type: ignore[assignment]
+    """[N, 1] slider of the scene's mover, 0 to 1; this and the next two are None where nothing moves."""
+    rest_position: np.ndarray = None  # type: ignore[assignment]
+    """[N, 3] metres: where the surface is when the scene is at rest; ``position`` on what does not move."""
+    rest_normal: np.ndarray = None  # type: ignore[assignment]
+    """[N, 3] ``normal`` at rest."""
 
     def __post_init__(self) -> None:
         if self.shading_normal is None:
@@ -59,7 +80,7 @@ class Query:
         return len(self.position)
 
     def __getitem__(self, rows) -> Query:
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        return type(self)(**{name: values[rows] for name, values in columns_of(self).items()})
 
 
 @dataclass(frozen=True)

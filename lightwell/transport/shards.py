@@ -26,7 +26,7 @@ from lightwell.transport.collect import collect
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport
-from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.surface import SurfaceDraw
 
@@ -45,6 +45,12 @@ COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
     **{name: ((3,), np.float32) for name in ("half_a", "half_b")},
     "weight": ((), np.float32),
     "shape": ((), np.uint32),
+}
+# Those that only samples of a scene with a mover have.
+MOVER_COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
+    "pose": ((1,), np.float32),
+    "rest_position": ((3,), np.float32),
+    "rest_normal": ((3,), np.float32),
 }
 # NaN where none of a sample's paths is finite; fits drop those rows and count them.
 MAY_BE_NAN = ("half_a", "half_b")
@@ -237,7 +243,7 @@ def shard_columns(
         report=report,
         **depths,
     )
-    columns = {name: getattr(samples.query, name) for name in Query.__dataclass_fields__}
+    columns = columns_of(samples.query)
     columns |= {name: getattr(samples, name) for name in ("half_a", "half_b", "weight", "shape")}
     columns |= {"triangle": points.triangle, "barycentric": points.barycentric}
     columns["flat"] = frames(scene, points)[2]
@@ -270,8 +276,9 @@ def load_samples(folder: str | Path, scene: Scene | None = None, *, shards: int 
         raise ValueError(
             f"samples: '{folder}' holds {len(parts)} of {shards or 1} shards; run generate() again to resume"
         )
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
-    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
+    names = [name for name in (*COLUMNS, *MOVER_COLUMNS) if name in parts[0]]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__ if name in columns})
     return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
 
 
@@ -298,7 +305,8 @@ def _stored(columns: dict[str, np.ndarray], counts: dict) -> dict[str, np.ndarra
 def _checked(columns: dict[str, np.ndarray], folder: Path) -> dict[str, np.ndarray]:
     """Check the columns that make samples; a ``ValueError`` names the defect and the cure."""
     rows = None
-    for name, (shape, kind) in COLUMNS.items():
+    more = {name: form for name, form in MOVER_COLUMNS.items() if name in columns}
+    for name, (shape, kind) in (COLUMNS | more).items():
         values = columns.get(name, np.zeros(()))
         rows = len(values) if rows is None and values.ndim else rows
         expected = (rows, *shape)

@@ -117,7 +117,7 @@ REFUSALS = [
     (lambda d: extension(d).update(fields=[]), "fields: "),
     (lambda d: extension(d).update(extra=1), "'extra' was unexpected"),
     (lambda d: extension(d)["fields"][0].update(role="magic"), r"fields[0].role: 'magic' is not one of"),
-    (lambda d: extension(d)["fields"][0].update(variable=1), "fields[0].variable: there is no variable 1"),
+    (lambda d: extension(d)["fields"][0].update(variable=1), "fields[0].variable: there is no light 1"),
     (lambda d: extension(d)["variables"][0].update(low=[0, 0]), "variables[0].low: [0, 0] is too short"),
     (remove_field_variable, "'variable' is a required property"),
     (rename_second, "two entries have the same name"),

@@ -20,7 +20,7 @@ from lightwell.transport.gather import KnownIrradiance, gathered
 from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import static
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.surface import SurfaceDraw, draw_surface
 from lightwell.transport.tables import tables
 
@@ -66,7 +66,7 @@ def joined(queries: Sequence[LightmapQuery]) -> LightmapQuery:
     Returns:
         All rows, in order.
     """
-    names = LightmapQuery.__dataclass_fields__
+    names = columns_of(queries[0])
     return LightmapQuery(**{n: np.concatenate([getattr(q, n) for q in queries]) for n in names})
 
 

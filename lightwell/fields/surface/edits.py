@@ -31,7 +31,7 @@ from lightwell.transport.collect import collect
 from lightwell.transport.noticed import noticed
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import PathReport
-from lightwell.transport.samples import Samples, SurfacePoints
+from lightwell.transport.samples import Samples, SurfacePoints, columns_of
 from lightwell.transport.stored_columns import stored_columns
 from lightwell.transport.surface import draw_surface
 
@@ -233,7 +233,7 @@ def _overwritten(samples: Samples, rows: np.ndarray, made: Samples, shape: np.nd
     names = ("half_a", "half_b", "weight")
     columns = {name: column(getattr(samples, name), getattr(made, name)) for name in names}
     query = type(samples.query)
-    inputs = {n: column(getattr(samples.query, n), getattr(made.query, n)) for n in query.__dataclass_fields__}
+    inputs = {n: column(old, getattr(made.query, n)) for n, old in columns_of(samples.query).items()}
     return Samples(query(**inputs), shape=shape, **columns)
 
 

@@ -24,6 +24,7 @@ from lightwell.fields.surface.lamps import fit_lamps
 from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.options import SurfaceOptions
+from lightwell.fields.surface.poses import moving_state
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.surface.training import SurfaceSamples
 from lightwell.fields.tabulate import Tabulated
@@ -34,6 +35,7 @@ from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.light_major import LightMajorSet, light_runs
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.posing import declared_mover
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -126,7 +128,7 @@ class FactoredFit(NetworkFit):
         preset = self.preset
         self.mirror = None if self.setup.matte else preset.mirror
         self.hidden = (preset.glossy_hidden if self.mirror else None) or preset.hidden
-        b = open_builder(self.setup.relief)
+        b = open_builder(self.setup.relief, moves=self.setup.moves)
         point, pixel, frame = self._nodes(b)
         if self.mirror:
             point = b.concat(point, *self._mirrored(b))
@@ -160,7 +162,7 @@ class FactoredFit(NetworkFit):
 
     def _rows(self, query: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(points [N, 3] or [N, 7], pixel inputs [N, G], frame inputs [K, F]) of rows in light-major order."""
-        run = light_runs(query.light)
+        run = light_runs(_frame_of(query))
         table = self._inputs(query)
         frame = table["frame"][::run] if "frame" in table else np.zeros((len(query) // run, 1), np.float32)
         return table["point"], table["pixel"], frame
@@ -171,7 +173,7 @@ class FactoredFit(NetworkFit):
         Args:
             samples: Path-traced samples.
         """
-        run = light_runs(samples.query.light)
+        run = light_runs(_frame_of(samples.query))
         lights = np.random.default_rng((self.seed, len(samples))).permutation(len(samples) // run)
         order = (lights[:, None] * run + np.arange(run)).ravel()
         shuffled = samples[order]
@@ -190,7 +192,7 @@ class FactoredFit(NetworkFit):
         Returns:
             The graph.
         """
-        b = open_builder(self.setup.relief)
+        b = open_builder(self.setup.relief, moves=self.setup.moves)
         point, pixel, frame = self._nodes(b)
         weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation
         values, steps = grid.even(weights["grid"])
@@ -243,8 +245,16 @@ class FactoredFit(NetworkFit):
         return b.add(b.matvec(matrix, u, units), offset)
 
 
+def _frame_of(query: Query) -> np.ndarray:
+    """[N, C] what is the same for a whole frame: the light, and the pose where something moves."""
+    return query.light if query.pose is None else np.concatenate([query.light, query.pose], axis=1)
+
+
 class FactoredField(SurfaceField):
     """The default field: a moving light by ``FactoredFit``, the scene's own lamps by ``LampsFit``."""
+
+    learns_movers = True
+    """Whether a node may move."""
 
     def prepare(self, job: Job) -> State:
         """Find the variable light, and the groups of the scene's own lamps.
@@ -259,6 +269,9 @@ class FactoredField(SurfaceField):
             ValueError: ``--lamps`` names no light, or comes with ``--no-static``.
         """
         state = super().prepare(job)
+        mover = declared_mover(job.request.vary, job.scene)
+        if mover:
+            return moving_state(state, job, mover)
         if job.request.lamps:
             # Refused where the scene has no light, or none by these names, before anything is traced.
             lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))

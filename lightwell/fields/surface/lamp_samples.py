@@ -18,7 +18,7 @@ from lightwell.transport.gathered_shards import GatherSize
 from lightwell.transport.lamp_light import LampLight, LampShares
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiosity import Radiosity
-from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings
 
@@ -190,6 +190,6 @@ def join_lamps(parts: list[LampSamples]) -> LampSamples:
         All rows.
     """
     join = lambda name: np.concatenate([getattr(part, name) for part in parts])  # noqa: E731
-    columns = Query.__dataclass_fields__
+    columns = columns_of(parts[0].query)
     query = Query(**{name: np.concatenate([getattr(part.query, name) for part in parts]) for name in columns})
     return LampSamples(query, join("half_a"), join("half_b"), join("shape"))

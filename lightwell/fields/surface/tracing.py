@@ -76,7 +76,14 @@ def trace_shards(
     return TracedShards(load_samples(folder, scene, shards=count), report, cost)
 
 
-def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: bool = False) -> Samples:
+def validation_samples(
+    scene: Scene,
+    variable: Variable,
+    seed: int,
+    own_light: bool = False,
+    points: int = VALIDATION_POINTS,
+    lights: int = VALIDATION_LIGHTS,
+) -> Samples:
     """Trace the held-out samples of early stopping.
 
     Args:
@@ -84,18 +91,16 @@ def validation_samples(scene: Scene, variable: Variable, seed: int, own_light: b
         variable: Ranges of the light.
         seed: Seed of the bake.
         own_light: Whether the light is that of the scene's own emitters.
+        points: Number of points, a multiple of ``lights``.
+        lights: Number of lights.
 
     Returns:
         The samples.
     """
     seed += VALIDATION_SEED
-    draw = draw_seen(scene, variable, VALIDATION_POINTS, seed, floor=8)
-    lights = sample_lights(scene, variable, VALIDATION_LIGHTS, seed).repeat(
-        VALIDATION_POINTS // VALIDATION_LIGHTS, axis=0
-    )
-    return collect(
-        scene, variable, draw.points, lights, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light
-    )
+    draw = draw_seen(scene, variable, points, seed, floor=8)
+    light = sample_lights(scene, variable, lights, seed).repeat(points // lights, axis=0)
+    return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light)
 
 
 def path_rate(scene: Scene, variable: Variable | None, paths: int, seed: int, own_light: bool = False) -> float:

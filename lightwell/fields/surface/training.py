@@ -33,13 +33,16 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
 )
+from lightwell.fields.surface.poses import posed_maker, posed_validation
 from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
+from lightwell.scenes.variables import Variable, default_variable
 from lightwell.transport import Samples
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import POINTS_PER_SHARD, GatheredShards, GatherSize
 from lightwell.transport.own_light_shards import OwnLightShards
+from lightwell.transport.posed_shards import PosedShards
 from lightwell.transport.shards import Make, ShardSettings
 
 # Steps that are timed to make a plan; the first ones compile kernels.
@@ -69,7 +72,7 @@ class SurfaceSamples:
     end: float
     """Wall seconds of the bake at which the role should be learned."""
     traced: Traced
-    make: GatheredShards | OwnLightShards
+    make: GatheredShards | OwnLightShards | PosedShards
     """Made the training samples, and makes adaptive ones."""
 
 
@@ -97,15 +100,34 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     Returns:
         The samples.
     """
-    request, part = state.job.request, state.job.work.part(role=role)
+    part = state.job.work.part(role=role)
     with state.job.work.timed("plan"):
         start = kept_plan(part, StartPlan, partial(_start_plan, state, role))
     make = _maker(state, role, start)
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
-    validation = validation_samples(state.scene, state.variable, request.seed, own_light=role == "static")
+    validation = _validation(state, role)
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.paths_per_second)
     return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent, make)
+
+
+def _validation(state: State, role: Role) -> Samples:
+    """The held-out samples of a role."""
+    if state.scene.mover is not None:
+        return posed_validation(state, role, looked_from(state), _shards(state, role))
+    return validation_samples(state.scene, looked_from(state), state.job.request.seed, own_light=role == "static")
+
+
+def looked_from(state: State) -> Variable:
+    """Return where people look from: the range of the declared light, or of one that may be anywhere.
+
+    Args:
+        state: The prepared scene.
+
+    Returns:
+        The range.
+    """
+    return state.variable or default_variable(state.scene)
 
 
 def _start_plan(state: State, role: Role) -> StartPlan:
@@ -135,12 +157,14 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> Samp
     return plan_samples(left, cost, cost, None, state.job.shared)
 
 
-def _maker(state: State, role: Role, start: StartPlan) -> GatheredShards | OwnLightShards:
+def _maker(state: State, role: Role, start: StartPlan) -> GatheredShards | OwnLightShards | PosedShards:
     """Return the function that makes the shards of a role."""
     shards = _shards(state, role)
+    if state.scene.mover is not None:
+        return posed_maker(state, role, looked_from(state), shards, start.gathered)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
     kind = OwnLightShards if role == "static" else GatheredShards
-    return kind(state.scene, state.variable, shards, size)
+    return kind(state.scene, looked_from(state), shards, size)
 
 
 def _shards(state: State, role: Role) -> ShardSettings:
@@ -154,7 +178,7 @@ def _trace(state: State, role: Role, name: str, count: int, make: Make, title: s
     """Write the shards that are missing and read them all."""
     folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, role)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
-        return trace_shards(state.scene, state.variable, shards, folder, count, make, stage)
+        return trace_shards(state.scene, looked_from(state), shards, folder, count, make, stage)
 
 
 class SurfaceTraining:
@@ -250,7 +274,7 @@ class SurfaceTraining:
     def _prepared(self, most: int | None = None) -> Learner:
         """An untrained learner that has taken up all samples, or the first ``most`` of them."""
         state, samples, begin = self.state, self.samples, perf_counter()
-        light = "static" if self.role == "static" else state.variable.kind
+        light = "static" if self.role == "static" else looked_from(state).kind
         setup = FieldSetup.of(state.scene, samples.unit, light, state.variable)
         setup = around_samples(setup, samples.training)
         learner = self._start(setup, state.job.request.seed)
