@@ -20,10 +20,11 @@ MOST_CELLS, HALVINGS = 1 << 22, 24
 FEWEST = 2
 # ... and keeps this many at most.
 PLACES = 8
-# Edge of a coarse cell, in cells, at most.
-COARSEST = 16
-# Places are looked at from this far above their surface, in cells, and coarse bins are cut this often.
-LIFT, COARSE_CUTS = 0.1, 2
+# Places are looked at from this far above their surface, in cells; what is looked up is that far, so that it sees its
+# own surface only where that bends.
+LIFT, LIFT_OF_MET = 0.1, 1e-3
+# Bins that the places of a cell make at most, and places that are tried for what is looked up.
+MOST_PARTS, TRIES = 4, 3
 # How much farther a place is off its plane than along it, and how far off, in cells, it belongs to no bin: a layer that
 # is hidden behind those that were found, and dark.
 OFF_PLANE, DEEPEST = 8.0, 0.3
@@ -33,7 +34,7 @@ SIDES = 6
 
 @dataclass(frozen=True)
 class Bins:
-    """F bins with places in each, and the coarse bin that each belongs to."""
+    """F bins with places in each."""
 
     low: np.ndarray
     """[3] corner of the lattice."""
@@ -43,8 +44,6 @@ class Bins:
     """Cells along x, y, z."""
     table: np.ndarray
     """[cells * SIDES] int32 number (below S) of each cell and side that has places; S for all others."""
-    coarse: np.ndarray
-    """[F] coarse bin."""
     place: np.ndarray
     """[F, PLACES, 3] places in each bin, repeated where there are fewer."""
     normal: np.ndarray
@@ -59,12 +58,7 @@ class Bins:
     @property
     def count(self) -> int:
         """F."""
-        return len(self.coarse)
-
-    @property
-    def coarse_count(self) -> int:
-        """C."""
-        return int(self.coarse.max()) + 1
+        return len(self.place)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the bins as arrays, for other machines.
@@ -95,17 +89,40 @@ class Bins:
         )
         return table, places, normals, *sites, upload_integers(self.owner.ravel())
 
-    def lookup(self, p: Any, n: Any) -> mi.UInt32:
-        """Find the bins of places on the device.
+    def lookup(self, scene: mi.Scene, p: Any, n: Any) -> mi.UInt32:
+        """Find the bins of places on the device: those of the nearest place of the same cell that is in sight.
+
+        A cell may reach through a wall. Light of its other side would be most of what a dark room has.
 
         Args:
+            scene: The scene, whose surfaces hide places from each other.
             p: [N] places, metres.
             n: [N] unit normals.
 
         Returns:
             Number of the bin of each place; F where there is none.
         """
-        table, _, _, sites, site_normals, owner = self._device
+        _, _, _, sites, site_normals, owner = self._device
+        p, n, found = mi.Vector3f(p), mi.Vector3f(n), self._cell(p, n)
+        valid = found < len(self.owner)
+        origin = p + n * (LIFT_OF_MET * self.edge)
+        bin_of, wanted, last = mi.UInt32(self.count), mi.Bool(valid), mi.Float(-1)
+        for _ in range(TRIES):
+            nearest, last, depth = self._next_site(p, found, valid, last)
+            wanted &= dr.isfinite(last)
+            place = dr.gather(mi.Vector3f, sites, nearest, wanted)
+            place += dr.gather(mi.Vector3f, site_normals, nearest, wanted) * (LIFT * self.edge)
+            ray = mi.Ray3f(mi.Point3f(origin), place - origin)
+            ray.maxt = 1
+            seen = wanted & (depth < DEEPEST * self.edge)
+            seen &= ~scene.ray_test(ray, seen)
+            bin_of = dr.select(seen, dr.gather(mi.UInt32, owner, nearest, seen), bin_of)
+            wanted &= ~seen
+        return bin_of
+
+    def _cell(self, p: mi.Vector3f, n: mi.Vector3f) -> mi.UInt32:
+        """Number of the cell and side of places."""
+        table = self._device[0]
         cells = [
             mi.UInt32(dr.clip((x - float(low)) / self.edge, 0, size - 1))
             for x, low, size in zip(p, self.low, self.shape)
@@ -115,8 +132,11 @@ class Bins:
         along = dr.select(axis == 0, n.x, dr.select(axis == 1, n.y, n.z))
         side = 2 * axis + dr.select(along < 0, mi.UInt32(1), mi.UInt32(0))
         cell = (cells[0] * self.shape[1] + cells[1]) * self.shape[2] + cells[2]
-        found = dr.gather(mi.UInt32, table, cell * SIDES + side)
-        valid = found < len(self.owner)
+        return dr.gather(mi.UInt32, table, cell * SIDES + side)
+
+    def _next_site(self, p: mi.Vector3f, found: mi.UInt32, valid: mi.Bool, last: mi.Float) -> tuple[Any, Any, Any]:
+        """(index, distance², distance off its plane) of the nearest place of a cell that is farther than ``last``."""
+        _, _, _, sites, site_normals, _ = self._device
         nearest, least, depth = found * PLACES, mi.Float(dr.inf), mi.Float(dr.inf)
         for k in range(PLACES):
             at = found * PLACES + k
@@ -124,11 +144,10 @@ class Bins:
             # Layers of a wall lie behind each other: off its plane a place is farther than it is.
             off = dr.abs(dr.dot(dr.gather(mi.Vector3f, site_normals, at, valid), way))
             distance = dr.squared_norm(way) + dr.square(OFF_PLANE * off)
-            nearer = distance < least
+            nearer = (distance < least) & (distance > last)
             nearest, depth = dr.select(nearer, at, nearest), dr.select(nearer, off, depth)
-            least = dr.minimum(least, distance)
-        valid &= depth < DEEPEST * self.edge
-        return dr.select(valid, dr.gather(mi.UInt32, owner, nearest, valid), self.count)
+            least = dr.select(nearer, distance, least)
+        return nearest, least, depth
 
     def random_place(self, index: mi.UInt32, rng: Any) -> tuple[mi.Vector3f, mi.Vector3f]:
         """Choose a random place of each bin.
@@ -144,32 +163,27 @@ class Bins:
         at = index * PLACES + dr.minimum(mi.UInt32(rng.next_float32() * PLACES), PLACES - 1)
         return dr.gather(mi.Vector3f, places, at), dr.gather(mi.Vector3f, normals, at)
 
-    def places_of_coarse(self, count: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Choose random places of the coarse bins.
+    def places_of_all(self, count: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Choose random places of every bin.
 
         Args:
-            count: Places per coarse bin.
+            count: Places per bin.
             random: Source of random numbers.
 
         Returns:
-            [C * count, 3] places, bin by bin, and their normals.
+            [F * count, 3] places, bin by bin, and their normals.
         """
-        order = np.argsort(self.coarse, kind="stable")
-        first = np.searchsorted(self.coarse[order], np.arange(self.coarse_count + 1))
-        size = np.diff(first)
-        pick = first[:-1, None] + (random.random((self.coarse_count, count)) * size[:, None]).astype(int)
-        bins, which = order[pick.ravel()], random.integers(PLACES, size=pick.size)
+        bins, which = np.arange(self.count).repeat(count), random.integers(PLACES, size=self.count * count)
         return self.place[bins, which].astype(np.float64), self.normal[bins, which].astype(np.float64)
 
 
-def find_bins(position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, random: np.random.Generator) -> Bins:
+def find_bins(position: np.ndarray, normal: np.ndarray, wanted: int, random: np.random.Generator) -> Bins:
     """Group places on surfaces into bins: cells of a lattice, by the axis that the surface faces.
 
     Args:
         position: [H, 3] places, metres.
         normal: [H, 3] unit normals.
-        fine: Bins to aim at.
-        coarse: Coarse bins to aim at.
+        wanted: Bins to aim at.
         random: Source of random numbers.
 
     Returns:
@@ -179,7 +193,7 @@ def find_bins(position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, 
     margin = MARGIN * float((high - low).max()) + 1e-6
     low, high = low - margin, high + margin
     side = _sides(normal)
-    edge = _edge(position, side, low, high, fine)
+    edge = _edge(position, side, low, high, wanted)
     shape = tuple(int(v) for v in np.maximum(np.ceil((high - low) / edge), 1))
     cells = _cells(position, low, edge, shape)
     key = _key(cells, shape, side)
@@ -190,9 +204,7 @@ def find_bins(position: np.ndarray, normal: np.ndarray, fine: int, coarse: int, 
     table[kinds] = number
     place, normals = _places(position, normal, number[inverse], int(kept.sum()), random)
     owner = np.repeat(np.arange(len(place))[:, None], PLACES, axis=1)
-    return Bins(
-        low, float(edge), shape, table, _coarse(kinds[kept], shape, coarse), place, normals, place, normals, owner
-    )
+    return Bins(low, float(edge), shape, table, place, normals, place, normals, owner)
 
 
 Sight = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -200,46 +212,44 @@ Sight = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def parted(bins: Bins, sight: Sight) -> Bins:
-    """Cut bins in two where a wall stands between their places, so that light of one side does not leak to the other.
+    """Cut bins where a wall stands between their places, so that light of one side does not leak to the other.
 
     Args:
-        bins: The bins; coarse ones are cut in up to four.
+        bins: The bins, one in each cell.
         sight: Tests whether places see each other.
 
     Returns:
-        The new bins.
+        The new bins: up to ``MOST_PARTS`` in a cell, the last of which takes all places that are left.
     """
-    lifted = bins.place + LIFT * bins.edge * bins.normal
-    first = np.repeat(lifted[:, :1], PLACES, axis=1)
-    behind = ~sight(first.reshape(-1, 3), lifted.reshape(-1, 3)).reshape(-1, PLACES)
-    behind[:, 0] = False
-    cut = np.flatnonzero(behind.any(axis=1))
-    owner = bins.owner.copy()
-    owner[cut] = np.where(behind[cut], (bins.count + np.arange(len(cut)))[:, None], owner[cut])
-    front, back = _only(~behind), _only(behind[cut])
-    take = lambda a: np.concatenate(  # noqa: E731
-        [np.take_along_axis(a, front[..., None], 1), np.take_along_axis(a[cut], back[..., None], 1)]
-    )
-    place, normal = take(bins.place), take(bins.normal)
-    coarse = np.concatenate([bins.coarse, bins.coarse[cut]])
-    for _ in range(COARSE_CUTS):
-        coarse = _cut_coarse(coarse, place[:, 0] + LIFT * bins.edge * normal[:, 0], sight)
-    return replace(bins, place=place, normal=normal, owner=owner, coarse=coarse)
+    part = _parts(bins.sites + LIFT * bins.edge * bins.site_normals, sight)
+    cell, of_cell = np.nonzero(np.stack([(part == k).any(axis=1) for k in range(MOST_PARTS)], axis=1))
+    number = np.zeros((len(part), MOST_PARTS), np.int64)
+    number[cell, of_cell] = np.arange(len(cell))
+    chosen = _only(part[cell] == of_cell[:, None])[..., None]
+    place, normal = (np.take_along_axis(a[cell], chosen, 1) for a in (bins.sites, bins.site_normals))
+    return replace(bins, place=place, normal=normal, owner=np.take_along_axis(number, part, 1))
+
+
+def _parts(lifted: np.ndarray, sight: Sight) -> np.ndarray:
+    """[S, PLACES] part of its cell that each place belongs to: those that the first place of a part sees."""
+    part = np.full(lifted.shape[:2], -1)
+    for k in range(MOST_PARTS):
+        rest = part < 0
+        cells = np.flatnonzero(rest.any(axis=1))
+        if not len(cells):
+            break
+        leader = rest[cells].argmax(axis=1)
+        first = np.repeat(lifted[cells, leader][:, None], PLACES, axis=1)
+        seen = sight(first.reshape(-1, 3), lifted[cells].reshape(-1, 3)).reshape(-1, PLACES)
+        seen[np.arange(len(cells)), leader] = True
+        part[cells] = np.where(rest[cells] & (seen | (k == MOST_PARTS - 1)), k, part[cells])
+    return part
 
 
 def _only(mask: np.ndarray) -> np.ndarray:
     """[R, PLACES] indices of the True columns of each row, repeated."""
     order = np.argsort(~mask, axis=1, kind="stable")
     return np.take_along_axis(order, np.arange(PLACES)[None] % np.maximum(mask.sum(axis=1), 1)[:, None], axis=1)
-
-
-def _cut_coarse(coarse: np.ndarray, place: np.ndarray, sight: Sight) -> np.ndarray:
-    """Coarse bins of which those that the first bin of a coarse bin does not see make another one."""
-    _, first = np.unique(coarse, return_index=True)
-    behind = ~sight(place[first[coarse]], place)
-    behind[first] = False
-    number = coarse + behind * (int(coarse.max()) + 1)
-    return np.unique(number, return_inverse=True)[1]
 
 
 def _sides(normal: np.ndarray) -> np.ndarray:
@@ -269,18 +279,6 @@ def _edge(position: np.ndarray, side: np.ndarray, low: np.ndarray, high: np.ndar
         if large / small < 1.02:
             break
     return large
-
-
-def _coarse(keys: np.ndarray, shape: tuple[int, ...], wanted: int) -> np.ndarray:
-    """[F] coarse bin of each bin: several cells of one side together, about ``wanted`` of them."""
-    side, cell = keys % SIDES, keys // SIDES
-    cells = np.stack([cell // (shape[1] * shape[2]), cell // shape[2] % shape[1], cell % shape[2]], axis=1)
-    for width in range(2, COARSEST + 1):
-        wide = tuple(-(-n // width) for n in shape)
-        kinds, number = np.unique(_key(cells // width, wide, side), return_inverse=True)
-        if len(kinds) <= wanted:
-            break
-    return number
 
 
 def _places(

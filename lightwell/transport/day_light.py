@@ -36,18 +36,17 @@ def day_light(radiosity: Radiosity, variable: Sun, suns: np.ndarray, seed: int) 
     tables, count = variable.tables, radiosity.bins.count
     step = np.rint(variable.time(suns) * (STEPS - 1)).astype(int)
     white = radiosity.direct(variable, suns, seed)[:, :count]
-    direct = np.zeros((len(suns), count + CELLS + 1, 3), np.float32)
-    direct[:, count:-1] = tables.cells[step]
+    irradiance = np.zeros((len(suns), count + CELLS + 1, 3), np.float32)
+    irradiance[:, count:-1] = tables.cells[step]
+    direct = np.zeros((len(suns), count + 1, 3), np.float32)
     from_sky = _sky_rows(radiosity, seed)
     for start in range(0, len(suns), TIMES_AT_ONCE):
         part = slice(start, start + TIMES_AT_ONCE)
         for c in range(3):
             seen = from_sky[c] @ tables.cells[step[part], :, c].T
             direct[part, :count, c] = white[part] * tables.sun[step[part], c, None] + seen.T
-    dark = np.zeros((len(suns), 1, 3), np.float32)
-    of_bins = np.concatenate([direct[:, :count], dark], axis=1)
-    indirect = np.concatenate([radiosity.indirect(of_bins), dark], axis=1)
-    return BinLight(direct, indirect, np.asarray(suns, np.float32))
+    irradiance[:, :count] = (direct + radiosity.indirect(direct))[:, :count]
+    return BinLight(irradiance, np.asarray(suns, np.float32))
 
 
 def _sky_rows(radiosity: Radiosity, seed: int):

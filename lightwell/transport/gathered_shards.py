@@ -24,11 +24,11 @@ from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_li
 
 # Rays of a point, and the lights whose bins are lit.
 RAYS, MOST_LIGHTS = 128, 2048
-# Most points with rows, bins and coarse bins; small bakes have fewer of each in proportion.
-MOST_POINTS, MOST_BINS, MOST_COARSE = 1 << 18, 16384, 4096
+# Most points with rows and bins; small bakes have fewer of each in proportion.
+MOST_POINTS, MOST_BINS = 1 << 18, 16384
 # Times of a day whose sky is kept, in colours: fewer than lights, because they lie on one line.
 MOST_TIMES = 512
-FEWEST_POINTS, FEWEST_BINS, FEWEST_COARSE, FEWEST_LIGHTS = 1 << 12, 512, 128, 64
+FEWEST_POINTS, FEWEST_BINS, FEWEST_LIGHTS = 1 << 12, 512, 64
 # Rows with points of their own for each shard that is expected; beyond, points meet further lights.
 POINTS_PER_SHARD = 1 << 14
 # The residual is measured on at most this many of the known samples: the fit was trained on them, but a network of a
@@ -42,7 +42,6 @@ class GatherSize:
 
     points: int
     bins: int
-    coarse: int
     lights: int
     rays: int = RAYS
     """Rays of a point, even."""
@@ -66,7 +65,6 @@ class GatherSize:
         return GatherSize(
             points,
             scaled(MOST_BINS, FEWEST_BINS),
-            scaled(MOST_COARSE, FEWEST_COARSE),
             int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
             rays,
         )
@@ -104,11 +102,11 @@ class GatheredShards(SeenShards):
     @cached_property
     def _gather(self) -> Gather:
         start, size = perf_counter(), self._size
-        radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins, size.coarse)
+        radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins)
         seed, variable = int(self._seeds[3]), self._variable
         rows = radiosity.rows(self.points, size.rays, seed, sky=has_sky(variable))
         lit = day_light(radiosity, variable, self.lights, seed) if has_sky(variable) else None
-        gather = Gather(radiosity, rows, lit or radiosity.light(variable, self.lights, seed))
+        gather = Gather(rows, lit or radiosity.light(variable, self.lights, seed))
         self.seconds = perf_counter() - start
         return gather
 

@@ -60,11 +60,8 @@ class LampLight:
         self._sources, self._count = LampSources(self._scene, groups), len(groups)
         direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
         direct[:, :-1] = self._bins(seed)
-        indirect = radiosity.indirect(direct)
-        whole = direct[:, :-1] + indirect[:, radiosity.bins.coarse]
         # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
-        self._irradiance = np.zeros((3, direct.shape[1], self._count), np.float32)
-        self._irradiance[:, :-1] = whole.transpose(2, 1, 0)
+        self._irradiance = np.ascontiguousarray((direct + radiosity.indirect(direct)).transpose(2, 1, 0))
 
     def shares(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int = POINT_SAMPLES) -> LampShares:
         """Trace what points reflect of each group's light.

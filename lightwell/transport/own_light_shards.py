@@ -48,7 +48,7 @@ class OwnLightShards(SeenShards):
 
     @cached_property
     def _light(self) -> LampLight:
-        radiosity = Radiosity(self._scene, self.points, int(self._seeds[1]), self._size.bins, self._size.coarse)
+        radiosity = Radiosity(self._scene, self.points, int(self._seeds[1]), self._size.bins)
         return LampLight(radiosity, group_lamps(self._scene, LampRules("all")), int(self._seeds[2]))
 
     def __call__(

@@ -1,14 +1,17 @@
-"""Indirect light of many lights at once: a final gather over a radiosity solution.
+"""Indirect light of many lights at once: a final gather over the irradiance of bins of surface.
 
 Paths need no light. From every surface point a few rays are traced once; each keeps the *bin* of surface that it met
 and what that bin's irradiance is worth to the point. For any light the irradiance of the bins is known: direct light by
-a shadow ray to a place in each bin, indirect light by a linear system over coarser bins. The light that leaves a point
-is then a sum over its rays, for as many lights as are wanted, at the price of reading a table (Hašan et al. 2006,
-direct-to-indirect transfer; Goral et al. 1984, radiosity; Ward et al. 1988, the final gather).
+a shadow ray to a place in each bin, indirect light by paths from the bins over other bins, which are a matrix. The
+light that leaves a point is then a sum over its rays, for as many lights as are wanted, at the price of reading a table
+(Hašan et al. 2006, direct-to-indirect transfer; Ward et al. 1988, the final gather).
+
+A linear system over 4,096 larger bins in place of the paths leaks from bin to bin: in dark rooms it is wrong by up to
+12 times their light.
 
 What it blurs: the bright spot beside a light over a bin, and reflections of reflections.
 
-Notation: N points, P rays per point, F bins, C coarse bins, K lights.
+Notation: N points, P rays per point, F bins, K lights.
 """
 
 from __future__ import annotations
@@ -33,13 +36,11 @@ from lightwell.transport.tables import tables
 
 # Rays per point by which the bins are found, and points that send them.
 PROBES, PROBE_POINTS = 16, 1 << 16
-# Rays of a coarse bin.
-COARSE_RAYS = 512
-# Most that a coarse bin reflects of the light of its surroundings.
-MOST_REFLECTED = 0.97
+# Paths of a bin, and the most that a surface hands on: paths end by chance.
+BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
 # Lanes of one launch.
 LANES = 1 << 20
-# Lights whose indirect irradiance is solved for at once.
+# Lights whose indirect irradiance is computed at once; bounds memory.
 LIGHTS_AT_ONCE = 256
 
 
@@ -59,10 +60,8 @@ class Rows:
 class BinLight:
     """Irradiance of the bins under K lights of 1 cd (1 lx)."""
 
-    direct: np.ndarray
-    """[K, F + 1] float32; the last column is 0. With a sky: [K, F + cells + 1, 3], its radiance behind the bins."""
-    indirect: np.ndarray
-    """[K, C, 3] float32; with a sky [K, C + 1, 3], whose last bin is 0."""
+    irradiance: np.ndarray
+    """[K, F + 1, 3] float32; the last bin is dark. With a sky: [K, F + cells + 1, 3], its radiance behind the bins."""
     lights: np.ndarray
     """[K, 3]."""
 
@@ -70,23 +69,22 @@ class BinLight:
 class Radiosity:
     """The bins of a scene and how they light each other; built from points that see the scene."""
 
-    def __init__(self, scene: Scene, points: SurfacePoints, seed: int, fine: int, coarse: int) -> None:
+    def __init__(self, scene: Scene, points: SurfacePoints, seed: int, bins: int) -> None:
         """Find the bins of a scene and how they light each other.
 
         Args:
             scene: The scene.
             points: Points that see the scene.
             seed: Seed of the rays.
-            fine: Bins to aim at.
-            coarse: Coarse bins to aim at.
+            bins: Bins to aim at.
         """
         self.scene, self.seed = scene, seed
         tables(scene)
         probes = points[: min(len(points), PROBE_POINTS)]
         position, normal, _ = self._hits(DevicePoints(probes), len(probes), PROBES, seed)
-        bins = find_bins(position, normal, fine, coarse, np.random.default_rng([seed, 5]))
-        self.bins: Bins = parted(bins, self._sight)
-        self._transfer = self._coarse_rows()
+        found = find_bins(position, normal, bins, np.random.default_rng([seed, 5]))
+        self.bins: Bins = parted(found, self._sight)
+        self._transfer = self._bin_rows()
 
     def _sight(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """[K] whether nothing stands between places [K, 3]."""
@@ -128,35 +126,51 @@ class Radiosity:
         found = self.scene.executor.rows("radiosity", settings, columns_of(points), rays, self.bins.arrays())
         return Rows(found["bin"], found["weight"])
 
-    def _coarse_rows(self):
-        """[C, F, 3] as three sparse matrices: indirect irradiance of coarse bins for an irradiance of 1 on bins."""
+    def _bin_rows(self):
+        """[F, F + 1] as three sparse matrices: indirect irradiance of bins for a direct irradiance of 1 on bins."""
         from scipy.sparse import csr_matrix
 
+        count = self.bins.count
+        row, column, weight = self._bin_paths()
+        shape = (count, count + 1)
+        return [csr_matrix((weight[:, c], (row, column)), shape=shape, dtype=np.float32) for c in range(3)]
+
+    def _bin_paths(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bins that paths begin on, bins that they meet, and indirect irradiance [.., 3] for an irradiance of 1."""
         bins, random = self.bins, np.random.default_rng([self.seed, 6])
-        place, normal = bins.places_of_coarse(COARSE_RAYS, random)
-        direction = cosine_directions(normal, random.random((2, len(normal))))
-        origin = place + 1e-4 * self.scene.extent * normal
+        place, normal = bins.places_of_all(BIN_PATHS, random)
         parts = []
         for start in range(0, len(place), LANES):
-            at = slice(start, start + LANES)
-            w, p, n, _ = free_ray(self.scene.mi, origin[at], direction[at], self.seed, start)
-            index = bins.lookup(p, n)
-            dr.eval(w, index)
-            w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0)
-            parts.append((np.where(w.max(axis=1) > 0, np.array(index), bins.count), w))
-        column, weight = (np.concatenate(x) for x in zip(*parts))
-        row = np.repeat(np.arange(bins.coarse_count), COARSE_RAYS)
-        shape = (bins.coarse_count, bins.count + 1)
-        weight = weight.reshape(bins.coarse_count, COARSE_RAYS, 3) / COARSE_RAYS
-        # Energy that is reflected for ever has no solution. Single rays may return more: lobes are sampled.
-        weight *= np.minimum(1, MOST_REFLECTED / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
-        weight = weight.reshape(-1, 3)
-        return [csr_matrix((weight[:, c], (row, column)), shape=shape, dtype=np.float32) for c in range(3)]
+            p, n = place[start : start + LANES], normal[start : start + LANES]
+            row, part = np.arange(start, start + len(p)) // BIN_PATHS, np.full((len(p), 3), 1 / BIN_PATHS)
+            for bounce in range(MOST_BOUNCES):
+                met, weight, p, n = self._next_bounce(p, n, random, MOST_BOUNCES * start + bounce)
+                part *= weight
+                known = met < bins.count
+                parts.append((row[known], met[known], part[known].astype(np.float32)))
+                # Every second path ends at once, and the others count twice, where half the light is left.
+                chance = np.minimum(BIN_PATHS * part.max(axis=1), MOST_REFLECTED)
+                goes_on = random.random(len(row)) < chance
+                if not goes_on.any():
+                    break
+                row, part = row[goes_on], part[goes_on] / chance[goes_on, None]
+                p, n = p[goes_on], n[goes_on]
+        return tuple(np.concatenate(x) for x in zip(*parts))
+
+    def _next_bounce(self, place: np.ndarray, normal: np.ndarray, random: np.random.Generator, stream: int):
+        """Bins [R], irradiance per irradiance [R, 3], places and normals where rays by the cosine end."""
+        direction = cosine_directions(normal, random.random((2, len(normal))))
+        origin = place + 1e-4 * self.scene.extent * normal
+        w, p, n, _ = free_ray(self.scene.mi, origin, direction, self.seed, stream)
+        index = self.bins.lookup(self.scene.mi, p, n)
+        dr.eval(w, p, n, index)
+        weight = np.nan_to_num(np.array(w).T, posinf=0, neginf=0)
+        return np.array(index), weight, np.array(p, np.float64).T, np.array(n, np.float64).T
 
     # ------------------------------------------------------------------ light
 
     def light(self, variable: Variable, lights: np.ndarray, seed: int) -> BinLight:
-        """Compute the irradiance of the bins: direct light by a shadow ray, indirect light by a linear system.
+        """Compute the irradiance of the bins: direct light by a shadow ray, indirect light by paths.
 
         Args:
             variable: What the light is.
@@ -167,7 +181,9 @@ class Radiosity:
             Irradiance of the bins under each light of 1 cd (1 lx).
         """
         direct = self.direct(variable, lights, seed)
-        return BinLight(direct, self.indirect(direct), np.asarray(lights, np.float32))
+        irradiance = self.indirect(direct)
+        irradiance += direct[..., None]
+        return BinLight(irradiance, np.asarray(lights, np.float32))
 
     def direct(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
         """Compute the direct irradiance of the bins under white light, by shadow rays.
@@ -210,29 +226,22 @@ class Radiosity:
         return np.array(E).reshape(len(lights), count)
 
     def indirect(self, direct: np.ndarray) -> np.ndarray:
-        """Solve for the indirect irradiance of the coarse bins.
+        """Compute the indirect irradiance of the bins.
 
         Args:
             direct: [K, F + 1] direct irradiance of the bins under K white lights, or [K, F + 1, 3] under coloured ones;
                 the last bin is dark.
 
         Returns:
-            [K, C, 3] float32.
+            [K, F + 1, 3] float32; the last bin is dark.
         """
-        from scipy.linalg import lu_factor, lu_solve
-        from scipy.sparse import csr_matrix
-
-        bins, count = self.bins, self.bins.coarse_count
-        ones = (np.ones(bins.count, np.float32), (np.arange(bins.count), bins.coarse))
-        coarse_of = csr_matrix(ones, shape=(bins.count + 1, count))
-        out = np.empty((len(direct), count, 3), np.float32)
+        out = np.zeros((*direct.shape[:2], 3), np.float32)
         for c, transfer in enumerate(self._transfer):
-            of_channel = direct if direct.ndim == 2 else np.ascontiguousarray(direct[..., c])
-            factors = lu_factor(np.eye(count, dtype=np.float32) - (transfer @ coarse_of).toarray())
+            of_channel = direct if direct.ndim == 2 else direct[..., c]
             for start in range(0, len(direct), LIGHTS_AT_ONCE):
                 part = slice(start, start + LIGHTS_AT_ONCE)
-                out[part, :, c] = lu_solve(factors, transfer @ of_channel[part].T, check_finite=False).T
-        return np.maximum(out, 0)
+                out[part, :-1, c] = (transfer @ np.ascontiguousarray(of_channel[part].T)).T
+        return out
 
 
 def radiosity_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
@@ -263,7 +272,7 @@ def _seen_rows(
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         w, p, n, away = _launch(scene, device, start, count, rays, seed, first)
-        index = bins.lookup(p, n)
+        index = bins.lookup(scene.mi, p, n)
         if sky:
             w, index = beyond(bins.count, w, index, away)
         dr.eval(w, index)
@@ -293,61 +302,46 @@ def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, 
 class Gather:
     """Rows and bin light on the device: halves of samples for pairs of point and light."""
 
-    def __init__(self, radiosity: Radiosity, rows: Rows, light: BinLight) -> None:
+    def __init__(self, rows: Rows, light: BinLight) -> None:
         """Upload what points see and the light of the bins.
 
         Args:
-            radiosity: The bins.
             rows: What N points see.
             light: Irradiance of the bins under K lights.
         """
         self._bin = upload_integers(rows.bin.ravel())
         self._weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
         self._rays = rows.bin.shape[1]
-        self._direct, self._fine = upload_floats(light.direct.ravel()), light.direct.shape[1]
-        self._indirect, self._coarse_count = upload_floats(light.indirect.ravel()), light.indirect.shape[1]
-        # Cells of a sky have no indirect light: they belong to a last coarse bin without any.
-        coarse = radiosity.bins.coarse
-        behind = np.full(self._fine - len(coarse), self._coarse_count - 1 if light.direct.ndim == 3 else 0)
-        self._coarse = upload_integers(np.append(coarse, behind))
-        self._colored = light.direct.ndim == 3
+        self._irradiance, self._bins = upload_floats(light.irradiance.ravel()), light.irradiance.shape[1]
 
     def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
         halves = _sum_of_rays(
             upload_integers(point),
             upload_integers(light),
-            (self._bin, self._weight, self._direct, self._indirect, self._coarse),
-            tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._fine, self._coarse_count)),
-            self._colored,
+            (self._bin, self._weight, self._irradiance),
+            tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._bins)),
         )
         dr.eval(halves)
         return tuple(np.ascontiguousarray(np.array(h).T) for h in halves)
 
 
-def _direct(direct, entry, colored):
-    """Direct light by colour."""
-    if colored:
-        return [dr.gather(mi.Float, direct, entry * 3 + c) for c in range(3)]
-    return [dr.gather(mi.Float, direct, entry)] * 3
-
-
 @dr.syntax
-def _sum_of_rays(point, light, held, sizes, colored):
-    """Radiance of both halves of the rays of each pair; direct light is white or ``colored``."""
-    bin_of, weight, direct, indirect, coarse_of = held
-    rays, fine, coarse_count = sizes
+def _sum_of_rays(point, light, held, sizes):
+    """Radiance of both halves of the rays of each pair."""
+    bin_of, weight, irradiance = held
+    rays, bins = sizes
     a, b = mi.Color3f(0), mi.Color3f(0)
     k = mi.UInt32(0)
-    begin, half = point * rays, rays // 2
+    begin, half, first = point * rays, rays // 2, light * bins
     while dr.hint(k < rays, label="lightwell gather"):
         entry = begin + k
         index = dr.gather(mi.UInt32, bin_of, entry)
-        E = _direct(direct, light * fine + index, colored)
-        at = (light * coarse_count + dr.gather(mi.UInt32, coarse_of, index)) * 3
-        total = mi.Color3f(*(E[c] + dr.gather(mi.Float, indirect, at + c) for c in range(3)))
+        # The last bin is dark.
+        lit = index + 1 < bins
+        E = dr.gather(mi.Color3f, irradiance, first + index, lit)
         w = mi.Color3f(*(mi.Float(dr.gather(mi.Float16, weight, entry * 3 + c)) for c in range(3)))
-        value = dr.select(index + 1 < fine, w * total, 0)
+        value = dr.select(lit, w * E, 0)
         a += dr.select(k < half, value, 0)
         b += dr.select(k < half, 0, value)
         k += 1

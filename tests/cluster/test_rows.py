@@ -65,7 +65,7 @@ def air(scene, variable, points, lights):
 
 
 def bins(scene, variable, points, lights):
-    rows = Radiosity(scene, points, 5, 64, 16).rows(points, 8, 7)
+    rows = Radiosity(scene, points, 5, 64).rows(points, 8, 7)
     return [rows.bin, rows.weight]
 
 

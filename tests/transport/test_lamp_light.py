@@ -39,7 +39,7 @@ def traced() -> tuple[SurfacePoints, LampShares]:
     points = draw_surface(scene, POINTS, 3, floor=1).points
     groups = group_lamps(scene, parse_lamps(()))
     assert [group.name for group in groups] == ["warm", "cool"]
-    radiosity = Radiosity(scene, points, 4, 1024, 256)
+    radiosity = Radiosity(scene, points, 4, 1024)
     return points, LampLight(radiosity, groups, 5).shares(points, 64, 6)
 
 

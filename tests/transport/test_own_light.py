@@ -25,7 +25,7 @@ def shards():
     scene = build("own light", meshes, [white] * len(meshes), [*[None] * (len(meshes) - 1), shine])
     variable = declare((), scene)
     settings = ShardSettings(lights=8, points_per_light=64, floor=1)
-    return scene, variable, settings, OwnLightShards(scene, variable, settings, GatherSize(1024, 1024, 256, 64, 256))
+    return scene, variable, settings, OwnLightShards(scene, variable, settings, GatherSize(1024, 1024, 64, 256))
 
 
 def test_the_mean_is_that_of_whole_paths(shards):

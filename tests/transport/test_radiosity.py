@@ -27,10 +27,10 @@ def gathered(cornell):
 
     light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
     points = draw_surface(cornell, 8192, 1).points
-    radiosity = Radiosity(cornell, points, 0, 2048, 256)
+    radiosity = Radiosity(cornell, points, 0, 2048)
     few = points[:POINTS]
     rows = radiosity.rows(few, 256, 2)
-    gather = Gather(radiosity, rows, radiosity.light(light, LIGHTS, 3))
+    gather = Gather(rows, radiosity.light(light, LIGHTS, 3))
     pairs = np.tile(np.arange(POINTS), 2), np.arange(2).repeat(POINTS)
     halves = gather(*pairs)
     truth = np.concatenate([sum(indirect(cornell, few, l, light, 512, 4)) / 2 for l in LIGHTS])
@@ -57,10 +57,10 @@ def test_what_is_seen_through_a_blended_surface_is_not_its_light():
     scene = rooms.cornell(short=pane)
     light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
     points = draw_surface(scene, 4096, 1).points
-    radiosity = Radiosity(scene, points, 0, 1024, 128)
+    radiosity = Radiosity(scene, points, 0, 1024)
     names = [mesh.name for mesh in scene.meshes]
     few = points[np.flatnonzero(points.shape == names.index("short"))[:100]]
-    gather = Gather(radiosity, radiosity.rows(few, 256, 2), radiosity.light(light, LIGHTS[:1], 3))
+    gather = Gather(radiosity.rows(few, 256, 2), radiosity.light(light, LIGHTS[:1], 3))
     found = sum(gather(np.arange(len(few)), np.zeros(len(few), int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
@@ -74,21 +74,37 @@ def wall_and_floor(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]
 
 def test_bins_are_as_many_as_asked_for():
     random = np.random.default_rng(0)
-    bins = find_bins(*wall_and_floor(random), 256, 32, random)
-    assert 150 <= bins.count <= 256 and bins.coarse_count <= 32
+    bins = find_bins(*wall_and_floor(random), 256, random)
+    assert 150 <= bins.count <= 256
     assert bins.place.shape == (bins.count, PLACES, 3)
 
 
 def test_a_wall_parts_bins():
     random = np.random.default_rng(0)
-    whole = find_bins(*wall_and_floor(random), 64, 8, random)
+    whole = find_bins(*wall_and_floor(random), 64, random)
     cut = parted(whole, lambda a, b: (a[:, 0] < 1.3) == (b[:, 0] < 1.3))
     assert cut.count > whole.count
     side = cut.place[:, :, 0] < 1.3
     assert (side == side[:, :1]).all()
     assert ((whole.place[:, :, 0] < 1.3) != (whole.place[:, :1, 0] < 1.3)).any()
-    for c in range(cut.coarse_count):
-        assert len(np.unique(side[cut.coarse == c, 0])) == 1
+
+
+def test_a_room_behind_a_thin_wall_stays_dark():
+    from lightwell.scenes.variables import PointLight
+
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    walls.append(rooms.quad("partition", (0.13, 0, -1), (0, 2, 0), (0, 0, 2)))
+    scene = rooms.build("parted", walls, [rooms.diffuse(rooms.WHITE)] * len(walls))
+    light = PointLight((-0.8, 0.4, -0.6), (-0.2, 1.6, 0.6), 0.1)
+    points = draw_surface(scene, 8192, 1).points
+    found = Radiosity(scene, points, 0, 256)
+    gather = Gather(found.rows(points[:1000], 64, 2), found.light(light, LIGHTS[1:], 3))
+    value = sum(gather(np.arange(1000), np.zeros(1000, int))).mean(axis=1)
+    truth = sum(indirect(scene, points[:1000], LIGHTS[1], light, 64, 4)).mean(axis=1)
+    # The partition has two sides; points of the dark one reflect nothing.
+    dark = truth == 0
+    assert dark.mean() > 0.1
+    assert value[dark].mean() < 1e-4 * value.mean()
 
 
 def test_shards_repeat_and_have_the_columns_of_others(cornell):
@@ -96,7 +112,7 @@ def test_shards_repeat_and_have_the_columns_of_others(cornell):
 
     light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
     settings = ShardSettings(paths=4, lights=16, points_per_light=64)
-    size = GatherSize(1024, 256, 64, 64)
+    size = GatherSize(1024, 256, 64)
     make = lambda: GatheredShards(cornell, light, settings, size)(cornell, light, None, settings, 0)  # noqa: E731
     (first, counts), (second, _) = make(), make()
     assert all(np.array_equal(first[name], second[name]) for name in first)
@@ -139,9 +155,9 @@ def test_rough_metal_keeps_its_energy():
     scene = rooms.cornell(floor={"type": "twosided", "bsdf": metal}, tall={"type": "twosided", "bsdf": metal})
     light = PointLight((-0.6, 0.4, -0.6), (0.6, 1.6, 0.6), 0.1)
     points = draw_surface(scene, 4096, 1).points
-    radiosity = Radiosity(scene, points, 0, 1024, 128)
+    radiosity = Radiosity(scene, points, 0, 1024)
     few = points[:200]
-    gather = Gather(radiosity, radiosity.rows(few, 128, 2), radiosity.light(light, LIGHTS[:1], 3))
+    gather = Gather(radiosity.rows(few, 128, 2), radiosity.light(light, LIGHTS[:1], 3))
     found = sum(gather(np.arange(200), np.zeros(200, int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)

@@ -94,8 +94,8 @@ def test_light_of_sun_and_sky_is_that_of_mitsubas_path_tracer(cornell, day, poin
 
 
 def test_gathered_light_of_a_day_is_that_of_paths(cornell, day, points):
-    radiosity = Radiosity(cornell, draw_surface(cornell, 4096, 1).points, 0, 1024, 128)
-    gather = Gather(radiosity, radiosity.rows(points, 128, 2, sky=True), day_light(radiosity, day, suns(day), 3))
+    radiosity = Radiosity(cornell, draw_surface(cornell, 4096, 1).points, 0, 1024)
+    gather = Gather(radiosity.rows(points, 128, 2, sky=True), day_light(radiosity, day, suns(day), 3))
     pairs = np.tile(np.arange(POINTS), len(TIMES)), np.arange(len(TIMES)).repeat(POINTS)
     found = sum(gather(*pairs)) / 2
     light = suns(day)[pairs[1]]

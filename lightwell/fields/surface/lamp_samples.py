@@ -158,7 +158,7 @@ class _Tracer:
     def light(self) -> LampLight:
         if self._light is None:
             size = GatherSize.of(max(self._count // (1 << 14), 1), ShardSettings())
-            radiosity = Radiosity(self._state.scene, self.points, int(self._seeds[1]), size.bins, size.coarse)
+            radiosity = Radiosity(self._state.scene, self.points, int(self._seeds[1]), size.bins)
             self._light = LampLight(radiosity, self._state.lamps, int(self._seeds[2]))
         return self._light
 
