@@ -20,8 +20,8 @@ from .zscores import Estimate, mitsubas, of_groups, ours, with_view, z_test
 
 pytestmark = pytest.mark.gpu
 
-# Points per test and paths per point: 0.8 M paths, a standard error of about 3 % a point, 0.5 % of all points together.
-POINTS, PATHS = 48, 1 << 14
+# Points per test and paths per point: 0.4 M paths, a standard error of about 4 % a point, 0.7 % of all points together.
+POINTS, PATHS = 48, 1 << 13
 # A shorter depth than the default keeps the reference quick; both sides count it in the same way.
 DEPTH = 12
 LIGHT = (-0.3, 1.5, 0.4)

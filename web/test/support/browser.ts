@@ -41,7 +41,7 @@ export function launchAlone(backend: Backend): Promise<Browser> {
   });
 }
 
-/** The running browsers; they end with this process. To start one costs more than most files of tests. */
+/** The running browsers, which end with this process: to start one costs a second of processor time. */
 const running = new Map<Backend, Promise<Browser>>();
 
 /** The browser of a backend, which all files share; `close` closes the tabs that were opened by what is returned. */
