@@ -354,7 +354,8 @@ def test_pictures_of_other_formats_are_read_by_a_worker(tmp_path, name):
             mi.Bitmap(pixels).write(str(tmp_path / name))
     path = saved(tmp_path, texture(name))
     ours = load(path).mi.shapes()[0].bsdf()
-    theirs = mi.load_file(str(path)).shapes()[0].bsdf()
+    with two_threads():
+        theirs = mi.load_file(str(path)).shapes()[0].bsdf()
     data = [np.array(mi.traverse(bsdf)["reflectance.data"]) for bsdf in (ours, theirs)]
     np.testing.assert_array_equal(*data)
     whole = (tmp_path / name).read_bytes()
