@@ -237,6 +237,12 @@ def _wait_until(holds) -> None:
     pytest.fail("it did not come to hold within 10 s")
 
 
+def test_what_is_closed_already_can_be_closed(folder):
+    """As by a request that wakes the server's thread before `close` does."""
+    with open_server(checked_folder(str(folder))) as server:
+        server.close()
+
+
 def test_a_port_in_use_is_one_line(server, folder):
     with pytest.raises(ValueError, match=r"^view: port \d+ cannot be opened \(.*\); choose another with --port$"):
         open_server(folder, server.port)

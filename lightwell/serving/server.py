@@ -160,8 +160,10 @@ class LocalServer:
 
     def close(self) -> None:
         """Close all connections and end the threads."""
-        # In the server's own thread, which ends when no connection is left.
-        self._server.trigger.pull_trigger(lambda: wasyncore.close_all(self._sockets, ignore_all=True))
+        # In the server's own thread, which ends when no connection is left. Where a request wakes it first,
+        # everything is closed already, the trigger included.
+        with contextlib.suppress(OSError):
+            self._server.trigger.pull_trigger(lambda: wasyncore.close_all(self._sockets, ignore_all=True))
         self._thread.join(SECONDS)
         self._server.task_dispatcher.shutdown(timeout=1)
 
