@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 
-from lightwell.cli.arguments import add_options, given_options
+from lightwell.cli.arguments import add_json, add_options, given_options
 from lightwell.core.scene_options import LimitOptions
 
 
@@ -18,6 +19,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
     add_options(parser, LimitOptions)
+    add_json(parser, "print the violations as JSON: path, valid, problems")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -32,5 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     from lightwell.asset.validate import validate_file
 
     problems = validate_file(arguments.path, **given_options(arguments, LimitOptions, "validate"))
-    print("\n".join(problems) or f"{arguments.path}: follows the specification")
+    if arguments.json:
+        print(json.dumps({"path": arguments.path, "valid": not problems, "problems": problems}, indent=1))
+    else:
+        print("\n".join(problems) or f"{arguments.path}: follows the specification")
     return 1 if problems else 0

@@ -19,6 +19,8 @@ def buffers(document):
 def test_the_example_follows_the_specification(capsys):
     assert main(["validate", str(ASSET)]) == 0
     assert "follows the specification" in capsys.readouterr().out
+    assert main(["validate", str(ASSET), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"path": str(ASSET), "valid": True, "problems": []}
 
 
 @pytest.mark.parametrize(
@@ -42,3 +44,6 @@ def test_planted_faults_are_named(tmp_path, capsys, spoil, message):
     path.write_bytes(pack(document, binary))
     assert main(["validate", str(path)]) == 1
     assert message in capsys.readouterr().out
+    assert main(["validate", str(path), "--json"]) == 1
+    (said,) = [one for one in json.loads(capsys.readouterr().out)["problems"] if message in one]
+    assert said
