@@ -11,6 +11,7 @@ import type { BufferType, StoredBuffer } from "./graph/stored.ts";
 import { opsFor } from "./graph/ops/on-demand.ts";
 import { EXTENSION } from "./extension-name.ts";
 import { type LampRecord, readLamps } from "./switches.ts";
+import { type MoverRecord, readMovers } from "./movers.ts";
 import { TRIAL } from "./trial.ts";
 import { readVariables, type Variable } from "./variables.ts";
 
@@ -36,6 +37,8 @@ export interface FieldRecord {
 /** Everything the extension declares. */
 export interface NeuralRadiance {
   readonly variables: readonly Variable[];
+  /** Nodes that move, in the order of the graphs' input `pose`. */
+  readonly movers: readonly MoverRecord[];
   /** Groups of the scene's own lamps, in the order of the graphs' input `lamps`. */
   readonly lamps: readonly LampRecord[];
   readonly fields: readonly FieldRecord[];
@@ -56,6 +59,8 @@ const INPUT_WIDTHS: Readonly<Record<string, number>> = {
   roughness: 1,
   metallic: 1,
   shading_normal: 3,
+  rest_position: 3,
+  rest_normal: 3,
   uv: 2,
   uv1: 2,
 };
@@ -112,15 +117,17 @@ export async function readExtension(
   const skies = variables.findIndex((variable) => variable.kind === "sun" && variable.sky !== null);
   if (version === 1 && skies >= 0) fail(`${EXTENSION}.variables[${skies}].sky`, "nothing of that name in version 1");
   const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
+  const movers = readMovers(extension.variables, `${EXTENSION}.variables`, list(json.nodes ?? [], "nodes", LIMITS.entries).length);
+  if (version === 1 && movers.length > 0) fail(`${EXTENSION}.variables`, "no node in version 1");
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
   for (const [i, entry] of entries.entries()) {
-    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget, lamps: lamps.length }));
+    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget, lamps: lamps.length, movers: movers.length }));
     const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
     if (work > budget.work) fail(`${EXTENSION}.fields[${i}]`, overBudget(budget.work, "operations per pixel in all fields", "work"));
   }
   const { exposure } = extension;
-  return { variables, lamps, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
+  return { variables, movers, lamps, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
 }
 
 /** What the parts of the extension are read from. */
@@ -130,6 +137,8 @@ interface Reading {
   readonly budget: Budget;
   /** Number of lamps with a switch. */
   readonly lamps: number;
+  /** Number of nodes that move. */
+  readonly movers: number;
 }
 
 async function readField(value: unknown, where: string, variableCount: number, from: Reading): Promise<FieldRecord> {
@@ -153,7 +162,7 @@ async function readField(value: unknown, where: string, variableCount: number, f
 /** Finite weights may still overflow: try the field at one point, and say so when its light is no number there. */
 function warnOfOverflow(graph: Graph, where: string): void {
   if (graph.nodes.some(({ use }) => Object.values(use.buffer).some(({ picture }) => picture))) return;
-  const found = evaluate(graph, { ...TRIAL, lamps: Array(graph.inputs.get("lamps") ?? 0).fill(1) }).radiance!;
+  const found = evaluate(graph, { ...TRIAL, lamps: Array(graph.inputs.get("lamps") ?? 0).fill(1), pose: Array(graph.inputs.get("pose") ?? 0).fill(0.5) }).radiance!;
   if (found.every(Number.isFinite)) return;
   console.warn(`lightwell: ${where}: expected finite radiance at the origin, found ${found.join(", ")}; bake the field again`);
 }
@@ -163,11 +172,12 @@ async function readFieldGraph(
   document: Record<string, unknown>,
   buffers: ReadonlyMap<string, StoredBuffer>,
   where: string,
-  { budget, lamps }: Reading,
+  { budget, lamps, movers }: Reading,
 ): Promise<Graph> {
   const nodes: { op?: unknown }[] = Array.isArray(document.nodes) ? document.nodes : [];
   const graph = readGraphOf(await opsFor(nodes.map((node) => String(node?.op))), document, buffers, budget);
   for (const [name, width] of graph.inputs) {
+    if (name === "pose" && movers > 0 && width === movers) continue;
     if (name === "lamps" ? lamps === 0 || width !== 3 * lamps : INPUT_WIDTHS[name] !== width)
       fail(`${where}.inputs.${name}`, "an input of a surface");
   }

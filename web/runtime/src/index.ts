@@ -19,6 +19,7 @@ export { loadLight } from "./load-light.ts";
 export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segments.ts";
+export { Mover, type MoverRecord, moverValuesText, readMoverValues } from "./movers.ts";
 export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SWITCHES, readLampSettings } from "./switches.ts";
 export { clockText, hourAt, readClock, type Sky, skyAt } from "./sky.ts";
 export { SkyBackground } from "./sky-background.ts";

@@ -46,6 +46,8 @@ export abstract class LearnedField {
   private lights: readonly Vector3[] = [];
   /** What the scene's own lamps are multiplied by, as the per-frame values have it; empty where the field has none. */
   private readonly dimmed: Float32Array;
+  /** Poses of the nodes that move, as the per-frame values have them; empty where the field has none. */
+  private readonly posed: Float32Array;
   /** The lights that the per-frame values belong to. */
   private readonly evaluated = slots(Number.NaN);
 
@@ -56,6 +58,7 @@ export abstract class LearnedField {
     this.placement = placement;
     this.blocks = frameLayout(this.graph).blocks;
     this.dimmed = new Float32Array(this.graph.inputs.get("lamps") ?? 0).fill(Number.NaN);
+    this.posed = new Float32Array(this.graph.inputs.get("pose") ?? 0).fill(Number.NaN);
     this.frameValues = new Float32Array(4 * this.blocks * MAX_LAMPS);
   }
 
@@ -94,9 +97,13 @@ export abstract class LearnedField {
 
   /**
    * Evaluate the per-frame part of each light that has moved, and of all where a lamp of the scene was dimmed; call before drawing.
-   * `dimmers`: what the scene's own lamps are multiplied by.
+   * `dimmers`: what the scene's own lamps are multiplied by; `poses`: of the nodes that move, 0 to 1.
    */
-  update(dimmers: ArrayLike<number> = []): void {
+  update(dimmers: ArrayLike<number> = [], poses: ArrayLike<number> = []): void {
+    if (this.posed.some((x, i) => x !== Math.fround(poses[i] ?? 0))) {
+      this.posed.set(Array.from(this.posed, (_, i) => poses[i] ?? 0));
+      for (const evaluated of this.evaluated) evaluated.setScalar(Number.NaN);
+    }
     if (this.dimmed.some((x, i) => x !== dimmers[i])) {
       this.dimmed.set(dimmers);
       for (const evaluated of this.evaluated) evaluated.setScalar(Number.NaN);
@@ -106,7 +113,7 @@ export abstract class LearnedField {
       if (this.blocks === 0 || this.evaluated[lamp]!.equals(light)) return;
       this.evaluated[lamp]!.copy(light);
       const size = 4 * this.blocks;
-      evaluateFrame(this.graph, { light: light.toArray(), lamps: this.dimmed }, this.frameValues.subarray(size * lamp, size * (lamp + 1)));
+      evaluateFrame(this.graph, { light: light.toArray(), lamps: this.dimmed, pose: this.posed }, this.frameValues.subarray(size * lamp, size * (lamp + 1)));
       if (this.frameTexture) this.frameTexture.needsUpdate = true;
     });
   }

@@ -1,6 +1,6 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
-import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Texture, type WebGLRenderer } from "three";
+import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Object3D, type Texture, type WebGLRenderer } from "three";
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import type { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
 import { fail, FormatError } from "./checks.ts";
@@ -81,7 +81,8 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], lamps: [], fields: [], exposure: null }), lightmaps };
+      const moving = (await Promise.all((radiance?.movers ?? []).map(({ node }) => parser.getDependency("node", node)))) as Object3D[];
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], exposure: null }), lightmaps, moving };
       gltf.userData.lightwell = loaded;
     }
   }

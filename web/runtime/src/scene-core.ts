@@ -8,6 +8,7 @@ import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
+import { Mover } from "./movers.ts";
 import { OwnLights } from "./own-lights.ts";
 import { boundsOf, Placement } from "./placement.ts";
 import { readClock, timeOfHour } from "./sky.ts";
@@ -68,6 +69,8 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   lamps: readonly Lamp[];
   /** Switches of the scene's own lamps, one a group; empty where their light cannot be changed. */
   readonly switches: readonly LampSwitch[];
+  /** Nodes that move, with their values; empty where everything stands still. */
+  readonly movers: readonly Mover[];
   private readonly ownLamps: Switches;
   protected readonly options: SceneOptions<R>;
   protected readonly lightmaps: LoadedLight["lightmaps"];
@@ -82,7 +85,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, movers, moving, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
     this.switches = this.ownLamps.all;
@@ -93,6 +96,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.variables = variables;
     this.placement = new Placement(this.root);
     this.bounds = boundsOf(this.root);
+    this.movers = movers.map((record, i) => new Mover(record, moving[i]!, this.root));
     this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement));
     this.fields = fields.map((record, i) => make(record, i, fields.length));
   }
@@ -138,6 +142,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     for (const lamp of this.lamps) lamp.detach();
     this.materials.detach();
     this.ownLamps.detach();
+    for (const mover of this.movers) mover.restore();
     this.ownLights.restore();
   }
 
@@ -202,6 +207,19 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   }
 
   /**
+   * Move a node of the file: `setMover("Door", 45)`, in degrees or metres; values outside of its range are brought into it. Throws
+   * when the file has no mover of this name.
+   */
+  setMover(name: string, value: number): void {
+    const mover = this.movers.find((other) => other.name === name);
+    if (!mover) {
+      const known = this.movers.map((other) => `'${other.name}'`).join(", ") || "none";
+      throw new Error(`LearnedScene: expected the name of a mover (${known}), found '${name}'`);
+    }
+    mover.value = value;
+  }
+
+  /**
    * Set the time of day of the suns that know one: `18:30`, or hours. Returns whether one is up then; where none is, nothing
    * changes.
    */
@@ -236,13 +254,16 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    */
   update(renderer: R | undefined = this.options.renderer): void {
     if (!this.attached) return;
-    if (this.placement.follow()) for (const lamp of this.lamps) lamp.renewShadow();
+    // All of them follow; the shadows of whatever moved are drawn anew.
+    const moved = this.movers.filter((mover) => mover.follow(this.root)).length > 0;
+    if (this.placement.follow() || moved) for (const lamp of this.lamps) lamp.renewShadow();
     for (const lamp of this.lamps) lamp.follow();
     this.shadows.ask(this.lamps, renderer ?? this);
     this.tint();
     this.materials.show("learned");
     this.ownLamps.follow();
-    for (const field of this.programs) field.update(this.ownLamps.factors);
+    const poses = this.movers.map(({ pose }) => pose);
+    for (const field of this.programs) field.update(this.ownLamps.factors, poses);
   }
 
   /**

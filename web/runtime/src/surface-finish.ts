@@ -18,19 +18,21 @@ export interface SurfaceFinish {
   /**
    * GLSL statements that set `outgoingLight`, which holds the rasterised light. In scope: `lwPosition`, `lwNormal`,
    * `lwFacet`, `lwView`, `lwBent` (world, units), `lwReflectance`, `roughnessFactor`, `metalnessFactor`; `lightwellToRoot`
-   * is the matrix from the world to the space in which fields were learned.
+   * is the matrix from the world to the space in which fields were learned, `lightwellToRest` from there to where the surface rests.
    */
   readonly statements: string;
 }
 
 /** Parameters of a GLSL function of a surface, and what they are given. */
 export const SURFACE_PARAMETERS =
-  "vec3 position, vec3 normal, vec3 shading_normal, vec3 view, vec3 reflectance, float roughness, float metallic";
+  "vec3 position, vec3 normal, vec3 shading_normal, vec3 view, vec3 reflectance, float roughness, float metallic, vec3 rest_position, vec3 rest_normal";
 const direction = (name: string) => `normalize( mat3( lightwellToRoot ) * ${name} )`;
 export const SURFACE_ARGUMENTS = [
   "( lightwellToRoot * vec4( lwPosition, 1.0 ) ).xyz",
   ...["lwNormal", "lwBent", "lwView"].map(direction),
   "lwReflectance, roughnessFactor, metalnessFactor",
+  "( lightwellToRest * ( lightwellToRoot * vec4( lwPosition, 1.0 ) ) ).xyz",
+  "normalize( mat3( lightwellToRest ) * ( mat3( lightwellToRoot ) * lwNormal ) )",
 ].join(", ");
 
 /** Uniforms of fields, and what else a finish needs. */

@@ -1,6 +1,7 @@
 /** Puts a finish on a three.js material in place, together with the owner's own `onBeforeCompile`, and takes it off again. */
 
 import type { Material, MeshStandardMaterial, WebGLProgramParametersWithUniforms, WebGLRenderer } from "three";
+import { toRestOf } from "./movers.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 import type { Patch } from "./surface-materials.ts";
 import { patchSurfaceShader } from "./surface-shader.ts";
@@ -32,7 +33,7 @@ export class SurfacePatch implements Patch {
     const owner = original ?? this;
     const compile = (shader: WebGLProgramParametersWithUniforms, renderer: WebGLRenderer) => {
       (owner.hook ?? Object.getPrototypeOf(material).onBeforeCompile).call(owner.material, shader, renderer);
-      patchSurfaceShader(shader, renderer, finish);
+      patchSurfaceShader(shader, renderer, finish, toRestOf(owner.material));
     };
     const key = () => `${owner.ownKey()}|lightwell:${finish.key()}`;
     Object.defineProperties(material, {

@@ -1,6 +1,7 @@
 /** Finishes the shaders of three.js' standard and physical materials, and gives them a tighter shadow test. */
 
 import {
+  Matrix4,
   ShaderChunk,
   type WebGLProgramParametersWithUniforms,
   type WebGLRenderer,
@@ -22,12 +23,13 @@ export function patchSurfaceShader(
   shader: WebGLProgramParametersWithUniforms,
   renderer: WebGLRenderer,
   finish: SurfaceFinish,
+  toRest = new Matrix4(),
 ): void {
-  Object.assign(shader.uniforms, finish.uniforms());
+  Object.assign(shader.uniforms, finish.uniforms(), { lightwellToRest: { value: toRest } });
   passCentroid(shader, renderer);
   if (finish.readsUv) passTextureCoordinates(shader);
   const parts = [
-    ["void main() {", `${principledLight(COATS)}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\n${finish.functions()}\nvoid main() {`],
+    ["void main() {", `${principledLight(COATS)}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\nuniform mat4 lightwellToRest;\n${finish.functions()}\nvoid main() {`],
     ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
     ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
     ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),

@@ -10,6 +10,8 @@ export const TRIAL: Readonly<Record<string, readonly number[]>> = {
   roughness: [0.5],
   metallic: [0],
   shading_normal: [0, 1, 0],
+  rest_position: [0, 0, 0],
+  rest_normal: [0, 1, 0],
   uv: [0.5, 0.5],
   uv1: [0.5, 0.5],
 };

@@ -49,9 +49,12 @@ export const MAX_LAMPS = 4;
 
 const MAX_INTENSITY = 1e12;
 
-/** Read `extension.variables`. */
+/** Read the lights of `extension.variables`. */
 export function readVariables(value: unknown, where: string): Variable[] {
-  return list(value ?? [], where, MAX_VARIABLES).map((entry, i) => readVariable(entry, `${where}[${i}]`));
+  // Nodes that move come after the lights (`movers.ts`).
+  const entries = list(value ?? [], where, MAX_VARIABLES).map((entry, i) => record(entry, `${where}[${i}]`));
+  const lights = entries.findIndex(({ kind }) => kind === "node");
+  return (lights < 0 ? entries : entries.slice(0, lights)).map((entry, i) => readVariable(entry, `${where}[${i}]`));
 }
 
 function readVariable(value: unknown, where: string): Variable {

@@ -1,6 +1,6 @@
 /** Options of the page's address, for tests, screenshots and links. */
 
-import { type LampSetting, readClock, readLampSettings } from "lightwell";
+import { type LampSetting, readClock, readLampSettings, readMoverValues } from "lightwell";
 import { readLights, type LightOption } from "./light-options.ts";
 import { AGAINST, type Against, MODES, type Mode } from "./modes.ts";
 import { TONE_MAPPINGS, type ToneMappingName } from "./tone-mapping.ts";
@@ -37,6 +37,8 @@ export interface Options {
   readonly day: number | null;
   /** Settings of the scene's own lamps by name: `desk:0.3;bed:0:ffcc88`. */
   readonly lamps: ReadonlyMap<string, LampSetting>;
+  /** Values of the nodes that move by name: `Door:45`. */
+  readonly movers: ReadonlyMap<string, number>;
   /** Whether the learned light is evaluated at half resolution. */
   readonly half: boolean;
   /** Whether single keys are shortcuts; null leaves it to the visitor. */
@@ -70,6 +72,7 @@ export function readOptions(search: string): Options {
     lights: readLights(query.get("lights")),
     day: readClock(query.get("day") ?? ""),
     lamps: readLampSettings(query.get("lamps")),
+    movers: readMoverValues(query.get("movers")),
     half: query.get("half") === "1",
     keys: query.has("keys") ? query.get("keys") !== "0" : null,
   };

@@ -17,6 +17,8 @@ export interface ViewData {
   readonly camera: CameraData;
   /** Value of the first declared light. */
   readonly light: Vec3 | null;
+  /** Slider of the nodes that move, 0 to 1; null: as the file shows them. */
+  readonly pose: number | null;
   readonly width: number;
   readonly height: number;
   /** Radiance below which the steps of the reference are even. */
@@ -77,7 +79,11 @@ function readView(value: unknown, index: number): ViewData[] {
   const known = typeof value.reference === "string" && width && height && dark > 0 && Number.isFinite(dark);
   const reference = known ? (value.reference as string) : "";
   const name = typeof value.name === "string" && value.name ? value.name.slice(0, 40) : `View ${index + 1}`;
-  return [{ name, camera, light: readVec3(value.light), width: width || 4, height: height || 3, dark, reference }];
+  return [{ name, camera, light: readVec3(value.light), pose: readShare(value.pose), width: width || 4, height: height || 3, dark, reference }];
+}
+
+function readShare(value: unknown): number | null {
+  return typeof value === "number" && value >= 0 && value <= 1 ? value : null;
 }
 
 function readSide(value: unknown): number {

@@ -1,17 +1,17 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
-import { clockText, hourAt, lampSettingsText, sunsWithSky } from "lightwell";
+import { clockText, hourAt, lampSettingsText, moverValuesText, sunsWithSky } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** Options of the address that say what is shown, by name. */
-export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "day", "lights", "lamps", "exposure", "tonemap", "half"] as const;
+export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "day", "lights", "lamps", "movers", "exposure", "tonemap", "half"] as const;
 
 export type PageState = Partial<Record<(typeof STATE_NAMES)[number], string>>;
 
 /** The part of the options that a state may change. */
-export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "day" | "lights" | "lamps" | "exposure" | "toneMapping" | "half">;
+export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "day" | "lights" | "lamps" | "movers" | "exposure" | "toneMapping" | "half">;
 
 /** Digits that a link keeps: a tenth of a millimetre in a room. */
 const DIGITS = 5;
@@ -27,6 +27,7 @@ export function stateOf(viewer: Viewer): PageState {
   );
   const [sun] = sunsWithSky(viewer.lamps);
   const hour = sun ? hourAt(sun.variable.sky!, sun.time) : null;
+  const movers = moverValuesText(viewer.learned?.movers ?? []);
   const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {
     mode,
@@ -35,6 +36,7 @@ export function stateOf(viewer: Viewer): PageState {
     ...(hour === null ? {} : { day: clockText(hour) }),
     ...(lights.length > 0 ? { lights: lights.join(";") } : {}),
     ...(lamps ? { lamps } : {}),
+    ...(movers ? { movers } : {}),
     exposure: short([exposure]),
     tonemap: toneMapping,
     ...(half ? { half: "1" } : {}),
@@ -65,6 +67,7 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
   if (options.day !== null) viewer.setDay(options.day);
   applyLights(viewer, options);
   applyLamps(viewer, options);
+  for (const [name, value] of options.movers) viewer.setMover(name, value);
   if (against) viewer.setAgainst(against);
   if (split !== null) viewer.setSplit(split);
   if (mode) viewer.setMode(mode);

@@ -98,6 +98,10 @@ export class Viewer extends ViewerFrames {
     this.resetLight();
     const lamp = this.lamps[0];
     if (lamp && view.light) lamp.move(new Vector3(...view.light));
+    for (const mover of this.learned?.movers ?? []) {
+      const [first, last] = mover.record.range;
+      if (view.pose !== null) mover.value = first + view.pose * (last - first);
+    }
     this.view = index;
     this.presenter.references.comparison = null;
     this.exposed.reset();
@@ -172,6 +176,14 @@ export class Viewer extends ViewerFrames {
   /** Set a lamp of the scene by its name. */
   setLamp(name: string, setting: LampSetting): void {
     this.learned?.setLamp(name, setting);
+    this.relit();
+  }
+
+  /** Move a node of the file, degrees or metres; nothing changes where it has no such mover. */
+  setMover(name: string, value: number): void {
+    const mover = this.learned?.movers.find((other) => other.name === name);
+    if (!mover || mover.value === value) return;
+    mover.value = value;
     this.relit();
   }
 

@@ -7,6 +7,7 @@ import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import { sunsWithSky } from "../lamp.ts";
 import { SkyBackground } from "../sky-background.ts";
+import { readMoverValues } from "../movers.ts";
 import { readLampSettings } from "../switches.ts";
 import { positive, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
@@ -45,11 +46,11 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (nodes that move: `Door:45`, degrees or metres). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
-  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "lamps"];
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "lamps", "movers"];
   private readonly canvas = document.createElement("canvas");
   private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
@@ -147,7 +148,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const sky = sunsWithSky(learned.lamps).length > 0 ? new SkyBackground() : null;
       scene.background = sky?.texture ?? null;
       this.shown = { gltf, learned, scene, sky };
-      for (const name of ["camera", "light", "day"]) this.apply(name);
+      for (const name of ["camera", "light", "day", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
@@ -197,6 +198,9 @@ export class LightwellViewer extends ElementBase implements Client {
         lamp.reset();
         if (settings.has(lamp.name)) lamp.set(settings.get(lamp.name)!);
       }
+    } else if (name === "movers") {
+      const values = readMoverValues(value);
+      for (const mover of this.shown?.learned.movers ?? []) mover.value = values.get(mover.name) ?? mover.record.initial;
     } else if (name === "camera" && this.shown) this.look(value, this.shown);
     this.invalidate();
   }

@@ -23,13 +23,14 @@ export function frameLayout(graph: Graph): FrameLayout {
   return { first, blocks };
 }
 
-/** The per-frame values for the given frame inputs (`light`, `lamps`), as blocks: 4 · blocks numbers. Without `lamps`, they are as baked. */
+/** The per-frame values for the given frame inputs (`light`, `lamps`, `pose`), as blocks: 4 · blocks numbers. Without `lamps`, they are as baked; without `pose`, nodes are at their first value. */
 export function evaluateFrame(
   graph: Graph,
   inputs: Readonly<Record<string, ArrayLike<number>>>,
   out = new Float32Array(4 * frameLayout(graph).blocks),
 ): Float32Array {
-  const values = evaluateNodes(graph, { lamps: Array(graph.inputs.get("lamps") ?? 0).fill(1), ...inputs }, true);
+  const given = { lamps: Array(graph.inputs.get("lamps") ?? 0).fill(1), pose: Array(graph.inputs.get("pose") ?? 0).fill(0), ...inputs };
+  const values = evaluateNodes(graph, given, true);
   for (const [name, first] of frameLayout(graph).first) out.set(values.get(name)!, 4 * first);
   return out;
 }

@@ -18,9 +18,9 @@ import type { Graph, GraphNode } from "./node.ts";
 import { costs } from "./part.ts";
 
 /** Inputs that are the same for every pixel of a frame. */
-export const FRAME_INPUTS: readonly string[] = ["light", "lamps"];
+export const FRAME_INPUTS: readonly string[] = ["light", "lamps", "pose"];
 /** Inputs that `per_frame` nodes alone may use: shaders have no such value. */
-export const FRAME_ONLY: readonly string[] = ["lamps"];
+export const FRAME_ONLY: readonly string[] = ["lamps", "pose"];
 const MAX_INPUTS = 64;
 const NAME = /^[A-Za-z_][A-Za-z0-9_.]{0,63}$/;
 const NODE_KEYS = ["id", "op", "inputs", "per_frame"];

@@ -48,6 +48,8 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
   readonly day?: string | number;
   /** Settings of the scene's own lamps by name, such as `{ desk: 0.3 }`; the others are as in the file. */
   readonly lamps?: Readonly<Record<string, LampSetting>>;
+  /** Values of the nodes that move by name, degrees or metres, such as `{ Door: 45 }`; the others are as the file shows them first. */
+  readonly movers?: Readonly<Record<string, number>>;
   /** Which parts of the light are shown; all of them unless given. */
   readonly parts?: Parts;
   /** The scene, for lamps, looks and all else. */
@@ -55,7 +57,7 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 }
 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
-export function LearnedScene({ src, light, day, lamps, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
+export function LearnedScene({ src, light, day, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
   useImperativeHandle(ref, () => scene, [scene]);
   const [x, y, z] = light ?? [];
@@ -70,6 +72,11 @@ export function LearnedScene({ src, light, day, lamps, parts, weights, environme
     for (const lamp of scene.switches) lamp.reset();
     for (const [name, setting] of Object.entries(JSON.parse(settings) as Record<string, LampSetting>)) scene.setLamp(name, setting);
   }, [scene, settings]);
+  const poses = JSON.stringify(movers ?? {});
+  useEffect(() => {
+    const values = JSON.parse(poses) as Record<string, number>;
+    for (const mover of scene.movers) mover.value = values[mover.name] ?? mover.record.initial;
+  }, [scene, poses]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
   return createElement("group", group, createElement("primitive", { object: scene.root }));
 }

@@ -41,6 +41,8 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
       const placement = options.weights ?? (record.graph.macs <= INLINE_LIMIT ? "inline" : "texture");
       return new FieldNodes(record, `lightwellField${i}`, placement);
     });
+    const [mover] = this.movers;
+    if (mover) throw new Error(`LearnedNodeScene: expected a scene that stands still, found the node '${mover.name}' that moves; show it with LearnedScene`);
     const finishes = this.createFinishes();
     const looks = new Set(Object.keys(finishes) as SurfaceLook[]);
     const patch: Finisher["patch"] = (material, look) => new NodePatch(material, finishes[look]!);

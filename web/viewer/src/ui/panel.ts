@@ -5,6 +5,7 @@ import { el, ICONS, icon } from "./dom.ts";
 import { createKeepControls } from "./keep-controls.ts";
 import { createLensControls } from "./lens-controls.ts";
 import { createLights } from "./lights.ts";
+import { createMovers } from "./mover-controls.ts";
 import { createNumbers } from "./numbers.ts";
 import { createPictureControls } from "./picture-controls.ts";
 import { createSwitches } from "./switches.ts";
@@ -37,7 +38,8 @@ export function createPanel(viewer: Viewer): HTMLElement {
   body.classList.add("glass");
   viewer.on("loaded", () => {
     const switches = createSwitches(viewer);
-    body.replaceChildren(...(switches ? [switches] : []), createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
+    const movers = createMovers(viewer);
+    body.replaceChildren(...(movers ? [movers] : []), ...(switches ? [switches] : []), createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
   });
   return panel;
 }
