@@ -203,6 +203,20 @@ def test_completion_is_a_script_that_bash_reads(capsys):
     assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
 
 
+def test_completion_of_fish_has_every_verb_and_option(capsys):
+    assert main(["completion", "fish"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for verb, *tool in whole_verbs():
+        if tool:
+            continue
+        assert any(
+            line.startswith("complete -c lightwell") and f" {verb} " in f"{line} ".replace("'", " ") for line in lines
+        )
+        mine = [line for line in lines if f"_using {verb}'" in line]
+        options = {flag for flag in verb_parser(verb, [])._option_string_actions if flag.startswith("--")}
+        assert not [flag for flag in options if not any(f" -l {flag[2:]} " in f"{line} " for line in mine)], verb
+
+
 def test_the_manual_page_has_every_verb_and_option(capsys):
     assert main(["man"]) == 0
     page = capsys.readouterr().out
