@@ -184,7 +184,7 @@ def test_a_checkpoint_of_another_fit_is_refused(name):
 def test_samples_of_weight_zero_do_not_count(name):
     good, bad = make_samples(3000, 1), make_samples(3000, 1, lambda q: np.full((len(q), 3), 9.0))
     both = Samples(
-        type(good.query)(*(np.concatenate([a, a]) for a in vars(good.query).values())),
+        type(good.query)(*(a if a is None else np.concatenate([a, a]) for a in vars(good.query).values())),
         np.concatenate([good.half_a, bad.half_a]),
         np.concatenate([good.half_b, bad.half_b]),
         np.repeat(np.float32([1, 0]), 3000),
