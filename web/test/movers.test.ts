@@ -2,7 +2,10 @@
 
 import { BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { Mover, type MoverRecord, moverValuesText, readMovers, readMoverValues, toRestOf } from "../runtime/src/movers.ts";
+import { type MoverRecord, readMovers } from "../runtime/src/mover-record.ts";
+import { moverValuesText, readMoverValues } from "../runtime/src/mover-values.ts";
+import { Mover } from "../runtime/src/movers.ts";
+import { toRestOf } from "../runtime/src/to-rest.ts";
 import { readVariables } from "../runtime/src/variables.ts";
 
 const DOOR = { name: "Door", kind: "node", node: 1, path: "rotation", axis: [0, 1, 0], range: [0, 90], unit: "degrees", initial: 45 };

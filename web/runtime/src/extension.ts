@@ -11,7 +11,7 @@ import type { BufferType, StoredBuffer } from "./graph/stored.ts";
 import { opsFor } from "./graph/ops/on-demand.ts";
 import { EXTENSION } from "./extension-name.ts";
 import { type LampRecord, readLamps } from "./switches.ts";
-import { type MoverRecord, readMovers } from "./movers.ts";
+import { type MoverRecord, readMovers } from "./mover-record.ts";
 import { TRIAL } from "./trial.ts";
 import { readVariables, type Variable } from "./variables.ts";
 

@@ -4,6 +4,7 @@ import type { Material, Object3D } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { NeuralRadiance } from "./extension.ts";
 import type { Lightmap } from "./lightmap.ts";
+import type { Mover } from "./movers.ts";
 
 export type { Lightmap };
 
@@ -11,12 +12,12 @@ export type { Lightmap };
 export interface LoadedLight extends NeuralRadiance {
   /** Ordinary light maps (MOZ_lightmap), which the learned light takes the place of. */
   readonly lightmaps: ReadonlyMap<Material, Lightmap>;
-  /** The objects of `movers`, in their order. */
-  readonly moving: readonly Object3D[];
+  /** Makes what moves the nodes of `movers`, in their order; null where the file has none. */
+  readonly moving: ((root: Object3D) => Mover[]) | null;
 }
 
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
 export function learnedLight(gltf: GLTF): LoadedLight {
   const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { variables: [], movers: [], moving: [], lamps: [], fields: [], exposure: null, lightmaps: new Map() };
+  return found ?? { variables: [], movers: [], moving: null, lamps: [], fields: [], exposure: null, lightmaps: new Map() };
 }

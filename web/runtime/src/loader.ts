@@ -11,6 +11,8 @@ import { LIMITS } from "./limits.ts";
 import { LIGHTMAP_EXTENSION, readLightmap } from "./lightmap.ts";
 import { EXTENSION } from "./extension-name.ts";
 import type { Lightmap, LoadedLight } from "./loaded-light.ts";
+import type { MoverRecord } from "./mover-record.ts";
+import type { Mover } from "./movers.ts";
 
 const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
 
@@ -81,11 +83,18 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     warnOfPlaces(gltf);
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
-      const moving = (await Promise.all((radiance?.movers ?? []).map(({ node }) => parser.getDependency("node", node)))) as Object3D[];
+      const moving = radiance?.movers.length ? await makerOf(radiance.movers, parser) : null;
       const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], exposure: null }), lightmaps, moving };
       gltf.userData.lightwell = loaded;
     }
   }
+}
+
+/** What makes the movers of a file, loaded where it has some. */
+async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Promise<(root: Object3D) => Mover[]> {
+  const { Mover } = await import("./movers.ts");
+  const objects = (await Promise.all(records.map(({ node }) => parser.getDependency("node", node)))) as Object3D[];
+  return (root) => records.map((record, i) => new Mover(record, objects[i]!, root));
 }
 
 /** The learned light of a document. What reads it is loaded when a file has some. */

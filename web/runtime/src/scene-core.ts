@@ -8,7 +8,7 @@ import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
-import { Mover } from "./movers.ts";
+import type { Mover } from "./movers.ts";
 import { OwnLights } from "./own-lights.ts";
 import { boundsOf, Placement } from "./placement.ts";
 import { readClock, timeOfHour } from "./sky.ts";
@@ -85,7 +85,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, movers, moving, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, moving, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
     this.switches = this.ownLamps.all;
@@ -96,7 +96,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.variables = variables;
     this.placement = new Placement(this.root);
     this.bounds = boundsOf(this.root);
-    this.movers = movers.map((record, i) => new Mover(record, moving[i]!, this.root));
+    this.movers = moving?.(this.root) ?? [];
     this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement));
     this.fields = fields.map((record, i) => make(record, i, fields.length));
   }
@@ -212,10 +212,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    */
   setMover(name: string, value: number): void {
     const mover = this.movers.find((other) => other.name === name);
-    if (!mover) {
-      const known = this.movers.map((other) => `'${other.name}'`).join(", ") || "none";
-      throw new Error(`LearnedScene: expected the name of a mover (${known}), found '${name}'`);
-    }
+    if (!mover) throw new Error(`LearnedScene: expected one of the movers ${this.movers.map((other) => other.name)}, found '${name}'`);
     mover.value = value;
   }
 

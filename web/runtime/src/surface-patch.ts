@@ -1,10 +1,10 @@
 /** Puts a finish on a three.js material in place, together with the owner's own `onBeforeCompile`, and takes it off again. */
 
 import type { Material, MeshStandardMaterial, WebGLProgramParametersWithUniforms, WebGLRenderer } from "three";
-import { toRestOf } from "./movers.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 import type { Patch } from "./surface-materials.ts";
 import { patchSurfaceShader } from "./surface-shader.ts";
+import { toRestOf } from "./to-rest.ts";
 
 type Hook = Material["onBeforeCompile"];
 type CacheKey = Material["customProgramCacheKey"];

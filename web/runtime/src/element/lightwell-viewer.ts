@@ -7,7 +7,7 @@ import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import { sunsWithSky } from "../lamp.ts";
 import { SkyBackground } from "../sky-background.ts";
-import { readMoverValues } from "../movers.ts";
+import { readMoverValues } from "../mover-values.ts";
 import { readLampSettings } from "../switches.ts";
 import { positive, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
