@@ -14,7 +14,7 @@ from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
 from lightwell.scenes.movers import Mover
-from lightwell.scenes.placing import held_out_lights, initial_light, sample_cameras
+from lightwell.scenes.placing import held_out_lights, initial_light, reached_part, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, declare, has_sky
 from lightwell.transport import Query, SurfacePoints, indirect
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 NO_REGION = -1
 # The second expert's least share in a pixel that counts as blended.
 BLENDED = 0.01
+# Held-out lights that a view may have; of so many that reach most of it, the brightest is found by paths.
+VIEW_LIGHTS, TRACED_LIGHTS = 32, 4
 # Points of a picture that are evaluated at a time.
 BLOCK = 1 << 19
 
@@ -99,7 +101,7 @@ def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) ->
         Camera and light [3] of each view.
     """
     cameras = sample_cameras(scene, variable, count, seed + EVALUATION_SEED, authored=True)
-    held_out = held_out_lights(scene, variable, max(count, 4), seed + EVALUATION_SEED)
+    held_out = held_out_lights(scene, variable, max(count, VIEW_LIGHTS), seed + EVALUATION_SEED)
     chosen = []
     for k, camera in enumerate(cameras):
         light = initial_light(scene, variable, camera) if k == 0 else _best_lit(scene, variable, camera, held_out)
@@ -113,6 +115,9 @@ def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarr
     points = points[np.flatnonzero(mask)]
     if not len(points):
         return lights[0]
+    # In a house most lights are in other rooms.
+    reached = reached_part(scene, variable, lights, camera)
+    lights = lights[np.argsort(-reached, kind="stable")[:TRACED_LIGHTS]]
     means = []
     for light in lights:
         a, b = indirect(scene, points, light, variable, 16, EVALUATION_SEED)

@@ -164,6 +164,25 @@ def initial_light(scene: Scene, variable: Variable, camera: Camera, candidates: 
     return lights[np.argmax(worth)]
 
 
+def reached_part(scene: Scene, variable: Variable, lights: np.ndarray, camera: Camera) -> np.ndarray:
+    """Compute how much of what a camera sees is reached by lights.
+
+    Args:
+        scene: The scene.
+        variable: The declared light.
+        lights: [L, 3] positions, metres (unit directions to a sun).
+        camera: The camera.
+
+    Returns:
+        [L] shares of a coarse image, in [0, 1].
+    """
+    air = free_air(scene)
+    points, to_eye = _seen_points(air, camera)
+    if not len(points):
+        return np.zeros(len(lights))
+    return _lit_part(air, variable, lights, points, to_eye, scene.extent)
+
+
 def _seen_points(air: FreeAir, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Find the points [P, 3] of a coarse image, and unit directions [P, 3] back to the camera."""
     directions = view_directions(camera, round(10 * ASPECT), 10)
