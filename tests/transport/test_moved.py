@@ -60,7 +60,7 @@ def test_light_is_traced_in_the_pose_of_each_point(scene):
 @pytest.mark.parametrize("kind", [OwnLightShards, GatheredShards])
 def test_shards_have_as_many_rows_of_every_pose(scene, kind):
     sliders = [0.0, 1.0]
-    size = lambda own: GatherSize(1 << 11, 1024, 128, 64, rays=8)  # noqa: E731
+    size = lambda own: GatherSize(1 << 11, 1024, 64, rays=8)  # noqa: E731
     make = PosedShards(scene, LIGHT, SMALL, size, kind, sliders)
     columns, counts = make(scene, LIGHT, None, SMALL, 0)
     pose, half = columns["pose"][:, 0], SMALL.size // 2
