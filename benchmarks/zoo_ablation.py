@@ -53,7 +53,7 @@ def gathered(scene: Scene, variable: Variable) -> Samples:
     make = GatheredShards(scene, variable, SETTINGS, GatherSize.of(GATHERED, SETTINGS))
     parts = [make(scene, variable, None, SETTINGS, k)[0] for k in range(GATHERED)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__})
+    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__ if name in columns})
     return Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
 
 

@@ -208,7 +208,7 @@ def shards() -> list[Case]:
             part = slice(32 * index, 32 * index + 32)
             columns = {name: getattr(samples.query, name) for name in type(samples.query).__dataclass_fields__}
             columns |= {name: getattr(samples, name) for name in ("half_a", "half_b", "weight", "shape")}
-            columns = {name: values[part] for name, values in columns.items()}
+            columns = {name: values[part] for name, values in columns.items() if values is not None}
             columns["counts"] = np.frombuffer(b'{"paths": {}, "rejection": {}}', np.uint8)
             Store(folder).put(shard_key(manifest, index), columns, COLUMNS)
         files |= {p.relative_to(folder).as_posix(): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
