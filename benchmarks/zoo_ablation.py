@@ -28,9 +28,10 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, declare
 from lightwell.transport import Samples, draw_surface, make_query
 from lightwell.transport.collect import collect
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.samples import Query
 from lightwell.transport.seen import draw_seen
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings, default_lights
 
 # Path-traced shards, gathered shards (made in about the same time), steps, and samples kept for early stopping.

@@ -118,12 +118,11 @@ def _best_lit(scene: Scene, variable: Variable, camera: Camera, lights: np.ndarr
     # In a house most lights are in other rooms.
     reached = reached_part(scene, variable, lights, camera)
     lights = lights[np.argsort(-reached, kind="stable")[:TRACED_LIGHTS]]
-    means = []
-    for light in lights:
-        a, b = indirect(scene, points, light, variable, 16, EVALUATION_SEED)
-        # The median, so that a light close to one wall is not chosen for one bright spot.
-        means.append(np.median((a + b).mean(axis=1)))
-    return lights[int(np.argmax(means))]
+    rows = np.tile(np.arange(len(points)), len(lights))
+    a, b = indirect(scene, points[rows], lights.repeat(len(points), axis=0), variable, 16, EVALUATION_SEED)
+    # The median, so that a light close to one wall is not chosen for one bright spot.
+    found = np.median((a + b).mean(axis=1).reshape(len(lights), len(points)), axis=1)
+    return lights[int(np.argmax(found))]
 
 
 def compare_points(reference: PointReference, shipped: Shipped, objects: Sequence[str]) -> PointComparison:

@@ -30,7 +30,7 @@ from lightwell.scenes.variables import Variable, first_settings
 from lightwell.transport import SurfacePoints, draw_surface, indirect, static
 
 # Version; to be increased when the same arguments give other samples than before.
-VERSION = 1
+VERSION = 2
 
 T = TypeVar("T")
 
@@ -311,11 +311,10 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
     """
     lights = chain(held_out_lights(scene, variable, budget.sweep, seed + 3 * EVALUATION_SEED))
     points = draw_surface(scene, budget.sweep_points, seed + 3 * EVALUATION_SEED, floor=0).points
-    halves = [indirect(scene, points, light, variable, budget.sweep_paths, seed + k) for k, light in enumerate(lights)]
-    a, b = (np.concatenate(parts) for parts in zip(*halves))
     rows = np.tile(np.arange(len(points)), len(lights))
-    place = np.arange(len(lights)).repeat(len(points))
-    return SweepReference(points[rows], lights.repeat(len(points), axis=0), a, b, place)
+    place, light = np.arange(len(lights)).repeat(len(points)), lights.repeat(len(points), axis=0)
+    a, b = indirect(scene, points[rows], light, variable, budget.sweep_paths, seed)
+    return SweepReference(points[rows], light, a, b, place)
 
 
 def trace_poses(

@@ -6,9 +6,7 @@ are traced to the end among them gained nothing (four scenes, an eighth of the r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from time import perf_counter
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -17,77 +15,23 @@ from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
 from lightwell.transport.day_light import day_light
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiosity import Gather, Radiosity
+from lightwell.transport.radiosity import Gather
 from lightwell.transport.samples import Query, Samples, columns_of
 from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds
 
-# Rays of a point, and the lights whose bins are lit.
-RAYS, MOST_LIGHTS = 128, 2048
-# Most points with rows and bins; small bakes have fewer of each in proportion.
-MOST_POINTS, MOST_BINS = 1 << 18, 16384
 # Times of a day whose sky is kept, in colours: fewer than lights, because they lie on one line.
 MOST_TIMES = 512
-FEWEST_POINTS, FEWEST_BINS, FEWEST_LIGHTS = 1 << 12, 512, 64
-# Rows with points of their own for each shard that is expected; beyond, points meet further lights.
-POINTS_PER_SHARD = 1 << 14
 # The residual is measured on at most this many of the known samples: the fit was trained on them, but a network of a
 # few thousand weights cannot memorise them.
 MOST_JUDGED = 1 << 18
 
 
-@dataclass(frozen=True)
-class GatherSize:
-    """How much is traced before the first shard."""
-
-    points: int
-    bins: int
-    lights: int
-    rays: int = RAYS
-    """Rays of a point, even."""
-
-    @staticmethod
-    def of(shards: int, settings: ShardSettings, rays: int = RAYS) -> GatherSize:
-        """Choose sizes that suit a number of shards.
-
-        Args:
-            shards: Expected shards.
-            settings: Sizes of a shard.
-            rays: Rays of a point, even.
-
-        Returns:
-            The sizes.
-        """
-        rows = shards * min(settings.size, POINTS_PER_SHARD)
-        points = int(np.clip(1 << max(rows - 1, 1).bit_length(), FEWEST_POINTS, MOST_POINTS))
-        share = points / MOST_POINTS
-        scaled = lambda most, fewest: int(max(most * share**0.5, fewest))  # noqa: E731
-        return GatherSize(
-            points,
-            scaled(MOST_BINS, FEWEST_BINS),
-            int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
-            rays,
-        )
-
-
 class GatheredShards(SeenShards):
     """Makes shards of a declared light; what all of them share is traced when the first one is made."""
 
-    _stream = 0x6A
-
-    def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
-        """Prepare to make shards; nothing is traced yet.
-
-        Args:
-            scene: The scene.
-            variable: The declared light.
-            settings: Sizes and seed.
-            size: How much is traced before the first shard.
-        """
-        super().__init__(scene, variable, settings, size.points)
-        self._size = size
-        self.seconds = 0.0
-        """What tracing before the first shard took."""
+    most: int | None = None
+    """Shards that hold all that there is; None: there are always further pairs of point and light."""
 
     @cached_property
     def lights(self) -> np.ndarray:
@@ -101,14 +45,9 @@ class GatheredShards(SeenShards):
 
     @cached_property
     def _gather(self) -> Gather:
-        start, size = perf_counter(), self._size
-        radiosity = Radiosity(self._scene, self.points, int(self._seeds[2]), size.bins)
-        seed, variable = int(self._seeds[3]), self._variable
-        rows = radiosity.rows(self.points, size.rays, seed, sky=has_sky(variable))
-        lit = day_light(radiosity, variable, self.lights, seed) if has_sky(variable) else None
-        gather = Gather(rows, lit or radiosity.light(variable, self.lights, seed))
-        self.seconds = perf_counter() - start
-        return gather
+        seen, seed, variable = self.seen, int(self._seeds[3]), self._variable
+        light = partial(day_light, seen.radiosity) if has_sky(variable) else seen.radiosity.light
+        return Gather(seen.rows, light(variable, self.lights, seed).irradiance)
 
     @cached_property
     def _query(self) -> Query:

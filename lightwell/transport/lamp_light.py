@@ -75,14 +75,37 @@ class LampLight:
         Returns:
             The shares.
         """
-        device = DevicePoints(points)
         total = np.zeros((len(points), 2, self._count, 3), np.float32)
         for start in range(0, len(points), POINTS_AT_ONCE):
             rows = np.arange(start, min(start + POINTS_AT_ONCE, len(points)))
             total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start))
-            total[rows] += self._emitted(device, rows, rays, seed)
-            total[rows] += self._sampled(device, rows, shadow_rays, seed)
+        total += self._direct(points, rays, seed, shadow_rays)
         return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
+
+    @property
+    def irradiance(self) -> np.ndarray:
+        """[K, F + 1, 3] irradiance of the bins under each group; the last bin is dark."""
+        return np.ascontiguousarray(self._irradiance.transpose(2, 1, 0))
+
+    def direct(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int = POINT_SAMPLES) -> LampShares:
+        """Trace what points reflect of each group's direct light.
+
+        Args:
+            points: N surface points.
+            rays: Rays per point that the BSDF chooses, even.
+            seed: Seed of the rays; another one than that of the bins.
+            shadow_rays: Shadow rays to each group from each half of a point.
+
+        Returns:
+            The shares.
+        """
+        total = self._direct(points, rays, seed, shadow_rays)
+        return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
+
+    def _direct(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int) -> np.ndarray:
+        """[N, 2, K, 3] direct light."""
+        device, rows = DevicePoints(points), np.arange(len(points))
+        return self._emitted(device, rows, rays, seed) + self._sampled(device, rows, shadow_rays, seed)
 
     # ------------------------------------------------------------------ bins
 

@@ -13,10 +13,11 @@ from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.adaptive import Predict
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.moved import with_rest
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.samples import Query, Samples, columns_of
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import LightsFn, Make, ShardSettings
 
 # Added to the seed of the shards, so that no two poses share a random number.
@@ -59,6 +60,12 @@ class PosedShards:
         self._makers = [
             kind(posed(scene, slider), variable, own, size(own)) for slider, own in zip(self._sliders, self._settings)
         ]
+
+    @property
+    def most(self) -> int | None:
+        """Shards that hold all that there is; None: no limit."""
+        limits = [maker.most for maker in self._makers if maker.most is not None]
+        return max(limits, default=None)
 
     def __call__(
         self, scene: Scene, variable: Variable, lights_fn: LightsFn | None, settings: ShardSettings, index: int

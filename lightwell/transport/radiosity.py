@@ -38,6 +38,8 @@ from lightwell.transport.tables import tables
 PROBES, PROBE_POINTS = 16, 1 << 16
 # Paths of a bin, and the most that a surface hands on: paths end by chance.
 BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
+# Bounces after which so few paths are left that a launch costs more than they are worth: then half of them end.
+MANY_BOUNCES, FEW_GO_ON = 6, 0.5
 # Lanes of one launch.
 LANES = 1 << 20
 # Lights whose indirect irradiance is computed at once; bounds memory.
@@ -149,7 +151,8 @@ class Radiosity:
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
                 # Every second path ends at once, and the others count twice, where half the light is left.
-                chance = np.minimum(BIN_PATHS * part.max(axis=1), MOST_REFLECTED)
+                most = MOST_REFLECTED if bounce < MANY_BOUNCES else FEW_GO_ON
+                chance = np.minimum(BIN_PATHS * part.max(axis=1), most)
                 goes_on = random.random(len(row)) < chance
                 if not goes_on.any():
                     break
@@ -299,28 +302,43 @@ def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, 
     return gather_ray(scene.mi, gather_interaction(scene, device, row), rng, first)
 
 
-class Gather:
-    """Rows and bin light on the device: halves of samples for pairs of point and light."""
+class DeviceRows:
+    """What N points see of the bins, on the device."""
 
-    def __init__(self, rows: Rows, light: BinLight) -> None:
-        """Upload what points see and the light of the bins.
+    def __init__(self, rows: Rows) -> None:
+        """Upload rows.
 
         Args:
             rows: What N points see.
-            light: Irradiance of the bins under K lights.
         """
-        self._bin = upload_integers(rows.bin.ravel())
-        self._weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
-        self._rays = rows.bin.shape[1]
-        self._irradiance, self._bins = upload_floats(light.irradiance.ravel()), light.irradiance.shape[1]
+        self.bin = upload_integers(rows.bin.ravel())
+        """[N * P] bins."""
+        self.weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
+        """[N * P * 3] weights."""
+        self.rays: int = rows.bin.shape[1]
+        """P."""
+
+
+class Gather:
+    """Rows and bin light on the device: halves of samples for pairs of point and light."""
+
+    def __init__(self, rows: DeviceRows, irradiance: np.ndarray) -> None:
+        """Upload the light of the bins.
+
+        Args:
+            rows: What N points see.
+            irradiance: [K, F + 1, 3] irradiance of the bins under K lights, as in ``BinLight``.
+        """
+        self._rows = rows
+        self._irradiance, self._bins = upload_floats(irradiance.ravel()), irradiance.shape[1]
 
     def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
         halves = _sum_of_rays(
             upload_integers(point),
             upload_integers(light),
-            (self._bin, self._weight, self._irradiance),
-            tuple(dr.opaque(mi.UInt32, v) for v in (self._rays, self._bins)),
+            (self._rows.bin, self._rows.weight, self._irradiance),
+            tuple(dr.opaque(mi.UInt32, v) for v in (self._rows.rays, self._bins)),
         )
         dr.eval(halves)
         return tuple(np.ascontiguousarray(np.array(h).T) for h in halves)

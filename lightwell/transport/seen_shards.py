@@ -1,56 +1,131 @@
-"""What shards whose points lie where people look share: the points, and the columns that say where they are."""
+"""What shards whose points lie where people look share: points, their rays, and the columns that say where they are."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from functools import cached_property
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.scene_cache import Derived
+from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.radiance import PathReport
+from lightwell.transport.radiosity import DeviceRows, Radiosity
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings
 
 # Added to the index of an adaptive shard, so that it shares no random number with the others.
 ADAPTIVE_STREAM = 1 << 20
-# Random streams of a kind of shards: its points, and what it traces before the first shard.
-STREAMS = 4
+# Random streams of what all shards of a scene share.
+SHARED_STREAM, STREAMS = 0x6A, 4
+# Rays of a point, and the lights whose bins are lit.
+RAYS, MOST_LIGHTS = 128, 2048
+# Most points with rows and bins; small bakes have fewer of each in proportion.
+MOST_POINTS, MOST_BINS = 1 << 18, 16384
+FEWEST_POINTS, FEWEST_BINS, FEWEST_LIGHTS = 1 << 12, 512, 64
+# Rows with points of their own for each shard that is expected; beyond, points meet further lights.
+POINTS_PER_SHARD = 1 << 14
+
+
+@dataclass(frozen=True)
+class GatherSize:
+    """How much is traced before the first shard."""
+
+    points: int
+    bins: int
+    lights: int
+    rays: int = RAYS
+    """Rays of a point, even."""
+
+    @staticmethod
+    def of(shards: int, settings: ShardSettings, rays: int = RAYS) -> GatherSize:
+        """Choose sizes that suit a number of shards.
+
+        Args:
+            shards: Expected shards.
+            settings: Sizes of a shard.
+            rays: Rays of a point, even.
+
+        Returns:
+            The sizes.
+        """
+        rows = shards * min(settings.size, POINTS_PER_SHARD)
+        points = int(np.clip(1 << max(rows - 1, 1).bit_length(), FEWEST_POINTS, MOST_POINTS))
+        share = points / MOST_POINTS
+        scaled = lambda most, fewest: int(max(most * share**0.5, fewest))  # noqa: E731
+        return GatherSize(
+            points,
+            scaled(MOST_BINS, FEWEST_BINS),
+            int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
+            rays,
+        )
+
+
+@dataclass(frozen=True)
+class SeenTransport:
+    """N points where people look, and what they see of the bins of the scene. It does not depend on the light."""
+
+    points: SurfacePoints
+    radiosity: Radiosity
+    rows: DeviceRows
+
+
+SEEN = Derived[SeenTransport]("transport.seen")
 
 
 class SeenShards:
-    """Base of shards that choose from one set of points; the points are drawn when the first shard is made."""
+    """Base of shards that choose from one set of points, whose rays are traced when the first shard is made.
 
-    _stream: int
-    """Sets the random numbers of a kind of shards apart."""
+    Shards of a moving light and of the scene's own emitters have the same points and rays: paths need no light.
+    """
 
-    def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, count: int) -> None:
+    def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
         """Prepare to make shards; nothing is traced yet.
 
         Args:
             scene: The scene.
             variable: The declared light; people look where it may be.
             settings: Sizes and seed.
-            count: Points that the shards choose from, ≥ 1.
+            size: How much is traced before the first shard.
         """
-        self._scene, self._variable, self._settings, self._count = scene, variable, settings, count
+        self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
 
-    @cached_property
+    @property
     def _seeds(self) -> np.ndarray:
-        return np.random.SeedSequence([self._settings.seed, self._stream]).generate_state(STREAMS)
+        return np.random.SeedSequence([self._settings.seed, SHARED_STREAM]).generate_state(STREAMS)
 
-    @cached_property
+    @property
+    def seen(self) -> SeenTransport:
+        """Trace what all shards of the scene share, at the first use.
+
+        Returns:
+            Points and their rays.
+        """
+        arguments = (self._variable, self._settings.seed, self._floor, self._size)
+        return self._scene.cache.get(SEEN, self._traced, arguments)
+
+    @property
     def points(self) -> SurfacePoints:
         """Draw the points that all shards share.
 
         Returns:
             The points.
         """
-        floor = max(self._count * self._settings.floor // self._settings.size, 1)
-        return draw_seen(self._scene, self._variable, self._count, int(self._seeds[0]), floor=floor).points
+        return self.seen.points
+
+    @property
+    def _floor(self) -> int:
+        """Points per visible object at least."""
+        return max(self._size.points * self._settings.floor // self._settings.size, 1)
+
+    def _traced(self) -> SeenTransport:
+        scene, variable, size, seeds = self._scene, self._variable, self._size, [int(s) for s in self._seeds]
+        points = draw_seen(scene, variable, size.points, seeds[0], floor=self._floor).points
+        radiosity = Radiosity(scene, points, seeds[2], size.bins)
+        rows = radiosity.rows(points, size.rays, seeds[3], sky=has_sky(variable))
+        return SeenTransport(points, radiosity, DeviceRows(rows))
 
 
 def place_columns(points: SurfacePoints, weight: np.ndarray, flat: np.ndarray) -> dict[str, np.ndarray]:

@@ -28,8 +28,8 @@ from lightwell.fields.surface.field import SurfaceField
 from lightwell.report import metrics, picture_metrics
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
-from lightwell.transport.gathered_shards import RAYS
 from lightwell.transport.queries import make_query
+from lightwell.transport.seen_shards import RAYS
 
 FIELDS = "mlp:small,mlp:report-20"
 ROOT = Path(__file__).parents[2]

@@ -16,7 +16,7 @@ from lightwell.fields.base import query_inputs
 from lightwell.graph import evaluate
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, make_query
-from lightwell.transport.gathered_shards import RAYS
+from lightwell.transport.seen_shards import RAYS
 
 from .conftest import small
 

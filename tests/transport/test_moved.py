@@ -9,12 +9,13 @@ from lightwell.scenes import load
 from lightwell.scenes.posing import declared_mover, posed, with_mover
 from lightwell.scenes.variables import PointLight
 from lightwell.transport import draw_surface, static
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.moved import at_pose
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.posed_shards import PosedShards
 from lightwell.transport.queries import make_query
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
 LIGHT = PointLight((-2.2, 0.4, -1.0), (2.2, 2.0, 1.0), 0.1)

@@ -7,8 +7,8 @@ import pytest
 
 from lightwell.scenes.variables import declare
 from lightwell.transport import static
-from lightwell.transport.gathered_shards import GatherSize
 from lightwell.transport.own_light_shards import OwnLightShards
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 from tests.transport.rooms import WHITE, box, build, diffuse, quad, room_walls
 
@@ -34,7 +34,7 @@ def test_the_mean_is_that_of_whole_paths(shards):
     truth = 0.5 * sum(static(scene, make.points[np.arange(settings.size)], 512, 7))
     found = 0.5 * (columns["half_a"] + columns["half_b"])
     assert found.mean() == pytest.approx(truth.mean(), rel=0.04)
-    assert counts["paths"]["paths"] == settings.size * 64
+    assert counts["paths"]["paths"] == settings.size * 64 + 1024 * 256
 
 
 def test_later_shards_have_other_points_and_more_of_them_other_rays(shards):

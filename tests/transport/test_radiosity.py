@@ -9,9 +9,10 @@ import pytest
 
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.bins import PLACES, find_bins, parted
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
-from lightwell.transport.radiosity import Gather, Radiosity
+from lightwell.transport.gathered_shards import GatheredShards
+from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
 from lightwell.transport.seen import draw_seen
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
 from . import rooms
@@ -30,7 +31,7 @@ def gathered(cornell):
     radiosity = Radiosity(cornell, points, 0, 2048)
     few = points[:POINTS]
     rows = radiosity.rows(few, 256, 2)
-    gather = Gather(rows, radiosity.light(light, LIGHTS, 3))
+    gather = Gather(DeviceRows(rows), radiosity.light(light, LIGHTS, 3).irradiance)
     pairs = np.tile(np.arange(POINTS), 2), np.arange(2).repeat(POINTS)
     halves = gather(*pairs)
     truth = np.concatenate([sum(indirect(cornell, few, l, light, 512, 4)) / 2 for l in LIGHTS])
@@ -60,7 +61,7 @@ def test_what_is_seen_through_a_blended_surface_is_not_its_light():
     radiosity = Radiosity(scene, points, 0, 1024)
     names = [mesh.name for mesh in scene.meshes]
     few = points[np.flatnonzero(points.shape == names.index("short"))[:100]]
-    gather = Gather(radiosity.rows(few, 256, 2), radiosity.light(light, LIGHTS[:1], 3))
+    gather = Gather(DeviceRows(radiosity.rows(few, 256, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
     found = sum(gather(np.arange(len(few)), np.zeros(len(few), int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
@@ -98,7 +99,7 @@ def test_a_room_behind_a_thin_wall_stays_dark():
     light = PointLight((-0.8, 0.4, -0.6), (-0.2, 1.6, 0.6), 0.1)
     points = draw_surface(scene, 8192, 1).points
     found = Radiosity(scene, points, 0, 256)
-    gather = Gather(found.rows(points[:1000], 64, 2), found.light(light, LIGHTS[1:], 3))
+    gather = Gather(DeviceRows(found.rows(points[:1000], 64, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
     value = sum(gather(np.arange(1000), np.zeros(1000, int))).mean(axis=1)
     truth = sum(indirect(scene, points[:1000], LIGHTS[1], light, 64, 4)).mean(axis=1)
     # The partition has two sides; points of the dark one reflect nothing.
@@ -157,7 +158,7 @@ def test_rough_metal_keeps_its_energy():
     points = draw_surface(scene, 4096, 1).points
     radiosity = Radiosity(scene, points, 0, 1024)
     few = points[:200]
-    gather = Gather(radiosity.rows(few, 128, 2), radiosity.light(light, LIGHTS[:1], 3))
+    gather = Gather(DeviceRows(radiosity.rows(few, 128, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
     found = sum(gather(np.arange(200), np.zeros(200, int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)

@@ -11,7 +11,7 @@ from lightwell.scenes.variables import Sun, declare, from_json, to_json
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.camera import total_image
 from lightwell.transport.day_light import day_light
-from lightwell.transport.radiosity import Gather, Radiosity
+from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
 
 from . import rooms, zscores
 
@@ -95,7 +95,9 @@ def test_light_of_sun_and_sky_is_that_of_mitsubas_path_tracer(cornell, day, poin
 
 def test_gathered_light_of_a_day_is_that_of_paths(cornell, day, points):
     radiosity = Radiosity(cornell, draw_surface(cornell, 4096, 1).points, 0, 1024)
-    gather = Gather(radiosity.rows(points, 128, 2, sky=True), day_light(radiosity, day, suns(day), 3))
+    gather = Gather(
+        DeviceRows(radiosity.rows(points, 128, 2, sky=True)), day_light(radiosity, day, suns(day), 3).irradiance
+    )
     pairs = np.tile(np.arange(POINTS), len(TIMES)), np.arange(len(TIMES)).repeat(POINTS)
     found = sum(gather(*pairs)) / 2
     light = suns(day)[pairs[1]]

@@ -14,12 +14,12 @@ from lightwell.fields.base import UNIT_FACTOR
 from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import State, Traced
 from lightwell.fields.surface.plan import RAYS
-from lightwell.transport.gathered_shards import GatherSize
 from lightwell.transport.lamp_light import LampLight, LampShares
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
 # Points of a batch, which is stored when it is traced; batches of a bake, and of one with fixed counts, per shard.

@@ -33,9 +33,9 @@ FEWEST_GATHERED, MOST_GATHERED = 1, 16
 FIRST_STEPS_SHARE = 0.4
 # A fit on fewer shards or steps than this is not worth starting.
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
-# More shards than these hold nothing new (24 to 72: +0.1 dB) and take longer to be taken up; with 90 features they are
-# 1.5 GB.
-MOST_SHARDS = 64
+# More shards than these hold little that is new (24 to 72: +0.1 dB at equal steps), and the time in which they are
+# taken up is worth more steps; with 90 features 64 of them are 1.5 GB.
+MOST_SHARDS = 32
 # Most of the time left after the first steps that adaptive shards may take.
 LAST_TRACE_SHARE = 0.5
 
@@ -61,6 +61,19 @@ class SamplePlan:
     adaptive_shards: int
     seconds_per_shard: float = 0.0
     seconds_per_adaptive: float = 0.0
+
+    def within(self, most: int | None) -> SamplePlan:
+        """Return the plan with at most so many shards, of which none is adaptive where the limit is reached.
+
+        Args:
+            most: Shards that hold all that there is; None: no limit.
+
+        Returns:
+            The plan.
+        """
+        if most is None or self.shards + self.adaptive_shards < most:
+            return self
+        return replace(self, shards=max(most, FEWEST_SHARDS), adaptive_shards=0)
 
     def extended(self) -> SamplePlan:
         """Return the plan of the next round: half as many shards again, all of them adaptive.

@@ -15,11 +15,12 @@ from lightwell.scenes.posing import posed, with_mover
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.collect import join
-from lightwell.transport.gathered_shards import GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.moved import with_rest
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.posed_shards import PosedShards
 from lightwell.transport.samples import Samples
+from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
 # Poses that are traced, by quality.

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 from lightwell.core.progress import ProgressStage
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
 from lightwell.transport import PathReport, Samples, draw_surface, indirect, static
 from lightwell.transport.collect import collect
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import Make, ShardSettings, generate, load_samples
+from lightwell.transport.surface import SurfaceDraw
 
 # Stream of the validation set of early stopping; never shared with training or evaluation.
 VALIDATION_SEED = 0xA11D
 # The validation set: enough points that a difference of a few per cent shows, paths that keep its own noise below it.
 VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
+# Points per visible object at least.
+VALIDATION_FLOOR = 8
+VALIDATION_DRAW = Derived[SurfaceDraw]("fields.validation_draw")
 
 # Points that the rate of the path tracer is measured on, and paths of each that compile it first.
 TIMED_POINTS, FIRST_PATHS = 4096, 2
@@ -98,7 +104,9 @@ def validation_samples(
         The samples.
     """
     seed += VALIDATION_SEED
-    draw = draw_seen(scene, variable, points, seed, floor=8)
+    make = partial(draw_seen, scene, variable, points, seed, floor=VALIDATION_FLOOR)
+    # Both parts of the light have the same points.
+    draw = scene.cache.get(VALIDATION_DRAW, make, (variable, points, seed))
     light = sample_lights(scene, variable, lights, seed).repeat(points // lights, axis=0)
     return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light)
 

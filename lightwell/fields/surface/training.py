@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
@@ -27,6 +27,7 @@ from lightwell.fields.surface.plan import (
     StartPlan,
     StepPlan,
     kept_plan,
+    load_plan,
     plan_gather,
     plan_last,
     plan_samples,
@@ -40,9 +41,10 @@ from lightwell.networks.loop import Progress, TrainingState
 from lightwell.scenes.variables import Variable, default_variable
 from lightwell.transport import Samples
 from lightwell.transport.collect import join
-from lightwell.transport.gathered_shards import POINTS_PER_SHARD, GatheredShards, GatherSize
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.posed_shards import PosedShards
+from lightwell.transport.seen_shards import POINTS_PER_SHARD, GatherSize
 from lightwell.transport.shards import Make, ShardSettings
 
 # Steps that are timed to make a plan; the first ones compile kernels.
@@ -60,6 +62,9 @@ PATIENCE, PLACES = 1.25, 40
 CHECKPOINT, CLOCK = "fit.checkpoint", "clock"
 
 
+Maker: TypeAlias = GatheredShards | OwnLightShards | PosedShards
+
+
 @dataclass(frozen=True)
 class SurfaceSamples:
     """Training and validation samples of one role."""
@@ -72,7 +77,7 @@ class SurfaceSamples:
     end: float
     """Wall seconds of the bake at which the role should be learned."""
     traced: Traced
-    make: GatheredShards | OwnLightShards | PosedShards
+    make: Maker
     """Made the training samples, and makes adaptive ones."""
 
 
@@ -114,7 +119,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
 def _validation(state: State, role: Role) -> Samples:
     """The held-out samples of a role."""
     if state.scene.mover is not None:
-        return posed_validation(state, role, looked_from(state), _shards(state, role))
+        return posed_validation(state, role, looked_from(state), _shards(state))
     return validation_samples(state.scene, looked_from(state), state.job.request.seed, own_light=role == "static")
 
 
@@ -133,17 +138,24 @@ def looked_from(state: State) -> Variable:
 def _start_plan(state: State, role: Role) -> StartPlan:
     """The time of a role, the rate of its path tracer, and what is traced before the first gathered shard."""
     request, work = state.job.request, state.job.work
-    rate = path_rate(state.scene, state.variable, request.paths, request.seed, own_light=role == "static")
+    # The rays of the first of two roles serve both.
+    first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
+    own_light = role == "static"
+    rate = (
+        first.paths_per_second
+        if first
+        else path_rate(state.scene, state.variable, request.paths, request.seed, own_light)
+    )
     seconds, begin = role_seconds(state, role), work.elapsed
     if request.budget.seconds and not state.job.shared:
         seconds = learning_seconds(request.budget, begin)
         # What the first of two roles leaves is for the second.
         seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
     gathered = request.shards or plan_gather(seconds, rate, POINTS_PER_SHARD, RAYS[request.quality])
-    return StartPlan(begin + seconds, rate, gathered)
+    return StartPlan(begin + seconds, rate, first.gathered if first else gathered)
 
 
-def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> SamplePlan:
+def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
     """The number of shards; where it is not fixed, by the time of the second one."""
     request = state.job.request
     if request.shards:
@@ -154,12 +166,12 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Make) -> Samp
     cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
     # Adaptive shards are gathered as the others are.
     cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
-    return plan_samples(left, cost, cost, None, state.job.shared)
+    return plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
 
 
-def _maker(state: State, role: Role, start: StartPlan) -> GatheredShards | OwnLightShards | PosedShards:
+def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     """Return the function that makes the shards of a role."""
-    shards = _shards(state, role)
+    shards = _shards(state)
     if state.scene.mover is not None:
         return posed_maker(state, role, looked_from(state), shards, start.gathered)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
@@ -167,16 +179,14 @@ def _maker(state: State, role: Role, start: StartPlan) -> GatheredShards | OwnLi
     return kind(state.scene, looked_from(state), shards, size)
 
 
-def _shards(state: State, role: Role) -> ShardSettings:
+def _shards(state: State) -> ShardSettings:
     request = state.job.request
-    # Both roles share the seed but not the numbers.
-    seed = 2 * request.seed + (role == "static")
-    return ShardSettings(paths=request.paths, seed=seed, lights=request.lights_per_shard)
+    return ShardSettings(paths=request.paths, seed=request.seed, lights=request.lights_per_shard)
 
 
 def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str) -> TracedShards:
     """Write the shards that are missing and read them all."""
-    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, role)
+    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
         return trace_shards(state.scene, looked_from(state), shards, folder, count, make, stage)
 
