@@ -51,6 +51,14 @@ def test_nonsense_budgets_name_the_cure(text):
         parsed("bake", "--budget", text, Budget.parse)
 
 
+@pytest.mark.parametrize(
+    ("most", "expected"), [(None, (9, 3)), (13, (9, 3)), (12, (12, 0)), (4, (4, 0)), (1, (FEWEST_SHARDS, 0))]
+)
+def test_a_plan_has_no_more_shards_than_hold_something_new(most, expected):
+    found = SamplePlan(9, 3).within(most)
+    assert (found.shards, found.adaptive_shards) == expected
+
+
 def test_a_plan_spends_the_time_that_is_left():
     samples = plan_samples(100, 1.0, 4.0, None, shared=False)
     traced = samples.shards + 4.0 * samples.adaptive_shards

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lightwell.scenes.variables import declare
 from lightwell.transport import static
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
@@ -46,3 +49,16 @@ def test_later_shards_have_other_points_and_more_of_them_other_rays(shards):
     assert np.array_equal(first["position"], third["position"]) and not np.array_equal(first["half_a"], third["half_a"])
     more = make.adaptive(None, None)(scene, variable, None, settings, 0)[0]
     assert not np.array_equal(first["half_a"], more["half_a"])
+
+
+def test_points_and_rays_are_traced_once_for_both_parts_of_the_light(shards):
+    scene, variable, settings, make = shards
+    moving = GatheredShards(scene, variable, settings, GatherSize(1024, 1024, 64, 256))
+    assert moving.seen is make.seen
+    other = GatheredShards(scene, variable, replace(settings, seed=1), GatherSize(1024, 1024, 64, 256))
+    assert not np.array_equal(other.points.barycentric, moving.points.barycentric)
+
+
+def test_shards_end_where_all_points_were_used(shards):
+    *_, make = shards
+    assert make.most == 2
