@@ -38,6 +38,8 @@ from lightwell.transport.tables import tables
 
 # Longest path, counted as Mitsuba does (2 = direct light). In a closed room of albedo 0.8 longer ones hold 0.1 %.
 MAX_DEPTH = 32
+# Paths of direct light alone.
+DIRECT_DEPTH = 2
 # Depth from which Russian roulette may end a path; Mitsuba's default.
 RR_DEPTH = 5
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
@@ -56,6 +58,7 @@ def trace(
     include_direct: bool,
     connections: int = CONNECTIONS,
     see_through: bool = True,
+    one_bounce: bool = False,
 ) -> mi.Spectrum:
     """Estimate the radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one path per lane.
 
@@ -74,11 +77,16 @@ def trace(
             point light meets: it samples the bright spot next to a light near a wall. 0: as Mitsuba's ``path``.
         see_through: Where ``si`` lies on a blended surface (alpha), include what is seen through it, by its coverage.
             Off: the light of the surface alone, as if its coverage were 1; a rasteriser blends it itself.
+        one_bounce: ``max_depth`` is 2: where no ray can find the source, the kernel has no loop over further bounces.
 
     Returns:
         One estimate of the radiance per lane.
     """
+    ends = one_bounce and not source.hits
+    connections = 0 if one_bounce else connections
     L, z, path = _first_vertex(scene, si, source, rng, first, max_depth, include_direct, connections, see_through)
+    if ends:
+        return L
     limits = (max_depth, rr_depth)
     return _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
 
@@ -262,7 +270,8 @@ def direct(
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
     bare = replace(variable, sky=None) if has_sky(variable) else variable
-    a, b = _traced(scene, points, PathSettings(paths, seed, 2, RR_DEPTH, True, CONNECTIONS), bare, light, report)
+    limits = PathSettings(paths, seed, DIRECT_DEPTH, RR_DEPTH, True, CONNECTIONS)
+    a, b = _traced(scene, points, limits, bare, light, report)
     return 0.5 * (a + b) * variable.sunlight(light) if has_sky(variable) else 0.5 * (a + b)
 
 
@@ -377,14 +386,14 @@ def _means(
         for done in range(0, half, per_point):
             block = min(per_point, half - done)
             span = (start, count, done, block, half)
-            L, ok = _launch(scene, device, source, settings, span, limits.include_direct, limits.connections)
+            L, ok = _launch(scene, device, source, settings, span, limits)
             total[start : start + count] += np.array(L).T.reshape(count, 2, 3)
             good[start : start + count] += np.array(ok).reshape(count, 2)
     means = np.where(good[..., None] > 0, total / np.maximum(good, 1)[..., None], np.nan).astype(np.float32)
     return means, good
 
 
-def _launch(scene, device, source, settings, span, include_direct, connections):
+def _launch(scene, device, source, settings, span, limits):
     """Trace ``block`` paths of both halves for ``count`` points; sums and counts of the finite ones, [count * 2]."""
     start, count, done, block, half = span
     seed, max_depth, rr_depth, first_row = settings
@@ -399,7 +408,8 @@ def _launch(scene, device, source, settings, span, include_direct, connections):
     si = gather_interaction(scene, device, row)
     first = stratified(shift, path, half)
     depths = (max_depth, rr_depth)
-    L = trace(scene.mi, si, source(row), rng, first, *depths, include_direct, connections, False)
+    way = (limits.include_direct, limits.connections, False, limits.max_depth == DIRECT_DEPTH)
+    L = trace(scene.mi, si, source(row), rng, first, *depths, *way)
     ok = dr.all(dr.isfinite(L))
     L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
     # Evaluated together and now: block_sum evaluates each of its arguments alone and would trace the paths four times.
