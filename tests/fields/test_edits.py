@@ -13,6 +13,7 @@ from lightwell.fields.surface.edit_state import EditState, edit_key, kept_rows
 from lightwell.scenes import load
 from lightwell.scenes.parts import ScenePart, scene_changes, scene_parts
 from lightwell.transport.noticed import crosses, noticed
+from lightwell.transport.samples import Query, Samples, SurfacePoints
 from tests.plain_glb import write_plain
 
 
@@ -65,6 +66,17 @@ def test_points_near_a_change_notice_it_and_points_behind_a_wall_do_not(cornell)
     up = np.tile([0.0, 1.0, 0.0], (64, 1))
     found = [noticed(cornell, place, up, None, box, box[:0], 1).mean() for place in (inside, outside)]
     assert found[0] > 0.5 and found[1] < 0.2
+
+
+def test_a_kept_state_is_read_as_it_was(tmp_path):
+    query = Query(*(np.full((2, 3), k, np.float32) for k in range(5)), *np.zeros((2, 2, 1), np.float32))
+    samples = Samples(query, *np.ones((2, 2, 3), np.float32), np.ones(2, np.float32), np.zeros(2, np.uint32))
+    points = SurfacePoints(samples.shape, np.zeros(2, np.uint32), np.zeros((2, 2), np.float32), query.view)
+    store, at = store_of(tmp_path), edit_key("indirect")
+    store.put(at, EditState(samples, points, {"value.w": np.ones(3)}, [], {"seed": 1}).arrays(), ARRAYS)
+    found = EditState.of(store.find(at, ARRAYS))
+    assert found.samples.query.pose is None and np.array_equal(found.samples.query.view, query.view)
+    assert np.array_equal(found.learner["value.w"], np.ones(3)) and found.facts == {"seed": 1}
 
 
 def test_whole_runs_are_kept():

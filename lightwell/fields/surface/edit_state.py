@@ -19,7 +19,7 @@ from lightwell.fields.base import FieldSetup
 from lightwell.fields.protocol import Role
 from lightwell.files import Arrays, prefixed, under
 from lightwell.scenes.parts import ScenePart
-from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 
 # Version of the entry.
 VERSION = 1
@@ -59,7 +59,7 @@ class EditState:
             Arrays [...] by name.
         """
         about = {"facts": dict(self.facts), "parts": [asdict(part) for part in self.parts]}
-        found = prefixed("query", {f.name: getattr(self.samples.query, f.name) for f in fields(Query)})
+        found = prefixed("query", columns_of(self.samples.query))
         found |= {f.name: getattr(self.samples, f.name) for f in fields(Samples) if f.name != "query"}
         found |= {name: getattr(self.points, name) for name in ("triangle", "barycentric")}
         found |= prefixed("learner", self.learner)
