@@ -20,8 +20,9 @@ pytestmark = pytest.mark.slow
 def test_a_scene_exported_by_blender_bakes_unchanged(tmp_path, blender):
     room = tmp_path / "room.glb"
     subprocess.run([blender("5.0.1"), SCRIPT, "export", room], check=True, capture_output=True, timeout=300)
-    budget = dict(budget=Budget(1.0), size=64, mips=0, views=1, view_size=(24, 16), shards=1, paths=4, steps=20)
-    report = bake(BakeSettings(str(room), tmp_path / "out", field="lightmap", **budget))
+    small = dict(budget=Budget(1.0), views=1, view_size=(24, 16), shards=1, paths=4, steps=20)
+    options = {"size": 64, "mips": 0}
+    report = bake(BakeSettings(str(room), tmp_path / "out", field="lightmap", options=options, **small))
     fields, _ = read_fields(tmp_path / "out" / "scene.glb")
     assert [f.role for f in fields] == ["static"] and np.isfinite(report["psnr_db"])
     assert not any("no light of its own" in w for w in report["warnings"])
