@@ -129,7 +129,7 @@ def test_the_estimate_names_the_stages():
 
 
 def test_the_reference_takes_what_is_left():
-    assert reference_seconds(45) == pytest.approx(32.3)
+    assert reference_seconds(45) == pytest.approx(23.1)
     assert reference_seconds(-100) == 4.0
     few, many = (ReferenceBudget.within(seconds, 3e5, 4 * 224 * 140) for seconds in (5, 50))
     assert few.pixel_paths < many.pixel_paths and few.point_paths < many.point_paths

@@ -237,7 +237,7 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
     if first is not None:
         own_light = "static" in state.roles
-        state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light)
+        state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
     state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
     if first is not None and state.paths < limits.fewest_paths and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.

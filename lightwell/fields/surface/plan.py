@@ -47,9 +47,11 @@ class StartPlan:
     end: float
     """Wall seconds of the bake at which the role should be learned."""
     paths_per_second: float
-    """Measured rate of path-traced samples."""
+    """Measured rate of path-traced samples in short launches."""
     gathered: int
     """Shards that the gather before the first one is made for."""
+    sustained: float
+    """The same in long launches, such as those of the reference."""
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,9 @@ VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
 VALIDATION_FLOOR = 8
 VALIDATION_DRAW = Derived[SurfaceDraw]("fields.validation_draw")
 
-# Points that the rate of the path tracer is measured on, and paths of each that compile it first.
-TIMED_POINTS, FIRST_PATHS = 4096, 2
+# Points that the rate of the path tracer is measured on, paths of each that compile it first, and how much longer a
+# long launch is than a short one.
+TIMED_POINTS, FIRST_PATHS, LONGER = 4096, 2, 8
 
 # A shard that took fewer seconds than this was there already.
 ON_DISK = 0.01
@@ -111,29 +112,52 @@ def validation_samples(
     return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light)
 
 
-def path_rate(scene: Scene, variable: Variable | None, paths: int, seed: int, own_light: bool = False) -> float:
+@dataclass(frozen=True)
+class PathRate:
+    """Light paths that are traced in a second, compilation excluded."""
+
+    short: float
+    """In launches of few paths, of which most is spent before the first path is traced."""
+    sustained: float
+    """In long launches."""
+
+
+def path_rate(
+    scene: Scene,
+    variable: Variable | None,
+    paths: int,
+    seed: int,
+    own_light: bool = False,
+    sustained: bool = False,
+) -> PathRate:
     """Measure how many light paths are traced in a second.
 
     Args:
         scene: The scene.
         variable: Ranges of the light; None: ``own_light``.
-        paths: Paths per point, even.
+        paths: Paths per point of a short launch, even.
         seed: Seed of the bake.
         own_light: Whether the light is that of the scene's own emitters.
+        sustained: Measure long launches too, in about a second; otherwise their rate is that of short ones.
 
     Returns:
-        Paths per second, compilation excluded.
+        The rates.
     """
     points = draw_surface(scene, TIMED_POINTS, seed + VALIDATION_SEED, floor=1).points
     light = None if variable is None else sample_lights(scene, variable, TIMED_POINTS, seed)
 
-    def trace(count: int) -> None:
+    def seconds(count: int) -> float:
+        start = perf_counter()
         if own_light or variable is None or light is None:
             static(scene, points, count, seed)
         else:
             indirect(scene, points, light, variable, count, seed)
+        return max(perf_counter() - start, 1e-6)
 
-    trace(FIRST_PATHS)
-    start = perf_counter()
-    trace(paths)
-    return TIMED_POINTS * paths / max(perf_counter() - start, 1e-6)
+    seconds(FIRST_PATHS)
+    few = seconds(paths)
+    short = TIMED_POINTS * paths / few
+    if not sustained:
+        return PathRate(short, short)
+    more = seconds(LONGER * paths)
+    return PathRate(short, max(TIMED_POINTS * (LONGER - 1) * paths / max(more - few, 1e-6), short))

@@ -35,7 +35,7 @@ from lightwell.fields.surface.plan import (
     save_plan,
 )
 from lightwell.fields.surface.poses import posed_maker, posed_validation
-from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
+from lightwell.fields.surface.tracing import PathRate, TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
 from lightwell.scenes.variables import Variable, default_variable
@@ -54,7 +54,7 @@ NOMINAL_STEPS = 1 << 16
 # Samples on which they are timed, at most: a step takes as long on all of them.
 TIMED_SAMPLES = 1 << 18
 # Share of the budget that the static field gets when there is also a variable light.
-STATIC_SHARE = 0.4
+STATIC_SHARE = 0.3
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
 # of this many places.
 PATIENCE, PLACES = 1.25, 40
@@ -112,7 +112,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
     validation = _validation(state, role)
-    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.paths_per_second)
+    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained)
     return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent, make)
 
 
@@ -140,19 +140,18 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     request, work = state.job.request, state.job.work
     # The rays of the first of two roles serve both.
     first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
-    own_light = role == "static"
-    rate = (
-        first.paths_per_second
-        if first
-        else path_rate(state.scene, state.variable, request.paths, request.seed, own_light)
-    )
+    if first:
+        rate = PathRate(first.paths_per_second, first.sustained)
+    else:
+        timed = (request.paths, request.seed, role == "static", request.shards is None)
+        rate = path_rate(state.scene, state.variable, *timed)
     seconds, begin = role_seconds(state, role), work.elapsed
     if request.budget.seconds and not state.job.shared:
         seconds = learning_seconds(request.budget, begin)
         # What the first of two roles leaves is for the second.
         seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
-    gathered = request.shards or plan_gather(seconds, rate, POINTS_PER_SHARD, RAYS[request.quality])
-    return StartPlan(begin + seconds, rate, first.gathered if first else gathered)
+    gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
+    return StartPlan(begin + seconds, rate.short, first.gathered if first else gathered, rate.sustained)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
