@@ -39,7 +39,7 @@ export async function bundle(entry: string, options: BundleOptions = {}): Promis
 export async function bundleChunks(entry: string, { external = [], three, development = false }: BundleOptions = {}, split = true): Promise<readonly Chunk[]> {
   const folder = mkdtempSync(join(tmpdir(), "lightwell-bundle-"));
   const isText = /[\s;]/.test(entry);
-  const id = isText ? join(folder, "entry.ts") : here(`../${entry}`);
+  const id = isText ? join(folder, "entry.tsx") : here(`../${entry}`);
   if (isText) writeFileSync(id, entry);
   const result = await build({
     configFile: false,
