@@ -46,8 +46,8 @@ const EXPOSURE = 2.5;
 const [WIDTH, HEIGHT] = [160, 120];
 /** Where the snippets that move the lamp put it. */
 const MOVED = "0.3,1.2,0.2";
-/** An engine's own camera and tone curve where its snippet says nothing of them. */
-const OF_FIBER = { camera: "0,0,5,0,0,0,75", tonemap: "aces", exposure: "1", lights: MOVED };
+/** The tone curves of @react-three/fiber and of A-Frame; cameras of the first look at the origin, and the second has one of its own. */
+const OF_FIBER = { camera: "0,1,4.2,0,0,0,36", tonemap: "aces", exposure: "1", lights: MOVED };
 const OF_AFRAME = { camera: "0,1.6,0,0,1.6,-1,80", tonemap: "none", exposure: "1", lights: MOVED };
 /** Cameras of the tests draw linear light. */
 const LINEAR = { tonemap: "none", exposure: "1" };
@@ -135,12 +135,14 @@ async function expectSame(picture: Buffer, reference = room): Promise<void> {
 }
 
 const drawn = () => Number(document.body.dataset.frames) > 2;
-/** The background is that of the page. */
-const STYLE = "<style>body { margin: 0; background: #0b0c0f } canvas { display: block } .a-enter-vr { display: none }</style>";
+/** That of the page. */
+const BACKGROUND = [11, 12, 15];
+const BACKDROP = BACKGROUND.map((x) => x / 255).join(", ");
+const STYLE = `<style>body { margin: 0; background: rgb(${BACKGROUND}) } canvas { display: block } .a-enter-vr { display: none }</style>`;
 
 /** Run a module that counts its frames, and hold what it draws against a picture. */
-async function expectDrawn(code: string, reference = room, body = ""): Promise<void> {
-  const page = modulePage(await bundle(code), `<body>${STYLE}${body}`);
+async function expectDrawn(code: string, reference = room): Promise<void> {
+  const page = modulePage(await bundle(code), `<body>${STYLE}`);
   await expectSame(await shown(page, drawn), reference);
 }
 
@@ -155,7 +157,7 @@ const COUNT = 'document.body.dataset.frames = String(Number(document.body.datase
 const SIZED = `Object.assign(document.createElement("canvas"), { width: ${WIDTH}, height: ${HEIGHT} })`;
 
 /** A page of three.js that has a renderer, a scene, and a camera where the page opens; `lines` give it `learned`. */
-const ofThree = (lines: string, { imports = "", renderer = "new WebGLRenderer({ antialias: true })" } = {}) => `
+const ofThree = (lines: string, { imports = "", renderer = "new WebGLRenderer({ alpha: true, antialias: true })" } = {}) => `
   import { AgXToneMapping, Mesh, PerspectiveCamera, Scene, WebGLRenderer } from "three";
   import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
   ${imports}
@@ -220,7 +222,7 @@ it("a field as a node of WebGPURenderer", async () => {
   const imports = `
     import { LearnedNodeScene, LightwellLoaderPlugin, learnedRadiance } from "lightwell/webgpu";
     import { MeshBasicNodeMaterial, WebGPURenderer } from "three/webgpu";`;
-  const code = ofThree(`${lines}\n${CURVE}`, { imports, renderer: "new WebGPURenderer({ antialias: true, forceWebGL: true })" });
+  const code = ofThree(`${lines}\n${CURVE}`, { imports, renderer: "new WebGPURenderer({ alpha: true, antialias: true, forceWebGL: true })" });
   // Surfaces that reflect all: base colour plus 0.04.
   const white = bakedRoom(EXPOSURE, { materials: [0, 1, 2, 3].map(() => matte(0.96, 0.96, 0.96)) });
   const reference = await ofThePage({ mode: "indirect" }, white);
@@ -267,7 +269,7 @@ it("Babylon.js", async () => {
     const canvas = document.body.appendChild(${SIZED});
     const engine = new Engine(canvas, true);
     const room = new Room(engine);
-    room.clearColor = new Color4(0, 0, 0, 1);
+    room.clearColor = new Color4(${BACKDROP}, 1);
     room.useRightHandedSystem = true;
     const camera = new FreeCamera("camera", new Vector3(${CAMERA.position.join(", ")}), room);
     camera.setTarget(new Vector3(${CAMERA.target.join(", ")}));
@@ -288,7 +290,7 @@ it("PlayCanvas", async () => {
     app.scene.ambientLight = new Color(0, 0, 0);
     app.start();
     const eye = new Entity("camera", app);
-    eye.addComponent("camera", { fov: ${CAMERA.fov_y}, nearClip: 0.01, clearColor: new Color(0, 0, 0), toneMapping: TONEMAP_NONE });
+    eye.addComponent("camera", { fov: ${CAMERA.fov_y}, nearClip: 0.01, clearColor: new Color(${BACKDROP}), toneMapping: TONEMAP_NONE });
     eye.setPosition(${CAMERA.position.join(", ")});
     app.root.addChild(eye);
     await show(app);
@@ -318,6 +320,11 @@ it("the page in a frame, and what is sent to it", async () => {
   await expect(expectSame(picture, learned)).rejects.toThrow();
   expect(coarse.errors).toEqual([]);
   await coarse.page.close();
+});
+
+it("a picture without the learned light is told from the page's", async () => {
+  await expect(expectSame(await ofThePage({ mode: "direct" }))).rejects.toThrow();
+  await expect(expectSame(await ofThePage({ ...OF_FIBER, mode: "direct" }), await ofThePage(OF_FIBER))).rejects.toThrow();
 });
 
 it("no snippet that shows something is left out", () => {
