@@ -139,7 +139,7 @@ const isOurs = (text: string) => !/^THREE\.(Clock|WebGLShadowMap): /.test(text);
 
 describe("lightwell/react", () => {
   it("waits, draws under StrictMode, follows its group, frees everything, comes back, and hands errors to a boundary", async () => {
-    const code = await bundle("pages/fiber.tsx");
+    const code = await bundle("pages/fiber.tsx", { development: true });
     const body = '<body data-src="/examples/web/scene.glb"><style>body{margin:0}</style><div id="root" style="width:200px;height:150px"></div>';
     extra.set("/fiber.html", ["text/html", modulePage(code, body)]);
     const { page, errors } = await openPage(browser, 200, 150);

@@ -26,6 +26,8 @@ export interface BundleOptions {
   readonly external?: readonly RegExp[];
   /** Package to take for three.js: another version under another name. */
   readonly three?: string;
+  /** Take the development build of React, whose StrictMode mounts everything twice. */
+  readonly development?: boolean;
 }
 
 /** One minified module made of an entry (a path from `test/`) or of a text of imports. */
@@ -34,10 +36,10 @@ export async function bundle(entry: string, options: BundleOptions = {}): Promis
 }
 
 /** The same as several files where `split`: what is loaded on demand is apart. */
-export async function bundleChunks(entry: string, { external = [], three }: BundleOptions = {}, split = true): Promise<readonly Chunk[]> {
+export async function bundleChunks(entry: string, { external = [], three, development = false }: BundleOptions = {}, split = true): Promise<readonly Chunk[]> {
   const folder = mkdtempSync(join(tmpdir(), "lightwell-bundle-"));
   const isText = /[\s;]/.test(entry);
-  const id = isText ? join(folder, "entry.ts") : here(`../${entry}`);
+  const id = isText ? join(folder, "entry.tsx") : here(`../${entry}`);
   if (isText) writeFileSync(id, entry);
   const result = await build({
     configFile: false,
@@ -52,7 +54,7 @@ export async function bundleChunks(entry: string, { external = [], three }: Bund
         ...(three ? [{ find: /^three(?=$|\/)/, replacement: three }] : []),
       ],
     },
-    define: { "process.env.NODE_ENV": '"production"' },
+    define: { "process.env.NODE_ENV": development ? '"development"' : '"production"' },
     plugins: [
       {
         // Examples lie outside of this folder, and temporary files too: their packages are those that are here.

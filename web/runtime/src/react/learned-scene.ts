@@ -22,6 +22,7 @@ export type UseLearnedSceneOptions = Pick<LearnedSceneOptions, "weights" | "envi
  */
 export function useLearnedScene(src: string, { weights, environment }: UseLearnedSceneOptions = {}): Learned {
   const renderer = useThree((state) => state.gl) as WebGLRenderer;
+  const invalidate = useThree((state) => state.invalidate);
   const gltf = useLoader(GLTFLoader, src, (loader) => {
     loader.register((parser) => new LightwellLoaderPlugin(parser, { renderer }));
   });
@@ -31,9 +32,10 @@ export function useLearnedScene(src: string, { weights, environment }: UseLearne
   );
   useEffect(() => {
     scene.attach();
+    invalidate();
     // The loader keeps the file for the next component that asks for it: its textures stay.
     return () => scene.dispose({ textures: false });
-  }, [scene]);
+  }, [scene, invalidate]);
   useFrame(() => scene.update());
   return scene;
 }
@@ -59,6 +61,7 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
 export function LearnedScene({ src, light, day, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
+  const invalidate = useThree((state) => state.invalidate);
   useImperativeHandle(ref, () => scene, [scene]);
   const [x, y, z] = light ?? [];
   useEffect(() => {
@@ -78,6 +81,8 @@ export function LearnedScene({ src, light, day, lamps, movers, parts, weights, e
     for (const mover of scene.movers) mover.value = values[mover.name] ?? mover.record.initial;
   }, [scene, poses]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
+  // None of these is a property of three.js' objects: a canvas with `frameloop="demand"` would not draw the change.
+  useEffect(() => invalidate(), [invalidate, scene, x, y, z, day, settings, poses, parts]);
   return createElement("group", group, createElement("primitive", { object: scene.root }));
 }
 
