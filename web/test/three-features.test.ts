@@ -69,8 +69,7 @@ describe.each(KINDS)("%s:", (kind) => {
     expect(foggy!.slice(middle, middle + 3).map((x) => x.toFixed(2))).toEqual(["0.03", "0.13", "1.00"]);
   });
 
-  // `loadLight` makes a `LearnedScene`.
-  it.skipIf(kind !== "webgl")("loadLight lights a model that was loaded elsewhere, and refuses what is no file", async () => {
+  it("loadLight lights a model that was loaded elsewhere, and refuses what is no file", async () => {
     const { pictures, refused } = await run("elsewhere");
     expect(difference(pictures[0]!, pictures[1]!)).toBeLessThan(1e-5);
     expect(refused).toMatch(/^FormatError: /);

@@ -27,6 +27,9 @@ const VIEWS = writeGlb(
 );
 const REFLECTANCE = WHITE[0] + 0.04;
 
+/** What three.js (r187) says of its own copy of a physical material of nodes. */
+const OF_COPIES = '"iridescenceThicknessRange" property has been replaced';
+
 const opened = useScenarios("pages/three-ways.ts", { views: VIEWS });
 
 /** Share of the components of two pictures that differ by more than a hundredth. */
@@ -39,6 +42,11 @@ const EDGES = 0.02;
 /** Bytes of JavaScript objects that are in use. */
 async function heap(): Promise<number> {
   const session = await opened.page.context().newCDPSession(opened.page);
+  for (let i = 0; i < 2; i++) {
+    await session.send("HeapProfiler.collectGarbage");
+    // Devices end and finalisers run in tasks of their own.
+    await new Promise((resolve) => setTimeout(resolve, 500));
+  }
   await session.send("HeapProfiler.collectGarbage");
   const { usedSize } = await session.send("Runtime.getHeapUsage");
   await session.detach();
@@ -48,7 +56,7 @@ async function heap(): Promise<number> {
 describe.each(KINDS)("%s:", (kind) => {
   async function run<K extends keyof Scenarios>(name: K): Promise<Result<K>> {
     const result = (await opened.run(name, kind)) as Result<K>;
-    if (name !== "broken" && name !== "renderers") expect(opened.errors).toEqual([]);
+    if (name !== "broken" && name !== "renderers") expect(opened.errors.filter((text) => !text.includes(OF_COPIES))).toEqual([]);
     return result;
   }
 
@@ -139,12 +147,17 @@ describe.each(KINDS)("%s:", (kind) => {
     expect(difference(first!, other!)).toBeGreaterThan(0.5);
   });
 
+  it("a material of another scene is refused", async () => {
+    expect(await run("shared")).toMatch(/^LearnedScene: material 'paint' belongs to another scene; clone it/);
+  });
+
   it("several renderers and a restored context draw the same, shadows included", async () => {
     const [a, b, c, d, moved, movedToo, restored] = await run("renderers");
     for (const same of [b, c, d]) expect(difference(a!, same!)).toBe(0);
     expect(difference(a!, moved!)).toBeGreaterThan(0.2);
     expect(difference(moved!, movedToo!)).toBe(0);
     expect(difference(moved!, restored!)).toBe(0);
+    expect(opened.errors.filter((text) => !/(Context|Device) (Lost|Restored)/.test(text))).toEqual([]);
   });
 
   // Filtering an environment map takes half a minute without a GPU.
@@ -169,12 +182,15 @@ describe.each(KINDS)("%s:", (kind) => {
   });
 
   it.each(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [""] : [])("memory is flat over fifty cycles of loading and disposing", async () => {
+    const turns = (count?: number) => opened.page.evaluate((n) => void (n ? (document.body.dataset.cycles = String(n)) : delete document.body.dataset.cycles), count);
+    await turns(50);
+    // The first cycles compile what they run.
     await run("cycles");
     const before = await heap();
-    await opened.page.evaluate(() => void (document.body.dataset.cycles = "50"));
     const cycles = await run("cycles");
     const grown = ((await heap()) - before) / 1e6;
-    keepFigure("memory grown over 50 cycles, MB", grown);
+    await turns();
+    keepFigure(`memory grown over 50 cycles, MB${kind === "webgl" ? "" : `, ${kind}`}`, grown);
     expect(cycles).toHaveLength(50);
     expect(cycles.at(-1)).toEqual(cycles[1]);
     expect(grown).toBeLessThan(0.5);

@@ -1,8 +1,8 @@
 /** One renderer of three.js with its adapter, as the pages see them that run the same scenarios with every renderer. */
 
-import { LearnedScene, LightwellLoaderPlugin, type SceneOptions } from "lightwell";
-import { LearnedNodeScene } from "lightwell/webgpu";
-import { type Camera, FloatType, PerspectiveCamera, type Scene, WebGLRenderer, WebGLRenderTarget } from "three";
+import { LearnedScene, LightwellLoaderPlugin, loadLight, type SceneOptions } from "lightwell";
+import { LearnedNodeScene, loadLight as loadNodeLight } from "lightwell/webgpu";
+import { type Camera, FloatType, type Object3D, PerspectiveCamera, type Scene, WebGLRenderer, WebGLRenderTarget } from "three";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { RenderTarget, WebGPURenderer } from "three/webgpu";
 
@@ -41,6 +41,8 @@ export interface Stand {
   readonly webgpu: WebGPURenderer | null;
   /** Light a loaded file with the adapter of this renderer. */
   light(gltf: GLTF, options?: Options): Learned;
+  /** `loadLight` for this renderer. */
+  loadLight(file: ArrayBuffer, model: Object3D): Promise<Learned>;
   /** `learned.update` for this renderer, which is not the one of the options. */
   update(learned: Learned): void;
   draw(scene: Scene, camera?: Camera, width?: number): Promise<Picture>;
@@ -72,6 +74,7 @@ function webglStand(parameters: Parameters): Stand {
     webgl: renderer,
     webgpu: null,
     light: (gltf, options) => new LearnedScene(gltf, { renderer, ...options }),
+    loadLight: (file, model) => loadLight(file, model, { renderer }),
     update: (learned) => (learned as LearnedScene).update(renderer),
     async draw(scene, camera = makeCamera(), width = WIDTH) {
       const target = new WebGLRenderTarget(width, HEIGHT, { type: FloatType });
@@ -122,6 +125,7 @@ async function webgpuStand(kind: Kind, parameters: Parameters): Promise<Stand> {
     webgl: null,
     webgpu: renderer,
     light: (gltf, options) => new LearnedNodeScene(gltf, { renderer, ...options }),
+    loadLight: (file, model) => loadNodeLight(file, model, { renderer }),
     update: (learned) => (learned as LearnedNodeScene).update(renderer),
     async draw(scene, camera = makeCamera(), width = WIDTH) {
       const target = new RenderTarget(width, HEIGHT, { type: FloatType });

@@ -1,6 +1,5 @@
 /** Features of three.js beside learned light: other kinds of meshes, cameras and renderers, and the light of others. */
 
-import { loadLight } from "lightwell";
 import {
   ArrayCamera,
   BufferAttribute,
@@ -175,11 +174,11 @@ const SCENARIOS = {
   async elsewhere(stand: Stand): Promise<{ pictures: Picture[]; refused: string }> {
     const known = await show(stand, await load());
     const plain = await new GLTFLoader().parseAsync(bytesOf(), "");
-    const learned = await loadLight(bytesOf(), plain.scene, { renderer: stand.webgl! });
+    const learned = await stand.loadLight(bytesOf(), plain.scene);
     const scene = new Scene();
     scene.add(learned.root);
     learned.update();
-    const refused = await loadLight(new TextEncoder().encode("no GLB at all, and not a short one").buffer, plain.scene).then(
+    const refused = await stand.loadLight(new TextEncoder().encode("no GLB at all, and not a short one").buffer, plain.scene).then(
       () => "",
       (error: Error) => `${error.name}: ${error.message}`,
     );

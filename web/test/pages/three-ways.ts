@@ -188,7 +188,7 @@ const SCENARIOS = {
 
   /**
    * With the file's materials and with materials of nodes in their place; with other numbers in the file's materials and in those of nodes,
-   * and with nodes that say the same; with a glow that a node says before and after the material is lit, and whether that node is left.
+   * and with nodes that say the same; without and with a glow that a node says before and after the material is lit, and whether it is left.
    */
   async nodes(stand: Stand): Promise<{ plain: Picture[]; numbers: Picture[]; glowing: Picture[]; left: boolean[] }> {
     const { gltf, learned, scene } = await put(stand);
@@ -215,14 +215,18 @@ const SCENARIOS = {
       await shown((material) => said(ofNodes(material))),
       await shown((material) => said(material.clone())),
     ];
-    const glowing = [await shown((material) => Object.assign(ofNodes(material), glow)), await shown((material) => Object.assign(material.clone(), glow))];
+    const glowing = [await shown((material) => Object.assign(material.clone(), glow)), await shown((material) => Object.assign(ofNodes(material), glow))];
     const last = materialsOf(learned.root);
     for (const material of last) Object.assign(material, { emissiveNode: null, needsUpdate: true });
     glowing.unshift(await stand.draw(scene));
     for (const material of last) Object.assign(material, glow);
     glowing.push(await stand.draw(scene));
+    // Copies of materials that are lit already.
+    for (const mesh of originals.keys()) mesh.material = (mesh.material as MeshPhysicalMaterial).clone();
+    learned.update();
+    glowing.push(await stand.draw(scene));
     learned.dispose();
-    const left = last.map((material) => (material as unknown as MeshPhysicalNodeMaterial).emissiveNode === glow.emissiveNode);
+    const left = [...last, ...materialsOf(learned.root)].map((material) => (material as unknown as MeshPhysicalNodeMaterial).emissiveNode === glow.emissiveNode);
     return { plain, numbers, glowing, left };
   },
 
@@ -299,6 +303,22 @@ const SCENARIOS = {
     pictures.push(await stand.draw(other.scene));
     pictures.push(await stand.draw(scene));
     return { pictures, lights };
+  },
+
+  /** A mesh is given a material of another scene. */
+  async shared(stand: Stand): Promise<string> {
+    const [one, other] = [await put(stand), await put(stand)];
+    const [material] = materialsOf(other.learned.root);
+    material!.name = "paint";
+    one.learned.root.traverse((object) => {
+      if (object instanceof Mesh) object.material = material;
+    });
+    try {
+      one.learned.update();
+      return "";
+    } catch (error) {
+      return (error as Error).message;
+    }
   },
 
   /** A second renderer, then a lost device: a context is restored, and for a `GPUDevice` there is a new renderer. */
