@@ -39,6 +39,9 @@ function difference(a: readonly number[], b: readonly number[]): number {
 /** Pixels on the edges of shadows and things. */
 const EDGES = 0.02;
 
+/** Megabytes that fifty cycles may leave. */
+const LEAST_LEAK = 0.5;
+
 /** Bytes of JavaScript objects that are in use. */
 async function heap(): Promise<number> {
   const session = await opened.page.context().newCDPSession(opened.page);
@@ -184,16 +187,19 @@ describe.each(KINDS)("%s:", (kind) => {
   it.each(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [""] : [])("memory is flat over fifty cycles of loading and disposing", async () => {
     const turns = (count?: number) => opened.page.evaluate((n) => void (n ? (document.body.dataset.cycles = String(n)) : delete document.body.dataset.cycles), count);
     await turns(50);
-    // The first cycles compile what they run.
-    await run("cycles");
-    const before = await heap();
-    const cycles = await run("cycles");
-    const grown = ((await heap()) - before) / 1e6;
+    let cycles = await run("cycles");
+    let grown = Infinity;
+    // What is compiled or cached once makes the first heaps grow; a leak makes every one grow.
+    for (let round = 0; round < 3 && grown >= LEAST_LEAK; round++) {
+      const before = await heap();
+      cycles = await run("cycles");
+      grown = ((await heap()) - before) / 1e6;
+    }
     await turns();
     keepFigure(`memory grown over 50 cycles, MB${kind === "webgl" ? "" : `, ${kind}`}`, grown);
     expect(cycles).toHaveLength(50);
     expect(cycles.at(-1)).toEqual(cycles[1]);
-    expect(grown).toBeLessThan(0.5);
+    expect(grown).toBeLessThan(LEAST_LEAK);
   }, 300_000);
 
   // WebGPURenderer has no texts that a user could change.

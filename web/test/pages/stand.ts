@@ -63,11 +63,21 @@ function setUp(renderer: WebGLRenderer | WebGPURenderer): void {
   renderer.shadowMap.enabled = true;
 }
 
+/** One target for each width: WebGPURenderer updates everything when it draws into another one, which would hide what is not updated. */
+function keptTargets<T>(make: (width: number) => T): (width: number) => T {
+  const made = new Map<number, T>();
+  return (width) => {
+    if (!made.has(width)) made.set(width, make(width));
+    return made.get(width)!;
+  };
+}
+
 const withoutAlpha = (rows: Float32Array) => Array.from(rows).filter((_, i) => i % 4 < 3);
 
 function webglStand(parameters: Parameters): Stand {
   const renderer = new WebGLRenderer({ canvas: document.createElement("canvas"), ...parameters });
   setUp(renderer);
+  const targets = keptTargets((width) => new WebGLRenderTarget(width, HEIGHT, { type: FloatType }));
   const stand: Stand = {
     kind: "webgl",
     renderer,
@@ -77,13 +87,12 @@ function webglStand(parameters: Parameters): Stand {
     loadLight: (file, model) => loadLight(file, model, { renderer }),
     update: (learned) => (learned as LearnedScene).update(renderer),
     async draw(scene, camera = makeCamera(), width = WIDTH) {
-      const target = new WebGLRenderTarget(width, HEIGHT, { type: FloatType });
+      const target = targets(width);
       renderer.setRenderTarget(target);
       renderer.render(scene, camera);
       const rows = new Float32Array(4 * width * HEIGHT);
       renderer.readRenderTargetPixels(target, 0, 0, width, HEIGHT, rows);
       renderer.setRenderTarget(null);
-      target.dispose();
       return withoutAlpha(rows);
     },
     another: async (others = {}) => webglStand(others),
@@ -116,6 +125,7 @@ async function webgpuStand(kind: Kind, parameters: Parameters): Promise<Stand> {
   setUp(renderer);
   const backend = renderer.backend as unknown as Backend;
   if ((backend.isWebGPUBackend === true) !== (kind === "webgpu")) throw new Error(`expected the backend '${kind}', found another one`);
+  const targets = keptTargets((width) => new RenderTarget(width, HEIGHT, { type: FloatType }));
   /** WebGPU reads back from the top to the bottom. */
   const upright = (rows: Float32Array, width: number) =>
     kind === "fallback" ? rows : Float32Array.from(rows, (_, i) => rows[4 * width * (HEIGHT - 1 - Math.floor(i / (4 * width))) + (i % (4 * width))]!);
@@ -128,12 +138,11 @@ async function webgpuStand(kind: Kind, parameters: Parameters): Promise<Stand> {
     loadLight: (file, model) => loadNodeLight(file, model, { renderer }),
     update: (learned) => (learned as LearnedNodeScene).update(renderer),
     async draw(scene, camera = makeCamera(), width = WIDTH) {
-      const target = new RenderTarget(width, HEIGHT, { type: FloatType });
+      const target = targets(width);
       renderer.setRenderTarget(target);
       renderer.render(scene, camera);
       const rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, HEIGHT)) as Float32Array;
       renderer.setRenderTarget(null);
-      target.dispose();
       return withoutAlpha(upright(rows, width));
     },
     another: (others = {}) => webgpuStand(kind, others),

@@ -48,6 +48,8 @@ export class NodePatch implements Patch {
           const own = Object.keys(properties).map((name) => [name, Object.getOwnPropertyDescriptor(this, name)] as const);
           Object.assign(this, properties);
           Object.getPrototypeOf(this).setup.call(this, builder);
+          // three.js looks for nodes on the material that this one is made of, and updates nothing by itself where there is none.
+          Object.assign((builder as AnyNode).observer, { hasNode: true });
           for (const [name, descriptor] of own) {
             delete this[name];
             if (descriptor) Object.defineProperty(this, name, descriptor);
