@@ -1,21 +1,9 @@
-/** Learned light for a model that was loaded elsewhere. */
+/** Learned light for a model that was loaded elsewhere, for `WebGLRenderer`. */
 
 import type { Object3D } from "three";
-import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
-import { FormatError } from "./checks.ts";
-import { checkContainer, checkSelfContained, type GltfJson, readContainer } from "./container.ts";
+import { fileLight } from "./file-light.ts";
 import { LearnedScene, type LearnedSceneOptions } from "./learned-scene.ts";
-import { learnedLight } from "./loaded-light.ts";
-import { type LoaderOptions, LightwellLoaderPlugin } from "./loader.ts";
-
-/** Tables of a document that learned light is made of. */
-const KEPT = ["asset", "extensions", "accessors", "bufferViews", "buffers", "textures", "images", "samplers"];
-/** Extensions of those tables. */
-const KEPT_EXTENSIONS = /^(LIGHTWELL_neural_radiance|EXT_texture_webp|KHR_texture_basisu|(EXT|KHR)_meshopt_compression|KHR_mesh_quantization)$/;
-
-const MAGIC = 0x46546c67;
-const JSON_CHUNK = 0x4e4f534a;
-const BINARY_CHUNK = 0x004e4942;
+import type { LoaderOptions } from "./loader.ts";
 
 /**
  * Light a model with the learned light of a baked file; of the file's own model nothing is loaded.
@@ -26,48 +14,5 @@ const BINARY_CHUNK = 0x004e4942;
  * says, and with an `Error` when it cannot be fetched.
  */
 export async function loadLight(source: string | ArrayBuffer, model: Object3D, options: LoaderOptions & LearnedSceneOptions = {}): Promise<LearnedScene> {
-  const bytes = typeof source === "string" ? await download(source) : source;
-  const { json, binary } = readContainer(new Uint8Array(bytes));
-  checkSelfContained(json);
-  checkContainer(json, binary);
-  const { GLTFLoader } = await import("three/addons/loaders/GLTFLoader.js");
-  const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser, options));
-  const gltf = await loader.parseAsync(pack(bare(json), binary), "");
-  if (learnedLight(gltf).fields.length === 0) throw new FormatError("the file: expected learned light, found none; bake it, or pass another file");
-  return new LearnedScene({ ...gltf, scene: model } as GLTF, options);
-}
-
-async function download(url: string): Promise<ArrayBuffer> {
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`loadLight: ${url}: expected a file, found status ${response.status}`);
-  return response.arrayBuffer();
-}
-
-/** A document without its model. */
-function bare(json: GltfJson): object {
-  const kept = Object.entries(json).filter(([name]) => KEPT.includes(name));
-  const names = (list: unknown) => ((list ?? []) as string[]).filter((name) => KEPT_EXTENSIONS.test(name));
-  return {
-    ...Object.fromEntries(kept),
-    extensionsUsed: names(json.extensionsUsed),
-    extensionsRequired: names(json.extensionsRequired),
-    scene: 0,
-    scenes: [{}],
-  };
-}
-
-/** A GLB of a document and a binary chunk. */
-function pack(json: object, binary: Uint8Array | null): ArrayBuffer {
-  const text = new TextEncoder().encode(JSON.stringify(json));
-  const padded = Math.ceil(text.length / 4) * 4;
-  const size = 20 + padded + (binary ? 8 + binary.length : 0);
-  const bytes = new Uint8Array(size).fill(0x20, 20);
-  const words = new DataView(bytes.buffer);
-  [MAGIC, 2, size, padded, JSON_CHUNK].forEach((word, i) => words.setUint32(4 * i, word, true));
-  bytes.set(text, 20);
-  if (!binary) return bytes.buffer;
-  words.setUint32(20 + padded, binary.length, true);
-  words.setUint32(24 + padded, BINARY_CHUNK, true);
-  bytes.set(binary, 28 + padded);
-  return bytes.buffer;
+  return new LearnedScene(await fileLight(source, model, options), options);
 }

@@ -1,6 +1,6 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
-import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Object3D, type Texture, type WebGLRenderer } from "three";
+import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Object3D, type Texture } from "three";
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import type { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
 import { fail, FormatError } from "./checks.ts";
@@ -16,16 +16,19 @@ import type { Mover } from "./movers.ts";
 
 const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
 
+/** A `WebGLRenderer`, or a `WebGPURenderer` that is initialised. */
+type FileRenderer = Parameters<KTX2Loader["detectSupport"]>[0];
+
 /** Options of a `LightwellLoaderPlugin`. */
 export interface LoaderOptions {
   /** Raises or lowers what the learned light of a file may ask for, such as `{ work: 400_000 }`. */
   readonly budget?: Partial<Budget>;
   /** What will draw the file: its KTX2 textures are then decoded for it, by three.js' decoder, which is loaded when a file has some. */
-  readonly renderer?: WebGLRenderer;
+  readonly renderer?: FileRenderer;
 }
 
 /** One decoder of KTX2 for each renderer: every decoder has workers of its own. */
-const textureDecoders = new WeakMap<WebGLRenderer, KTX2Loader>();
+const textureDecoders = new WeakMap<FileRenderer, KTX2Loader>();
 
 /**
  * Puts the checked extension on `gltf.userData.lightwell`.
@@ -40,7 +43,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
   readonly name = EXTENSION;
   private readonly parser: GLTFParser;
   private readonly budget: Budget;
-  private readonly renderer: WebGLRenderer | undefined;
+  private readonly renderer: FileRenderer | undefined;
 
   constructor(parser: GLTFParser, options: LoaderOptions = {}) {
     this.parser = parser;

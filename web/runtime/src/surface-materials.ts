@@ -3,7 +3,7 @@
  * surfaces can show has copies of its own, which follow the originals and are made when they are first needed.
  */
 
-import { Line, type Material, Mesh, MeshStandardMaterial, type Object3D, Points, type Side } from "three";
+import { Line, type Material, Mesh, type MeshStandardMaterial, type Object3D, Points, type Side } from "three";
 import { isClear } from "./clear-glass.ts";
 import type { Lightmap } from "./loaded-light.ts";
 
@@ -47,6 +47,9 @@ interface Twin {
   version: number;
 }
 
+/** Materials that are patched, whoever did it: a material has one scene. */
+const PATCHED = new WeakSet<Material>();
+
 /** Owns the patches and the copies; meshes, materials and textures are those of the loaded file. */
 export class SurfaceMaterials {
   private entries: Entry[] = [];
@@ -84,7 +87,10 @@ export class SurfaceMaterials {
   detach(): void {
     this.show("learned");
     for (const { mesh, castShadow, receiveShadow } of this.entries) Object.assign(mesh, { castShadow, receiveShadow });
-    for (const patch of this.patches.values()) patch.restore();
+    for (const [material, patch] of this.patches) {
+      patch.restore();
+      PATCHED.delete(material);
+    }
     for (const [material, side] of this.shadowSides) material.shadowSide = side;
     for (const { material } of this.allTwins()) material.dispose();
     this.patches.clear();
@@ -149,7 +155,10 @@ export class SurfaceMaterials {
       this.shadowSides.set(material, material.shadowSide);
       material.shadowSide = shadowSide;
     }
-    if (!(material instanceof MeshStandardMaterial)) return;
+    if (!isStandard(material)) return;
+    if (PATCHED.has(material))
+      throw new Error(`LearnedScene: material '${material.name}' belongs to another scene; clone it, or dispose of that scene first`);
+    PATCHED.add(material);
     const look = this.finisher.looks.has("learned") && !isClearGlass(material) ? "learned" : "plain";
     this.patches.set(material, this.finisher.patch(material, look));
   }
@@ -161,8 +170,8 @@ export class SurfaceMaterials {
     // A small picture has one depth a pixel: what is blended or shows what lies behind is drawn at full resolution alone.
     const seeThrough = material.transparent || isClearGlass(material);
     if (look === "upsampled" && seeThrough) return material;
-    const hidden = look === "indirect" && (seeThrough || !(material instanceof MeshStandardMaterial));
-    if (!hidden && !(material instanceof MeshStandardMaterial)) return material;
+    const hidden = look === "indirect" && (seeThrough || !isStandard(material));
+    if (!hidden && !isStandard(material)) return material;
     const twins = this.twins.get(look) ?? new Map<Material, Twin>();
     this.twins.set(look, twins);
     const twin = twins.get(material) ?? this.makeTwin(material, look);
@@ -173,7 +182,7 @@ export class SurfaceMaterials {
 
   private makeTwin(material: Material, look: SurfaceLook): Twin {
     const copy = material.clone();
-    const patch = copy instanceof MeshStandardMaterial ? this.finisher.patch(copy, look, this.patches.get(material)) : null;
+    const patch = isStandard(copy) ? this.finisher.patch(copy, look, this.patches.get(material)) : null;
     return { material: copy, patch, version: material.version };
   }
 
@@ -193,13 +202,18 @@ export class SurfaceMaterials {
   }
 }
 
+/** Whether a material has the surface model of the file's: standard and physical ones, and those of nodes that stand for them. */
+function isStandard(material: Material): material is MeshStandardMaterial {
+  return (material as Partial<MeshStandardMaterial>).isMeshStandardMaterial === true;
+}
+
 /** Blended and transmissive surfaces would cast solid shadows. */
 function blocksLight(material: Material): boolean {
   return !material.transparent && transmissionOf(material) < 0.5;
 }
 
 function isClearGlass(material: Material): boolean {
-  return material instanceof MeshStandardMaterial && isClear(transmissionOf(material), material.roughness);
+  return isStandard(material) && isClear(transmissionOf(material), material.roughness);
 }
 
 function transmissionOf(material: Material): number {

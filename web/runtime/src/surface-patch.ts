@@ -9,9 +9,6 @@ import { toRestOf } from "./to-rest.ts";
 type Hook = Material["onBeforeCompile"];
 type CacheKey = Material["customProgramCacheKey"];
 
-/** Materials that are patched, whoever did it: a material has one finish. */
-const PATCHED = new WeakSet<Material>();
-
 /**
  * While it is there, `material.onBeforeCompile` may be read and set as ever: the function that its owner gives is called
  * first, on the shader as three.js wrote it.
@@ -24,9 +21,6 @@ export class SurfacePatch implements Patch {
 
   /** `original`: whose owner's functions count, for a copy of a material. */
   constructor(material: MeshStandardMaterial, finish: SurfaceFinish, original?: SurfacePatch) {
-    if (PATCHED.has(material))
-      throw new Error(`LearnedScene: material '${material.name}' belongs to another scene; clone it, or dispose of that scene first`);
-    PATCHED.add(material);
     this.material = material;
     this.hook = ownValue(material, "onBeforeCompile");
     this.cacheKey = ownValue(material, "customProgramCacheKey");
@@ -50,7 +44,6 @@ export class SurfacePatch implements Patch {
       delete (material as unknown as Record<string, unknown>)[name];
       if (value) Object.assign(material, { [name]: value });
     }
-    PATCHED.delete(material);
     material.needsUpdate = true;
   }
 

@@ -1,18 +1,16 @@
 /** Features of three.js beside learned light: other kinds of meshes, cameras and renderers, and the light of others. */
 
-import { LearnedScene, LightwellLoaderPlugin, loadLight } from "lightwell";
 import {
   ArrayCamera,
   BufferAttribute,
   Bone,
   type BufferGeometry,
   type Camera,
-  FloatType,
   Fog,
   InstancedMesh,
   Matrix4,
   Mesh,
-  PerspectiveCamera,
+  type Object3D,
   Plane,
   PointLight,
   Scene,
@@ -20,53 +18,19 @@ import {
   SkinnedMesh,
   Vector3,
   Vector4,
-  WebGLRenderer,
-  type WebGLRendererParameters,
-  WebGLRenderTarget,
 } from "three";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
-
-const [WIDTH, HEIGHT] = [64, 48];
-type Picture = number[];
-
-function makeRenderer(parameters: WebGLRendererParameters = {}): WebGLRenderer {
-  const renderer = new WebGLRenderer({ canvas: document.createElement("canvas"), ...parameters });
-  renderer.setSize(WIDTH, HEIGHT, false);
-  renderer.shadowMap.enabled = true;
-  return renderer;
-}
-
-function makeCamera(x = 0): PerspectiveCamera {
-  const camera = new PerspectiveCamera(36, WIDTH / HEIGHT, 0.1, 20);
-  camera.position.set(x, 1, 4.2);
-  camera.lookAt(0, 1, 0);
-  camera.updateMatrixWorld();
-  return camera;
-}
-
-const glb = () => Uint8Array.from(atob(document.body.dataset.glb!), (c) => c.charCodeAt(0)).buffer;
-const load = () => new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)).parseAsync(glb(), "");
-
-/** Red, green and blue of every pixel, linear. */
-function draw(renderer: WebGLRenderer, scene: Scene, camera: Camera = makeCamera(), width = WIDTH): Picture {
-  const target = new WebGLRenderTarget(width, HEIGHT, { type: FloatType });
-  renderer.setRenderTarget(target);
-  renderer.render(scene, camera);
-  const rows = new Float32Array(4 * width * HEIGHT);
-  renderer.readRenderTargetPixels(target, 0, 0, width, HEIGHT, rows);
-  renderer.setRenderTarget(null);
-  target.dispose();
-  return Array.from(rows).filter((_, i) => i % 4 < 3);
-}
+import { ClippingGroup } from "three/webgpu";
+import { bytesOf, HEIGHT, load, makeCamera, makeStand, offer, type Picture, type Stand, WIDTH } from "./stand.ts";
 
 /** Light a file and draw it. */
-function show(renderer: WebGLRenderer, gltf: GLTF, prepare: (scene: Scene) => void = () => {}): Picture {
-  const learned = new LearnedScene(gltf, { renderer });
+function show(stand: Stand, gltf: GLTF, prepare: (scene: Scene, root: Object3D) => void = () => {}, camera?: Camera): Promise<Picture> {
+  const learned = stand.light(gltf);
   const scene = new Scene();
   scene.add(learned.root);
-  prepare(scene);
+  prepare(scene, learned.root);
   learned.update();
-  return draw(renderer, scene);
+  return stand.draw(scene, camera);
 }
 
 /** How far the ball is moved, by each feature in its own way. */
@@ -123,24 +87,27 @@ function morphed(ball: Mesh<BufferGeometry>): Mesh {
 
 const SCENARIOS = {
   /** The ball moved as a mesh, an instance, by a bone and by a morph target; and not at all. */
-  async meshes(renderer: WebGLRenderer): Promise<Picture[]> {
+  async meshes(stand: Stand): Promise<Picture[]> {
     const pictures: Picture[] = [];
-    for (const make of [moved, instanced, skinned, morphed, (ball: Mesh) => ball]) pictures.push(show(renderer, await replaced(make)));
+    for (const make of [moved, instanced, skinned, morphed, (ball: Mesh) => ball]) pictures.push(await show(stand, await replaced(make)));
     return pictures;
   },
 
-  /** Everything left of the middle is cut away. */
-  async clipping(renderer: WebGLRenderer): Promise<Picture[]> {
-    const whole = show(renderer, await load());
-    renderer.clippingPlanes = [new Plane(new Vector3(1, 0, 0), 0)];
-    return [whole, show(renderer, await load())];
+  /** Everything left of the middle is cut away: by the renderer, or with WebGPURenderer by a group. */
+  async clipping(stand: Stand): Promise<Picture[]> {
+    const whole = await show(stand, await load());
+    const clippingPlanes = [new Plane(new Vector3(1, 0, 0), 0)];
+    if (stand.webgl) Object.assign(stand.webgl, { clippingPlanes });
+    const group = Object.assign(new ClippingGroup(), { clippingPlanes, clipShadows: true });
+    const cut = await show(stand, await load(), (scene, root) => void (stand.webgpu && scene.add(group.add(root))));
+    return [whole, cut];
   },
 
-  /** With a logarithmic depth buffer, and without what half-float targets need. */
-  async depthAndHalves(renderer: WebGLRenderer): Promise<Picture[]> {
-    const plain = show(renderer, await load());
-    const logarithmic = makeRenderer({ logarithmicDepthBuffer: true });
-    const pictures = [plain, show(logarithmic, await load())];
+  /** With a logarithmic depth buffer, and without. */
+  async depth(stand: Stand): Promise<Picture[]> {
+    const plain = await show(stand, await load());
+    const logarithmic = await stand.another({ logarithmicDepthBuffer: true });
+    const pictures = [plain, await show(logarithmic, await load())];
     logarithmic.dispose();
     return pictures;
   },
@@ -153,42 +120,43 @@ const SCENARIOS = {
       WebGL2RenderingContext.prototype.getExtension = function (this: WebGL2RenderingContext, name: string) {
         return lacks && /float/.test(name) ? null : own.call(this, name as never);
       } as typeof own;
-      const renderer = makeRenderer();
-      const learned = new LearnedScene(await load(), { renderer });
+      const stand = await makeStand("webgl");
+      const learned = stand.light(await load());
       const scene = new Scene();
       scene.add(learned.root);
       learned.update();
-      renderer.render(scene, makeCamera());
-      const gl = renderer.getContext();
+      stand.webgl!.render(scene, makeCamera());
+      const gl = stand.webgl!.getContext();
       const rows = new Uint8Array(4 * WIDTH * HEIGHT);
       gl.readPixels(0, 0, WIDTH, HEIGHT, gl.RGBA, gl.UNSIGNED_BYTE, rows);
       shots.push(Array.from(rows));
-      renderer.dispose();
+      stand.renderer.dispose();
     }
     WebGL2RenderingContext.prototype.getExtension = own;
     return shots;
   },
 
   /** Two eyes of one camera, as WebXR draws without multiview, and each alone. */
-  async eyes(renderer: WebGLRenderer): Promise<Picture[]> {
-    const learned = new LearnedScene(await load(), { renderer });
+  async eyes(stand: Stand): Promise<Picture[]> {
+    const learned = stand.light(await load());
     const scene = new Scene();
     scene.add(learned.root);
     learned.update();
     const eyes = [-0.3, 0.3].map(makeCamera);
-    const alone = eyes.map((eye) => draw(renderer, scene, eye));
+    const alone: Picture[] = [];
+    for (const eye of eyes) alone.push(await stand.draw(scene, eye));
     eyes.forEach((eye, i) => Object.assign(eye, { viewport: new Vector4(i * WIDTH, 0, WIDTH, HEIGHT) }));
     const both = new ArrayCamera(eyes);
     both.copy(makeCamera() as never, false);
     both.cameras = eyes as never;
     both.updateMatrixWorld();
-    const rows = draw(renderer, scene, both, 2 * WIDTH);
+    const rows = await stand.draw(scene, both, 2 * WIDTH);
     const half = (side: number) => rows.filter((_, i) => Math.floor((i / 3) % (2 * WIDTH) / WIDTH) === side);
     return [...alone, half(0), half(1)];
   },
 
   /** The lamps of a user add; fog lies over everything. */
-  async others(renderer: WebGLRenderer): Promise<Picture[]> {
+  async others(stand: Stand): Promise<Picture[]> {
     const gltf = [await load(), await load(), await load(), await load()];
     const lamp = (scene: Scene) => {
       const light = new PointLight(0xffffff, 2);
@@ -199,32 +167,26 @@ const SCENARIOS = {
     const alone = new Scene();
     alone.add(gltf[3]!.scene);
     lamp(alone);
-    return [show(renderer, gltf[0]!), show(renderer, gltf[1]!, lamp), show(renderer, gltf[2]!, fog), draw(renderer, alone)];
+    return [await show(stand, gltf[0]!), await show(stand, gltf[1]!, lamp), await show(stand, gltf[2]!, fog), await stand.draw(alone)];
   },
 
   /** A model that a loader without the plug-in has loaded, with the light of the file. */
-  async elsewhere(renderer: WebGLRenderer): Promise<{ pictures: Picture[]; refused: string }> {
-    const known = show(renderer, await load());
-    const plain = await new GLTFLoader().parseAsync(glb(), "");
-    const learned = await loadLight(glb(), plain.scene, { renderer });
+  async elsewhere(stand: Stand): Promise<{ pictures: Picture[]; refused: string }> {
+    const known = await show(stand, await load());
+    const plain = await new GLTFLoader().parseAsync(bytesOf(), "");
+    const learned = await stand.loadLight(bytesOf(), plain.scene);
     const scene = new Scene();
     scene.add(learned.root);
     learned.update();
-    const refused = await loadLight(new TextEncoder().encode("no GLB at all, and not a short one").buffer, plain.scene).then(
+    const refused = await stand.loadLight(new TextEncoder().encode("no GLB at all, and not a short one").buffer, plain.scene).then(
       () => "",
       (error: Error) => `${error.name}: ${error.message}`,
     );
-    return { pictures: [known, draw(renderer, scene)], refused };
+    return { pictures: [known, await stand.draw(scene)], refused };
   },
 } as const;
 
 export type Scenarios = typeof SCENARIOS;
 export type Result<K extends keyof Scenarios> = Awaited<ReturnType<Scenarios[K]>>;
 
-window.scenario = async (name) => {
-  const renderer = makeRenderer();
-  const result = await SCENARIOS[name as keyof Scenarios](renderer);
-  renderer.dispose();
-  renderer.forceContextLoss();
-  return result;
-};
+offer(SCENARIOS);

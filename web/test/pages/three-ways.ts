@@ -1,64 +1,31 @@
 /** What users of three.js do to a scene with learned light, and the pictures that come of it. */
 
-import { LearnedScene, type LearnedSceneOptions, LightwellLoaderPlugin } from "lightwell";
+import type { LearnedScene } from "lightwell";
 import {
-  type Camera,
   Color,
   DataTexture,
   EquirectangularReflectionMapping,
   FloatType,
   Group,
   Mesh,
+  type MeshPhysicalMaterial,
   MeshStandardMaterial,
   type Object3D,
   OrthographicCamera,
-  PerspectiveCamera,
   PointLight,
   Quaternion,
   RGBAFormat,
   Scene,
   Vector3,
-  WebGLRenderer,
   WebGLRenderTarget,
 } from "three";
-import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { float, materialColor, output, vec3, vec4 } from "three/tsl";
+import { MeshPhysicalNodeMaterial } from "three/webgpu";
+import { HEIGHT, load, makeCamera, offer, type Picture, type Stand, WIDTH } from "./stand.ts";
 
-const [WIDTH, HEIGHT] = [64, 48];
-/** Red, green and blue of every pixel, linear. */
-type Picture = number[];
-
-function makeRenderer(): WebGLRenderer {
-  const renderer = new WebGLRenderer({ canvas: document.createElement("canvas") });
-  renderer.setSize(WIDTH, HEIGHT, false);
-  renderer.shadowMap.enabled = true;
-  return renderer;
-}
-
-function makeCamera(): PerspectiveCamera {
-  const camera = new PerspectiveCamera(36, WIDTH / HEIGHT, 0.01, 100);
-  camera.position.set(0, 1, 4.2);
-  camera.lookAt(0, 1, 0);
-  return camera;
-}
-
-const glb = () => Uint8Array.from(atob(document.body.dataset.glb!), (c) => c.charCodeAt(0)).buffer;
-const load = () => new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)).parseAsync(glb(), "");
-
-/** Draw a scene and read it back. */
-function draw(renderer: WebGLRenderer, scene: Scene, camera: Camera = makeCamera()): Picture {
-  const target = new WebGLRenderTarget(WIDTH, HEIGHT, { type: FloatType });
-  renderer.setRenderTarget(target);
-  renderer.render(scene, camera);
-  const rows = new Float32Array(4 * WIDTH * HEIGHT);
-  renderer.readRenderTargetPixels(target, 0, 0, WIDTH, HEIGHT, rows);
-  renderer.setRenderTarget(null);
-  target.dispose();
-  return Array.from(rows).filter((_, i) => i % 4 < 3);
-}
-
-async function put(renderer: WebGLRenderer, options: LearnedSceneOptions = {}) {
-  const gltf = await load();
-  const learned = new LearnedScene(gltf, { renderer, ...options });
+async function put(stand: Stand, options: Parameters<Stand["light"]>[1] = {}, file?: string) {
+  const gltf = await load(file);
+  const learned = stand.light(gltf, options);
   const scene = new Scene();
   scene.add(learned.root);
   return { gltf, learned, scene };
@@ -77,6 +44,13 @@ const redder: MeshStandardMaterial["onBeforeCompile"] = (shader) => {
   shader.fragmentShader = shader.fragmentShader.replace("#include <dithering_fragment>", "#include <dithering_fragment>\ngl_FragColor.r += 0.25;");
 };
 
+/** Put that hook on a material, or none: with WebGPURenderer it is an `outputNode`. */
+function redden({ webgl }: Stand, material: MeshStandardMaterial, on: boolean): void {
+  if (webgl) material.onBeforeCompile = on ? redder : () => {};
+  else Object.assign(material, { outputNode: on ? output.add(vec4(0.25, 0, 0, 0)) : null });
+  material.needsUpdate = true;
+}
+
 /** White light from everywhere. */
 function whiteSky(): DataTexture {
   const texture = new DataTexture(new Float32Array(4 * 64 * 32).fill(1), 64, 32, RGBAFormat, FloatType);
@@ -85,13 +59,27 @@ function whiteSky(): DataTexture {
   return texture;
 }
 
-/** Each with a renderer of its own, which `run` disposes of. */
+/** The middle of the picture at half resolution. */
+async function halfLook({ webgl }: Stand, learned: LearnedScene, scene: Scene): Promise<number[]> {
+  const target = new WebGLRenderTarget(WIDTH, HEIGHT, { type: FloatType });
+  await learned.compile(webgl!, scene, makeCamera(), { half: true, segments: false });
+  webgl!.setRenderTarget(target);
+  learned.render(webgl!, scene, makeCamera(), WIDTH, HEIGHT);
+  const texel = new Float32Array(4);
+  webgl!.readRenderTargetPixels(target, WIDTH / 2, HEIGHT / 2, 1, 1, texel);
+  webgl!.setRenderTarget(null);
+  target.dispose();
+  await learned.compile(webgl!, scene, makeCamera(), { half: false, segments: false });
+  return Array.from(texel.subarray(0, 3));
+}
+
+/** Each with a renderer of its own. */
 const SCENARIOS = {
   /** As it is loaded, somewhere else in another orientation and size, and there within groups of their own. */
-  async placed(renderer: WebGLRenderer): Promise<Picture[]> {
-    const { learned, scene } = await put(renderer);
+  async placed(stand: Stand): Promise<Picture[]> {
+    const { learned, scene } = await put(stand);
     learned.update();
-    const pictures = [draw(renderer, scene)];
+    const pictures = [await stand.draw(scene)];
     const place = { at: new Vector3(5, -2, 3), turn: new Quaternion(0.2, 0.5, -0.1, 0.8).normalize(), scale: 0.25 };
     const parent = new Group();
     parent.position.copy(place.at);
@@ -102,12 +90,12 @@ const SCENARIOS = {
     camera.position.multiplyScalar(place.scale).applyQuaternion(place.turn).add(place.at);
     camera.quaternion.premultiply(place.turn);
     learned.update();
-    pictures.push(draw(renderer, scene, camera));
+    pictures.push(await stand.draw(scene, camera));
     return pictures;
   },
 
-  async uneven(renderer: WebGLRenderer): Promise<string> {
-    const { learned } = await put(renderer);
+  async uneven(stand: Stand): Promise<string> {
+    const { learned } = await put(stand);
     learned.root.scale.set(1, 2, 1);
     try {
       learned.update();
@@ -118,25 +106,25 @@ const SCENARIOS = {
   },
 
   /** `move`, the light's own position, and a light that hangs elsewhere; colour and intensity both ways. */
-  async lamp(renderer: WebGLRenderer): Promise<{ pictures: Picture[]; clamped: number[] }> {
-    const { learned, scene } = await put(renderer);
+  async lamp(stand: Stand): Promise<{ pictures: Picture[]; clamped: number[] }> {
+    const { learned, scene } = await put(stand);
     const [lamp] = learned.lamps;
     const light = lamp!.object as PointLight;
     const home = lamp!.value.clone();
     const place = new Vector3(0.4, 0.8, 0.3);
     const pictures: Picture[] = [];
-    const take = () => {
+    const take = async () => {
       learned.update();
-      pictures.push(draw(renderer, scene));
+      pictures.push(await stand.draw(scene));
     };
     lamp!.move(place);
     lamp!.intensity *= 2;
     lamp!.color.set(1, 0.5, 0.25);
-    take();
+    await take();
     lamp!.move(home);
-    take();
+    await take();
     light.position.copy(place);
-    take();
+    await take();
     light.position.copy(home);
     const arm = new Group();
     arm.position.set(0.1, 0.2, 0);
@@ -145,7 +133,7 @@ const SCENARIOS = {
     light.position.copy(arm.worldToLocal(place.clone()));
     arm.updateMatrixWorld();
     light.position.copy(arm.worldToLocal(place.clone()));
-    take();
+    await take();
     light.position.copy(arm.worldToLocal(new Vector3(0, 50, 0)));
     learned.update();
     const clamped = lamp!.value.toArray();
@@ -153,65 +141,97 @@ const SCENARIOS = {
     light.position.copy(home);
     light.intensity /= 2;
     light.color.set(1, 0.9, 0.8);
-    take();
+    await take();
     return { pictures, clamped };
   },
 
-  /** Plain, with the user's hook from before, from after, and with none again. */
-  async hooks(renderer: WebGLRenderer): Promise<Picture[]> {
+  /** With the user's hook from before, with none, with the hook from after, and with the hook alone. */
+  async hooks(stand: Stand): Promise<Picture[]> {
     const gltf = await load();
-    const before = materialsOf(gltf.scene);
-    for (const material of before) material.onBeforeCompile = redder;
-    const learned = new LearnedScene(gltf, { renderer });
+    for (const material of materialsOf(gltf.scene)) redden(stand, material, true);
+    const learned = stand.light(gltf);
     const scene = new Scene();
     scene.add(learned.root);
-    const set = (hook: MeshStandardMaterial["onBeforeCompile"]) => {
-      for (const material of materialsOf(learned.root)) {
-        material.onBeforeCompile = hook;
-        material.needsUpdate = true;
-      }
+    const set = (on: boolean) => {
+      for (const material of materialsOf(learned.root)) redden(stand, material, on);
     };
     learned.update();
-    const pictures = [draw(renderer, scene)];
-    set(() => {});
-    pictures.push(draw(renderer, scene));
-    set(redder);
-    pictures.push(draw(renderer, scene));
+    const pictures = [await stand.draw(scene)];
+    set(false);
+    pictures.push(await stand.draw(scene));
+    set(true);
+    pictures.push(await stand.draw(scene));
     learned.dispose();
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(scene));
     return pictures;
   },
 
-  /** Edits of the file's materials, in every look. */
-  async edits(renderer: WebGLRenderer): Promise<Record<string, number[]>> {
-    const { learned, scene } = await put(renderer);
-    const camera = makeCamera();
-    const target = new WebGLRenderTarget(WIDTH, HEIGHT, { type: FloatType });
-    const look = async (half: boolean) => {
+  /** Edits of the file's materials, in every look; half resolution is there with WebGLRenderer alone. */
+  async edits(stand: Stand): Promise<Record<string, number[][]>> {
+    const { learned, scene } = await put(stand);
+    const middle = 3 * (WIDTH * (HEIGHT / 2) + WIDTH / 2);
+    const looks = async (): Promise<number[][]> => {
       learned.update();
-      await learned.compile(renderer, scene, camera, { half, segments: false });
-      renderer.setRenderTarget(target);
-      learned.render(renderer, scene, camera, WIDTH, HEIGHT);
-      const rows = new Float32Array(4 * WIDTH * HEIGHT);
-      renderer.readRenderTargetPixels(target, 0, 0, WIDTH, HEIGHT, rows);
-      renderer.setRenderTarget(null);
-      const at = 4 * (WIDTH * (HEIGHT / 2) + WIDTH / 2);
-      return Array.from(rows.subarray(at, at + 3));
+      const full = (await stand.draw(scene)).slice(middle, middle + 3);
+      return stand.webgl ? [full, await halfLook(stand, learned as LearnedScene, scene)] : [full];
     };
-    const found: Record<string, number[]> = { full: await look(false), half: await look(true) };
+    const plain = await looks();
     for (const material of materialsOf(learned.root)) material.emissive.set(0.5, 0, 0);
-    Object.assign(found, { fullLit: await look(false), halfLit: await look(true) });
+    const lit = await looks();
     const green = new MeshStandardMaterial({ color: 0, emissive: new Color(0, 1, 0) });
     learned.root.traverse((object) => {
       if (object instanceof Mesh) object.material = green;
     });
-    Object.assign(found, { fullOther: await look(false), halfOther: await look(true) });
-    target.dispose();
-    return found;
+    const other = await looks();
+    return Object.fromEntries(plain.map((_, i) => [["full", "half"][i], [plain[i], lit[i], other[i]]]));
+  },
+
+  /**
+   * With the file's materials and with materials of nodes in their place; with other numbers in the file's materials and in those of nodes,
+   * and with nodes that say the same; without and with a glow that a node says before and after the material is lit, and whether it is left.
+   */
+  async nodes(stand: Stand): Promise<{ plain: Picture[]; numbers: Picture[]; glowing: Picture[]; left: boolean[] }> {
+    const { gltf, learned, scene } = await put(stand);
+    const originals = new Map<Mesh, MeshPhysicalMaterial>();
+    gltf.scene.traverse((object) => void (object instanceof Mesh && originals.set(object, object.material)));
+    const shown = async (make: (material: MeshPhysicalMaterial) => object): Promise<Picture> => {
+      const made = new Map(Array.from(new Set(originals.values()), (material) => [material, make(material)]));
+      for (const [mesh, material] of originals) mesh.material = made.get(material) as MeshPhysicalMaterial;
+      learned.update();
+      return stand.draw(scene);
+    };
+    const ofNodes = ({ color, metalness, roughness, specularIntensity = 1, side }: MeshPhysicalMaterial) =>
+      new MeshPhysicalNodeMaterial({ color, metalness, roughness, specularIntensity, side });
+    const halved = <M extends { color: Color }>(material: M): M => {
+      material.color.multiplyScalar(0.5);
+      return Object.assign(material, { metalness: 0.25, roughness: 0.6 });
+    };
+    const said = (material: object) => Object.assign(material, { colorNode: materialColor.mul(0.5), metalnessNode: float(0.25), roughnessNode: float(0.6) });
+    const glow = { emissiveNode: vec3(0.5, 0, 0), needsUpdate: true };
+    const plain = [await shown((material) => material), await shown(ofNodes)];
+    const numbers = [
+      await shown((material) => halved(material.clone())),
+      await shown((material) => halved(ofNodes(material))),
+      await shown((material) => said(ofNodes(material))),
+      await shown((material) => said(material.clone())),
+    ];
+    const glowing = [await shown((material) => Object.assign(material.clone(), glow)), await shown((material) => Object.assign(ofNodes(material), glow))];
+    const last = materialsOf(learned.root);
+    for (const material of last) Object.assign(material, { emissiveNode: null, needsUpdate: true });
+    glowing.unshift(await stand.draw(scene));
+    for (const material of last) Object.assign(material, glow);
+    glowing.push(await stand.draw(scene));
+    // Copies of materials that are lit already.
+    for (const mesh of originals.keys()) mesh.material = (mesh.material as MeshPhysicalMaterial).clone();
+    learned.update();
+    glowing.push(await stand.draw(scene));
+    learned.dispose();
+    const left = [...last, ...materialsOf(learned.root)].map((material) => (material as unknown as MeshPhysicalNodeMaterial).emissiveNode === glow.emissiveNode);
+    return { plain, numbers, glowing, left };
   },
 
   /** Before, with learned light, after `dispose`, and what is left of it. */
-  async restored(renderer: WebGLRenderer): Promise<{ pictures: Picture[]; left: unknown; first: unknown }> {
+  async restored(stand: Stand): Promise<{ pictures: Picture[]; left: unknown; first: unknown }> {
     const gltf = await load();
     gltf.scene.add(new PointLight(0xffffff, 3));
     gltf.scene.children.at(-1)!.position.set(0, 1, 0);
@@ -219,38 +239,40 @@ const SCENARIOS = {
       const materials = materialsOf(gltf.scene);
       const nodes: string[] = [];
       gltf.scene.traverse((object) => void nodes.push(`${object.type} ${object.castShadow} ${object.receiveShadow}`));
-      return { nodes, sides: materials.map(({ shadowSide }) => shadowSide), own: materials.map((material) => Object.hasOwn(material, "onBeforeCompile") || Object.hasOwn(material, "customProgramCacheKey")) };
+      return { nodes, sides: materials.map(({ shadowSide }) => shadowSide), own: materials.map((material) => Object.keys(material).filter((name) => !name.startsWith("_")).sort()) };
     };
     const scene = new Scene();
     scene.add(gltf.scene);
     const first = state();
-    const pictures = [draw(renderer, scene)];
-    const learned = new LearnedScene(gltf, { renderer });
+    const pictures = [await stand.draw(scene)];
+    const learned = stand.light(gltf);
     learned.update();
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(scene));
     learned.dispose();
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(scene));
     const left = state();
     learned.attach();
     learned.update();
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(scene));
     return { pictures, left, first };
   },
 
   /** With the lamp's shadow, without it, and with it again. */
-  async shadows(renderer: WebGLRenderer): Promise<Picture[]> {
-    const { learned, scene } = await put(renderer);
+  async shadows(stand: Stand): Promise<Picture[]> {
+    const { learned, scene } = await put(stand);
     const light = learned.lamps[0]!.object as PointLight;
-    return [true, false, true].map((on) => {
+    const pictures: Picture[] = [];
+    for (const on of [true, false, true]) {
       light.castShadow = on;
       learned.update();
-      return draw(renderer, scene);
-    });
+      pictures.push(await stand.draw(scene));
+    }
+    return pictures;
   },
 
   /** How often a texture of the model is freed: by a scene that leaves textures, and by one that does not. */
-  async textures(renderer: WebGLRenderer): Promise<number[]> {
-    const { gltf, learned } = await put(renderer);
+  async textures(stand: Stand): Promise<number[]> {
+    const { gltf, learned } = await put(stand);
     let freed = 0;
     const map = new DataTexture(new Uint8Array([255, 255, 255, 255]), 1, 1);
     map.addEventListener("dispose", () => void freed++);
@@ -263,98 +285,108 @@ const SCENARIOS = {
   },
 
   /** One scene after the other on one root, the first of them forgotten; then two roots in one picture and alone. */
-  async twice(renderer: WebGLRenderer): Promise<{ pictures: Picture[]; lights: number }> {
-    const { gltf, learned, scene } = await put(renderer);
+  async twice(stand: Stand): Promise<{ pictures: Picture[]; lights: number }> {
+    const { gltf, learned, scene } = await put(stand);
     learned.update();
-    const pictures = [draw(renderer, scene)];
-    const second = new LearnedScene(gltf, { renderer });
+    const pictures = [await stand.draw(scene)];
+    const second = stand.light(gltf);
     learned.update();
     second.update();
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(scene));
     let lights = 0;
     scene.traverse((object) => void (lights += object instanceof PointLight ? 1 : 0));
     learned.dispose();
-    pictures.push(draw(renderer, scene));
-    const other = await put(renderer);
+    pictures.push(await stand.draw(scene));
+    const other = await put(stand);
     other.learned.lamps[0]!.intensity = 1;
     other.learned.update();
-    pictures.push(draw(renderer, other.scene));
-    pictures.push(draw(renderer, scene));
+    pictures.push(await stand.draw(other.scene));
+    pictures.push(await stand.draw(scene));
     return { pictures, lights };
   },
 
-  /** A second renderer, then a lost and restored context. */
-  async renderers(renderer: WebGLRenderer): Promise<Picture[]> {
-    const { learned, scene } = await put(renderer);
-    const other = makeRenderer();
+  /** A mesh is given a material of another scene. */
+  async shared(stand: Stand): Promise<string> {
+    const [one, other] = [await put(stand), await put(stand)];
+    const [material] = materialsOf(other.learned.root);
+    material!.name = "paint";
+    one.learned.root.traverse((object) => {
+      if (object instanceof Mesh) object.material = material;
+    });
+    try {
+      one.learned.update();
+      return "";
+    } catch (error) {
+      return (error as Error).message;
+    }
+  },
+
+  /** A second renderer, then a lost device: a context is restored, and for a `GPUDevice` there is a new renderer. */
+  async renderers(stand: Stand): Promise<Picture[]> {
+    const { learned, scene } = await put(stand);
+    const other = await stand.another();
     const pictures: Picture[] = [];
-    for (const one of [renderer, other, renderer, other]) {
-      learned.update(one);
-      pictures.push(draw(one, scene));
+    for (const one of [stand, other, stand, other]) {
+      one.update(learned);
+      pictures.push(await one.draw(scene));
     }
     learned.lamps[0]!.move(new Vector3(0.4, 0.8, 0.3));
-    for (const one of [renderer, other]) {
-      learned.update(one);
-      pictures.push(draw(one, scene));
+    for (const one of [stand, other]) {
+      one.update(learned);
+      pictures.push(await one.draw(scene));
     }
     other.dispose();
-    other.forceContextLoss();
-    const restored = new Promise((resolve) => renderer.domElement.addEventListener("webglcontextrestored", resolve, { once: true }));
-    renderer.forceContextLoss();
-    await new Promise((resolve) => setTimeout(resolve, 50));
-    renderer.forceContextRestore();
-    await restored;
-    learned.update();
-    pictures.push(draw(renderer, scene));
+    const back = await stand.loseDevice();
+    back.update(learned);
+    pictures.push(await back.draw(scene));
     return pictures;
   },
 
-  async environments(renderer: WebGLRenderer): Promise<Picture[]> {
+  async environments(stand: Stand): Promise<Picture[]> {
     const pictures: Picture[] = [];
     const sky = whiteSky();
     for (const [policy, lit] of [["remove", false], ["remove", true], ["keep", true]] as const) {
-      const { learned, scene } = await put(renderer, { environment: policy });
+      const { learned, scene } = await put(stand, { environment: policy });
       if (lit) scene.environment = sky;
       learned.update();
-      pictures.push(draw(renderer, scene));
+      pictures.push(await stand.draw(scene));
       learned.dispose();
     }
     return pictures;
   },
 
-  /** A parallel view: every ray has the direction of the camera. */
-  async parallel(renderer: WebGLRenderer): Promise<Picture> {
-    const { learned, scene } = await put(renderer);
-    learned.lamps[0]!.intensity = 0;
+  /** A parallel view, of a field that shows the direction to the eye; and what that is. */
+  async parallel(stand: Stand): Promise<{ picture: Picture; direction: number[] }> {
+    const { learned, scene } = await put(stand, {}, "views");
     learned.update();
-    const camera = new OrthographicCamera(-1, 1, 0.75, -0.75, 0.1, 20);
-    camera.position.set(0, 1, 5);
-    return draw(renderer, scene, camera);
+    const camera = new OrthographicCamera(-0.5, 0.5, 0.375, -0.375, 0.1, 20);
+    camera.position.set(1, 2, 5);
+    camera.lookAt(0, 1, 0);
+    return { picture: await stand.draw(scene, camera), direction: camera.getWorldDirection(new Vector3()).negate().toArray() };
   },
 
-  async cycles(renderer: WebGLRenderer): Promise<{ geometries: number; textures: number; programs: number }[]> {
+  async cycles(stand: Stand): Promise<object[]> {
     const seen = [];
     for (let i = 0; i < Number(document.body.dataset.cycles ?? 6); i++) {
-      const { learned, scene } = await put(renderer);
+      const { learned, scene } = await put(stand);
       learned.update();
-      draw(renderer, scene);
+      await stand.draw(scene);
       learned.dispose();
-      const { memory, programs } = renderer.info;
-      seen.push({ geometries: memory.geometries, textures: memory.textures, programs: programs!.length });
+      seen.push({ ...stand.renderer.info.memory, ...(stand.webgl ? { programs: stand.webgl.info.programs!.length } : {}) });
     }
     return seen;
   },
 
   /** A user's hook that takes away what the finish needs. */
-  async broken(renderer: WebGLRenderer): Promise<string> {
-    const { learned, scene } = await put(renderer);
+  async broken(stand: Stand): Promise<string> {
+    const { learned, scene } = await put(stand);
     for (const material of materialsOf(learned.root))
       material.onBeforeCompile = (shader) => {
         shader.fragmentShader = shader.fragmentShader.replace("#include <opaque_fragment>", "");
       };
     learned.update();
     try {
-      draw(renderer, scene);
+      await stand.draw(scene);
       return "";
     } catch (error) {
       return (error as Error).message;
@@ -365,17 +397,4 @@ const SCENARIOS = {
 export type Scenarios = typeof SCENARIOS;
 export type Result<K extends keyof Scenarios> = Awaited<ReturnType<Scenarios[K]>>;
 
-declare global {
-  interface Window {
-    /** Runs one of a page's scenarios with a renderer of its own. */
-    scenario(name: string): Promise<unknown>;
-  }
-}
-
-window.scenario = async (name) => {
-  const renderer = makeRenderer();
-  const result = await SCENARIOS[name as keyof Scenarios](renderer);
-  renderer.dispose();
-  renderer.forceContextLoss();
-  return result;
-};
+offer(SCENARIOS);

@@ -1,15 +1,16 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields, for three.js' `WebGPURenderer`. */
 
-import { type Camera, type Light, type LightShadow, type Object3D, REVISION, type Scene } from "three";
+import { type Camera, type DirectionalLight, type Object3D, type PointLight, REVISION, type Scene } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
-import { float, lights, materialEmissive, vec3 } from "three/tsl";
+import { lights, materialEmissive, vec3 } from "three/tsl";
 import { SceneCore, type SceneOptions } from "../scene-core.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "../surface-materials.ts";
 import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes } from "./field-nodes.ts";
 import { reflectanceNode, surfaceNodes } from "./learned-radiance.ts";
-import { type NodeFinish, NodePatch } from "./node-patch.ts";
+import { type NodeFinish, NodePatch, type SurfaceProperties } from "./node-patch.ts";
 import { setupLightingModel } from "./principled-model.ts";
+import { RendererShadows } from "./renderer-shadows.ts";
 
 /** Up to this many multiply-adds a pixel, weights become literals of the shader. */
 const INLINE_LIMIT = 4096;
@@ -61,7 +62,11 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   }
 
   override update(renderer?: DeviceOwner): void {
-    for (const { object } of this.lamps) (object as Light & { shadow: LightShadow }).shadow.bias ||= OLD_SHADOW_BIAS;
+    for (const { object } of this.lamps) {
+      const light = object as PointLight | DirectionalLight;
+      light.shadow.bias ||= OLD_SHADOW_BIAS;
+      light.shadow.shadowNode ??= new RendererShadows(light) as AnyNode;
+    }
     super.update(renderer);
   }
 
@@ -81,12 +86,20 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     const { fields } = this;
     const keep = this.options.environment === "keep" || fields.length === 0;
     const key = (look: string) => () => `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}`;
-    const base = () => ({ setupLightingModel, lightsNode: this.raster ? null : lights([]), envNode: keep && this.raster ? null : (vec3 as AnyNode)(0) });
-    const emission = () => (materialEmissive as AnyNode).mul((float as AnyNode)(this.raster ? 1 : 0));
-    const plain: NodeFinish = { key: key("plain"), properties: () => ({ ...base(), emissiveNode: emission() }) };
+    const vector = vec3 as AnyNode;
+    const properties = ({ emissiveNode, envNode, lightsNode }: SurfaceProperties): SurfaceProperties => ({
+      setupLightingModel,
+      lightsNode: this.raster ? lightsNode : lights([]),
+      envNode: keep && this.raster ? envNode : vector(0),
+      emissiveNode: vector(emissiveNode ?? materialEmissive).mul(this.raster ? 1 : 0),
+    });
+    const plain: NodeFinish = { key: key("plain"), properties };
     const learned: NodeFinish = {
       key: key(`learned${this.id}`),
-      properties: () => ({ ...base(), emissiveNode: emission().add(this.learnedLight()) }),
+      properties: (own) => {
+        const { emissiveNode, ...others } = properties(own);
+        return { ...others, emissiveNode: emissiveNode.add(this.learnedLight()) };
+      },
     };
     return { plain, ...(fields.length > 0 ? { learned } : {}), ...(this.hasLightmaps ? { lightmap: plain } : {}) };
   }

@@ -3,7 +3,11 @@
 import type { Matrix4 } from "three";
 import {
   cameraPosition,
+  cameraProjectionMatrix,
+  cameraViewMatrix,
   diffuseColor,
+  float,
+  Fn,
   materialMetalness,
   materialRoughness,
   normalWorld,
@@ -56,7 +60,10 @@ export function learnedRadiance(field: FieldNodes, inputs: RadianceInputs = {}):
 export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNormal, ...given }: RadianceInputs = {}): SurfaceNodes {
   const reads = (name: string) => fields.some((field) => field.graph.inputs.has(name));
   const world = positionWorld as AnyNode;
-  const view = (cameraPosition as AnyNode).sub(world).normalize();
+  // The direction of a parallel camera, whose projection divides by 1, is that of all of its rays.
+  const toCamera = (vec4 as AnyNode)(0, 0, 1, 0).mul(cameraViewMatrix).xyz;
+  const isParallel = (cameraProjectionMatrix as AnyNode).element(3).w.equal(1);
+  const view = (select as AnyNode)(isParallel, toCamera, (cameraPosition as AnyNode).sub(world).normalize());
   const smooth = (normalWorldGeometry as AnyNode).normalize();
   // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   const facet = world.dFdx().cross(world.dFdy());
@@ -70,8 +77,8 @@ export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNor
     view: direction(view),
     normal: direction(normal),
     reflectance: reflectanceNode(),
-    roughness: materialRoughness,
-    metallic: materialMetalness,
+    roughness: ownNode("roughnessNode", materialRoughness),
+    metallic: metallicNode(),
     ...(reads("shading_normal") ? { shading_normal: direction(bent.sub(normal.mul(bent.dot(normal).min(0).mul(2)))) } : {}),
     ...(reads("uv") ? { uv: uv(0) } : {}),
     ...(reads("uv1") ? { uv1: uv(1) } : {}),
@@ -80,7 +87,14 @@ export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNor
   };
 }
 
+/** A property of the surface: a node that the material has for it counts before its number and its map. */
+function ownNode(name: string, otherwise: AnyNode): AnyNode {
+  return (Fn as AnyNode)(({ material }: AnyNode) => (float as AnyNode)(material[name] ?? otherwise), "float")();
+}
+
+const metallicNode = () => ownNode("metalnessNode", materialMetalness);
+
 /** What learned light is multiplied by. */
 export function reflectanceNode(): AnyNode {
-  return (diffuseColor as AnyNode).rgb.add((materialMetalness as AnyNode).oneMinus().mul(DIELECTRIC_F0)).max(MIN_REFLECTANCE);
+  return (diffuseColor as AnyNode).rgb.add(metallicNode().oneMinus().mul(DIELECTRIC_F0)).max(MIN_REFLECTANCE);
 }

@@ -1,64 +1,74 @@
-/** Puts learned light on a material for `WebGPURenderer` in place, and takes it off again. */
+/** Puts learned light on a material for `WebGPURenderer` in place, together with its owner's own nodes, and takes it off again. */
 
 import type { MeshStandardMaterial } from "three";
+import type { NodeBuilder } from "three/webgpu";
 import type { Patch } from "../surface-materials.ts";
 import type { AnyNode } from "./field-nodes.ts";
 
-/** Properties that three.js' renderer takes from a material of any kind when it turns it into one of nodes. */
+/** Properties of a material of nodes while it is set up. */
 export interface SurfaceProperties {
-  readonly emissiveNode?: AnyNode;
+  readonly emissiveNode: AnyNode;
   /** The light of an environment map in place of the scene's; null leaves that. */
-  readonly envNode?: AnyNode;
+  readonly envNode: AnyNode;
   /** The lights that shine on it in place of the scene's; null leaves those. */
-  readonly lightsNode?: AnyNode;
+  readonly lightsNode: AnyNode;
   /** Makes the surface model of lights. */
-  readonly setupLightingModel?: unknown;
+  readonly setupLightingModel: unknown;
 }
 
 /** Asked for whenever a material is compiled anew: nodes depend on the lamps. */
 export interface NodeFinish {
   /** Names the program: those of different fields, or for different numbers of lamps, differ. */
   key(): string;
-  properties(): SurfaceProperties;
+  /** `own`: the material as its owner has it. */
+  properties(own: SurfaceProperties): SurfaceProperties;
 }
 
 /**
- * While it is there, the material stays what it was, and edits of it show as they ever do. Nodes that the material's owner had
- * under the same names come back when it is taken off.
+ * While it is there, the material stays what it was: edits of it show as they ever do, and nodes that its owner gives it, before or since,
+ * are part of what is shown.
  */
 export class NodePatch implements Patch {
   private readonly material: MeshStandardMaterial;
-  private readonly finish: NodeFinish;
-  private readonly owned = new Map<string, unknown>();
+  /** What the owner has set, before or since; undefined for what the class has. */
+  private ownKey: (() => string) | undefined;
 
   constructor(material: MeshStandardMaterial, finish: NodeFinish) {
     this.material = material;
-    this.finish = finish;
-    const ownKey = material.customProgramCacheKey;
-    this.set({ customProgramCacheKey: () => `${ownKey.call(material)}|lightwell:${finish.key()}` });
-    this.renew();
+    if (Object.hasOwn(material, "customProgramCacheKey")) this.ownKey = material.customProgramCacheKey;
+    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key()}`;
+    Object.defineProperties(material, {
+      customProgramCacheKey: { configurable: true, get: () => key, set: (given) => void (this.ownKey = given) },
+      // A material of nodes that three.js makes of another one takes what can be enumerated; so does a copy of a material of nodes.
+      setup: {
+        configurable: true,
+        enumerable: !("isNodeMaterial" in material),
+        value(this: AnyNode, builder: NodeBuilder) {
+          const properties = finish.properties(this);
+          const own = Object.keys(properties).map((name) => [name, Object.getOwnPropertyDescriptor(this, name)] as const);
+          Object.assign(this, properties);
+          Object.getPrototypeOf(this).setup.call(this, builder);
+          // three.js looks for nodes on the material that this one is made of, and updates nothing by itself where there is none.
+          Object.assign((builder as AnyNode).observer, { hasNode: true });
+          for (const [name, descriptor] of own) {
+            delete this[name];
+            if (descriptor) Object.defineProperty(this, name, descriptor);
+          }
+        },
+      },
+    });
+    material.needsUpdate = true;
   }
 
   renew(): void {
-    this.set(this.finish.properties());
     this.material.needsUpdate = true;
   }
 
   restore(): void {
     const material = this.material as AnyNode;
-    for (const [name, value] of this.owned) {
-      if (value === undefined) delete material[name];
-      else material[name] = value;
-    }
-    this.owned.clear();
-    this.material.needsUpdate = true;
-  }
-
-  private set(properties: object): void {
-    const material = this.material as AnyNode;
-    for (const [name, value] of Object.entries(properties)) {
-      if (!this.owned.has(name)) this.owned.set(name, Object.hasOwn(material, name) ? material[name] : undefined);
-      material[name] = value;
-    }
+    delete material.setup;
+    delete material.customProgramCacheKey;
+    if (this.ownKey) material.customProgramCacheKey = this.ownKey;
+    material.needsUpdate = true;
   }
 }
