@@ -1,10 +1,11 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields, for three.js' `WebGPURenderer`. */
 
-import { type Camera, type Light, type LightShadow, type Object3D, REVISION, type Scene } from "three";
+import { type Camera, type Light, type LightShadow, type Material, type Matrix4, type Object3D, REVISION, type Scene } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { float, lights, materialEmissive, vec3 } from "three/tsl";
 import { SceneCore, type SceneOptions } from "../scene-core.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "../surface-materials.ts";
+import { TO_REST } from "../to-rest.ts";
 import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes } from "./field-nodes.ts";
 import { reflectanceNode, surfaceNodes } from "./learned-radiance.ts";
@@ -41,8 +42,6 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
       const placement = options.weights ?? (record.graph.macs <= INLINE_LIMIT ? "inline" : "texture");
       return new FieldNodes(record, `lightwellField${i}`, placement);
     });
-    const [mover] = this.movers;
-    if (mover) throw new Error(`LearnedNodeScene: expected a scene that stands still, found the node '${mover.name}' that moves; show it with LearnedScene`);
     const finishes = this.createFinishes();
     const looks = new Set(Object.keys(finishes) as SurfaceLook[]);
     const patch: Finisher["patch"] = (material, look) => new NodePatch(material, finishes[look]!);
@@ -80,20 +79,20 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   private createFinishes(): Partial<Record<SurfaceLook, NodeFinish>> {
     const { fields } = this;
     const keep = this.options.environment === "keep" || fields.length === 0;
-    const key = (look: string) => () => `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}`;
+    const key = (look: string) => (material: Material) => `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}:${TO_REST.has(material) ? material.uuid : ""}`;
     const base = () => ({ setupLightingModel, lightsNode: this.raster ? null : lights([]), envNode: keep && this.raster ? null : (vec3 as AnyNode)(0) });
     const emission = () => (materialEmissive as AnyNode).mul((float as AnyNode)(this.raster ? 1 : 0));
     const plain: NodeFinish = { key: key("plain"), properties: () => ({ ...base(), emissiveNode: emission() }) };
     const learned: NodeFinish = {
       key: key(`learned${this.id}`),
-      properties: () => ({ ...base(), emissiveNode: emission().add(this.learnedLight()) }),
+      properties: (material) => ({ ...base(), emissiveNode: emission().add(this.learnedLight(TO_REST.get(material))) }),
     };
     return { plain, ...(fields.length > 0 ? { learned } : {}), ...(this.hasLightmaps ? { lightmap: plain } : {}) };
   }
 
-  /** Reflectance times the sum of all fields. */
-  private learnedLight(): AnyNode {
-    const surface = surfaceNodes(this.fields, { toRoot: this.placement.toRoot });
+  /** Reflectance times the sum of all fields, for what moves where `toRest` is given. */
+  private learnedLight(toRest: Matrix4 | undefined): AnyNode {
+    const surface = surfaceNodes(this.fields, { toRoot: this.placement.toRoot, ...(toRest ? { toRest } : {}) });
     const sum = this.fields.map((field) => field.radiance(surface)).reduce((a, b) => a.add(b));
     return reflectanceNode().mul(sum);
   }

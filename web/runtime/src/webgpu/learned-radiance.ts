@@ -42,6 +42,12 @@ export interface RadianceInputs {
   readonly toRoot?: Matrix4;
 }
 
+/** Of what moves. */
+interface Moved {
+  /** From the place of the surface to where it rests, in the space of the root. */
+  readonly toRest?: Matrix4;
+}
+
 /**
  * The light that a field has for a point of a surface, for all lamps that it follows: a node of linear RGB that is to be multiplied
  * by the reflectance.
@@ -53,7 +59,7 @@ export function learnedRadiance(field: FieldNodes, inputs: RadianceInputs = {}):
 }
 
 /** Nodes of what fields read, those given and those of the mesh. */
-export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNormal, ...given }: RadianceInputs = {}): SurfaceNodes {
+export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, toRest, shadingNormal, ...given }: RadianceInputs & Moved = {}): SurfaceNodes {
   const reads = (name: string) => fields.some((field) => field.graph.inputs.has(name));
   const world = positionWorld as AnyNode;
   const view = (cameraPosition as AnyNode).sub(world).normalize();
@@ -65,10 +71,15 @@ export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNor
   const bent = (normalWorld as AnyNode).normalize();
   const matrix = toRoot ? (uniform as AnyNode)(toRoot) : null;
   const direction = (vector: AnyNode) => (matrix ? matrix.mul((vec4 as AnyNode)(vector, 0)).xyz.normalize() : vector);
+  const place = matrix ? matrix.mul((vec4 as AnyNode)(world, 1)).xyz : world;
+  const facing = direction(normal);
+  const rest = toRest ? (uniform as AnyNode)(toRest) : null;
   return {
-    position: matrix ? matrix.mul((vec4 as AnyNode)(world, 1)).xyz : world,
+    position: place,
     view: direction(view),
-    normal: direction(normal),
+    normal: facing,
+    ...(reads("rest_position") ? { rest_position: rest ? rest.mul((vec4 as AnyNode)(place, 1)).xyz : place } : {}),
+    ...(reads("rest_normal") ? { rest_normal: rest ? rest.mul((vec4 as AnyNode)(facing, 0)).xyz.normalize() : facing } : {}),
     reflectance: reflectanceNode(),
     roughness: materialRoughness,
     metallic: materialMetalness,

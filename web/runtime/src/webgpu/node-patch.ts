@@ -1,6 +1,6 @@
 /** Puts learned light on a material for `WebGPURenderer` in place, and takes it off again. */
 
-import type { MeshStandardMaterial } from "three";
+import type { Material, MeshStandardMaterial } from "three";
 import type { Patch } from "../surface-materials.ts";
 import type { AnyNode } from "./field-nodes.ts";
 
@@ -17,9 +17,9 @@ export interface SurfaceProperties {
 
 /** Asked for whenever a material is compiled anew: nodes depend on the lamps. */
 export interface NodeFinish {
-  /** Names the program: those of different fields, or for different numbers of lamps, differ. */
-  key(): string;
-  properties(): SurfaceProperties;
+  /** Names the program: those of different fields, or for different numbers of lamps, differ, and those of what moves. */
+  key(material: Material): string;
+  properties(material: Material): SurfaceProperties;
 }
 
 /**
@@ -35,12 +35,12 @@ export class NodePatch implements Patch {
     this.material = material;
     this.finish = finish;
     const ownKey = material.customProgramCacheKey;
-    this.set({ customProgramCacheKey: () => `${ownKey.call(material)}|lightwell:${finish.key()}` });
+    this.set({ customProgramCacheKey: () => `${ownKey.call(material)}|lightwell:${finish.key(material)}` });
     this.renew();
   }
 
   renew(): void {
-    this.set(this.finish.properties());
+    this.set(this.finish.properties(this.material));
     this.material.needsUpdate = true;
   }
 
