@@ -1,6 +1,6 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields, for three.js' `WebGPURenderer`. */
 
-import { type Camera, type Light, type LightShadow, type Material, type Matrix4, type Object3D, REVISION, type Scene } from "three";
+import { type Camera, type Material, type Matrix4, type Object3D, type Scene } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { float, lights, materialEmissive, vec3 } from "three/tsl";
 import { SceneCore, type SceneOptions } from "../scene-core.ts";
@@ -9,6 +9,7 @@ import { TO_REST } from "../to-rest.ts";
 import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes } from "./field-nodes.ts";
 import { reflectanceNode, surfaceNodes } from "./learned-radiance.ts";
+import { liftShadow } from "./lifted-shadow.ts";
 import { type NodeFinish, NodePatch } from "./node-patch.ts";
 import { setupLightingModel } from "./principled-model.ts";
 
@@ -23,14 +24,11 @@ export interface NodeRenderer extends DeviceOwner {
   compileAsync(scene: Object3D, camera: Camera): Promise<unknown>;
 }
 
-/** three.js before 0.183 draws the faces that a lamp sees into its shadow map, and tests them against themselves without this share of the range. */
-const OLD_SHADOW_BIAS = Number.parseInt(REVISION) < 183 ? -0.005 : 0;
-
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
 
 /**
- * As `LearnedScene`, for `WebGPURenderer`: full resolution, and shadows are tested by three.js' own nodes. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
+ * As `LearnedScene`, for `WebGPURenderer`, at full resolution. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
  */
 export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   protected readonly materials: SurfaceMaterials;
@@ -45,7 +43,7 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     const finishes = this.createFinishes();
     const looks = new Set(Object.keys(finishes) as SurfaceLook[]);
     const patch: Finisher["patch"] = (material, look) => new NodePatch(material, finishes[look]!);
-    // The shadow test of three.js needs the sides that it chooses: with both, surfaces shadow themselves.
+    // Lights that are not of the file are tested by three.js, which needs the sides that it chooses.
     this.materials = new SurfaceMaterials({ looks, patch, shadowSide: null }, this.lightmaps);
     this.begin();
   }
@@ -60,7 +58,7 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   }
 
   override update(renderer?: DeviceOwner): void {
-    for (const { object } of this.lamps) (object as Light & { shadow: LightShadow }).shadow.bias ||= OLD_SHADOW_BIAS;
+    for (const { object } of this.lamps) liftShadow(object);
     super.update(renderer);
   }
 

@@ -16,6 +16,7 @@ import {
 } from "three/tsl";
 import type { Node } from "three/webgpu";
 import type { AnyNode, FieldNodes, SurfaceNodes } from "./field-nodes.ts";
+import { coveredPosition } from "./surface-position.ts";
 
 /** Reflectance: base colour + 0.04 (1 − metallic), at least this (format/FORMAT.md). */
 const [DIELECTRIC_F0, MIN_REFLECTANCE] = [0.04, 1e-3];
@@ -62,7 +63,8 @@ export function learnedRadiance(field: FieldNodes, inputs: RadianceInputs = {}):
 export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, toRest, shadingNormal, ...given }: RadianceInputs & Moved = {}): SurfaceNodes {
   const reads = (name: string) => fields.some((field) => field.graph.inputs.has(name));
   const world = positionWorld as AnyNode;
-  const view = (cameraPosition as AnyNode).sub(world).normalize();
+  const covered = coveredPosition();
+  const view = (cameraPosition as AnyNode).sub(covered).normalize();
   const smooth = (normalWorldGeometry as AnyNode).normalize();
   // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   const facet = world.dFdx().cross(world.dFdy());
@@ -71,7 +73,7 @@ export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, toRest, sh
   const bent = (normalWorld as AnyNode).normalize();
   const matrix = toRoot ? (uniform as AnyNode)(toRoot) : null;
   const direction = (vector: AnyNode) => (matrix ? matrix.mul((vec4 as AnyNode)(vector, 0)).xyz.normalize() : vector);
-  const place = matrix ? matrix.mul((vec4 as AnyNode)(world, 1)).xyz : world;
+  const place = matrix ? matrix.mul((vec4 as AnyNode)(covered, 1)).xyz : covered;
   const facing = direction(normal);
   const rest = toRest ? (uniform as AnyNode)(toRest) : null;
   return {
