@@ -118,7 +118,7 @@ it("reads no pixels back, and follows lamps and modes", async () => {
   expect(await same()).toBeLessThan(1.5);
 });
 
-it("pictures are those through the lens, and modes that compare show none", async () => {
+it("pictures are those through the lens, in split mode too", async () => {
   const contrast = () =>
     page.evaluate(() => {
       const { data, width } = window.lightwell.readPixels();
@@ -131,9 +131,17 @@ it("pictures are those through the lens, and modes that compare show none", asyn
   expect(await contrast()).toBeLessThan(0.75 * sharp);
   const blob = await page.evaluate(async () => (await window.lightwell.takePicture()).size);
   expect(blob).toBeGreaterThan(500);
-  await page.evaluate(() => window.lightwell.setMode("split"));
-  await page.evaluate(() => window.lightwell.setLens(true));
-  expect(await page.locator("canvas.lens").isHidden()).toBe(true);
+  // To the left the picture of direct light, to the right the learned one.
+  const inMode = async (mode: "learned" | "direct" | "split") => {
+    await page.evaluate((name) => window.lightwell.setMode(name), mode);
+    await set(true, { fstop: 4 });
+    return (await shown()).grey;
+  };
+  const [learned, direct, split] = [await inMode("learned"), await inMode("direct"), await inMode("split")];
+  const half = (grey: number[], left: boolean) => grey.filter((_, i) => i % WIDTH < WIDTH / 2 === left);
+  expect(difference(half(split, true), half(direct, true))).toBeLessThan(0.5);
+  expect(difference(half(split, false), half(learned, false))).toBeLessThan(0.5);
+  expect(difference(learned, direct)).toBeGreaterThan(1);
   await page.evaluate(() => window.lightwell.setMode("learned"));
   await set(false, {});
 });

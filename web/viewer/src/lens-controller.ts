@@ -3,6 +3,7 @@
 import { type PerspectiveCamera, Raycaster, Vector2 } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import type { LensFrame, LensPicture, PictureOptions } from "./lens-picture.ts";
+import type { LensView } from "./lens-stage.ts";
 import type { Mode } from "./modes.ts";
 import type { Shown } from "./presenter.ts";
 import type { Stage } from "./stage.ts";
@@ -11,8 +12,8 @@ import type { ToneMappingName } from "./tone-mapping.ts";
 /** Distances in focus and f-numbers that may be set. */
 export const FOCUS_RANGE = [0.15, 100] as const;
 export const FSTOP_RANGE = [0.25, 22] as const;
-/** Modes that show light alone. */
-const MODES: readonly Mode[] = ["learned", "direct", "indirect", "lightmap"];
+/** Modes that show light alone; split does, unless it is held against a path-traced picture. */
+const MODES: readonly Mode[] = ["learned", "direct", "indirect", "split", "lightmap"];
 
 /** What the viewer lends to the lens. */
 export interface LensHost {
@@ -137,11 +138,15 @@ export class LensController {
   }
 
   /** What a frame is drawn with; null in a mode that shows more than light. */
-  private frameOf({ mode, exposure, glowing, stillLight }: Shown): LensFrame | null {
+  private frameOf({ mode, against, split, exposure, glowing, stillLight }: Shown): LensFrame | null {
     const { stage, camera, toneMapping } = this.host;
-    if (!stage.learned || !MODES.includes(mode)) return null;
-    const parts = { raster: mode !== "indirect", indirect: mode !== "direct", still: stillLight && mode !== "direct" };
-    return { page: stage.learned, camera, toneMapping, setting: this.setting, parts, exposure, glowing, lightmap: mode === "lightmap" };
+    if (!stage.learned || !MODES.includes(mode) || (mode === "split" && against === "reference")) return null;
+    const view = (name: Mode): LensView => ({
+      parts: { raster: name !== "indirect", indirect: name !== "direct", still: stillLight && name !== "direct" },
+      ...{ exposure, glowing, lightmap: name === "lightmap" },
+    });
+    const beside = mode === "split" && against !== "reference" ? view(against) : null;
+    return { ...view(mode), beside, split, page: stage.learned, camera, toneMapping, setting: this.setting };
   }
 
   /** Whether shaders must be compiled first; that is begun. */

@@ -10,6 +10,7 @@ import {
   neutralToneMapping,
   screenCoordinate,
   screenUV,
+  select,
   smoothstep,
   sRGBTransferOETF,
   texture,
@@ -33,24 +34,33 @@ const TONE_MAPPINGS: Record<ToneMappingName, AnyNode> = {
 /** Largest radiance that tone curves are given. */
 const MOST = 65_000;
 
-/** Shows a picture of linear light, premultiplied by the coverage in the first channel of another, before the page's backdrop. */
+/** Pictures of linear light, premultiplied by the coverage in the first channel of another. */
+export interface OutputPictures {
+  readonly picture: Texture;
+  /** To the left in split mode. */
+  readonly beside: Texture;
+  readonly coverage: Texture;
+}
+
+/** Shows them before the page's backdrop. */
 export class LensOutput {
   readonly material = new NodeMaterial();
   private readonly exposure = uniform(1);
   private readonly dither: AnyNode;
-  private readonly picture: Texture;
-  private readonly coverage: Texture;
+  private readonly split = uniform(0);
+  private readonly pictures: OutputPictures;
   private toneMapping: ToneMappingName | null = null;
 
-  constructor(picture: Texture, coverage: Texture, dither: boolean) {
-    [this.picture, this.coverage] = [picture, coverage];
+  constructor(pictures: OutputPictures, dither: boolean) {
+    this.pictures = pictures;
     this.dither = float(dither ? 1 : 0);
     this.material.depthTest = this.material.depthWrite = false;
   }
 
-  /** Set what the next frame is shown with. */
-  set(exposure: number, toneMapping: ToneMappingName): void {
+  /** Set what the next frame is shown with; `split`: where the picture to the left ends, 0 to 1. */
+  set(exposure: number, split: number, toneMapping: ToneMappingName): void {
     this.exposure.value = exposure;
+    this.split.value = split;
     if (toneMapping === this.toneMapping) return;
     this.toneMapping = toneMapping;
     this.material.fragmentNode = this.nodeFor(toneMapping);
@@ -63,8 +73,11 @@ export class LensOutput {
 
   private nodeFor(toneMapping: ToneMappingName): AnyNode {
     const at = screenUV as AnyNode;
-    const coverage = (texture as AnyNode)(this.coverage, at).x.clamp();
-    const radiance = (texture as AnyNode)(this.picture, at).rgb.div(coverage.max(1e-4)).clamp(0, MOST);
+    const { picture, beside, coverage: covered } = this.pictures;
+    const coverage = (texture as AnyNode)(covered, at).x.clamp();
+    const isBeside = at.x.lessThan(this.split);
+    const light = (select as AnyNode)(isBeside, (texture as AnyNode)(beside, at), (texture as AnyNode)(picture, at)).rgb;
+    const radiance = light.div(coverage.max(1e-4)).clamp(0, MOST);
     const shown = (sRGBTransferOETF as AnyNode)(TONE_MAPPINGS[toneMapping](radiance, this.exposure).clamp());
     const noise = gradientNoise(screenCoordinate).sub(0.5).div(255).mul(this.dither);
     return (vec4 as AnyNode)((mix as AnyNode)(backdrop(at), shown, coverage).add(noise), 1);

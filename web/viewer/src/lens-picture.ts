@@ -41,6 +41,9 @@ const LIMITS = [
 
 /** What a frame is drawn with. */
 export interface LensFrame extends LensView {
+  /** What is to the left of `split` (0 to 1); null for nothing. */
+  readonly beside: LensView | null;
+  readonly split: number;
   /** The scene of the page, which is followed. */
   readonly page: LearnedScene;
   readonly camera: PerspectiveCamera;
@@ -75,6 +78,7 @@ export class LensPicture {
   private readonly coverage = storage(HalfFloatType);
   private readonly picture = storage(HalfFloatType);
   private readonly coverPicture = storage(HalfFloatType);
+  private readonly besidePicture = storage(HalfFloatType);
   private readonly output: LensOutput;
   private readonly quad: QuadMesh;
   private stage: LensStage | null = null;
@@ -86,7 +90,7 @@ export class LensPicture {
     this.canvas = renderer.domElement;
     this.inputs = new LensInputs(device);
     this.target = new RenderTarget(1, 1, { type: HalfFloatType, samples, depthTexture: new DepthTexture(1, 1, FloatType) });
-    this.output = new LensOutput(this.picture, this.coverPicture, dither);
+    this.output = new LensOutput({ picture: this.picture, beside: this.besidePicture, coverage: this.coverPicture }, dither);
     this.quad = new QuadMesh(this.output.material);
   }
 
@@ -149,25 +153,14 @@ export class LensPicture {
 
   /** Draw a frame of this size onto the canvas; resolves when it is there, with whether it should be drawn once more. */
   draw(frame: LensFrame, width: number, height: number): Promise<boolean> {
-    const { renderer, device } = this;
+    const { renderer } = this;
     this.fit(width, height);
     const camera = this.look(frame.camera);
-    this.stage!.render(this.target, camera, frame);
-    const encoder = device.createCommandEncoder({ label: "lens" });
-    const [color, depth, coverage] = [this.target.texture, this.depth, this.coverage].map((one) => this.on(one)) as [GPUTexture, GPUTexture, GPUTexture];
-    this.inputs.encode(encoder, { color, depth: this.on(this.target.depthTexture!), single: depth, coverage });
-    const optics = {
-      depth,
-      depthMeaning: { kind: "projection", matrix: camera.projectionMatrix.elements, range: "webgpu" },
-      camera: { ...frame.setting, focal: focalLength(camera) },
-    } as const;
-    this.lens.encode(encoder, { ...optics, color, picture: this.on(this.picture) });
-    // What nothing covers is black and far away, so that light is divided by the weight of all pixels; coverage is blurred by itself.
     const { open } = this;
-    if (open) this.lens.encode(encoder, { ...optics, color: coverage, picture: this.on(this.coverPicture) });
-    else encoder.copyTextureToTexture({ texture: coverage }, { texture: this.on(this.coverPicture) }, [width, height]);
-    device.queue.submit([encoder.finish()]);
-    this.output.set(frame.exposure, frame.toneMapping);
+    // Both views have the same depth and coverage.
+    if (frame.beside) this.blur(frame, frame.beside, camera, this.besidePicture, false);
+    this.blur(frame, frame, camera, this.picture, open);
+    this.output.set(frame.exposure, frame.beside ? frame.split : 0, frame.toneMapping);
     this.quad.render(renderer);
     renderer.endFrame();
     return this.finish(open);
@@ -179,10 +172,29 @@ export class LensPicture {
     this.inputs.dispose();
     this.output.dispose();
     this.target.dispose();
-    for (const texture of [this.depth, this.coverage, this.picture, this.coverPicture]) texture.dispose();
+    for (const texture of this.written) texture.dispose();
     this.renderer.dispose();
     this.device.destroy();
     this.canvas.remove();
+  }
+
+  /** Draw a view and blur it into a picture, with its coverage where that is `open`. */
+  private blur({ setting }: LensFrame, view: LensView, camera: PerspectiveCamera, picture: Texture, open: boolean): void {
+    const { device, target, lens } = this;
+    this.stage!.render(target, camera, view);
+    const encoder = device.createCommandEncoder({ label: "lens" });
+    const [color, depth, coverage, coverPicture] = [target.texture, this.depth, this.coverage, this.coverPicture].map((one) => this.on(one));
+    this.inputs.encode(encoder, { color: color!, depth: this.on(target.depthTexture!), single: depth!, coverage: coverage! });
+    const optics = {
+      depth: depth!,
+      depthMeaning: { kind: "projection", matrix: camera.projectionMatrix.elements, range: "webgpu" },
+      camera: { ...setting, focal: focalLength(camera) },
+    } as const;
+    lens.encode(encoder, { ...optics, color: color!, picture: this.on(picture) });
+    // What nothing covers is black and far away, so that light is divided by the weight of all pixels; coverage is blurred by itself.
+    if (open) lens.encode(encoder, { ...optics, color: coverage!, picture: coverPicture! });
+    else encoder.copyTextureToTexture({ texture: coverage! }, { texture: coverPicture! }, [target.width, target.height]);
+    device.queue.submit([encoder.finish()]);
   }
 
   /** Wait for the frame that was submitted. */
@@ -196,11 +208,16 @@ export class LensPicture {
     const { renderer, target } = this;
     if (this.canvas.width !== width || this.canvas.height !== height) renderer.setSize(width, height, false);
     target.setSize(width, height);
-    for (const texture of [this.depth, this.coverage, this.picture, this.coverPicture]) {
+    for (const texture of this.written) {
       const { image } = texture as unknown as { image: { width: number; height: number } };
       if (image.width !== width || image.height !== height) texture.setSize(width, height, 1);
       renderer.initTexture(texture);
     }
+  }
+
+  /** Textures that shaders write. */
+  private get written(): readonly StorageTexture[] {
+    return [this.depth, this.coverage, this.picture, this.coverPicture, this.besidePicture];
   }
 
   /** The camera of the page, with the depth of WebGPU. */
