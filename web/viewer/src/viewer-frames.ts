@@ -158,7 +158,8 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   /** Draw a frame now. */
   renderOnce = (): void => {
-    if (!this.drawLens(true)) this.draw(1);
+    // The first frame of the lens shows when it is done.
+    if (!this.drawLens(true) || !this.lens.canvas) this.draw(1);
   };
 
   /** Whether the file has a picture for the left in split mode. */
