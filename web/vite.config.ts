@@ -10,6 +10,7 @@ export default defineConfig({
   root: here("viewer"),
   resolve: {
     alias: [
+      { find: /^lightwell\/webgpu$/, replacement: here("runtime/src/webgpu/index.ts") },
       { find: /^lightwell\/lens$/, replacement: here("runtime/src/lens/index.ts") },
       { find: "three/addons/loaders/KTX2Loader.js", replacement: here("runtime/src/element/no-ktx2.ts") },
       { find: /^lightwell$/, replacement: here("runtime/src/index.ts") },

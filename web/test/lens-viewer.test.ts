@@ -1,4 +1,4 @@
-/** The lens in the viewer: its own WebGL depth buffer drives it, and the picture comes back through the same tone curve. */
+/** The lens in the viewer: the scene is drawn, blurred and shown on one WebGPU device, with the tone curve of the sharp picture. */
 
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, beforeEach, expect, it } from "vitest";
@@ -27,6 +27,18 @@ beforeAll(async () => {
       const lost = new Promise<GPUDeviceLostInfo>((resolve) => Object.assign(window, { loseDevice: resolve }));
       Object.defineProperty(device, "lost", { value: lost });
       return device;
+    };
+    // What is read back, bytes.
+    Object.assign(window, { readBack: 0 });
+    const map = GPUBuffer.prototype.mapAsync;
+    GPUBuffer.prototype.mapAsync = function (mode, ...range) {
+      if (mode === GPUMapMode.READ) (window as any).readBack += this.size;
+      return map.call(this, mode, ...range);
+    };
+    const read = WebGL2RenderingContext.prototype.readPixels;
+    WebGL2RenderingContext.prototype.readPixels = function (this: WebGL2RenderingContext, ...given: any[]) {
+      (window as any).readBack += given[2] * given[3] * 4;
+      return (read as any).apply(this, given);
     };
   });
   await page.goto(site.put("/index.html", pageWith(writeGlb(furnishedRoom()))).concat(`?size=${WIDTH}x${HEIGHT}&ui=0&dither=0`));
@@ -73,6 +85,65 @@ it("softens what is out of focus, keeps the light, and goes when it is switched 
   await set(false, {});
   await page.evaluate(() => window.lightwell.renderOnce());
   expect(difference((await shown()).grey, sharp.grey)).toBeLessThan(0.5);
+});
+
+it("reads no pixels back, and follows lamps and modes", async () => {
+  const same = async () => {
+    expect(await page.locator("canvas.lens").isVisible()).toBe(true);
+    const soft = (await shown()).grey;
+    await page.evaluate(() => window.lightwell.setLens(false));
+    await page.evaluate(() => window.lightwell.renderOnce());
+    return difference(soft, (await shown()).grey);
+  };
+  await page.evaluate(() => ((window as any).readBack = 0));
+  await set(true, { fstop: 22 });
+  // A flag a frame says whether anything is uncovered.
+  expect(await page.evaluate(() => (window as any).readBack)).toBeLessThanOrEqual(4 * 4);
+  const before = (await shown()).grey;
+  await page.evaluate(() => {
+    window.lightwell.setLight([0.5, 1.6, 0.5]);
+    window.lightwell.setColor([1, 0.5, 0.2]);
+  });
+  await set(true, {});
+  expect(difference((await shown()).grey, before)).toBeGreaterThan(2);
+  expect(await same()).toBeLessThan(1.5);
+  for (const mode of ["direct", "indirect"] as const) {
+    await page.evaluate((name) => window.lightwell.setMode(name), mode);
+    await set(true, {});
+    expect(await same()).toBeLessThan(1.5);
+  }
+  await page.evaluate(() => window.lightwell.setMode("learned"));
+  await page.evaluate(() => window.lightwell.addLamp());
+  await set(true, {});
+  expect(await same()).toBeLessThan(1.5);
+});
+
+it("pictures are those through the lens, in split mode too", async () => {
+  const contrast = () =>
+    page.evaluate(() => {
+      const { data, width } = window.lightwell.readPixels();
+      let sum = 0;
+      for (let i = 0; i < data.length; i += 4) if ((i / 4 + 1) % width) sum += Math.abs(data[i]! - data[i + 4]!);
+      return (4 * sum) / data.length;
+    });
+  const sharp = await contrast();
+  await set(true, { focus: 0.5, fstop: 0.3 });
+  expect(await contrast()).toBeLessThan(0.75 * sharp);
+  const blob = await page.evaluate(async () => (await window.lightwell.takePicture()).size);
+  expect(blob).toBeGreaterThan(500);
+  // To the left the picture of direct light, to the right the learned one.
+  const inMode = async (mode: "learned" | "direct" | "split") => {
+    await page.evaluate((name) => window.lightwell.setMode(name), mode);
+    await set(true, { fstop: 4 });
+    return (await shown()).grey;
+  };
+  const [learned, direct, split] = [await inMode("learned"), await inMode("direct"), await inMode("split")];
+  const half = (grey: number[], left: boolean) => grey.filter((_, i) => i % WIDTH < WIDTH / 2 === left);
+  expect(difference(half(split, true), half(direct, true))).toBeLessThan(0.5);
+  expect(difference(half(split, false), half(learned, false))).toBeLessThan(0.5);
+  expect(difference(learned, direct)).toBeGreaterThan(1);
+  await page.evaluate(() => window.lightwell.setMode("learned"));
+  await set(false, {});
 });
 
 it("says that the device was lost, and shows sharp pictures", async () => {

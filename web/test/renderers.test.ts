@@ -50,6 +50,9 @@ function relief(back: boolean): Uint8Array {
   });
 }
 
+/** Nodes that move came with the second version of the format. */
+const asVersion2: Fixture["tamper"] = (json) => void Object.assign((json.extensions as unknown as Record<string, object>).LIGHTWELL_neural_radiance!, { version: 2 });
+
 /** What each launch can run; the tests of the page run on llvmpipe too. */
 const CASES: [Backend, Request["kind"]][] = [
   ["swiftshader", "webgl"],
@@ -167,6 +170,33 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     const wrong = home.data.filter((x, i) => Math.abs(x - away.data[i]!) > 0.01 * Math.max(0.2, x)).length;
     expect(wrong / home.data.length).toBeLessThan(0.02);
     expect(Math.max(...home.data.filter((_, i) => i % 4 < 3))).toBeGreaterThan(0.3);
+  });
+
+  it.each(adapters)("%s: a node that moves takes the field's rest position along, and its pose", async (kind) => {
+    // Two panels of one material; the right one slides up by half a metre.
+    const slide = { name: "Slide", kind: "node", node: 1, path: "translation", axis: [0, 1, 0], range: [0, 1], unit: "metres", initial: 0 };
+    const graph = {
+      version: 1,
+      inputs: { rest_position: 3, rest_normal: 3, pose: 1 },
+      nodes: [
+        { id: "x", op: "affine", inputs: ["rest_position"], scale: [0.2, 0.2, 0.2], offset: [0.5, 0.1, 0.5] },
+        { id: "n", op: "affine", inputs: ["rest_normal"], scale: [0, 0, 0.1], offset: [0, 0, 0] },
+        { id: "xn", op: "add", inputs: ["x", "n"] },
+        { id: "p", op: "affine", inputs: ["pose"], scale: [0.5], offset: [1], per_frame: true },
+        { id: "ppp", op: "concat", inputs: ["p", "p", "p"], per_frame: true },
+        { id: "y", op: "multiply", inputs: ["xn", "ppp"] },
+      ],
+      outputs: { radiance: "y" },
+    };
+    const panels = [-1, 0].map((x) => quad(0, [x, 0.5, -1], [1, 0, 0], [0, 1, 0]));
+    const glb = writeGlb({ meshes: panels, materials: [matte(...WHITE)], variables: [slide], fields: [{ name: "moved", role: "static", graph }], tamper: asVersion2 });
+    const { data } = await draw(kind, glb, { movers: { Slide: 0.5 } });
+    for (const [x, y] of [[40, 36], [56, 20], [56, 30]] as const) {
+      const [px, py, pz] = backWallPoint(x, y, WIDTH, HEIGHT, -1) as [number, number, number];
+      const rest = [px, py - (px > 0 ? 0.5 : 0), pz];
+      const expected = rest.map((value, c) => REFLECTANCE * 1.25 * (0.2 * value + [0.5, 0.1, 0.5][c]! + (c === 2 ? 0.1 : 0)));
+      expected.forEach((value, c) => expect(Math.abs(data[4 * (y * WIDTH + x) + c]! / value - 1)).toBeLessThan(3e-3));
+    }
   });
 
   it.each(adapters)("%s: bends the normal by the normal map, on either side of a sheet", async (kind) => {

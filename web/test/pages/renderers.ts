@@ -47,6 +47,8 @@ export interface Request {
   /** Materials of the page's own that show the field of this number; WebGPURenderer alone. */
   readonly node?: number;
   readonly background?: number;
+  /** Values of nodes that move. */
+  readonly movers?: Readonly<Record<string, number>>;
   /** Move root and camera together: the picture stays. */
   readonly moved?: boolean;
 }
@@ -207,6 +209,7 @@ async function run(request: Request): Promise<Answer> {
     const learned = stand.make(gltf);
     scene.add(learned.root);
     if (request.moved) move(learned.root, camera);
+    for (const [name, value] of Object.entries(request.movers ?? {})) learned.setMover(name, value);
     const frame = () => {
       if (request.parts) learned.show(request.parts);
       learned.update();

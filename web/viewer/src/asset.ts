@@ -11,6 +11,8 @@ import { EMPTY_PAGE, type PageData, readPageData } from "./page-data.ts";
 /** A loaded scene and what belongs to it. */
 export interface LoadedAsset {
   readonly gltf: GLTF;
+  /** Parse the file once more: another renderer needs materials and lights of its own. */
+  readonly again: () => Promise<GLTF>;
   readonly page: PageData;
   /** Size of the file. */
   readonly bytes: number;
@@ -83,12 +85,15 @@ export async function loadFile(file: File): Promise<LoadedAsset> {
 }
 
 async function loadGlb(buffer: ArrayBuffer, page: PageData, name: string): Promise<LoadedAsset> {
-  const bytes = buffer.byteLength;
+  const again = () => parse(buffer);
+  return { gltf: await again(), again, page, name, bytes: buffer.byteLength };
+}
+
+function parse(buffer: ArrayBuffer): Promise<GLTF> {
   const loader = new GLTFLoader();
   loader.setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new LightwellLoaderPlugin(parser));
-  const gltf = await withTimeout(parseLearned(loader, buffer), PARSE_TIMEOUT_MS);
-  return { gltf, page, name, bytes };
+  return withTimeout(parseLearned(loader, buffer), PARSE_TIMEOUT_MS);
 }
 
 async function withTimeout<T>(work: Promise<T>, ms: number): Promise<T> {

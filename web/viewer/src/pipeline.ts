@@ -96,13 +96,6 @@ export class Pipeline {
     this.renderer.setRenderTarget(null);
   }
 
-  /** Show a picture in place of `total`. */
-  presentInstead(picture: Texture): void {
-    this.uniforms.total.value = picture;
-    this.present();
-    this.uniforms.total.value = this.total.texture;
-  }
-
   /** A reference, small, as it would look on the canvas. */
   thumbnail(reference: Texture, width: number, height: number, exposure: number): ImageData {
     const target = new WebGLRenderTarget(width, height);

@@ -27,8 +27,6 @@ export interface Shown {
   readonly glowing: boolean;
   /** Whether the learned light is still being compiled. */
   readonly preparing: boolean;
-  /** Whether the picture goes through the lens before it is shown. */
-  readonly blurred?: boolean;
 }
 
 /** Whether a frame needs the path-traced picture of a saved view. */
@@ -72,7 +70,7 @@ export class Presenter {
     else pipeline.renderStage(pipeline.total, w, h, stage, rig.camera);
     if (this.shaderError) return { ok: false, isNew: false };
     const isNew = this.compare(shown, w, h);
-    if (!shown.blurred) pipeline.present();
+    pipeline.present();
     return { ok: true, isNew };
   }
 

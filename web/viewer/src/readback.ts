@@ -23,6 +23,14 @@ export function readCanvas(renderer: WebGLRenderer): Picture<Uint8Array> {
   return { width, height, data: flipRows(rows, width * 4) };
 }
 
+/** A canvas of any kind, 8 bits; call in the task that drew it. */
+export function readShown(canvas: HTMLCanvasElement): Picture<Uint8Array> {
+  const { width, height } = canvas;
+  const context = new OffscreenCanvas(width, height).getContext("2d")!;
+  context.drawImage(canvas, 0, 0);
+  return { width, height, data: new Uint8Array(context.getImageData(0, 0, width, height).data) };
+}
+
 /** A half-float target as linear radiance; alpha is coverage. */
 export function readTarget(renderer: WebGLRenderer, target: WebGLRenderTarget): Picture<Float32Array> {
   const { width, height } = target;

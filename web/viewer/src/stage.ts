@@ -1,28 +1,16 @@
 /** What stands in the scene: the loaded file, its lamps, and their visible bodies. */
 
-import { type Lamp, LearnedScene, type Look, type Parts, SkyBackground, sunsWithSky, type WeightPlacement } from "lightwell";
-import {
-  HemisphereLight,
-  Light,
-  type PerspectiveCamera,
-  Scene,
-  Vector3,
-  type WebGLRenderer,
-  type WebGLRenderTarget,
-} from "three";
+import { type Lamp, LearnedScene, type Look, type Parts, type WeightPlacement } from "lightwell";
+import { type PerspectiveCamera, Scene, type WebGLRenderer, type WebGLRenderTarget } from "three";
 import type { LoadedAsset } from "./asset.ts";
-import { LampGlow } from "./lamp-glow.ts";
-
-/** Radius of the lamp's ball as a share of the scene's diagonal. */
-const BALL_SHARE = 0.006;
+import { Surroundings } from "./surroundings.ts";
 
 /** Owns the scene graph. */
 export class Stage {
   readonly scene = new Scene();
   learned: LearnedScene | null = null;
   private readonly renderer: WebGLRenderer;
-  private glows: LampGlow[] = [];
-  private sky: SkyBackground | null = null;
+  private surroundings: Surroundings | null = null;
 
   constructor(renderer: WebGLRenderer) {
     this.renderer = renderer;
@@ -40,23 +28,14 @@ export class Stage {
     learned.useFields(false);
     this.learned = learned;
     scene.add(learned.root);
-    if (isUnlit(learned)) scene.add(new HemisphereLight(0xffffff, 0x8d8478, 2.5));
-    if (sunsWithSky(learned.lamps).length > 0) {
-      this.sky = new SkyBackground();
-      scene.background = this.sky.texture;
-    }
-    this.embody();
+    this.surroundings = new Surroundings(scene, learned);
+    scene.background = this.surroundings.sky?.texture ?? null;
     return learned;
   }
 
   /** Give every point lamp a visible body. */
   embody(): void {
-    for (const glow of this.glows) glow.dispose();
-    const size = this.learned?.bounds.getSize(new Vector3()).length() ?? 0;
-    this.glows = this.lamps
-      .filter((lamp) => lamp.variable.kind === "point")
-      .map((lamp) => new LampGlow(lamp, size * BALL_SHARE));
-    for (const glow of this.glows) this.scene.add(glow.object);
+    this.surroundings?.embody();
   }
 
   /** Draw into a target. */
@@ -87,8 +66,7 @@ export class Stage {
   prepare(parts: Parts, exposure: number, glowing: boolean): void {
     this.learned?.show(parts);
     this.learned?.update();
-    this.sky?.update(this.lamps);
-    for (const glow of this.glows) glow.update(exposure, glowing);
+    this.surroundings?.update(exposure, glowing);
   }
 
   /** Intensity and colour as they were baked: the references were traced with them. */
@@ -101,22 +79,11 @@ export class Stage {
   }
 
   clear(): void {
-    for (const glow of this.glows) glow.dispose();
-    this.glows = [];
+    this.surroundings?.dispose();
+    this.surroundings = null;
     this.learned?.dispose();
     this.learned = null;
-    this.sky?.dispose();
-    this.sky = null;
     this.scene.background = null;
     this.scene.clear();
   }
-}
-
-/** Whether nothing would light the scene. */
-function isUnlit(learned: LearnedScene): boolean {
-  let lights = learned.fields.length;
-  learned.root.traverse((object) => {
-    if (object instanceof Light) lights++;
-  });
-  return lights === 0;
 }

@@ -9,12 +9,12 @@ export const TURN_SECONDS = 8;
 /** Bits per second of a film: enough for noise-free pictures of a screen's size. */
 const BITS = 12_000_000;
 
-/** The canvas as a PNG. */
+/** The canvas that is seen as a PNG. */
 export function takePicture(viewer: Viewer): Promise<Blob> {
   return new Promise((resolve, reject) => {
     viewer.renderOnce();
     // In the task that drew it: canvases forget.
-    viewer.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The browser could not write the picture."))), "image/png");
+    viewer.shownCanvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The browser could not write the picture."))), "image/png");
   });
 }
 
@@ -28,7 +28,7 @@ export async function recordTurn(viewer: Viewer, seconds = TURN_SECONDS, onProgr
   const type = globalThis.MediaRecorder && TYPES.find((name) => MediaRecorder.isTypeSupported(name));
   if (!type) throw new Error("This browser cannot record a film.");
   // Frames are taken when they are drawn, not by a clock: a slow device loses none.
-  const stream = viewer.canvas.captureStream(0);
+  const stream = viewer.shownCanvas.captureStream(0);
   const [track] = stream.getVideoTracks() as CanvasCaptureMediaStreamTrack[];
   const recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS });
   const parts: Blob[] = [];

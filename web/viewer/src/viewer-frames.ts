@@ -3,8 +3,8 @@
 import { type FieldProgram, FormatError, type Lamp, type LearnedScene, rendererName } from "lightwell";
 import type { DataTexture, WebGLRenderer } from "three";
 import { CameraRig } from "./camera-rig.ts";
+import type { LoadedAsset } from "./asset.ts";
 import type { Comparison } from "./comparison.ts";
-import { LensPass } from "./lens-pass.ts";
 import { Emitter } from "./emitter.ts";
 import type { ViewerEvents } from "./events.ts";
 import { Exposure } from "./exposure.ts";
@@ -12,8 +12,8 @@ import { LensController, type LensHost } from "./lens-controller.ts";
 import { type Against, canShow, type Mode } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
-import { needsReference, Presenter } from "./presenter.ts";
-import type { Picture } from "./readback.ts";
+import { needsReference, Presenter, type Shown } from "./presenter.ts";
+import { type Picture, readShown } from "./readback.ts";
 import { RenderScale } from "./render-scale.ts";
 import { createRenderer, onShaderError } from "./renderer.ts";
 import { Stage } from "./stage.ts";
@@ -47,6 +47,8 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   readonly lens: LensController;
   /** Size of the file that is shown. */
   fileBytes = 0;
+  /** The file that is shown. */
+  protected asset: LoadedAsset | null = null;
   protected readonly exposed: Exposure;
   protected readonly presenter: Presenter;
   protected readonly scale: RenderScale;
@@ -149,8 +151,16 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     if (this.requested === 0) this.requested = requestAnimationFrame((now) => this.animate(now));
   }
 
+  /** The canvas that is seen: the page's own, or that of the lens above it. */
+  get shownCanvas(): HTMLCanvasElement {
+    return this.lens.canvas ?? this.canvas;
+  }
+
   /** Draw a frame now. */
-  renderOnce = (): void => this.draw(1);
+  renderOnce = (): void => {
+    // The first frame of the lens shows when it is done.
+    if (!this.drawLens(true) || !this.lens.canvas) this.draw(1);
+  };
 
   /** Whether the file has a picture for the left in split mode. */
   canHold(against: Against): boolean {
@@ -177,9 +187,9 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     return this.presenter.pipeline.thumbnail(texture, width, height, this.exposure);
   }
 
-  /** Median milliseconds over some frames that are drawn and waited for. */
+  /** Median milliseconds over some frames without the lens that are drawn and waited for. */
   measure(frames = 5): number {
-    const median = this.presenter.time(frames, this.renderOnce);
+    const median = this.presenter.time(frames, () => this.draw(1));
     this.changed();
     return median;
   }
@@ -187,12 +197,12 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   /** The canvas as RGBA bytes, first row at the top. */
   readPixels(): Picture<Uint8Array> {
     this.renderOnce();
-    return this.presenter.readPixels();
+    return this.lens.canvas ? readShown(this.lens.canvas) : this.presenter.readPixels();
   }
 
-  /** The learned picture as linear RGBA radiance, first row at the top. */
+  /** The learned picture as linear RGBA radiance, without the lens, first row at the top. */
   readRadiance(): Picture<Float32Array> {
-    this.renderOnce();
+    this.draw(1);
     return this.presenter.readRadiance();
   }
 
@@ -235,14 +245,18 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   /** What the lens needs of the viewer. */
   private lensHost(): LensHost {
     const viewer = this;
-    const { renderer, presenter, stage, rig } = this;
+    const { canvas, options, stage, rig } = this;
     return {
-      ...{ renderer, presenter, stage, camera: rig.camera },
-      get mode() {
-        return viewer.mode;
+      ...{ canvas, options, stage, camera: rig.camera },
+      get toneMapping() {
+        return viewer.toneMapping;
+      },
+      get asset() {
+        return viewer.asset;
       },
       changed: () => this.changed(),
       say: (message) => this.say(message),
+      timed: (milliseconds) => this.presenter.timer.add(milliseconds),
     };
   }
 
@@ -261,23 +275,35 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   private animate(now: number): void {
     this.requested = 0;
     const gliding = this.rig.controls.update();
-    this.presenter.timer.begin();
-    this.draw(this.scale.factor(now));
-    this.presenter.timer.end(now);
+    const scale = this.scale.factor(now);
+    if (!this.drawLens(false)) {
+      this.presenter.timer.begin();
+      this.draw(scale);
+      this.presenter.timer.end(now);
+    }
     if (gliding) this.invalidate();
   }
 
-  private draw(scale: number): void {
-    if (!this.learned || this.renderer.getContext().isContextLost()) return;
+  /** Draw a frame through the lens, if that is what is shown. */
+  private drawLens(now: boolean): boolean {
+    if (!this.learned || !this.lens.draw(this.shown(), now)) return false;
+    this.emit("frame", undefined);
+    return true;
+  }
+
+  /** What a frame depends on. */
+  private shown(): Shown {
     const { mode, against, split, stillLight, exposure, preparing, view: index } = this;
     const view = index === null ? null : { index, data: this.page.views[index]! };
     const glowing = this.options.ui && !needsReference(this) && mode !== "experts";
-    const blurred = this.lens.active;
-    if (blurred) LensPass.prepare(this.presenter.pipeline.total);
-    const shown = { mode, against, split, view, exposure, stillLight, glowing, preparing, blurred };
-    const { ok, isNew } = this.presenter.draw(shown, scale);
+    return { mode, against, split, view, exposure, stillLight, glowing, preparing };
+  }
+
+  /** Draw a frame onto the page's own canvas. */
+  private draw(scale: number): void {
+    if (!this.learned || this.renderer.getContext().isContextLost()) return;
+    const { ok, isNew } = this.presenter.draw(this.shown(), scale);
     if (!ok) return this.recover();
-    if (blurred) void this.lens.blur();
     if (isNew) this.emit("change", undefined);
     this.emit("frame", undefined);
   }

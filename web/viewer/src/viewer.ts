@@ -41,6 +41,7 @@ export class Viewer extends ViewerFrames {
    */
   async load(asset: LoadedAsset): Promise<void> {
     this.unload();
+    this.asset = asset;
     this.page = asset.page;
     this.title = asset.page.title || asset.name || asset.gltf.scene.name || "Untitled scene";
     this.fileBytes = asset.bytes;
@@ -296,6 +297,7 @@ export class Viewer extends ViewerFrames {
   private unload(): void {
     this.presenter.references.clear();
     this.stage.clear();
+    this.asset = null;
     this.view = null;
     this.parked = null;
     this.preparing = false;

@@ -1,10 +1,11 @@
 /** A glTF scene lit by its declared lights (rasterised) and by its learned fields, for three.js' `WebGPURenderer`. */
 
-import { type Camera, type DirectionalLight, type Object3D, type PointLight, REVISION, type Scene } from "three";
+import { type Camera, type DirectionalLight, type Material, type Matrix4, type Object3D, type PointLight, type Scene } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { lights, materialEmissive, vec3 } from "three/tsl";
 import { SceneCore, type SceneOptions } from "../scene-core.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "../surface-materials.ts";
+import { TO_REST } from "../to-rest.ts";
 import { capabilitiesOf, type DeviceOwner, takesWgsl } from "./device.ts";
 import { type AnyNode, FieldNodes } from "./field-nodes.ts";
 import { reflectanceNode, surfaceNodes } from "./learned-radiance.ts";
@@ -23,14 +24,11 @@ export interface NodeRenderer extends DeviceOwner {
   compileAsync(scene: Object3D, camera: Camera): Promise<unknown>;
 }
 
-/** three.js before 0.183 draws the faces that a lamp sees into its shadow map, and tests them against themselves without this share of the range. */
-const OLD_SHADOW_BIAS = Number.parseInt(REVISION) < 183 ? -0.005 : 0;
-
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
 
 /**
- * As `LearnedScene`, for `WebGPURenderer`: full resolution, and shadows are tested by three.js' own nodes. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
+ * As `LearnedScene`, for `WebGPURenderer`, at full resolution. Add `root` to a scene, call `update` before each frame and `dispose` at the end.
  */
 export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   protected readonly materials: SurfaceMaterials;
@@ -42,12 +40,10 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
       const placement = options.weights ?? (record.graph.macs <= INLINE_LIMIT ? "inline" : "texture");
       return new FieldNodes(record, `lightwellField${i}`, placement);
     });
-    const [mover] = this.movers;
-    if (mover) throw new Error(`LearnedNodeScene: expected a scene that stands still, found the node '${mover.name}' that moves; show it with LearnedScene`);
     const finishes = this.createFinishes();
     const looks = new Set(Object.keys(finishes) as SurfaceLook[]);
     const patch: Finisher["patch"] = (material, look) => new NodePatch(material, finishes[look]!);
-    // The shadow test of three.js needs the sides that it chooses: with both, surfaces shadow themselves.
+    // Lights that are not of the file are tested by three.js, which needs the sides that it chooses.
     this.materials = new SurfaceMaterials({ looks, patch, shadowSide: null }, this.lightmaps);
     this.begin();
   }
@@ -64,7 +60,6 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   override update(renderer?: DeviceOwner): void {
     for (const { object } of this.lamps) {
       const light = object as PointLight | DirectionalLight;
-      light.shadow.bias ||= OLD_SHADOW_BIAS;
       light.shadow.shadowNode ??= new RendererShadows(light) as AnyNode;
     }
     super.update(renderer);
@@ -85,7 +80,8 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   private createFinishes(): Partial<Record<SurfaceLook, NodeFinish>> {
     const { fields } = this;
     const keep = this.options.environment === "keep" || fields.length === 0;
-    const key = (look: string) => () => `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}`;
+    const key = (look: string) => (material: Material) =>
+      `${look}:${fields.map((field) => field.lamps).join()}:${this.raster}:${keep}:${TO_REST.has(material) ? material.uuid : ""}`;
     const vector = vec3 as AnyNode;
     const properties = ({ emissiveNode, envNode, lightsNode }: SurfaceProperties): SurfaceProperties => ({
       setupLightingModel,
@@ -96,17 +92,17 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     const plain: NodeFinish = { key: key("plain"), properties };
     const learned: NodeFinish = {
       key: key(`learned${this.id}`),
-      properties: (own) => {
+      properties: (own, material) => {
         const { emissiveNode, ...others } = properties(own);
-        return { ...others, emissiveNode: emissiveNode.add(this.learnedLight()) };
+        return { ...others, emissiveNode: emissiveNode.add(this.learnedLight(TO_REST.get(material))) };
       },
     };
     return { plain, ...(fields.length > 0 ? { learned } : {}), ...(this.hasLightmaps ? { lightmap: plain } : {}) };
   }
 
-  /** Reflectance times the sum of all fields. */
-  private learnedLight(): AnyNode {
-    const surface = surfaceNodes(this.fields, { toRoot: this.placement.toRoot });
+  /** Reflectance times the sum of all fields, for what moves where `toRest` is given. */
+  private learnedLight(toRest: Matrix4 | undefined): AnyNode {
+    const surface = surfaceNodes(this.fields, { toRoot: this.placement.toRoot, ...(toRest ? { toRest } : {}) });
     const sum = this.fields.map((field) => field.radiance(surface)).reduce((a, b) => a.add(b));
     return reflectanceNode().mul(sum);
   }

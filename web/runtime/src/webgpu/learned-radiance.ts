@@ -20,6 +20,7 @@ import {
 } from "three/tsl";
 import type { Node } from "three/webgpu";
 import type { AnyNode, FieldNodes, SurfaceNodes } from "./field-nodes.ts";
+import { coveredPosition } from "./surface-position.ts";
 
 /** Reflectance: base colour + 0.04 (1 − metallic), at least this (format/FORMAT.md). */
 const [DIELECTRIC_F0, MIN_REFLECTANCE] = [0.04, 1e-3];
@@ -46,6 +47,12 @@ export interface RadianceInputs {
   readonly toRoot?: Matrix4;
 }
 
+/** Of what moves. */
+interface Moved {
+  /** From the place of the surface to where it rests, in the space of the root. */
+  readonly toRest?: Matrix4;
+}
+
 /**
  * The light that a field has for a point of a surface, for all lamps that it follows: a node of linear RGB that is to be multiplied
  * by the reflectance.
@@ -57,13 +64,14 @@ export function learnedRadiance(field: FieldNodes, inputs: RadianceInputs = {}):
 }
 
 /** Nodes of what fields read, those given and those of the mesh. */
-export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNormal, ...given }: RadianceInputs = {}): SurfaceNodes {
+export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, toRest, shadingNormal, ...given }: RadianceInputs & Moved = {}): SurfaceNodes {
   const reads = (name: string) => fields.some((field) => field.graph.inputs.has(name));
   const world = positionWorld as AnyNode;
+  const covered = coveredPosition();
   // The direction of a parallel camera, whose projection divides by 1, is that of all of its rays.
   const toCamera = (vec4 as AnyNode)(0, 0, 1, 0).mul(cameraViewMatrix).xyz;
   const isParallel = (cameraProjectionMatrix as AnyNode).element(3).w.equal(1);
-  const view = (select as AnyNode)(isParallel, toCamera, (cameraPosition as AnyNode).sub(world).normalize());
+  const view = (select as AnyNode)(isParallel, toCamera, (cameraPosition as AnyNode).sub(covered).normalize());
   const smooth = (normalWorldGeometry as AnyNode).normalize();
   // The side is that of the triangle: it must not switch inside a triangle at the silhouette.
   const facet = world.dFdx().cross(world.dFdy());
@@ -72,10 +80,15 @@ export function surfaceNodes(fields: readonly FieldNodes[], { toRoot, shadingNor
   const bent = (normalWorld as AnyNode).normalize();
   const matrix = toRoot ? (uniform as AnyNode)(toRoot) : null;
   const direction = (vector: AnyNode) => (matrix ? matrix.mul((vec4 as AnyNode)(vector, 0)).xyz.normalize() : vector);
+  const place = matrix ? matrix.mul((vec4 as AnyNode)(covered, 1)).xyz : covered;
+  const facing = direction(normal);
+  const rest = toRest ? (uniform as AnyNode)(toRest) : null;
   return {
-    position: matrix ? matrix.mul((vec4 as AnyNode)(world, 1)).xyz : world,
+    position: place,
     view: direction(view),
-    normal: direction(normal),
+    normal: facing,
+    ...(reads("rest_position") ? { rest_position: rest ? rest.mul((vec4 as AnyNode)(place, 1)).xyz : place } : {}),
+    ...(reads("rest_normal") ? { rest_normal: rest ? rest.mul((vec4 as AnyNode)(facing, 0)).xyz.normalize() : facing } : {}),
     reflectance: reflectanceNode(),
     roughness: ownNode("roughnessNode", materialRoughness),
     metallic: metallicNode(),

@@ -1,6 +1,6 @@
 /** Puts learned light on a material for `WebGPURenderer` in place, together with its owner's own nodes, and takes it off again. */
 
-import type { MeshStandardMaterial } from "three";
+import type { Material, MeshStandardMaterial } from "three";
 import type { NodeBuilder } from "three/webgpu";
 import type { Patch } from "../surface-materials.ts";
 import type { AnyNode } from "./field-nodes.ts";
@@ -18,10 +18,10 @@ export interface SurfaceProperties {
 
 /** Asked for whenever a material is compiled anew: nodes depend on the lamps. */
 export interface NodeFinish {
-  /** Names the program: those of different fields, or for different numbers of lamps, differ. */
-  key(): string;
+  /** Names the program: those of different fields, or for different numbers of lamps, differ, and those of what moves. */
+  key(material: Material): string;
   /** `own`: the material as its owner has it. */
-  properties(own: SurfaceProperties): SurfaceProperties;
+  properties(own: SurfaceProperties, material: Material): SurfaceProperties;
 }
 
 /**
@@ -36,7 +36,7 @@ export class NodePatch implements Patch {
   constructor(material: MeshStandardMaterial, finish: NodeFinish) {
     this.material = material;
     if (Object.hasOwn(material, "customProgramCacheKey")) this.ownKey = material.customProgramCacheKey;
-    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key()}`;
+    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key(material)}`;
     Object.defineProperties(material, {
       customProgramCacheKey: { configurable: true, get: () => key, set: (given) => void (this.ownKey = given) },
       // A material of nodes that three.js makes of another one takes what can be enumerated; so does a copy of a material of nodes.
@@ -44,7 +44,7 @@ export class NodePatch implements Patch {
         configurable: true,
         enumerable: !("isNodeMaterial" in material),
         value(this: AnyNode, builder: NodeBuilder) {
-          const properties = finish.properties(this);
+          const properties = finish.properties(this, material);
           const own = Object.keys(properties).map((name) => [name, Object.getOwnPropertyDescriptor(this, name)] as const);
           Object.assign(this, properties);
           Object.getPrototypeOf(this).setup.call(this, builder);

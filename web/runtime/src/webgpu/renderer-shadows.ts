@@ -1,8 +1,9 @@
 /** A shadow map for each renderer: that of three.js' own light nodes belongs to the light, and a second renderer would take it away. */
 
 import type { DirectionalLight, PointLight } from "three";
-import { DirectionalLightNode, Node, type NodeBuilder, PointLightNode } from "three/webgpu";
+import { Node, type NodeBuilder } from "three/webgpu";
 import type { AnyNode } from "./field-nodes.ts";
+import { liftedShadow } from "./lifted-shadow.ts";
 
 /** What `light.shadow.shadowNode` may be: the shadow of a light, asked for whenever a material is compiled. */
 export class RendererShadows extends (Node as AnyNode) {
@@ -16,8 +17,7 @@ export class RendererShadows extends (Node as AnyNode) {
 
   setup({ renderer }: NodeBuilder): AnyNode {
     const { light, shadows } = this;
-    const kind = "isPointLight" in light ? PointLightNode : DirectionalLightNode;
-    if (!shadows.has(renderer)) shadows.set(renderer, (kind as AnyNode).prototype.setupShadowNode.call({ light }));
+    if (!shadows.has(renderer)) shadows.set(renderer, liftedShadow(light));
     return shadows.get(renderer);
   }
 

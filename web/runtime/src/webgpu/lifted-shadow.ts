@@ -1,0 +1,68 @@
+/** The shadow of a declared light for `WebGPURenderer`: `shadow-lift.ts` in nodes. */
+
+import { type DirectionalLight, DoubleSide, type Material, type PointLight } from "three";
+import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, select, shadow, vec3, vec4 } from "three/tsl";
+import { SHADOW_RADIUS } from "../shadow-lift.ts";
+import type { AnyNode } from "./field-nodes.ts";
+import { coveredPosition } from "./surface-position.ts";
+
+/** Smallest sine of the angle between ray and facet that counts. */
+const LEAST_SINE = 0.25;
+
+/** What three.js draws one object of a shadow map with. */
+type DrawObject = (object: unknown, scene: unknown, camera: unknown, geometry: unknown, material: Material, ...rest: unknown[]) => void;
+
+/**
+ * A shadow that is tested at points lifted off their facets, and that both sides of every surface cast: a path tracer sees both as
+ * blockers. It has a map of its own.
+ */
+export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
+  const isPoint = (light as PointLight).isPointLight === true;
+  const node: AnyNode = isPoint ? pointShadow(light as PointLight) : shadow(light);
+  const [coordinate, draw] = [node.setupShadowCoord, node.renderShadow];
+  node.setupShadowCoord = (builder: unknown) => {
+    const lifted = (coveredPosition() as AnyNode).add(isPoint ? liftOfPoint(light as PointLight) : liftOfSun(light as DirectionalLight));
+    return coordinate.call(node, builder, (lightShadowMatrix(light) as AnyNode).mul((vec4 as AnyNode)(lifted, 1)));
+  };
+  node.renderShadow = (frame: AnyNode) => {
+    const { renderer } = frame;
+    const drawObject = renderer.getRenderObjectFunction() as DrawObject;
+    renderer.setRenderObjectFunction(((object, scene, camera, geometry, material, ...rest) => {
+      const { shadowSide } = material;
+      material.shadowSide = DoubleSide;
+      drawObject(object, scene, camera, geometry, material, ...rest);
+      material.shadowSide = shadowSide;
+    }) satisfies DrawObject);
+    draw.call(node, frame);
+    renderer.setRenderObjectFunction(drawObject);
+  };
+  return node;
+}
+
+function liftOfPoint(light: PointLight): AnyNode {
+  const toPoint = (coveredPosition() as AnyNode).sub(lightPosition(light));
+  const reach = toPoint.abs();
+  const texel = reach.x.max(reach.y).max(reach.z).mul(2).div(sizeOf(light));
+  return lift(toPoint.normalize(), texel);
+}
+
+function liftOfSun(light: DirectionalLight): AnyNode {
+  const matrix = lightShadowMatrix(light) as AnyNode;
+  const across = (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length();
+  const ray = (lightTargetPosition(light) as AnyNode).sub(lightPosition(light)).normalize();
+  return lift(ray, across.mul(sizeOf(light)).reciprocal());
+}
+
+/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there. */
+function lift(ray: AnyNode, texel: AnyNode): AnyNode {
+  const world = positionWorld as AnyNode;
+  const facet = world.dFdx().cross(world.dFdy()).normalize();
+  const cosine = facet.dot(ray).toVar();
+  const sine = cosine.mul(cosine).oneMinus().max(0).sqrt().max(LEAST_SINE);
+  const side = (select as AnyNode)(cosine.greaterThan(0), -1, 1);
+  return facet.mul(side.mul(texel).mul(SHADOW_RADIUS + 1).mul(sine)).sub(ray.mul(texel).mul(0.5));
+}
+
+function sizeOf(light: PointLight | DirectionalLight): AnyNode {
+  return (reference as AnyNode)("mapSize", "vec2", light.shadow).x;
+}
