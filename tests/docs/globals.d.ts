@@ -9,6 +9,7 @@ import type * as REACT from "react";
 
 declare global {
   const GLTFLoader: typeof ADDONS.GLTFLoader;
+  const AgXToneMapping: typeof THREE.AgXToneMapping;
   const LearnedScene: typeof LIGHTWELL.LearnedScene;
   const LightwellLoaderPlugin: typeof LIGHTWELL.LightwellLoaderPlugin;
   const parseLearned: typeof LIGHTWELL.parseLearned;
