@@ -27,7 +27,7 @@ demo: setup
 # The last line is "N passed, N failed, N skipped" over Python and web; above it is a table of seconds. Types are checked beside
 # the tests.
 test: style web/node_modules/.installed
-	@$(VENV)/bin/python tools/run_tests.py --marks "$(PYTEST_MARKS)"
+	@$(VENV)/bin/python tools/run_tests.py --marks "$(PYTEST_MARKS)" $(if $(REPORTS),--reports "$(REPORTS)")
 
 # For work: the checks of the code and the tests that trace and train nothing, at most 90 s.
 FAST := tests/core tests/graph tests/asset tests/report tests/test_rooms.py tests/test_files.py tests/test_limits.py \
@@ -35,7 +35,7 @@ FAST := tests/core tests/graph tests/asset tests/report tests/test_rooms.py test
 test-fast: lint
 	$(VENV)/bin/python -m pytest -x -n 2 $(FAST)
 
-# Everything: the tests marked slow as well (long fuzzing, kills).
+# Everything: the tests marked slow as well (long fuzzing, kills). REPORTS=FOLDER keeps the logs and reports of the rooms.
 test-all:
 	LIGHTWELL_LONG_TESTS=1 $(MAKE) test PYTEST_MARKS=
 

@@ -1,8 +1,9 @@
 """What a newcomer meets: sizes of installation and wheel, answers to mistakes, links and snippets of the docs.
 
-    python benchmarks/adoption.py [--only size,wheel,fresh,mistakes,links,pages,readme,snippets] [--quick]
+    python benchmarks/adoption.py [--only size,wheel,fresh,mistakes,links,pages,readme,snippets] [--quick] [--report F]
 
-`snippets` runs every command and Python snippet of the documents (tests/docs/test_snippets_run.py), which takes long.
+`snippets` runs every command and Python snippet of the documents (tests/docs/test_snippets_run.py), which takes long;
+`--report F` counts what a report F of `make test-all REPORTS=FOLDER` says of them (FOLDER/tests-docs.report).
 `fresh` downloads all packages, installs them into a fresh environment without a network, and runs the demo.
 """
 
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 import venv
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,6 +35,8 @@ except SystemExit as ended:
     code = ended.code
 print(code, time.process_time())
 """
+# The test that runs the snippets of a page.
+SNIPPETS = "test_snippets_run"
 FRESH = "wheel alone in a fresh environment to the page of the demo"
 MISTAKES = ("bakee cornell", "bake cornel -o x", "bake cornell -o x --field mpl", "bake cornell -o x --bugdet 5m")
 
@@ -164,11 +168,26 @@ def snippets() -> Iterator[Row]:
     Yields:
         A row: the share of pages whose snippets all run.
     """
-    command = [sys.executable, "-m", "pytest", "-m", "", "-q", "tests/docs/test_snippets_run.py::test_snippets_run"]
-    text = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
-    passed, failed = (int((re.findall(rf"(\d+) {word}", text) or [0])[-1]) for word in ("passed", "failed"))
-    share = 100 * passed / max(passed + failed, 1)
-    yield at_least("pages whose snippets all run", 100, share, "%", f"{passed} of {passed + failed} pages")
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        tests = f"tests/docs/test_snippets_run.py::{SNIPPETS}"
+        subprocess.run([sys.executable, "-m", "pytest", "-m", "", "-q", tests, f"--junitxml={report}"], cwd=ROOT)
+        yield from snippets_of(report)
+
+
+def snippets_of(report: Path) -> Iterator[Row]:
+    """Count the pages whose snippets ran.
+
+    Args:
+        report: JUnit XML file of the tests of the documents, slow ones included.
+
+    Yields:
+        A row: the share of pages whose snippets all run.
+    """
+    cases = [case for case in ET.parse(report).iter("testcase") if case.get("name", "").startswith(f"{SNIPPETS}[")]
+    passed = sum(not any(case.find(end) is not None for end in ("failure", "error", "skipped")) for case in cases)
+    share = 100 * passed / max(len(cases), 1)
+    yield at_least("pages whose snippets all run", 100, share, "%", f"{passed} of {len(cases)} pages")
 
 
 def pages() -> Iterator[Row]:
@@ -211,9 +230,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"some of {', '.join(PARTS)}")
     parser.add_argument("--quick", action="store_true", help="print, write nothing; without fresh and snippets")
+    parser.add_argument("--report", type=Path, help="count the snippets of this report of the tests; run none")
     given = parser.parse_args()
     parts = [part for part in chosen("--only", given.only, PARTS) if not (given.quick and part in LONG)]
-    publish("adoption", [row for part in parts for row in PARTS[part]()], given.quick)
+    of_report = {} if given.report is None else {"snippets": lambda: snippets_of(given.report)}
+    publish("adoption", [row for part in parts for row in (PARTS | of_report)[part]()], given.quick)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Runs the tests room by room and prints how many seconds each took; the last line is the total over Python and web.
 
-    python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...]
+    python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...] [--reports FOLDER]
 
 A room is a folder of ``tests/``, a file ``tests/test_*.py``, ``quick`` (tests without tracing), ``types`` (mypy) or
 ``web``. Each is a process of its own, so that no room sees what another left in Mitsuba. Exit code 1 when a test failed
@@ -10,6 +10,7 @@ or a room ended in an error.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shlex
@@ -245,20 +246,25 @@ def result(room: Room, folder: Path, code: int, seconds: float, processor_second
     return Result(room.name, counts, code, seconds, processor_seconds)
 
 
-def run(rooms: list[Room], jobs: int, environment: dict[str, str]) -> Iterator[Result]:
+def run(rooms: list[Room], jobs: int, environment: dict[str, str], reports: Path | None = None) -> Iterator[Result]:
     """Run rooms, some at once.
 
     Args:
         rooms: What to run, in this order.
         jobs: Rooms that run at once, ≥ 1, besides those that wait for most of their time.
         environment: Environment of the processes.
+        reports: Folder that keeps the logs and reports of the rooms; None: they are deleted.
 
     Yields:
         A result as soon as its room has ended.
     """
     waiting, running = deque(rooms), dict[int, tuple[Room, subprocess.Popen[bytes], float]]()
-    with tempfile.TemporaryDirectory(prefix="lightwell-tests-") as name:
-        folder = Path(name)
+    with contextlib.ExitStack() as cleared:
+        if reports is None:
+            folder = Path(cleared.enter_context(tempfile.TemporaryDirectory(prefix="lightwell-tests-")))
+        else:
+            folder = reports.resolve()
+            folder.mkdir(parents=True, exist_ok=True)
         try:
             while waiting or running:
                 while waiting and (waiting[0].waits or sum(not one[0].waits for one in running.values()) < jobs):
@@ -342,6 +348,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--room", action="append", help="only this, such as tests/core, types, python or web (may be repeated)"
     )
+    parser.add_argument("--reports", type=Path, help="folder that keeps the logs and reports of the rooms")
     asked = parser.parse_args(arguments)
     rooms = all_rooms(asked.marks)
     wanted = {name.rstrip("/") for name in asked.room or ("python", "web")}
@@ -352,7 +359,7 @@ def main(arguments: list[str] | None = None) -> int:
     if "python" in wanted:
         wanted |= {room.name for room in rooms} - {"web"}
     begin, chosen, jobs = time.monotonic(), [room for room in rooms if room.name in wanted], max(asked.jobs, 1)
-    results = list(run(chosen, jobs, environment(min(len(chosen), jobs) > 1)))
+    results = list(run(chosen, jobs, environment(min(len(chosen), jobs) > 1), asked.reports))
     print(summary(results, time.monotonic() - begin))
     return int(any(one.failed for one in results))
 
