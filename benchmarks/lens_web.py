@@ -35,6 +35,9 @@ ROOT = Path(__file__).resolve().parents[1]
 STANDARD = ROOT / "lightwell/lens/standard"
 NEAR, FAR = 0.1, 100.0
 TIMEOUT = 1800
+"""Seconds for a process."""
+LIMIT = 120
+"""Seconds for one draw."""
 NAMES = {
     "bokeh": "three.js' BokehPass",
     "bokeh2": "three.js' BokehShader2",
@@ -70,7 +73,7 @@ def in_browser(rgb, depth, camera, fov_x: float, draws: list[dict], folder: Path
     for i, draw in enumerate(draws):
         draw.setdefault("rounds", 1)
         draw["out"] = str(folder / f"{i}.f32")
-    (folder / "job.json").write_text(json.dumps({"frame": frame, "draws": draws}))
+    (folder / "job.json").write_text(json.dumps({"frame": frame, "draws": draws, "limit": LIMIT}))
     command = ["node", str(ROOT / "tools/lens-peers.mjs"), str(folder / "job.json")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT)
     if done.returncode:
@@ -159,7 +162,8 @@ def flip_rows(quick: bool, pictures: bool = False) -> list[Row]:
         for peer, what in whats.items():
             tried = [d for d in draws if d["name"] == peer and "picture" in d]
             if not tried:
-                rows.append(Row(what, "<= 0.999", None, "ratio", None, "", "it did not run here"))
+                why_not = next(d["error"] for d in draws if d["name"] == peer)
+                rows.append(Row(what, "<= 0.999", None, "ratio", None, "", why_not[:120]))
                 continue
             scores = [flip(d["picture"], truth) for d in tried]
             best = int(np.argmin(scores))
