@@ -3,6 +3,8 @@
 python benchmarks/architecture.py            every figure; writes results/architecture.json
 python benchmarks/architecture.py --quick    prints them without the timings; writes nothing
 python benchmarks/architecture.py --list     also names every place that counts against a figure
+python benchmarks/architecture.py --test-log F --test-all-log F
+                                             rows of what `make test` and `make test-all` printed, nothing else
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from rows import Row, at_most, publish, without_bar
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, WEB = ROOT / "lightwell", ROOT / "web"
 # Bars of the issue "One bake pipeline, a public Python API, plain language".
+TEST_SECONDS, TEST_ALL_SECONDS = 600, 3600
 MOST_LINES, MOST_LONG_FUNCTIONS, LONG_FUNCTION, LONG_FILE = 27_300, 10, 40, 400
 LONG_CLASS, MOST_MEMBERS = 250, 15
 # Options of pydoclint: Google style, types stand in the signature, private functions are free.
@@ -353,13 +356,41 @@ def rows(found: Findings, timed: bool) -> list[Row]:
     ]
 
 
+def test_rows(what: str, bar: float, log: Path) -> Iterator[Row]:
+    """Rows of a run of the tests: its wall time, and how many failed.
+
+    Args:
+        what: The command.
+        bar: Seconds that are allowed.
+        log: What ``tools/run_tests.py`` printed.
+
+    Yields:
+        Two rows.
+    """
+    text = log.read_text()
+    seconds, processor = re.findall(r"^all +([0-9.]+) +([0-9.]+)$", text, re.MULTILINE)[-1]
+    passed, failed, skipped = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.MULTILINE)[-1]
+    note = f"{passed} passed, {failed} failed, {skipped} skipped; {processor} s of processor time; installed before"
+    yield at_most(f"tests: {what}", bar, float(seconds), "s", note)
+    yield at_most(f"tests: failures of {what}", 0, int(failed), "tests", f"{passed} passed, {skipped} skipped")
+
+
 def main() -> None:
     """Read the code, print the figures and write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="leave out the timings and write nothing")
     parser.add_argument("--untimed", action="store_true", help="leave out the timings; those that are written stay")
     parser.add_argument("--list", action="store_true", help="name every place")
+    parser.add_argument("--test-log", type=Path, help="output of make test, run on a quiet machine")
+    parser.add_argument("--test-all-log", type=Path, help="output of make test-all")
     arguments = parser.parse_args()
+    logs = (
+        ("make test", TEST_SECONDS, arguments.test_log),
+        ("make test-all", TEST_ALL_SECONDS, arguments.test_all_log),
+    )
+    if given := [row for what, bar, log in logs if log for row in test_rows(what, bar, log)]:
+        publish("architecture", given, arguments.quick)
+        return
     found = Findings()
     read_python(found)
     found.web_circles = circles(web_imports())

@@ -21,6 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(ROOT / "tests/graph"))
+sys.path.insert(0, str(ROOT / "tests/engines"))
 
 from rows import Row, at_least, at_most, chosen, publish  # noqa: E402
 
@@ -121,17 +122,40 @@ def ktx2(quick: bool) -> list[Row]:
     return rows(quick)
 
 
+def drawn(quick: bool) -> list[Row]:
+    """Exported light maps, drawn in Chromium by the engines of the browser, beside lightwell's own runtime."""
+    from exported_pictures import Frame, pictures, psnr, write_diffuse
+
+    from lightwell.baking.pipeline import bake
+    from lightwell.baking.settings import BakeSettings
+    from lightwell.engines import export_engine
+    from lightwell.scenes import load
+
+    names = {"three.js": "threejs", "PlayCanvas": "playcanvas", "Babylon.js": "babylon"}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        out, plain = folder / "out", folder / "plain.glb"
+        bake(BakeSettings(scene="cornell", out=out, field="lightmap", quality="draft", views=1))
+        write_diffuse(out / "scene.glb", plain)
+        for engine in names.values():
+            export_engine(out, engine, folder / engine)
+        camera = load("cornell").cameras[0]
+        place, target = (tuple(map(float, at)) for at in (camera.position, camera.target))
+        found = pictures(plain, {e: folder / e for e in names.values()}, Frame(place, target, fov=camera.fov_y), folder)
+    note = "diffuse light of the Cornell box, draft; Chromium with SwiftShader"
+    what = "{}: light map of the export against the page"
+    return [at_least(what.format(k), 40, psnr(found[v], found["page"]), "dB", note) for k, v in names.items()]
+
+
 def unmeasured(quick: bool) -> list[Row]:
     """What is asked and no command measures yet."""
     return [
-        at_least("PlayCanvas: light map of the export against the page", 40, None, "dB", "the module has never drawn"),
-        at_least("Babylon.js: light map of the export against the page", 40, None, "dB", "the module has never drawn"),
         at_most("courtyard through USD, OBJ and GLB: bake errors apart", 5, None, "%", "not measured"),
         at_least("Blender: GLB bytes equal to the command line's", 100, None, "%", "not measured"),
     ]
 
 
-PARTS = {part.__name__: part for part in (hlsl, values, wgsl, metal, godot, blender, ktx2, unmeasured)}
+PARTS = {part.__name__: part for part in (hlsl, values, wgsl, metal, godot, blender, ktx2, drawn, unmeasured)}
 
 
 def main() -> None:

@@ -4,11 +4,13 @@
                                                 hours on 2 cores; goes on where it stopped
     python benchmarks/zoo.py --ablation [--subset 8] [--out FOLDER]
                                                 what each choice is worth, at equal steps; goes on where it stopped
+    python benchmarks/zoo.py --field lightmap|probes [--subset 8] [--out FOLDER]
+                                                other fields, by the figures of their own reports
     python benchmarks/zoo.py --table                    print what is recorded
 
 Every scene is baked and scored in processes of its own. Figures of merit are medians and 90th percentiles over scenes.
-Results lie in FOLDER/NAME.json; results/zoo.json and docs/zoo.md are written when all scenes have ended, or with
---publish for those that are asked for.
+Results lie in FOLDER/NAME.json (NAME.FIELD.json); results/zoo.json and docs/zoo.md are written when all scenes have
+ended, or with --publish for those that are asked for; other fields have results/zoo_FIELD.json.
 """
 
 from __future__ import annotations
@@ -50,17 +52,23 @@ BARS = {
     "bytes": ("bytes", min, 300_000, 300_000, "B"),
     "macs": ("multiply-adds per pixel", min, 1500, 1500, "MAC"),
 }
+# Those that are asked of a light map, whose reference is that of its own bake.
+LIGHT_MAP_BARS = {
+    "psnr_db": ("noise-free PSNR", max, 36, 31, "dB"),
+    "flip": ("FLIP of the whole picture", min, 0.06, 0.12, ""),
+}
+FIELD_BARS = {"lightmap": LIGHT_MAP_BARS, "probes": LIGHT_MAP_BARS}
 
 
-def run_scene(name: str, source: str, out: Path, quality: str) -> dict:
+def run_scene(name: str, source: str, out: Path, quality: str, field: str | None) -> dict:
     """Bake and score one scene, each in a process of its own; the row is kept in a file."""
-    path = out / f"{name}.json"
+    label = f"{name}.{field}" if field else name
+    path, folder = out / f"{label}.json", out / label
     if path.exists():
         return json.loads(path.read_text())
     begin = perf_counter()
-    code, message = _process(
-        [sys.executable, "-m", "lightwell.cli", "bake", source, "-o", str(out / name), "--quality", quality]
-    )
+    command = [sys.executable, "-m", "lightwell.cli", "bake", source, "-o", str(folder), "--quality", quality]
+    code, message = _process([*command, "--field", field] if field else command)
     row = {
         "scene": name,
         "seconds": round(perf_counter() - begin, 1),
@@ -69,14 +77,22 @@ def run_scene(name: str, source: str, out: Path, quality: str) -> dict:
         "message": message,
         "commit": _commit(),
     }
-    if code == 0:
+    if code == 0 and field:
+        row |= _reported(folder)
+    elif code == 0:
         scorer = Path(__file__).with_name("zoo_score.py")
-        code, message = _process([sys.executable, str(scorer), source, str(out / name)])
-        row |= (
-            json.loads((out / name / "quality.json").read_text()) if code == 0 else {"exit": code, "message": message}
-        )
+        code, message = _process([sys.executable, str(scorer), source, str(folder)])
+        row |= json.loads((folder / "quality.json").read_text()) if code == 0 else {"exit": code, "message": message}
     path.write_text(json.dumps(row))
     return row
+
+
+def _reported(folder: Path) -> dict:
+    """The figures that a bake reports itself; those without a value are null."""
+    report = json.loads((folder / "report.json").read_text())
+    empty = dict.fromkeys(("psnr_db", "flip", "flip_direct", "mottle", "leak", "relative_error", "noise_floor"))
+    told = empty | (report.get("quality") or {})
+    return told | {"bytes": report["bytes"], "macs": report["macs_per_pixel"], "verdict": report.get("verdict")}
 
 
 def _commit() -> str:
@@ -108,20 +124,20 @@ def table(rows: list[dict]) -> str:
             lines.append(f"| {row['scene']}{mark} | {row['message']} | | | | | | | {row['seconds']:.0f} |")
             continue
         flip = f"{number(row['flip'], '.3f')} ({number(row['flip_direct'], '.3f')})"
-        error = f"{row['relative_error']:.3f} ({row['noise_floor']:.3f})"
+        error = f"{number(row['relative_error'], '.3f')} ({number(row['noise_floor'], '.3f')})"
         bounds = row.get("bounds", {})
         psnr = ("≥ " if "psnr_db" in bounds else "") + number(row["psnr_db"], ".1f")
         mottle = f"≤ {bounds['mottle']:.3f}" if "mottle" in bounds else number(row["mottle"], ".3f")
         cells = [row["scene"] + mark, psnr, flip, mottle]
-        cells += [f"{row['leak']:.4f}", error, f"{row['bytes']:,}", f"{row['macs']:,}", f"{row['seconds']:.0f}"]
+        cells += [number(row["leak"], ".4f"), error, f"{row['bytes']:,}", f"{row['macs']:,}", f"{row['seconds']:.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def figures(rows: list[dict]) -> list[Row]:
+def figures(rows: list[dict], bars: dict[str, tuple]) -> list[Row]:
     """Medians and 90th percentiles of all scenes that ended with a page, and how many did not."""
     found = []
-    for key, (what, better, median, tail, unit) in BARS.items():
+    for key, (what, better, median, tail, unit) in bars.items():
         values = [row[key] for row in rows if not row["exit"] and row[key] is not None]
         at, quantile = (at_least, 10) if better is max else (at_most, 90)
         note = f"{len(values)} scenes"
@@ -177,6 +193,7 @@ def main() -> None:
     parser.add_argument("--only", help="names of scenes, with commas between them")
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "lightwell-zoo")
     parser.add_argument("--quality", choices=tuple(QUALITY_SECONDS), default=DEFAULT_QUALITY)
+    parser.add_argument("--field", choices=tuple(FIELD_BARS), help="bake this field in place of the default one")
     parser.add_argument("--ablation", action="store_true")
     parser.add_argument("--table", action="store_true", help="print the recorded rows of this folder")
     parser.add_argument("--publish", action="store_true", help="write results and page though scenes are left out")
@@ -193,14 +210,18 @@ def main() -> None:
         publish("zoo_ablation", ablation({name: known[name] for name in names}, arguments.out), quick=False)
         return
     if arguments.table:
-        names = [name for name in names if (arguments.out / f"{name}.json").exists()]
+        suffix = f".{arguments.field}.json" if arguments.field else ".json"
+        names = [name for name in names if (arguments.out / f"{name}{suffix}").exists()]
     rows = []
     for name in names:
-        rows.append(run_scene(name, known[name], arguments.out, arguments.quality))
+        rows.append(run_scene(name, known[name], arguments.out, arguments.quality, arguments.field))
         print(table(rows[-1:]).splitlines()[-1], flush=True)
     print(table(rows))
     whole = arguments.publish or not (arguments.subset or arguments.only or arguments.table)
-    publish("zoo", figures(rows), quick=not whole)
+    if arguments.field:
+        publish(f"zoo_{arguments.field}", figures(rows, FIELD_BARS[arguments.field]), quick=not whole)
+        return
+    publish("zoo", figures(rows, BARS), quick=not whole)
     if whole:
         write_page(rows, arguments.out)
 

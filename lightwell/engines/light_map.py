@@ -55,7 +55,7 @@ def _size(graph: Graph) -> tuple[int, int]:
 
 def _diffuse(graph: Graph, height: int, width: int, light: np.ndarray | None) -> np.ndarray:
     """[H W, 3] irradiance / π of a field on a white Lambertian surface."""
-    matt = _without_gloss(graph.only("radiance"))
+    matt = without_gloss(graph.only("radiance"))
     v, u = np.mgrid[0:height, 0:width].reshape(2, -1)
     uv = np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=1).astype(np.float32)
     up = np.array([[0, 1, 0]], np.float32)
@@ -79,8 +79,15 @@ def _diffuse(graph: Graph, height: int, width: int, light: np.ndarray | None) ->
     return np.concatenate(rows) * np.float32(WHITE if reads_reflectance else 1)
 
 
-def _without_gloss(graph: Graph) -> Graph:
-    """The same graph with a mask that calls every texel Lambertian and lit."""
+def without_gloss(graph: Graph) -> Graph:
+    """Make the same field with a mask that calls every texel Lambertian and lit.
+
+    Args:
+        graph: A field that reads light-map coordinates.
+
+    Returns:
+        A field without view-dependent light; one without such a mask as it is.
+    """
     mask = graph.buffers.get(MASK)
     if mask is None or mask.type != "uint8" or mask.shape[-1] != 3:
         return graph

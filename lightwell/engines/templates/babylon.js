@@ -29,7 +29,14 @@ class LightwellLightMap extends MaterialPluginBase {
     if (type !== "fragment") return null;
     return {
       CUSTOM_FRAGMENT_DEFINITIONS: "uniform sampler2D lightwellMap;",
-      CUSTOM_FRAGMENT_BEFORE_FINALCOLORCOMPOSITION: "finalDiffuse += surfaceAlbedo * texture2D(lightwellMap, vMainUV2).rgb;",
+      // The diffuse albedo of glTF; surfaceAlbedo lacks what the surface reflects at normal incidence.
+      CUSTOM_FRAGMENT_BEFORE_FINALCOLORCOMPOSITION: `
+#ifdef METALLICWORKFLOW
+vec3 lightwellAlbedo = baseColor * (1.0 - reflectivityOut.metallic);
+#else
+vec3 lightwellAlbedo = surfaceAlbedo;
+#endif
+finalDiffuse += lightwellAlbedo * texture2D(lightwellMap, vMainUV2).rgb;`,
     };
   }
 }
