@@ -13,7 +13,7 @@ from lightwell.core.suggest import did_you_mean
 from lightwell.limits import DEFAULT_LIMITS, NAMES, Limits
 
 # Scenes that lightwell makes itself, and the files that it loads.
-BUILTINS = ("cornell", "courtyard", "doorway", "loft", "two-rooms")
+BUILTINS = ("cornell", "courtyard", "courtyard-day", "doorway", "loft", "two-rooms")
 GLTF_SUFFIXES = (".gltf", ".glb")
 # Files that are converted to glTF first; the packages that do so are extras.
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")

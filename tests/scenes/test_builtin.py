@@ -22,11 +22,11 @@ def courtyard():
 
 
 def test_names():
-    assert NAMES == ("cornell", "courtyard", "doorway", "loft", "two-rooms")
+    assert NAMES == ("cornell", "courtyard", "courtyard-day", "doorway", "loft", "two-rooms")
 
 
 def test_an_unknown_name_says_which_exist():
-    message = "no built-in scene 'atrium'; choose one of cornell, courtyard, doorway, loft, two-rooms"
+    message = "no built-in scene 'atrium'; choose one of cornell, courtyard, courtyard-day, doorway, loft, two-rooms"
     with pytest.raises(ValueError, match=message):
         build("atrium")
 

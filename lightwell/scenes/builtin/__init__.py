@@ -2,7 +2,7 @@
 
 ``cornell`` is the Cornell box, ``courtyard`` a house around a light well, ``two-rooms`` a test for light that leaks
 through thin walls; none of them has a light of its own: the variable light of the bake lights it. ``loft`` has nine
-lamps of its own, ``doorway`` one lamp and a door.
+lamps of its own, ``doorway`` one lamp and a door. ``courtyard-day`` is that house through a day, with a sliding door.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from . import cornell, courtyard, doorway, loft, two_rooms
 _BUILDERS = {
     "cornell": cornell.build,
     "courtyard": courtyard.build,
+    "courtyard-day": courtyard.build_day,
     "doorway": doorway.build,
     "loft": loft.build,
     "two-rooms": two_rooms.build,

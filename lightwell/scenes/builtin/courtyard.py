@@ -16,6 +16,8 @@ Plan (metres, x to the right, z towards the viewer, the shaft around the origin)
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..scene import Camera, Scene
 from . import courtyard_finishes, furniture
 from .kit import Kit
@@ -34,6 +36,9 @@ GALLERY, WALL = 1.3, 0.3
 # The lamp of the house hangs in the shaft: the rooms get only indirect light.
 LAMP = (-1.7, 0.4, -1.7, 1.1, 6.5, 1.7)
 
+# The longest day in Málaga: at noon the sun reaches the floor of the shaft.
+DAY = "day=2026-06-21,36.7,-4.4,1"
+
 # The stair: 17 risers from the shaft's floor to the gallery.
 RISERS, RUN, STAIR_WIDTH = 17, 0.24, 0.95
 RISE = UPPER / RISERS
@@ -46,14 +51,31 @@ def build() -> Scene:
         The scene.
     """
     kit = Kit("courtyard", VERSION)
-    courtyard_finishes.register(kit)
-    for material, part in _house().build().items():
-        kit.add(f"house_{material}", material, part)
-    for furnish in (_shaft, _gallery, _living, _dining, _study, _pantry, _upstairs):
-        furnish(kit)
+    _furnish(kit, _half_open_door)
     scene = kit.scene(_cameras())
     scene.vary = (f"light.position=box({','.join(f'{v:g}' for v in LAMP)})",)
     return scene
+
+
+def build_day() -> Scene:
+    """Build the courtyard house for a day of sun and sky, with the node ``Door``, which 1.39 m along x opens.
+
+    Returns:
+        The scene; the door is shut.
+    """
+    kit = Kit("courtyard-day", VERSION)
+    _furnish(kit, _sliding_door)
+    scene = kit.scene(_cameras())
+    scene.vary = (DAY,)
+    return scene
+
+
+def _furnish(kit: Kit, door: Callable[[Kit], None]) -> None:
+    courtyard_finishes.register(kit)
+    for material, part in _house().build().items():
+        kit.add(f"house_{material}", material, part)
+    for furnish in (_shaft, _gallery, _living, door, _dining, _study, _pantry, _upstairs):
+        furnish(kit)
 
 
 def _house() -> Masonry:
@@ -163,8 +185,8 @@ def _living(kit: Kit) -> None:
     _hang(kit, "east_picture", "painting_arches", (0.75, 1.0), (4.6, 1.55, 5.2), -90.0)
 
 
-def _dining(kit: Kit) -> None:
-    """A teal sliding door, half open, and a table with two benches before the terracotta wall."""
+def _half_open_door(kit: Kit) -> None:
+    """A teal sliding door, half open."""
     front = -SHAFT + 0.035
     panel = board((0.02, 0.02, front), (1.12, 2.5, front + 0.05))
     kit.add("teal_door", "teal", panel)
@@ -172,6 +194,20 @@ def _dining(kit: Kit) -> None:
     kit.add("door_rail", "steel", box((-1.2, 2.56, -SHAFT), (1.2, 2.6, front + 0.03), ("-z",)))
     for x in (0.2, 0.94):
         kit.add("door_rail", "steel", box((x - 0.015, 2.44, front + 0.05), (x + 0.015, 2.6, front + 0.06), ("-z",)))
+
+
+def _sliding_door(kit: Kit) -> None:
+    """A teal door that covers the whole opening of the dining room; it slides behind the stair."""
+    front, left, right = -SHAFT + 0.02, -1.2, 0.8
+    kit.add("Door", "teal", box((left, 0.005, front), (right, 2.5, front + 0.05)))
+    kit.add("Door", "steel", box((left + 0.07, 0.95, front + 0.05), (left + 0.095, 1.25, front + 0.085), ("-z",)))
+    for x in (left + 0.2, right - 0.2):
+        kit.add("Door", "steel", box((x - 0.015, 2.44, front + 0.05), (x + 0.015, 2.6, front + 0.06), ("-z",)))
+    kit.add("door_rail", "steel", box((left, 2.56, -SHAFT), (SHAFT, 2.6, front + 0.03), ("-z",)))
+
+
+def _dining(kit: Kit) -> None:
+    """A table with two benches before the terracotta wall."""
     kit.add("dining_table", "oak", move(furniture.table(2.4, 0.95, 0.74), (0.4, 0, -4.6)))
     kit.add(
         "dining_benches",
