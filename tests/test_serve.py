@@ -1,6 +1,8 @@
 """The server of `lightwell view`: who may ask, what is served and how, malformed and half-open requests, Ctrl-C."""
 
+import base64
 import gzip
+import hashlib
 import http.client
 import os
 import re
@@ -13,8 +15,10 @@ import time
 
 import pytest
 
+from lightwell.asset.page import viewer_html
 from lightwell.serving import server as local_server
 from lightwell.serving.folder import checked_folder, open_server, parse_range
+from lightwell.serving.server import Answer
 
 PAGE = "<style>p{}</style><script>let a = 1</script><p>page</p>" + "<p>text</p>" * 200
 ASSET = bytes(range(256)) * 40
@@ -120,6 +124,15 @@ def test_every_answer_carries_the_headers_of_a_careful_page(server):
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin" and "Server" not in headers
     scripts = re.search(r"script-src ([^;]*)", _ask(server)[1]["Content-Security-Policy"])[1]
     assert scripts.count("'sha256-") == 1 and "unsafe-inline" not in scripts
+
+
+def test_a_script_that_a_page_unpacks_and_runs_is_allowed_by_the_hash_that_it_says():
+    viewer = viewer_html()
+    said = re.search(r'data-bytes="(\d+)" data-sha256="([^"]+)" id="lightwell-lens">([^<]+)<', viewer)
+    script = gzip.decompress(base64.b64decode(said[3]))
+    assert len(script) == int(said[1]) and base64.b64encode(hashlib.sha256(script).digest()).decode() == said[2]
+    policy = dict(Answer.page(viewer.encode()).headers)["Content-Security-Policy"]
+    assert policy.count("'sha256-") == 2 and f" 'sha256-{said[2]}'" in policy
 
 
 @pytest.mark.parametrize(

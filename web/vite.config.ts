@@ -1,12 +1,13 @@
 import { fileURLToPath } from "node:url";
 import { defineConfig } from "vite";
 import { viteSingleFile } from "vite-plugin-singlefile";
+import { lensPart } from "./lens-part.ts";
 
 /** Path relative to this file. */
 const here = (path: string): string => fileURLToPath(new URL(path, import.meta.url));
 
-/** Builds the viewer as one self-contained page that ships inside the Python package. */
-export default defineConfig({
+/** What the page's script and that of the lens have in common. */
+const common = {
   root: here("viewer"),
   resolve: {
     alias: [
@@ -17,12 +18,17 @@ export default defineConfig({
     ],
   },
   assetsInclude: ["**/*.lwsp"],
-  plugins: [viteSingleFile({ removeViteModuleLoader: true })],
+  build: { target: "es2022", reportCompressedSize: false },
+};
+
+/** Builds the viewer as one self-contained page that ships inside the Python package. */
+export default defineConfig({
+  ...common,
+  plugins: [lensPart(common), viteSingleFile({ removeViteModuleLoader: true })],
   build: {
+    ...common.build,
     outDir: here("../lightwell/viewer"),
     emptyOutDir: false,
-    target: "es2022",
     cssMinify: true,
-    reportCompressedSize: false,
   },
 });

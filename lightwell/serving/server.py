@@ -42,8 +42,10 @@ LEAST_GZIP, MOST_GZIP = 1024, 1 << 25
 GZIP_LEVEL = 5
 BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 10\r\nContent-Length: 0\r\n\r\n"
 
-# Inline scripts of a page; the policy lists their hashes, so that no other inline script runs.
-SCRIPT = re.compile(rb"<script\b[^>]*>(.*?)</script", re.DOTALL | re.IGNORECASE)
+# Inline scripts of a page; the policy lists their hashes, so that no other inline script runs. A script that a page
+# carries compressed and runs later says its hash itself.
+SCRIPT = re.compile(rb"<script\b([^>]*)>(.*?)</script", re.DOTALL | re.IGNORECASE)
+UNPACKED = re.compile(rb'\sdata-sha256="([A-Za-z0-9+/]{43}=)"')
 POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'{hashes}; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
@@ -108,8 +110,12 @@ class Answer:
         Returns:
             The answer, with status 200.
         """
-        hashes = (hashlib.sha256(s.replace(b"\r\n", b"\n")).digest() for s in SCRIPT.findall(data))
-        named = "".join(sorted({f" 'sha256-{base64.b64encode(h).decode()}'" for h in hashes}))
+        hashes = set()
+        for attributes, script in SCRIPT.findall(data):
+            said = UNPACKED.search(attributes)
+            found = hashlib.sha256(script.replace(b"\r\n", b"\n")).digest()
+            hashes.add((said[1] if said else base64.b64encode(found)).decode())
+        named = "".join(f" 'sha256-{h}'" for h in sorted(hashes))
         policy = (("Content-Security-Policy", POLICY.format(hashes=named)),)
         return cls(200, "text/html; charset=utf-8", io.BytesIO(data), len(data), policy)
 

@@ -99,8 +99,21 @@ it("says how much of a file has come", async () => {
 it("runs under the policy that the documentation gives", async () => {
   const recipe = /^Content-Security-Policy: ([^`]+)```/m.exec(readFileSync(new URL("../../docs/web.md", import.meta.url), "utf8"))![1]!;
   const script = /<script type="module"[^>]*>(.*?)<\/script>/s.exec(html)![1]!;
-  const policy = recipe.replace(/\s+/g, " ").trim().replace("sha256-…", `sha256-${createHash("sha256").update(script).digest("base64")}`);
-  const { page, errors } = await open(site.put("/strict.html", html, { "content-security-policy": policy }));
+  const hashes = [createHash("sha256").update(script).digest("base64"), /data-sha256="(.{44})"/.exec(html)![1]!];
+  const policyOf = (named: readonly string[]) => {
+    const left = named.map((hash) => `'sha256-${hash}'`);
+    return recipe.replace(/\s+/g, " ").trim().replace(/'sha256-…'/g, () => left.shift() ?? "");
+  };
+  const openUnder = (policy: string) => open(site.put("/strict.html", html, { "content-security-policy": policy }));
+  const forbidden = /policy of this page forbids the script of the lens/;
+  // The lens says so where its hash is missing; all else works.
+  const { page, errors } = await openUnder(policyOf(hashes.slice(0, 1)));
+  expect(errors).toEqual([]);
+  await page.evaluate(() => window.lightwell.setLens(true));
+  expect(await page.locator("body").innerText()).toMatch(forbidden);
+  await openUnder(policyOf(hashes));
+  await page.evaluate(() => window.lightwell.setLens(true));
+  expect(await page.locator("body").innerText()).not.toMatch(forbidden);
   expect(errors).toEqual([]);
   // It does forbid: another script does not run.
   await page.evaluate(() => {

@@ -2,6 +2,7 @@
 
 import { type PerspectiveCamera, Raycaster, Vector2 } from "three";
 import type { LoadedAsset } from "./asset.ts";
+import { loadLens } from "./lens-part.ts";
 import type { LensFrame, LensPicture, PictureOptions } from "./lens-picture.ts";
 import type { LensView } from "./lens-stage.ts";
 import type { Mode } from "./modes.ts";
@@ -122,7 +123,7 @@ export class LensController {
   private async open(): Promise<boolean> {
     const { host } = this;
     try {
-      this.opening ??= import("./lens-picture.ts").then(({ LensPicture }) => LensPicture.open(host.canvas, host.options));
+      this.opening ??= loadLens().then(({ LensPicture }) => LensPicture.open(host.canvas, host.options));
       const picture = await this.opening;
       if (this.picture !== picture) void picture.lost.then((message) => this.loseDevice(picture, message));
       this.picture = picture;
