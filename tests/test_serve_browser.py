@@ -10,6 +10,8 @@ from lightwell.serving.folder import open_server
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "lightwell"
 POLICY_BROKEN = "Content Security Policy"
+# The browser's virtual time runs on while a worker starts: on a busy machine it ends too soon now and then.
+TRIES = 4
 # What the pages use: their own scripts, a worker and a picture from memory, WebAssembly, a file of the folder.
 PAGE = """<!doctype html><body><script type="module">
 const said = [];
@@ -23,7 +25,7 @@ const picture = new Image();
 picture.src = "data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg' width='3' height='3'/>";
 await picture.decode();
 document.body.style.color = "red";
-document.body.append(said.join(" ") + " wasm picture");
+document.body.append(said.join(" ") + " wasm picture", document.createElement("hr"));
 </script></body>"""
 # What a hostile name in a scene might become.
 INJECTED = """<!doctype html><body><script>
@@ -43,20 +45,23 @@ def show(tmp_path):
     assert found.returncode == 0, found.stderr
     chromium = found.stdout.strip()
 
-    def show(page: str) -> tuple[str, str]:
+    def show(page: str, ends: str = "") -> tuple[str, str]:
         (tmp_path / "index.html").write_text(page)
         (tmp_path / "note.json").write_text('"note"')
         with open_server(tmp_path) as server:
             flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--timeout=20000"]
             command = [chromium, *flags, "--virtual-time-budget=4000", "--dump-dom", server.url]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+            for _ in range(TRIES):
+                done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+                if ends in done.stdout:
+                    break
         return done.stdout, done.stderr
 
     return show
 
 
 def test_what_the_pages_use_is_allowed(show):
-    text, log = show(PAGE)
+    text, log = show(PAGE, ends="<hr>")
     assert "worker note wasm picture" in text and POLICY_BROKEN not in log
 
 
