@@ -35,10 +35,10 @@ QUICK = (
     "tests/test_serve.py", "tests/test_tests.py",
 )  # fmt: skip
 # Rooms of more than half a minute of processor time, longest first; they begin before the others, so that none of them
-# is left alone at the end.
+# is left alone at the end. With the tests marked slow, documents and Blender take longest.
 LONG = (
-    "tests/baking", "tests/scenes", "quick", "tests/cache", "tests/fields", "tests/probes", "tests/transport",
-    "tests/lens", "tests/networks", "tests/fuzz", "types",
+    "tests/baking", "tests/docs", "tests/scenes", "tests/integrations", "quick", "tests/cache", "tests/fields",
+    "tests/probes", "tests/transport", "tests/lens", "tests/networks", "tests/fuzz", "types",
 )  # fmt: skip
 # Seconds between two looks at the running rooms.
 POLL = 0.05
