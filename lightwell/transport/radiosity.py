@@ -42,6 +42,8 @@ BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
 MANY_BOUNCES, FEW_GO_ON = 6, 0.5
 # Lanes of one launch.
 LANES = 1 << 20
+# Largest weight that is kept, below the largest half float.
+LARGEST = 6e4
 # Lights whose indirect irradiance is computed at once; bounds memory.
 LIGHTS_AT_ONCE = 256
 
@@ -272,19 +274,26 @@ def _seen_rows(
     device, batch = DevicePoints(points), max(1, LANES // rays)
     found = np.empty((len(points), rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
     weight = np.empty((len(points), rays, 3), np.float16)
+    dark = bins.count + (CELLS if sky else 0)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         w, p, n, away = _launch(scene, device, start, count, rays, seed, first)
         index = bins.lookup(scene.mi, p, n)
         if sky:
             w, index = beyond(bins.count, w, index, away)
+        w, index = _stored(w, index, dr.opaque(mi.Float, 2 / rays), dr.opaque(mi.UInt32, dark))
         dr.eval(w, index)
-        w = np.nan_to_num(np.array(w).T, posinf=0, neginf=0) * (2 / rays)
-        met = w.max(axis=1) > 0
-        dark = bins.count + (CELLS if sky else 0)
-        found[start : start + count] = np.where(met, np.array(index), dark).reshape(count, rays)
-        weight[start : start + count] = np.minimum(w, 6e4).reshape(count, rays, 3)
+        found[start : start + count] = np.array(index).reshape(count, rays)
+        for c, values in enumerate(w):
+            weight[start : start + count, :, c] = np.array(values).reshape(count, rays)
     return Rows(found, weight)
+
+
+def _stored(w: mi.Spectrum, index: mi.UInt32, share: mi.Float, dark: mi.UInt32) -> tuple[list[mi.Float16], mi.UInt32]:
+    """Weights by channel in half precision, times ``share``, and bins: ``dark`` where a ray has no weight."""
+    w = [dr.select(dr.isfinite(v), v * share, 0) for v in w]
+    met = (w[0] > 0) | (w[1] > 0) | (w[2] > 0)
+    return [mi.Float16(dr.minimum(v, LARGEST)) for v in w], dr.select(met, index, dark)
 
 
 def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, first_row: int = 0):

@@ -42,7 +42,7 @@ def test_what_is_no_scene(tmp_path):
     )
     assert message("room.fbx") == (
         "scene 'room.fbx': '.fbx' is not a scene; give a .glb, .gltf, .usd, .obj, .ply, .blend or Mitsuba .xml file "
-        "or one of cornell, courtyard, doorway, loft, two-rooms"
+        "or one of cornell, courtyard, courtyard-day, doorway, loft, two-rooms"
     )
     (tmp_path / "text.glb").write_text("hello")
     assert message(tmp_path / "text.glb") == (
