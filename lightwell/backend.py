@@ -174,6 +174,9 @@ def two_threads() -> Iterator[None]:
     """Give Dr.Jit at least two worker threads for a while.
 
     Mitsuba 3.9 reads and writes EXR files in tasks that wait for other tasks: with one thread they wait for ever.
+
+    Yields:
+        Nothing: inside of the block there are two threads or more.
     """
     count = dr.thread_count()
     if count > 1:
