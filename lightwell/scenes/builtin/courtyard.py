@@ -58,7 +58,7 @@ def build() -> Scene:
 
 
 def build_day() -> Scene:
-    """Build the courtyard house for a day of sun and sky, with the node ``Door``, which 1.39 m along x opens.
+    """Build the courtyard house for a day of sun and sky; its node ``Door`` opens when it slides by 1.39 m along x.
 
     Returns:
         The scene; the door is shut.
