@@ -3,7 +3,7 @@
 import type { Browser, Page } from "playwright-core";
 import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
 import { evaluate, type Graph, readGraph, type StoredBuffer } from "../runtime/src/graph/index.ts";
-import { SEGMENT_COLORS } from "../runtime/src/segments.ts";
+import { SEGMENT_COLORS } from "../runtime/src/segment-colors.ts";
 import { readLights } from "../viewer/src/light-options.ts";
 import type { Mode } from "../viewer/src/modes.ts";
 import { launch, openPage, Site } from "./support/browser.ts";

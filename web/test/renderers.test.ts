@@ -7,6 +7,7 @@ import { afterAll, beforeAll, describe, expect, it } from "vitest";
 import type { Answer, Request } from "./pages/renderers.ts";
 import { type Backend, launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
+import { expertField } from "./support/experts.ts";
 import { CAMERA, LAMP, linearField, linearRadiance, plainRoom, stillField, STILL, WHITE } from "./support/fixtures.ts";
 import { ball, type Fixture, matte, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint } from "./support/optics.ts";
@@ -162,6 +163,33 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     // The upper halves, which the lamp lights.
     const lit = (data: number[], x: number) => data[4 * (36 * WIDTH + x)]!;
     for (const x of [32, 48, 64]) expect(lit(expected.data, x)).toBeGreaterThan(0.02);
+  });
+
+  // Half resolution and the picture of segments.
+  it.each(kinds)("%s: every look is that of WebGLRenderer", async (kind) => {
+    // A sheet before the back wall, parallel to it, with slanted edges.
+    const sheet = quad(0, [-0.6, 0.5, 0.3], [0.55, 0.1, 0], [-0.1, 0.9, 0]);
+    const experts = { ...expertField(), variable: 0 };
+    const glb = room({ fields: [experts], meshes: [...plainRoom().meshes!, sheet] });
+    const smooth = room({ fields: [linearField()], meshes: [...plainRoom().meshes!, sheet] });
+    const apart = (a: number[], b: number[]) => a.filter((x, i) => i % 4 < 3 && Math.abs(x - b[i]!) > 0.03 * Math.max(0.05, b[i]!)).length / a.length;
+    const parts = { raster: false, indirect: true, still: false };
+    const [segments, half] = [
+      { parts, look: { half: false, segments: true } },
+      { parts, look: { half: true, segments: false } },
+    ];
+    const full = await draw(kind, smooth, { parts });
+    const small = await draw(kind, smooth, half);
+    // Along edges of the sheet a small picture cannot know all of it.
+    expect(apart(small.data, full.data)).toBeLessThan(0.04);
+    expect(small.data).not.toEqual(full.data);
+    const painted = await draw(kind, glb, segments);
+    expect(new Set(painted.data.map((x) => x.toFixed(2))).size).toBeGreaterThan(8);
+    if (kind === "webgl") return;
+    expect(apart(small.data, (await draw("webgl", smooth, half)).data)).toBeLessThan(0.01);
+    expect(apart(painted.data, (await draw("webgl", glb, segments)).data)).toBeLessThan(0.02);
+    const { memory: [before, , after] } = await draw(kind, smooth, { ...half, twice: true });
+    expect(after).toEqual(before);
   });
 
   it.each(adapters)("%s: follows its root", async (kind) => {

@@ -3,67 +3,18 @@
  * Upsampling, 2007. The light is demodulated, so textures stay as sharp as they are; only the learned part softens.
  */
 
-import {
-  HalfFloatType,
-  type IUniform,
-  NearestFilter,
-  type Camera,
-  type Texture,
-  Vector2,
-  Vector4,
-  type WebGLRenderer,
-  WebGLRenderTarget,
-} from "three";
 import type { FieldProgram } from "./field-program.ts";
+import { HalfTarget, LEAST_WEIGHT, NORMAL_COSINES, PLANE_SHARE } from "./half-target.ts";
 import { lampsOf, radianceFunction, type SceneUniforms, SURFACE_ARGUMENTS, type SurfaceFinish, uniformsOf } from "./surface-finish.ts";
 
-/** A tap counts while it is nearer to the surface's tangent plane than this share of the distance to the eye. */
-const PLANE_SHARE = 0.005;
-/** Cosines of the angle between normals from which a tap begins to count, and from which it counts fully. */
-const NORMAL_COSINES = [0.7, 0.95] as const;
-/** A sum of weights below this is nothing: then the tap that agrees best is taken as it is. */
-const LEAST_WEIGHT = 1e-3;
-
-/** Owns the small targets: demodulated radiance, and world normal with depth along the view axis. */
-export class HalfResolution {
-  readonly target = new WebGLRenderTarget(1, 1, {
-    count: 2,
-    type: HalfFloatType,
-    minFilter: NearestFilter,
-    magFilter: NearestFilter,
-  });
-  readonly uniforms: Record<string, IUniform> = {
-    lightwellHalfLight: { value: this.target.textures[0] as Texture },
-    lightwellHalfSurface: { value: this.target.textures[1] as Texture },
-    /** Small texels per pixel of the full picture. */
-    lightwellHalfScale: { value: new Vector2() },
-    /** View-space x and y over depth are ndc · xy + zw. */
-    lightwellUnproject: { value: new Vector4() },
+/** The small picture of `WebGLRenderer`. */
+export class HalfResolution extends HalfTarget {
+  readonly uniforms = {
+    lightwellHalfLight: { value: this.light },
+    lightwellHalfSurface: { value: this.surface },
+    lightwellHalfScale: { value: this.scale },
+    lightwellUnproject: { value: this.unproject },
   };
-
-  /** Draw the small picture that belongs to one of `width` × `height` pixels; `draw` renders into the current target. */
-  render(
-    renderer: WebGLRenderer,
-    camera: Camera,
-    width: number,
-    height: number,
-    draw: () => void,
-  ): void {
-    const { target, uniforms } = this;
-    const outer = renderer.getRenderTarget();
-    target.setSize(Math.ceil(width / 2), Math.ceil(height / 2));
-    uniforms.lightwellHalfScale!.value.set(target.width / width, target.height / height);
-    const p = camera.projectionMatrix.elements;
-    uniforms.lightwellUnproject!.value.set(1 / p[0]!, 1 / p[5]!, p[8]! / p[0]!, p[9]! / p[5]!);
-    renderer.setRenderTarget(target);
-    renderer.clear();
-    draw();
-    renderer.setRenderTarget(outer);
-  }
-
-  dispose(): void {
-    this.target.dispose();
-  }
 }
 
 /** Demodulated learned light alone, and the surface's normal and depth in a second target. */

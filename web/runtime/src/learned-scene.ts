@@ -9,6 +9,7 @@ import { FRAME_UNIFORM_LIMIT } from "./graph/glsl.ts";
 import type { HalfResolution } from "./half-resolution.ts";
 import type { Lamp } from "./lamp.ts";
 import { learnedLight } from "./loaded-light.ts";
+import { FULL, type Look, looksOf, SEGMENT_OUTPUTS } from "./look.ts";
 import { type DisposeOptions, SceneCore, type SceneOptions } from "./scene-core.ts";
 import { learnedFinish, type SceneUniforms, type SurfaceFinish } from "./surface-finish.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "./surface-materials.ts";
@@ -16,17 +17,6 @@ import { SurfacePatch } from "./surface-patch.ts";
 
 /** Options of a `LearnedScene`; on a rasteriser without a GPU, larger fields are literals. */
 export type LearnedSceneOptions = SceneOptions<WebGLRenderer>;
-
-/** How the learned light is drawn. */
-export interface Look {
-  /** Evaluate it at half the width and height, and bring it back by a joint bilateral filter. */
-  readonly half: boolean;
-  /** Show which expert shades each point instead of any light; only where `hasSegments`. */
-  readonly segments: boolean;
-}
-
-/** Outputs of a graph that the picture of segments shows; the first is required. */
-const SEGMENT_OUTPUTS = ["segment", "overlap", "second"];
 
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
@@ -48,8 +38,8 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
   private readonly finishes: Map<SurfaceLook, SurfaceFinish>;
   private half: HalfResolution | null = null;
   /** What is drawn; `look` is what will be, once it is compiled. */
-  private drawn: Look | "plain" = { half: false, segments: false };
-  private look: Look = { half: false, segments: false };
+  private drawn: Look | "plain" = FULL;
+  private look: Look = FULL;
 
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
     const limit = inlineLimit(options.renderer);
@@ -131,13 +121,19 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     for (const look of looks) {
       this.materials.show(look);
       if (look !== "indirect") renderer.render(scene, camera);
-      else
-        this.half!.render(renderer, camera, width, height, () =>
-          renderer.render(this.root as unknown as Scene, camera),
-        );
+      else this.drawSmall(renderer, this.half!, camera, width, height);
     }
     // Between frames, meshes have the materials of their owner.
     this.materials.show("learned");
+  }
+
+  private drawSmall(renderer: WebGLRenderer, half: HalfResolution, camera: Camera, width: number, height: number): void {
+    half.fit(camera, width, height);
+    const outer = renderer.getRenderTarget();
+    renderer.setRenderTarget(half.target);
+    renderer.clear();
+    renderer.render(this.root as unknown as Scene, camera);
+    renderer.setRenderTarget(outer);
   }
 
   override dispose(options: DisposeOptions = {}): void {
@@ -198,10 +194,4 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
       finishes.set("segments", segmentFinish(`segments${id}`, this.segments!, uniforms));
     }
   }
-}
-
-/** What is shown, one after the other, to draw a look. */
-function looksOf({ half, segments }: Look): readonly SurfaceLook[] {
-  if (segments) return ["segments"];
-  return half ? ["indirect", "upsampled"] : ["learned"];
 }

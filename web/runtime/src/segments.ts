@@ -1,6 +1,7 @@
 /** A picture of a field's segmentation: a colour for every expert, striped where two of them share a point. */
 
 import type { FieldProgram } from "./field-program.ts";
+import { linearOf, SEGMENT_COLORS, STRIPE_PERIOD } from "./segment-colors.ts";
 import {
   lampsOf,
   type SceneUniforms,
@@ -10,25 +11,6 @@ import {
   uniformsOf,
   uvOf,
 } from "./surface-finish.ts";
-
-/** Colours of the first segments, sRGB: told apart by hue and by lightness, of like weight on a dark page. */
-export const SEGMENT_COLORS = [
-  "#5b8ff9",
-  "#f6a04d",
-  "#5ad8a6",
-  "#e8684a",
-  "#9270ca",
-  "#f6d55c",
-  "#6dc8ec",
-  "#ff99c3",
-  "#8aa34d",
-  "#8f9bb3",
-  "#c08552",
-  "#2f9e8f",
-] as const;
-
-/** Pixels from stripe to stripe, along x. */
-const STRIPE_PERIOD = 12;
 
 /** Colours by number: the fixed ones, then hues a golden angle apart in OKLCH (Ottosson 2020) with three lightnesses. */
 const SWATCH = `
@@ -84,9 +66,5 @@ vec3 lightwellSegments( ${SURFACE_PARAMETERS} ) {
 
 /** A colour as a GLSL literal in linear sRGB. */
 function linear(hex: string): string {
-  const components = [1, 3, 5].map((i) => {
-    const x = Number.parseInt(hex.slice(i, i + 2), 16) / 255;
-    return (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4).toFixed(4);
-  });
-  return `vec3( ${components.join(", ")} )`;
+  return `vec3( ${linearOf(hex).map((x) => x.toFixed(4)).join(", ")} )`;
 }

@@ -1,6 +1,6 @@
 /** A page that draws one file with either renderer of three.js, and says what is left when it is disposed of. */
 
-import { LearnedScene, LightwellLoaderPlugin, type Parts } from "lightwell";
+import { LearnedScene, LightwellLoaderPlugin, type Look, type Parts } from "lightwell";
 import { FieldNodes, LearnedNodeScene, learnedLight, learnedRadiance } from "lightwell/webgpu";
 import {
   type Camera,
@@ -51,6 +51,8 @@ export interface Request {
   readonly movers?: Readonly<Record<string, number>>;
   /** Move root and camera together: the picture stays. */
   readonly moved?: boolean;
+  /** What to compile after a first frame at full resolution. */
+  readonly look?: Look;
 }
 
 export interface Answer {
@@ -117,7 +119,7 @@ interface Stand {
   readonly renderer: { info: { memory: { geometries: number; textures: number } }; render(scene: Scene, camera: Camera): void };
   readonly backend: "webgl" | "webgpu";
   make(gltf: Gltf): Learned;
-  compile(learned: Learned, scene: Scene, camera: Camera): Promise<void>;
+  compile(learned: Learned, scene: Scene, camera: Camera, look?: Look): Promise<void>;
   draw(learned: Learned, scene: Scene, camera: PerspectiveCamera): void;
   read(): Promise<number[]>;
   dispose(): void;
@@ -133,7 +135,7 @@ function webglStand({ width, height, weights, environment }: Request): Stand {
     renderer,
     backend: "webgl",
     make: (gltf) => new LearnedScene(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),
-    compile: (learned, scene, camera) => (learned as LearnedScene).compile(renderer, scene, camera),
+    compile: (learned, scene, camera, look) => (learned as LearnedScene).compile(renderer, scene, camera, look),
     draw: (learned, scene, camera) => (learned as LearnedScene).render(renderer, scene, camera, width, height),
     async read() {
       const rows = new Float32Array(4 * width * height);
@@ -159,8 +161,8 @@ async function webgpuStand({ width, height, weights, environment, kind }: Reques
     renderer: renderer as unknown as Stand["renderer"],
     backend: isWebgpu ? "webgpu" : "webgl",
     make: (gltf) => new LearnedNodeScene(gltf, { renderer, ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) }),
-    compile: (learned, scene, camera) => (learned as LearnedNodeScene).compile(renderer, scene, camera),
-    draw: (_, scene, camera) => renderer.render(scene, camera),
+    compile: (learned, scene, camera, look) => (learned as LearnedNodeScene).compile(renderer, scene, camera, look),
+    draw: (learned, scene, camera) => (learned as LearnedNodeScene).render(renderer, scene, camera, width, height),
     async read() {
       const rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height)) as Float32Array<ArrayBuffer>;
       // WebGPU reads back top-down, WebGL bottom-up.
@@ -219,10 +221,10 @@ async function run(request: Request): Promise<Answer> {
     };
     frame();
     for (let i = 0; i < (request.added ?? 0); i++) learned.addLamp();
-    if (request.added) await stand.compile(learned, scene, camera);
+    if (request.added || request.look) await stand.compile(learned, scene, camera, request.look);
     if (request.edit === "detached") learned.detach();
     else if (request.edit) edit(learned.root, request.edit);
-    if (request.added || request.edit) frame();
+    if (request.added || request.edit || request.look) frame();
     data = await stand.read();
     if (round > 0) memory.push(memoryOf(renderer));
     lamps = learned.lamps.map(({ value, color, intensity }) => ({ value: value.toArray(), color: color.toArray(), intensity }));

@@ -1,6 +1,6 @@
 /** One renderer of three.js with its adapter, as the pages see them that run the same scenarios with every renderer. */
 
-import { LearnedScene, LightwellLoaderPlugin, loadLight, type SceneOptions } from "lightwell";
+import { LearnedScene, LightwellLoaderPlugin, loadLight, type Look, type SceneOptions } from "lightwell";
 import { LearnedNodeScene, loadLight as loadNodeLight } from "lightwell/webgpu";
 import { type Camera, FloatType, type Object3D, PerspectiveCamera, type Scene, WebGLRenderer, WebGLRenderTarget } from "three";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -46,6 +46,8 @@ export interface Stand {
   /** `learned.update` for this renderer, which is not the one of the options. */
   update(learned: Learned): void;
   draw(scene: Scene, camera?: Camera, width?: number): Promise<Picture>;
+  /** Draw a look, once it is compiled. */
+  drawLook(learned: Learned, scene: Scene, look: Look): Promise<Picture>;
   /** One more renderer of this kind. */
   another(parameters?: Parameters): Promise<Stand>;
   /** Lose the device, and come back: with the same renderer, or with a new one where three.js restores none. */
@@ -78,6 +80,12 @@ function webglStand(parameters: Parameters): Stand {
   const renderer = new WebGLRenderer({ canvas: document.createElement("canvas"), ...parameters });
   setUp(renderer);
   const targets = keptTargets((width) => new WebGLRenderTarget(width, HEIGHT, { type: FloatType }));
+  const read = (target: WebGLRenderTarget, width: number) => {
+    const rows = new Float32Array(4 * width * HEIGHT);
+    renderer.readRenderTargetPixels(target, 0, 0, width, HEIGHT, rows);
+    renderer.setRenderTarget(null);
+    return withoutAlpha(rows);
+  };
   const stand: Stand = {
     kind: "webgl",
     renderer,
@@ -90,10 +98,14 @@ function webglStand(parameters: Parameters): Stand {
       const target = targets(width);
       renderer.setRenderTarget(target);
       renderer.render(scene, camera);
-      const rows = new Float32Array(4 * width * HEIGHT);
-      renderer.readRenderTargetPixels(target, 0, 0, width, HEIGHT, rows);
-      renderer.setRenderTarget(null);
-      return withoutAlpha(rows);
+      return read(target, width);
+    },
+    async drawLook(learned, scene, look) {
+      const target = targets(WIDTH);
+      renderer.setRenderTarget(target);
+      await (learned as LearnedScene).compile(renderer, scene, makeCamera(), look);
+      (learned as LearnedScene).render(renderer, scene, makeCamera(), WIDTH, HEIGHT);
+      return read(target, WIDTH);
     },
     another: async (others = {}) => webglStand(others),
     async loseDevice() {
@@ -129,6 +141,11 @@ async function webgpuStand(kind: Kind, parameters: Parameters): Promise<Stand> {
   /** WebGPU reads back from the top to the bottom. */
   const upright = (rows: Float32Array, width: number) =>
     kind === "fallback" ? rows : Float32Array.from(rows, (_, i) => rows[4 * width * (HEIGHT - 1 - Math.floor(i / (4 * width))) + (i % (4 * width))]!);
+  const read = async (target: RenderTarget, width: number) => {
+    const rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, HEIGHT)) as Float32Array;
+    renderer.setRenderTarget(null);
+    return withoutAlpha(upright(rows, width));
+  };
   return {
     kind,
     renderer,
@@ -141,9 +158,14 @@ async function webgpuStand(kind: Kind, parameters: Parameters): Promise<Stand> {
       const target = targets(width);
       renderer.setRenderTarget(target);
       renderer.render(scene, camera);
-      const rows = (await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, HEIGHT)) as Float32Array;
-      renderer.setRenderTarget(null);
-      return withoutAlpha(upright(rows, width));
+      return read(target, width);
+    },
+    async drawLook(learned, scene, look) {
+      const target = targets(WIDTH);
+      renderer.setRenderTarget(target);
+      await (learned as LearnedNodeScene).compile(renderer, scene, makeCamera(), look);
+      (learned as LearnedNodeScene).render(renderer, scene, makeCamera(), WIDTH, HEIGHT);
+      return read(target, WIDTH);
     },
     another: (others = {}) => webgpuStand(kind, others),
     async loseDevice() {

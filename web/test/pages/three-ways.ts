@@ -1,6 +1,5 @@
 /** What users of three.js do to a scene with learned light, and the pictures that come of it. */
 
-import type { LearnedScene } from "lightwell";
 import {
   Color,
   DataTexture,
@@ -17,7 +16,6 @@ import {
   RGBAFormat,
   Scene,
   Vector3,
-  WebGLRenderTarget,
 } from "three";
 import { float, materialColor, output, vec3, vec4 } from "three/tsl";
 import { MeshPhysicalNodeMaterial } from "three/webgpu";
@@ -57,20 +55,6 @@ function whiteSky(): DataTexture {
   texture.mapping = EquirectangularReflectionMapping;
   texture.needsUpdate = true;
   return texture;
-}
-
-/** The middle of the picture at half resolution. */
-async function halfLook({ webgl }: Stand, learned: LearnedScene, scene: Scene): Promise<number[]> {
-  const target = new WebGLRenderTarget(WIDTH, HEIGHT, { type: FloatType });
-  await learned.compile(webgl!, scene, makeCamera(), { half: true, segments: false });
-  webgl!.setRenderTarget(target);
-  learned.render(webgl!, scene, makeCamera(), WIDTH, HEIGHT);
-  const texel = new Float32Array(4);
-  webgl!.readRenderTargetPixels(target, WIDTH / 2, HEIGHT / 2, 1, 1, texel);
-  webgl!.setRenderTarget(null);
-  target.dispose();
-  await learned.compile(webgl!, scene, makeCamera(), { half: false, segments: false });
-  return Array.from(texel.subarray(0, 3));
 }
 
 /** Each with a renderer of its own. */
@@ -166,14 +150,17 @@ const SCENARIOS = {
     return pictures;
   },
 
-  /** Edits of the file's materials, in every look; half resolution is there with WebGLRenderer alone. */
+  /** Edits of the file's materials, at full and at half resolution. */
   async edits(stand: Stand): Promise<Record<string, number[][]>> {
     const { learned, scene } = await put(stand);
-    const middle = 3 * (WIDTH * (HEIGHT / 2) + WIDTH / 2);
+    const at = 3 * (WIDTH * (HEIGHT / 2) + WIDTH / 2);
+    const middle = (picture: Picture) => picture.slice(at, at + 3);
     const looks = async (): Promise<number[][]> => {
       learned.update();
-      const full = (await stand.draw(scene)).slice(middle, middle + 3);
-      return stand.webgl ? [full, await halfLook(stand, learned as LearnedScene, scene)] : [full];
+      const full = middle(await stand.draw(scene));
+      const half = middle(await stand.drawLook(learned, scene, { half: true, segments: false }));
+      await stand.drawLook(learned, scene, { half: false, segments: false });
+      return [full, half];
     };
     const plain = await looks();
     for (const material of materialsOf(learned.root)) material.emissive.set(0.5, 0, 0);

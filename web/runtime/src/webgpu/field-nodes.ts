@@ -20,26 +20,48 @@ const VECTORS = ["", "float", "vec2", "vec3", "vec4"] as const;
 /** A printed field: its functions, and what they read. */
 interface Printed {
   readonly body: string;
+  /** Of the value of the function. */
+  readonly type: string;
   readonly parameters: readonly string[];
   /** Private variable that says for which lamp per-frame values are read; null for one lamp. */
   readonly slot: string | null;
   readonly textures: ReadonlyMap<string, Texture>;
 }
 
-/** The radiance of a field, printed for the lamps that it follows. */
+/** Some outputs of a field, its radiance unless others are asked for, printed for the lamps that it follows. */
 export class FieldNodes extends LearnedField {
-  constructor(record: FieldRecord, name: string, placement: WeightPlacement) {
-    super(record, name, ["radiance"], placement);
+  private readonly asked: readonly string[];
+
+  constructor(record: FieldRecord, name: string, placement: WeightPlacement, outputs: readonly string[] = ["radiance"]) {
+    super(record, name, outputs, placement);
+    this.asked = outputs;
+  }
+
+  /**
+   * Three numbers of `found`, the value of the printed function: the first one of each output that was asked for, -1 for those that
+   * the graph lacks. Null where the value is three numbers itself.
+   */
+  unpack(found: string): string | null {
+    if (this.asked.length === 1) return null;
+    const names = [...this.graph.outputs.keys()];
+    const read = (name: string) => (names.length > 1 ? `${found}.o${names.indexOf(name)}[0].x` : found);
+    return this.asked.map((name) => (names.includes(name) ? read(name) : "-1.0")).join(", ");
   }
 
   /** Sum over the lamps of gain · max(field, 0), demodulated by the reflectance: a node for the lamps that are followed now. */
   radiance(surface: SurfaceNodes): AnyNode {
     const code = new FieldCode(this);
-    const terms = Array.from({ length: this.lamps }, (_, slot) => {
-      const light = (uniform as AnyNode)(this.lightSlots[slot]);
-      return new FieldCall(code, { ...surface, light }, slot).nodeOf().max(0).mul((uniform as AnyNode)(this.gainSlots[slot]));
-    });
+    const terms = Array.from({ length: this.lamps }, (_, slot) => this.call(code, surface, slot).max(0).mul((uniform as AnyNode)(this.gainSlots[slot])));
     return terms.reduce((sum, term) => sum.add(term));
+  }
+
+  /** The numbers of `unpack`, for the first lamp. */
+  values(surface: SurfaceNodes): AnyNode {
+    return this.call(new FieldCode(this), surface, 0);
+  }
+
+  private call(code: FieldCode, surface: SurfaceNodes, slot: number): AnyNode {
+    return new FieldCall(code, { ...surface, light: (uniform as AnyNode)(this.lightSlots[slot]) }, slot).nodeOf();
   }
 
   /** The text for a language, with the textures that it reads by name; `names` are those that the text gives to them. */
@@ -47,10 +69,10 @@ export class FieldNodes extends LearnedField {
     const textures = new Map<string, Texture>();
     const keep = (key: string, make: () => Texture) => textures.set(key, this.keep(key, make));
     const options = { name: this.name, lights: this.lamps, names } as const;
-    const found = (program: { body: string; parameters: readonly { name: string }[]; frame: { name: string; slot: string | null } | null }): Printed => {
-      const { body, parameters, frame } = program;
+    const found = (program: { body: string; type: string; parameters: readonly { name: string }[]; frame: { name: string; slot: string | null } | null }): Printed => {
+      const { body, type, parameters, frame } = program;
       if (frame) textures.set(frame.name, this.keepFrame(frame.name));
-      return { body, parameters: parameters.map(({ name }) => name), slot: frame?.slot ?? null, textures };
+      return { body, type, parameters: parameters.map(({ name }) => name), slot: frame?.slot ?? null, textures };
     };
     if (wgsl) {
       const weights = this.placement === "inline" ? "inline" : "storage";
@@ -97,25 +119,28 @@ class FieldCode extends (Node as AnyNode) {
     const wgsl = isWgsl(builder);
     const keys = [...this.field.print(wgsl).textures.keys()];
     const names = new Map(keys.map((key, i) => [key, this.textureNodes[i].build(builder, "property") as string]));
-    const { body, parameters, slot } = this.field.print(wgsl, names);
+    const printed = this.field.print(wgsl, names);
     // A private variable says for which lamp the per-frame values are read: set it inside of a call.
-    const call = slot ? `${this.field.name}_for` : this.field.name;
-    const text = slot ? `${body}\n${wrapper(this.field, parameters, call, slot, wgsl)}` : body;
+    const slotted = printed.slot !== null || this.field.unpack("found") !== null;
+    const call = slotted ? `${this.field.name}_for` : this.field.name;
+    const text = slotted ? `${printed.body}\n${wrapper(this.field, printed, call, wgsl)}` : printed.body;
     builder.getCodeFromNode(this, "void").code = text;
-    return { parameters, call, slotted: slot !== null };
+    return { parameters: printed.parameters, call, slotted };
   }
 }
 
-/** A function with the lamp's number in front of the parameters. */
-function wrapper(field: FieldNodes, names: readonly string[], call: string, slot: string, wgsl: boolean): string {
-  const widths = names.map((name) => field.graph.inputs.get(name)!);
+/** A function with the lamp's number in front of the parameters, whose value is three numbers. */
+function wrapper(field: FieldNodes, { parameters, slot, type }: Printed, call: string, wgsl: boolean): string {
+  const widths = parameters.map((name) => field.graph.inputs.get(name)!);
   const given = widths.map((_, i) => `i${i}`).join(", ");
+  const result = field.unpack("found") ?? "found";
+  const choose = slot ? `${slot} = lamp; ` : "";
   if (wgsl) {
     const types = widths.map((width, i) => `i${i}: ${width === 1 ? "f32" : `vec${width}f`}`);
-    return `fn ${call}(lamp: i32, ${types.join(", ")}) -> vec3f { ${slot} = lamp; return ${field.name}(${given}); }`;
+    return `fn ${call}(${["lamp: i32", ...types].join(", ")}) -> vec3f { ${choose}let found = ${field.name}(${given}); return vec3f(${result}); }`;
   }
   const types = widths.map((width, i) => `${VECTORS[width]} i${i}`);
-  return `vec3 ${call}(int lamp, ${types.join(", ")}) { ${slot} = lamp; return ${field.name}(${given}); }`;
+  return `vec3 ${call}(${["int lamp", ...types].join(", ")}) { ${choose}${type} found = ${field.name}(${given}); return vec3(${result}); }`;
 }
 
 /** The value of a field for one lamp. */

@@ -9,6 +9,7 @@ export { LightwellLoaderPlugin } from "../loader.ts";
 export type { DisposeOptions, Parts } from "../scene-core.ts";
 export type { DeviceOwner } from "./device.ts";
 export { FieldNodes } from "./field-nodes.ts";
+export type { Look } from "../look.ts";
 export { LearnedNodeScene, type LearnedNodeSceneOptions, type NodeRenderer } from "./learned-node-scene.ts";
 export { loadLight } from "./load-light.ts";
 export { learnedRadiance, type RadianceInputs } from "./learned-radiance.ts";

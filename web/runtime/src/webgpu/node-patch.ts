@@ -14,6 +14,8 @@ export interface SurfaceProperties {
   readonly lightsNode: AnyNode;
   /** Makes the surface model of lights. */
   readonly setupLightingModel: unknown;
+  /** What is drawn into targets beside the picture. */
+  readonly mrtNode?: AnyNode;
 }
 
 /** Asked for whenever a material is compiled anew: nodes depend on the lamps. */
@@ -29,14 +31,16 @@ export interface NodeFinish {
  * are part of what is shown.
  */
 export class NodePatch implements Patch {
-  private readonly material: MeshStandardMaterial;
+  readonly material: MeshStandardMaterial;
   /** What the owner has set, before or since; undefined for what the class has. */
   private ownKey: (() => string) | undefined;
 
-  constructor(material: MeshStandardMaterial, finish: NodeFinish) {
+  /** `original`: the patch of the material that this one is a copy of. */
+  constructor(material: MeshStandardMaterial, finish: NodeFinish, original?: NodePatch) {
     this.material = material;
+    const subject = original?.material ?? material;
     if (Object.hasOwn(material, "customProgramCacheKey")) this.ownKey = material.customProgramCacheKey;
-    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key(material)}`;
+    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key(subject)}`;
     Object.defineProperties(material, {
       customProgramCacheKey: { configurable: true, get: () => key, set: (given) => void (this.ownKey = given) },
       // A material of nodes that three.js makes of another one takes what can be enumerated; so does a copy of a material of nodes.
@@ -44,7 +48,7 @@ export class NodePatch implements Patch {
         configurable: true,
         enumerable: !("isNodeMaterial" in material),
         value(this: AnyNode, builder: NodeBuilder) {
-          const properties = finish.properties(this, material);
+          const properties = finish.properties(this, subject);
           const own = Object.keys(properties).map((name) => [name, Object.getOwnPropertyDescriptor(this, name)] as const);
           Object.assign(this, properties);
           Object.getPrototypeOf(this).setup.call(this, builder);
