@@ -10,6 +10,7 @@ Rows that need a package or program which is missing are null, with the reason.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import subprocess
@@ -147,15 +148,68 @@ def drawn(quick: bool) -> list[Row]:
     return [at_least(what.format(k), 40, psnr(found[v], found["page"]), "dB", note) for k, v in names.items()]
 
 
-def unmeasured(quick: bool) -> list[Row]:
-    """What is asked and no command measures yet."""
-    return [
-        at_most("courtyard through USD, OBJ and GLB: bake errors apart", 5, None, "%", "not measured"),
-        at_least("Blender: GLB bytes equal to the command line's", 100, None, "%", "not measured"),
-    ]
+def round_trips(quick: bool) -> list[Row]:
+    """The courtyard from three kinds of files, baked alike: how far the errors of the reports are apart."""
+    sys.path.insert(0, str(ROOT / "tests/scenes"))
+    from scene_writers import write_obj, write_usd
+
+    from lightwell.scenes import load
+
+    counts = ["--shards", "2", "--steps", "60"] if quick else ["--shards", "16", "--steps", "3000"]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        scene = load("courtyard")
+        write_usd(scene, folder / "courtyard.usdc")
+        write_obj(scene, folder / "courtyard.obj")
+        errors = {}
+        # The file of the first bake is the scene as a GLB.
+        for kind, source in (
+            ("built in", "courtyard"),
+            ("GLB", folder / "built in/scene.glb"),
+            ("USD", folder / "courtyard.usdc"),
+            ("OBJ", folder / "courtyard.obj"),
+        ):
+            out = folder / kind
+            vary = [f"--vary={text}" for text in scene.vary]
+            command = [sys.executable, "-m", "lightwell.cli", "bake", str(source), "-o", str(out), "--no-static"]
+            subprocess.run([*command, *vary, *counts, "--views", "1"], check=True, stdout=subprocess.DEVNULL)
+            errors[kind] = json.loads((out / "report.json").read_text())["relative_error"]
+    read = [errors[kind] for kind in ("GLB", "USD", "OBJ")]
+    note = f"{' '.join(counts)}; " + ", ".join(f"{kind} {100 * error:.2f}%" for kind, error in errors.items())
+    apart = 100 * (max(read) / min(read) - 1)
+    return [at_most("courtyard through USD, OBJ and GLB: bake errors apart", 5, apart, "%", note)]
 
 
-PARTS = {part.__name__: part for part in (hlsl, values, wgsl, metal, godot, blender, ktx2, drawn, unmeasured)}
+def blender_bytes(quick: bool) -> list[Row]:
+    """A bake of the extension, and the same command on the file that it has exported."""
+    what = "Blender: GLB bytes equal to the command line's"
+    python = os.environ.get("LIGHTWELL_BPY")
+    if not python:
+        return [at_least(what, 100, None, "%", "needs LIGHTWELL_BPY, a Python that has bpy")]
+    script = ROOT / "tests/integrations/in_blender.py"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        program, words = folder / "lightwell.sh", folder / "words"
+        # By time two bakes are never alike: the counts are fixed behind the words of the extension.
+        fixed = "--shards 2 --steps 100 --seed 0"
+        bakes = f'case " $* " in *" bake "*) printf "%s\\n" "$@" > "{words}"; set -- "$@" {fixed};; esac'
+        program.write_text(f'#!/bin/sh\n{bakes}\nexec "{sys.executable}" "$@"\n')
+        program.chmod(0o755)
+        baked = ROOT / "web/test/fixtures/lightmap.glb"
+        added = {"LIGHTWELL_PYTHON": str(program), "LIGHTWELL_BAKED": str(baked), "LIGHTWELL_BAKE": "1"}
+        command = [python, str(script), str(ROOT / "integrations/blender"), str(folder)]
+        subprocess.run(command, env=os.environ | added, check=True, stdout=subprocess.DEVNULL)
+        again = words.read_text().splitlines()
+        at = again.index("-o") + 1
+        first, again[at] = Path(again[at]), str(folder / "again")
+        subprocess.run([sys.executable, *again, *fixed.split()], check=True, stdout=subprocess.DEVNULL)
+        same = (first / "scene.glb").read_bytes() == (folder / "again/scene.glb").read_bytes()
+    return [at_least(what, 100, 100 * same, "%", f"a light map, {fixed}")]
+
+
+PARTS = {
+    part.__name__: part for part in (hlsl, values, wgsl, metal, godot, blender, blender_bytes, ktx2, drawn, round_trips)
+}
 
 
 def main() -> None:

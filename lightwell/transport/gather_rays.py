@@ -11,8 +11,11 @@ from lightwell.transport.interactions import coverage, upload
 from lightwell.transport.path_numbers import random_streams
 from lightwell.transport.sky_source import cell_of
 
-# Mirrors, clear glass and cut-outs that a ray passes at most.
-PASSED = 6
+# Mirrors, glass and cut-outs that a ray passes at most.
+PASSED = 12
+# A reflection of a larger density, per steradian, counts as that of a mirror (roughness below 0.17): what it shows is not
+# the light of a bin of its own surface.
+PEAKED = 100.0
 
 Ends: TypeAlias = tuple[Any, Any, Any, tuple[Any, Any]]
 """Radiance per irradiance where rays end, the place, the normal there on the side that is met; for rays that leave the
@@ -84,6 +87,9 @@ def _end(scene, ray, β, rng):
         straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
             sample.sampled_type, mi.BSDFFlags.Null
         )
+        # Glass of a glTF file has a narrow lobe in place of a sharp one.
+        straight |= mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyTransmission)
+        straight |= mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyReflection) & (sample.pdf > PEAKED)
         β = dr.select(active, β * albedo, β)
         ended = active & ~straight & (dr.max(albedo) > 0)
         weight = dr.select(ended, β * dr.inv_pi, weight)

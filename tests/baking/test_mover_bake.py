@@ -49,8 +49,10 @@ def test_a_preview_shows_one_pose(tmp_path):
 
 
 def test_held_out_poses_are_none_of_the_traced_ones():
-    traced = traced_poses("good", 512)
+    traced = traced_poses("good", 512, 16)
     held_out = held_out_poses(traced, 8)
     assert len(traced) == 16 and len(held_out) == 8 and held_out[0] == 0 and held_out[-1] == 1
     assert np.abs(held_out[1:-1, None] - traced).min() > 1e-3
-    assert len(traced_poses("best", 48)) == 24
+    assert len(traced_poses("best", 48, 16)) == 24
+    # Less time has fewer poses.
+    assert [len(traced_poses("draft", 512, gathered)) for gathered in (1, 3, 16)] == [4, 4, 8]

@@ -23,12 +23,12 @@ from lightwell.transport.samples import Samples
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
-# Poses that are traced, by quality.
-POSES = {"draft": 8, "good": 16, "best": 32}
+# Most poses that are traced, by quality, and fewest.
+POSES, FEWEST_POSES = {"draft": 8, "good": 16, "best": 32}, 4
 # Held-out poses of early stopping, both end stops among them.
 VALIDATION_POSES = 8
-# Points of a pose relative to those of a scene that stands still: poses see much the same.
-POINTS_SHARE = 4
+# Points of all poses together, relative to those of a scene that stands still in the same time.
+ALL_POINTS = 2
 
 
 def moving_state(state: State, job: Job, mover: Mover) -> State:
@@ -66,17 +66,18 @@ def moving_state(state: State, job: Job, mover: Mover) -> State:
     return replace(state, scene=with_mover(job.scene, mover), variable=variable, roles=roles)
 
 
-def traced_poses(quality: str, lights: int) -> np.ndarray:
-    """Choose the poses that are traced.
+def traced_poses(quality: str, lights: int, gathered: int) -> np.ndarray:
+    """Choose the poses that are traced: as many as the time has shards for, in the limits of the quality.
 
     Args:
         quality: 'draft', 'good' or 'best'.
         lights: Lights of a shard; the number of poses divides it.
+        gathered: Shards that the gather of a scene that stands still would be made for, by its time.
 
     Returns:
         [K] sliders, both end stops among them.
     """
-    count = POSES[quality]
+    count = int(np.clip(ALL_POINTS * gathered, FEWEST_POSES, POSES[quality]))
     while lights % count:
         count -= 1
     return pose_nodes(max(count, 2))
@@ -111,15 +112,15 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
         The maker.
     """
     quality = state.job.request.quality
-    sliders = traced_poses(quality, shards.lights)
-    rays, wanted = RAYS[quality], max(gathered // POINTS_SHARE, 1)
+    sliders = traced_poses(quality, shards.lights, gathered)
+    rays, wanted = RAYS[quality], max(ALL_POINTS * gathered // len(sliders), 1)
     kind = OwnLightShards if role == "static" else GatheredShards
     return PosedShards(
         state.scene, variable, shards, lambda own: GatherSize.of(wanted, own, rays), kind, [*map(float, sliders)]
     )
 
 
-def posed_validation(state: State, role: Role, variable: Variable, shards: ShardSettings) -> Samples:
+def posed_validation(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> Samples:
     """Trace the held-out samples of early stopping, at held-out poses.
 
     Args:
@@ -127,13 +128,14 @@ def posed_validation(state: State, role: Role, variable: Variable, shards: Shard
         role: The part of the light.
         variable: The declared light; people look where it may be.
         shards: Sizes of the shards.
+        gathered: As for ``posed_maker``.
 
     Returns:
         The samples, pose by pose.
     """
     scene, request = state.scene, state.job.request
     mover = _mover(scene)
-    sliders = held_out_poses(traced_poses(request.quality, shards.lights), VALIDATION_POSES)
+    sliders = held_out_poses(traced_poses(request.quality, shards.lights, gathered), VALIDATION_POSES)
     points, lights = VALIDATION_POINTS // VALIDATION_POSES, VALIDATION_LIGHTS // VALIDATION_POSES
     parts = []
     for k, slider in enumerate(map(float, sliders)):

@@ -111,15 +111,15 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     make = _maker(state, role, start)
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
-    validation = _validation(state, role)
+    validation = _validation(state, role, start)
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained)
     return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent, make)
 
 
-def _validation(state: State, role: Role) -> Samples:
+def _validation(state: State, role: Role, start: StartPlan) -> Samples:
     """The held-out samples of a role."""
     if state.scene.mover is not None:
-        return posed_validation(state, role, looked_from(state), _shards(state))
+        return posed_validation(state, role, looked_from(state), _shards(state), start.gathered)
     return validation_samples(state.scene, looked_from(state), state.job.request.seed, own_light=role == "static")
 
 
