@@ -13,8 +13,8 @@ from lightwell.transport.sky_source import cell_of
 
 # Mirrors, glass and cut-outs that a ray passes at most.
 PASSED = 12
-# A reflection of a larger density, per steradian, counts as that of a mirror (roughness below 0.17): what it shows is not
-# the light of a bin of its own surface.
+# A reflection of a larger density, per steradian, counts as that of a mirror (roughness below 0.17): what it shows is
+# not the light of a bin of its own surface.
 PEAKED = 100.0
 
 Ends: TypeAlias = tuple[Any, Any, Any, tuple[Any, Any]]

@@ -162,3 +162,38 @@ def test_rough_metal_keeps_its_energy():
     found = sum(gather(np.arange(200), np.zeros(200, int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
+
+
+def gathered_and_traced(scene, points) -> tuple[np.ndarray, np.ndarray]:
+    """[N] radiance of points by bins and by paths, under a light in the left half of the room."""
+    from lightwell.scenes.variables import PointLight
+
+    light = PointLight((-0.8, 0.4, -0.6), (-0.2, 1.6, 0.6), 0.1)
+    found = Radiosity(scene, draw_surface(scene, 8192, 1).points, 0, 1024)
+    gather = Gather(DeviceRows(found.rows(points, 256, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
+    value = sum(gather(np.arange(len(points)), np.zeros(len(points), int))).mean(axis=1) / 2
+    return value, sum(indirect(scene, points, LIGHTS[1], light, 512, 4)).mean(axis=1) / 2
+
+
+def test_light_goes_through_a_pane_of_a_glTF_file():
+    glass = {"type": "principledthin", "spec_trans": 1.0, "roughness": 0.0, "eta": 1.5}
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    pane = rooms.quad("pane", (0.13, 0, -1), (0, 2, 0), (0, 0, 2))
+    scene = rooms.build("pane", [*walls, pane], [rooms.diffuse(rooms.WHITE)] * len(walls) + [glass])
+    points = draw_surface(scene, 4096, 1).points
+    # The right wall, which no light reaches but through the pane.
+    behind = points[np.flatnonzero(points.shape == 4)[:200]]
+    found, truth = gathered_and_traced(scene, behind)
+    # The mean over paths has the lamp itself through the pane, which few of them find.
+    assert np.median(found / truth) == pytest.approx(1, abs=0.08)
+
+
+def test_a_smooth_metal_shows_what_it_mirrors():
+    metal = {"type": "principled", "metallic": 1.0, "roughness": 0.1, "base_color": {"type": "rgb", "value": [0.9] * 3}}
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    white = rooms.diffuse(rooms.WHITE)
+    scene = rooms.build("mirror", walls, [{"type": "twosided", "bsdf": metal}] + [white] * (len(walls) - 1))
+    points = draw_surface(scene, 4096, 1).points
+    low = points[np.flatnonzero((points.shape == 3) | (points.shape == 2))[:200]]
+    found, truth = gathered_and_traced(scene, low)
+    assert np.median(found / truth) == pytest.approx(1, abs=0.08)
