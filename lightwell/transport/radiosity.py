@@ -38,8 +38,9 @@ from lightwell.transport.tables import tables
 PROBES, PROBE_POINTS = 16, 1 << 16
 # Paths of a bin, and the most that a surface hands on: paths end by chance.
 BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
-# Bounces after which so few paths are left that a launch costs more than they are worth: then half of them end.
-MANY_BOUNCES, FEW_GO_ON = 6, 0.5
+# Where fewer than this share of the paths is left, a launch costs more than they are worth: then half of them end.
+# Among white walls many are left for long, and those that went on in their place would be spots of light.
+FEW, FEW_GO_ON = 0.1, 0.5
 # Lanes of one launch.
 LANES = 1 << 20
 # Largest weight that is kept, below the largest half float.
@@ -147,13 +148,14 @@ class Radiosity:
         for start in range(0, len(place), LANES):
             p, n = place[start : start + LANES], normal[start : start + LANES]
             row, part = np.arange(start, start + len(p)) // BIN_PATHS, np.full((len(p), 3), 1 / BIN_PATHS)
+            few = FEW * len(p)
             for bounce in range(MOST_BOUNCES):
                 met, weight, p, n = self._next_bounce(p, n, random, MOST_BOUNCES * start + bounce)
                 part *= weight
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
                 # Every second path ends at once, and the others count twice, where half the light is left.
-                most = MOST_REFLECTED if bounce < MANY_BOUNCES else FEW_GO_ON
+                most = MOST_REFLECTED if len(row) > few else FEW_GO_ON
                 chance = np.minimum(BIN_PATHS * part.max(axis=1), most)
                 goes_on = random.random(len(row)) < chance
                 if not goes_on.any():

@@ -197,3 +197,12 @@ def test_a_smooth_metal_shows_what_it_mirrors():
     low = points[np.flatnonzero((points.shape == 3) | (points.shape == 2))[:200]]
     found, truth = gathered_and_traced(scene, low)
     assert np.median(found / truth) == pytest.approx(1, abs=0.08)
+
+
+def test_many_bounces_between_white_walls_are_no_spots():
+    scene = rooms.furnace(0.95)
+    found = Radiosity(scene, draw_surface(scene, 4096, 1).points, 0, 256)
+    even = found.indirect(np.append(np.ones((1, found.bins.count)), [[0]], axis=1).astype(np.float32))[0, :-1, 0]
+    # An even light of 1 comes back as ρ + ρ² + ..., less what 64 bounces leave.
+    assert even.mean() == pytest.approx(sum(0.95**k for k in range(1, 65)), rel=0.04)
+    assert even.std() < 0.3 * even.mean()
