@@ -367,9 +367,13 @@ def test_rows(what: str, bar: float, log: Path) -> Iterator[Row]:
     Yields:
         Two rows.
     """
-    text = log.read_text()
-    seconds, processor = re.findall(r"^all +([0-9.]+) +([0-9.]+)$", text, re.MULTILINE)[-1]
-    passed, failed, skipped = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.MULTILINE)[-1]
+    try:
+        text = log.read_text()
+        seconds, processor = re.findall(r"^all +([0-9.]+) +([0-9.]+)$", text, re.MULTILINE)[-1]
+        passed, failed, skipped = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.MULTILINE)[-1]
+    except (OSError, IndexError):
+        print(f"error: '{log}': expected what {what} prints; write it with '{what} > {log}'", file=sys.stderr)
+        raise SystemExit(2) from None
     note = f"{passed} passed, {failed} failed, {skipped} skipped; {processor} s of processor time; installed before"
     yield at_most(f"tests: {what}", bar, float(seconds), "s", note)
     yield at_most(f"tests: failures of {what}", 0, int(failed), "tests", f"{passed} passed, {skipped} skipped")

@@ -40,7 +40,8 @@ export function lensPart(config: InlineConfig): Plugin {
     },
     generateBundle(_, files) {
       const page = Object.values(files).flatMap((one) => (one.type === "chunk" ? Object.keys(one.modules) : []));
-      const twice = page.filter((id) => part!.own.includes(id));
+      // The bundler's own helpers have no state.
+      const twice = page.filter((id) => part!.own.includes(id) && !id.startsWith("\0rolldown/"));
       if (twice.length > 0) throw new Error(`lens-part: both in the page's script and in that of the lens: ${twice.join(", ")}`);
     },
     transformIndexHtml: { order: "post", handler: (html) => html.replace(PLACE, () => element(part!.code)) },
