@@ -38,7 +38,9 @@ def convert(request: Arrays) -> Arrays:
     folder = Folder(path.parent, int(request["most_bytes"]))
     data, kind = folder[path.name], path.suffix.lower()[1:]
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=folder, process=False)
+        # Objects of an OBJ file stay what they are: points are drawn for each of them.
+        words = {"split_objects": True} if kind == "obj" else {}
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=folder, process=False, **words)
     except MemoryError:
         raise
     except Exception as error:

@@ -34,10 +34,12 @@ def write_obj(scene: Scene, path: Path) -> None:
     lines, first = [f"mtllib {path.stem}.mtl"], 1
     for mesh in scene.meshes:
         uv = np.zeros((len(mesh.positions), 2)) if mesh.uv0 is None else mesh.uv0
+        lines += [f"o {mesh.name}"]
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.positions]
+        lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.normals]
         lines += [f"vt {u:.9g} {1 - v:.9g}" for u, v in uv]
         lines.append(f"usemtl {scene.materials[mesh.material].name}")
-        lines += ["f " + " ".join(f"{i}/{i}" for i in row) for row in mesh.indices.astype(int) + first]
+        lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in row) for row in mesh.indices.astype(int) + first]
         first += len(mesh.positions)
     path.write_text("\n".join(lines) + "\n")
 
@@ -54,6 +56,8 @@ def write_usd(scene: Scene, path: Path) -> None:
         made.CreateFaceVertexCountsAttr([3] * len(mesh.indices))
         made.CreateFaceVertexIndicesAttr(mesh.indices.astype(int).ravel().tolist())
         made.CreateSubdivisionSchemeAttr("none")
+        made.CreateNormalsAttr([Gf.Vec3f(*map(float, n)) for n in mesh.normals @ TO_Z_UP.T / 100])
+        made.SetNormalsInterpolation("vertex")
         if mesh.uv0 is not None:
             uv = UsdGeom.PrimvarsAPI(made).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex")
             uv.Set([Gf.Vec2f(float(u), float(1 - v)) for u, v in mesh.uv0])
