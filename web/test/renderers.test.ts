@@ -166,7 +166,7 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
   });
 
   // Half resolution and the picture of segments.
-  it.each(kinds)("%s: every look is that of WebGLRenderer", async (kind) => {
+  it.each(adapters)("%s: every look is that of WebGLRenderer", async (kind) => {
     // A sheet before the back wall, parallel to it, with slanted edges.
     const sheet = quad(0, [-0.6, 0.5, 0.3], [0.55, 0.1, 0], [-0.1, 0.9, 0]);
     const experts = { ...expertField(), variable: 0 };
