@@ -184,10 +184,10 @@ def door_rows(quick: bool, measure: bool) -> list[Row]:
         small: dict[str, Any] = {"quality": "draft", "shards": 1, "steps": 40, "lights_per_shard": 64} if quick else {}
         with tempfile.TemporaryDirectory() as folder:
             report = bake(BakeSettings(scene="doorway", out=Path(folder) / "out", vary=(DOOR,), **small))
-        poses, stops = report["facts"]["mover"]["poses"], report["facts"]["mover"]["end_stops"]
+        poses, stops = report["facts"]["movers"][0]["poses"], report["facts"]["movers"][0]["end_stops"]
         error, leak = float(np.mean([pose["relative_error"] for pose in poses])), stops[0]["leak"]
         size = report["bytes"] / 1000 if "bytes" in report else None
-        worst = report["facts"]["mover"]["worst_pose"]
+        worst = report["facts"]["movers"][0]["worst_pose"]
         noise = float(np.mean([pose["noise"] for pose in poses]))
         note = f"doorway; worst {worst['relative_error']:.1%} at {worst['value']:g} degrees; noise {noise:.1%}"
     return [

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lightwell.asset.container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Binary
+from lightwell.core.quaternions import rotation_quaternion
 
 if TYPE_CHECKING:
     from lightwell.scenes.scene import Camera, Light, Mesh
@@ -186,15 +187,4 @@ def look_rotation(direction: np.ndarray, up: np.ndarray | None = None) -> list[f
     if np.linalg.norm(x) < 1e-6:  # The direction is parallel to ``up``: take any perpendicular axis.
         x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
-    return _quaternion(np.stack([x, np.cross(z, x), z], axis=1))
-
-
-def _quaternion(matrix: np.ndarray) -> list[float]:
-    """Unit quaternion (x, y, z, w) of a 3x3 rotation, by its dominant eigenvector (Bar-Itzhack 2000)."""
-    m = matrix
-    k = np.zeros((4, 4))
-    k[:3, :3] = m + m.T - np.trace(m) * np.eye(3)
-    k[3, :3] = k[:3, 3] = [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
-    k[3, 3] = np.trace(m)
-    vector = np.linalg.eigh(k)[1][:, -1]
-    return (vector if vector[3] >= 0 else -vector).tolist()
+    return rotation_quaternion(np.stack([x, np.cross(z, x), z], axis=1))

@@ -41,8 +41,8 @@ class PageView:
     """Value of the variable: position (metres) or unit direction to the sun."""
     reference: np.ndarray
     """[height, width, 3] path-traced total radiance for the variable's intensity and colour, first row at the top."""
-    pose: float | None = None
-    """Slider of the scene's mover, 0 to 1; None: nothing moves."""
+    pose: tuple[float, ...] | None = None
+    """A slider, 0 to 1, for each of the scene's movers; None: nothing moves."""
 
 
 def write_page(
@@ -183,7 +183,7 @@ def view_json(view: PageView) -> dict[str, Any]:
         "name": view.name,
         "camera": camera_json(view.camera),
         "light": [float(c) for c in view.light],
-        **({} if view.pose is None else {"pose": float(view.pose)}),
+        **({} if view.pose is None else {"pose": [float(slider) for slider in view.pose]}),
         "width": width,
         "height": height,
         "dark": dark,

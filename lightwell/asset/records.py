@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 EXTENSION = "LIGHTWELL_neural_radiance"
 # Versions of the extension's JSON (format/FORMAT.md): a file has the oldest that can say what is in it.
 VERSION, VERSION_WITH_LAMPS_OR_SKY = 1, 2
+# Kinds of variables that move parts of the scene.
+MOVING = ("node", "clip")
 
 
 # Notebooks show the largest buffers of a field as pictures, so many pixels a side at most.

@@ -12,7 +12,7 @@ import jsonschema
 from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
-from lightwell.asset.records import EXTENSION
+from lightwell.asset.records import EXTENSION, MOVING
 
 # Name under which the extension's schema refers to the schema of the shading graph.
 GRAPH_SCHEMA = "graph.schema.json"
@@ -63,7 +63,7 @@ def _check_references(extension: dict[str, Any]) -> None:
         _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
     _check_movers(extension)
     for i, field in enumerate(extension["fields"]):
-        if field.get("variable", -1) >= sum(variable["kind"] != "node" for variable in extension["variables"]):
+        if field.get("variable", -1) >= sum(variable["kind"] not in MOVING for variable in extension["variables"]):
             raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no light {field['variable']}")
         width = field["graph"]["inputs"].get("lamps", 3 * len(lamps))
         if width != 3 * len(lamps):
@@ -75,21 +75,23 @@ def _check_references(extension: dict[str, Any]) -> None:
 def _check_movers(extension: dict[str, Any]) -> None:
     """Check that lights come before nodes, that ranges hold their first value, and that graphs have their poses."""
     variables = extension["variables"]
-    kinds = [variable["kind"] == "node" for variable in variables]
+    kinds = [variable["kind"] in MOVING for variable in variables]
     if kinds != sorted(kinds):
-        raise ValueError(f"{EXTENSION}.variables: lights come before nodes")
+        raise ValueError(f"{EXTENSION}.variables: lights come before nodes and clips")
     for i, variable in enumerate(variables):
-        if variable["kind"] != "node":
+        if variable["kind"] not in MOVING:
             continue
         low, high = variable["range"]
         if low == high or not min(low, high) <= variable["initial"] <= max(low, high):
             raise ValueError(f"{EXTENSION}.variables[{i}]: expected a range that is not empty and holds initial")
-        if abs(sum(c * c for c in variable["axis"]) - 1) > UNIT_TOLERANCE:
+        if variable["kind"] == "node" and abs(sum(c * c for c in variable["axis"]) - 1) > UNIT_TOLERANCE:
             raise ValueError(f"{EXTENSION}.variables[{i}].axis: expected a unit vector")
     for i, field in enumerate(extension["fields"]):
         width, nodes = field["graph"]["inputs"].get("pose", sum(kinds)), sum(kinds)
         if width != nodes:
-            raise ValueError(f"{EXTENSION}.fields[{i}].graph.inputs.pose: width {width}, expected {nodes}, 1 a node")
+            raise ValueError(
+                f"{EXTENSION}.fields[{i}].graph.inputs.pose: width {width}, expected {nodes}, 1 a node or clip"
+            )
 
 
 def _check_sky(sky: dict[str, Any] | None, where: str) -> None:

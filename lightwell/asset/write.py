@@ -13,9 +13,17 @@ import lightwell
 from lightwell.asset import geometry
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
-from lightwell.asset.moving import add_mover, moving_nodes
+from lightwell.asset.moving import add_movers, moving_nodes
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
-from lightwell.asset.records import EXTENSION, VERSION, VERSION_WITH_LAMPS_OR_SKY, Fallback, FieldEntry, LampEntry
+from lightwell.asset.records import (
+    EXTENSION,
+    MOVING,
+    VERSION,
+    VERSION_WITH_LAMPS_OR_SKY,
+    Fallback,
+    FieldEntry,
+    LampEntry,
+)
 from lightwell.asset.schema import validate
 from lightwell.files import write_atomically
 
@@ -34,7 +42,7 @@ def write_glb(
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
-    pose: float | None = None,
+    pose: Sequence[float] | None = None,
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -50,7 +58,7 @@ def write_glb(
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
-        pose: First slider of the scene's mover, 0 to 1, which becomes a variable; None: nothing moves.
+        pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
 
     Returns:
         Number of bytes written.
@@ -66,7 +74,7 @@ def glb_bytes(
     fallback: Fallback | None = None,
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
-    pose: float | None = None,
+    pose: Sequence[float] | None = None,
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -78,7 +86,7 @@ def glb_bytes(
         fallback: Light map for viewers that do not know the extension, or None.
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
-        pose: First slider of the scene's mover, 0 to 1, which becomes a variable; None: nothing moves.
+        pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
 
     Returns:
         The bytes of the file.
@@ -88,10 +96,11 @@ def glb_bytes(
     _add_surfaces(document, scene, binary)
     _add_lights_and_cameras(document, scene)
     roots = list(range(len(document["nodes"])))
-    if scene.mover is not None and pose is not None:
-        number = add_mover(document, scene, scene.mover)
-        roots = [*(k for k in roots if k not in moving_nodes(scene, scene.mover)), number]
-        variables = [*variables, scene.mover.variable_json(number, pose)]
+    if scene.movers and pose is not None:
+        carried = {k for mover in scene.movers for part in mover.parts for k in moving_nodes(scene, part)}
+        variables = [*variables, *add_movers(document, scene, pose, binary)]
+        below = {child for node in document["nodes"] for child in node.get("children", ())}
+        roots = [k for k in range(len(document["nodes"])) if k not in carried | below]
     document["scenes"] = [{"name": scene.name, "nodes": roots}]
     document["scene"] = 0
     if fallback is not None:
@@ -178,7 +187,7 @@ def extension_json(
         if field.variable is not None:
             entry["variable"] = field.variable
         entries.append(entry)
-    newer = lamps or any("sky" in variable or variable["kind"] == "node" for variable in variables)
+    newer = lamps or any("sky" in variable or variable["kind"] in MOVING for variable in variables)
     head = {"version": VERSION_WITH_LAMPS_OR_SKY if newer else VERSION, "variables": list(variables)}
     return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | {"fields": entries}
 

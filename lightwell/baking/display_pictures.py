@@ -125,9 +125,9 @@ def display_view(scene: Scene, camera: Camera, view: ViewReference, size: tuple[
     """
     large = (PICTURE_SCALE * size[0], PICTURE_SCALE * size[1])
     # The view is in one pose, where something moves.
-    slider = None if view.points.pose is None or not len(view.points) else float(view.points.pose[0])
-    points, mask, _ = gbuffer(scene if slider is None else posed(scene, slider), camera, *large)
-    points = points if slider is None else at_pose(points, slider)
+    pose = None if view.points.pose is None or not len(view.points) else view.points.pose[0]
+    points, mask, _ = gbuffer(scene if pose is None else posed(scene, pose), camera, *large)
+    points = points if pose is None else at_pose(points, pose)
     seen = np.flatnonzero(mask)
     points = points[seen]
     low, high = (make_query(scene, at, np.zeros(3, np.float32)) for at in (view.points, points))

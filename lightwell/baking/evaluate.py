@@ -273,7 +273,7 @@ def light_sweep(
         reference: Traced radiance along the chain.
         shipped: The field.
         variable: Ranges of the light; those of a day give the places in hours.
-        mover: The mover along whose range the points were traced; None: along the path of the light.
+        mover: The first mover, along whose range the points were traced; None: along the path of the light.
 
     Returns:
         (position on the chain in [0, 1] or hour of the day, relative error, noise floor) for each light, in this order.
@@ -288,5 +288,5 @@ def light_sweep(
     hours = [variable.hour(r.light[at][0]) if has_sky(variable) else None for at in lights]
     places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
     if mover is not None and r.points.pose is not None:
-        places = [mover.value(float(r.points.pose[at][0])) for at in lights]
+        places = [mover.value(float(r.points.pose[at][0, 0])) for at in lights]
     return sorted((place, float(error[at].mean()), float(floor[at].mean())) for place, at in zip(places, lights))

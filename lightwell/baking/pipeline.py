@@ -42,7 +42,7 @@ from lightwell.files import write_atomically
 from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
-from lightwell.scenes.posing import declared_mover
+from lightwell.scenes.posing import declared_movers
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import has_sky, to_json
 
@@ -142,11 +142,10 @@ def refuse_mover(name: str, field: Field, state: State) -> None:
     Raises:
         ValueError: A node is declared, which is not there or which the field does not learn.
     """
-    mover = declared_mover(state.job.request.vary, state.job.scene)
-    if mover is not None and not getattr(field, "learns_movers", False):
-        raise ValueError(
-            f"bake: field '{name}' learns one pose; use --field factored, or drop node '{mover.name}' from --vary"
-        )
+    movers = declared_movers(state.job.request.vary, state.job.scene)
+    if movers and not getattr(field, "learns_movers", False):
+        names = ", ".join(f"'{mover.name}'" for mover in movers)
+        raise ValueError(f"bake: field '{name}' learns one pose; use --field factored, or drop {names} from --vary")
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:

@@ -1,4 +1,4 @@
-"""Poses of a scene's mover in which a field is scored: held-out ones, and both end stops."""
+"""Poses of a scene's movers in which a field is scored: held-out ones, and the end stops."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ import numpy as np
 
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
-from lightwell.scenes.movers import Mover
+from lightwell.scenes.movers import Pose, moving_meshes, sobol_poses
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.transport import SurfacePoints, draw_surface
 from lightwell.transport.camera import gbuffer
 from lightwell.transport.moved import at_pose
 
-# Poses of the scored points; sliders between them are no nodes of any number of traced poses.
+# Sliders of the scored points of one mover; those between the ends are no nodes of any number of traced poses.
 SCORED = (0.0, 0.03, 0.13, 0.29, 0.47, 0.62, 0.79, 0.94, 1.0)
-# Poses of the views of a report, one after the other.
+# Of each of several movers, while the others stand anywhere.
+SCORED_OF_SEVERAL, SCORED_SEED = (0.0, 0.13, 0.47, 0.79, 1.0), 0x5C0E
+# Sliders of the views of a report, one after the other; those of a further mover begin this much later in the row, and
+# take every n-th.
 OF_VIEWS = (0.62, 0.0, 1.0, 0.29, 0.79, 0.13, 0.47, 0.94)
+LATER, EVERY = (0, 3, 5), (1, 3, 5)
 # A point is dark at an end stop where it has less than this share of the light that it has at the other one, and is
 # lit at that one where it has more than this share of the mean.
 DARK, LIT = 0.01, 0.1
@@ -29,7 +33,7 @@ EPSILON = 0.01
 FEWEST = 32
 
 
-def view_pose(scene: Scene, number: int) -> float | None:
+def view_pose(scene: Scene, number: int) -> Pose | None:
     """Choose the pose of a view of a report.
 
     Args:
@@ -37,26 +41,41 @@ def view_pose(scene: Scene, number: int) -> float | None:
         number: Number of the view, from 0.
 
     Returns:
-        Slider, 0 to 1; None in a scene without a mover.
+        A slider, 0 to 1, for each mover; None in a scene without one.
     """
-    return None if scene.mover is None else OF_VIEWS[number % len(OF_VIEWS)]
+    if not scene.movers:
+        return None
+    return tuple(OF_VIEWS[(LATER[k] + EVERY[k] * number) % len(OF_VIEWS)] for k in range(len(scene.movers)))
 
 
-def standing(scene: Scene, slider: float | None) -> Scene:
+def standing(scene: Scene, pose: Pose | None) -> Scene:
     """Return a scene in a pose.
 
     Args:
         scene: The scene.
-        slider: Pose, 0 to 1; None: as it is.
+        pose: The pose; None: as it is.
 
     Returns:
         The scene in which nothing moves.
     """
-    return scene if slider is None else posed(scene, slider)
+    return scene if pose is None else posed(scene, pose)
+
+
+def pose_caption(scene: Scene, pose: Pose | None) -> str:
+    """Describe a pose in words.
+
+    Args:
+        scene: The scene.
+        pose: The pose; None: nothing moves.
+
+    Returns:
+        For example 'Door at 45°, Lid at 10°'; empty where nothing moves.
+    """
+    return ", ".join(mover.caption(slider) for mover, slider in zip(scene.movers, pose or ()))
 
 
 def seen_points(
-    scene: Scene, camera: Camera, width: int, height: int, slider: float | None
+    scene: Scene, camera: Camera, width: int, height: int, pose: Pose | None
 ) -> tuple[SurfacePoints, np.ndarray]:
     """Find the surface points at the pixel centres of a camera, in a pose.
 
@@ -65,17 +84,35 @@ def seen_points(
         camera: The camera.
         width: Pixels.
         height: Pixels.
-        slider: Pose, 0 to 1; None: nothing moves.
+        pose: The pose; None: nothing moves.
 
     Returns:
         A point per pixel, and which of them show a surface.
     """
-    points, mask, _ = gbuffer(standing(scene, slider), camera, width, height)
-    return (points if slider is None else at_pose(points, slider)), mask
+    points, mask, _ = gbuffer(standing(scene, pose), camera, width, height)
+    return (points if pose is None else at_pose(points, pose)), mask
+
+
+def scored_poses(movers: int) -> np.ndarray:
+    """Choose the poses of the scored points.
+
+    Args:
+        movers: M, ≥ 1.
+
+    Returns:
+        [K, M] sliders: those of each mover from end to end, while the others stand anywhere.
+    """
+    if movers == 1:
+        return np.array(SCORED)[:, None]
+    own = len(SCORED_OF_SEVERAL)
+    poses = sobol_poses(own * movers, movers, SCORED_SEED)
+    for k in range(movers):
+        poses[k * own : (k + 1) * own, k] = SCORED_OF_SEVERAL
+    return poses
 
 
 def scored_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
-    """Draw area-uniform points, divided among held-out poses and both end stops where something moves.
+    """Draw area-uniform points, divided among the scored poses where something moves.
 
     Args:
         scene: The scene.
@@ -85,12 +122,13 @@ def scored_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, n
     Returns:
         The points and their weights [N].
     """
-    if scene.mover is None:
+    if not scene.movers:
         draw = draw_surface(scene, count, seed)
         return draw.points, draw.weight
-    share = max(count // len(SCORED), 1)
-    draws = [draw_surface(posed(scene, slider), share, seed + k) for k, slider in enumerate(SCORED)]
-    points = [at_pose(draw.points, slider) for draw, slider in zip(draws, SCORED)]
+    poses = scored_poses(len(scene.movers))
+    share = max(count // len(poses), 1)
+    draws = [draw_surface(posed(scene, pose), share, seed + k) for k, pose in enumerate(poses)]
+    points = [at_pose(draw.points, pose) for draw, pose in zip(draws, poses)]
     return _joined(points), np.concatenate([draw.weight for draw in draws])
 
 
@@ -98,7 +136,7 @@ def swept_points(scene: Scene, count: int, poses: int, seed: int) -> tuple[Surfa
     """Draw points on what stands still, each in every pose of a chain from one end stop to the other.
 
     Args:
-        scene: Scene with a mover.
+        scene: Scene with movers; all but the first stand in the middle.
         count: Points.
         poses: Poses, ≥ 2.
         seed: Seed of the points.
@@ -106,14 +144,16 @@ def swept_points(scene: Scene, count: int, poses: int, seed: int) -> tuple[Surfa
     Returns:
         The points, pose by pose, and how many of them are of one pose.
     """
-    points = draw_surface(posed(scene, 0.5), count, seed, floor=0).points
-    still = points[np.flatnonzero(~np.isin(points.shape, _mover(scene).meshes))]
-    sliders = held_out_chain(poses)
-    return _joined([at_pose(still, float(slider)) for slider in sliders]), len(still)
+    middle = np.full(len(scene.movers), 0.5)
+    points = draw_surface(posed(scene, middle), count, seed, floor=0).points
+    still = points[np.flatnonzero(~np.isin(points.shape, moving_meshes(scene.movers)))]
+    chain = np.tile(middle, (len(held_out_chain(poses)), 1))
+    chain[:, 0] = held_out_chain(poses)
+    return _joined([at_pose(still, pose) for pose in chain]), len(still)
 
 
 def held_out_chain(poses: int) -> np.ndarray:
-    """Choose poses from one end stop to the other that no bake traces between them.
+    """Choose sliders from one end stop to the other that no bake traces between them.
 
     Args:
         poses: Poses, ≥ 2.
@@ -129,38 +169,49 @@ def _between(poses: int) -> np.ndarray:
     return (np.arange(poses - 2) + 0.53) / (poses - 2)
 
 
-def pose_facts(scene: Scene, points: SurfacePoints, shipped: Shipped, halves: Sequence[np.ndarray]) -> dict[str, Any]:
-    """Compute the error of each scored pose.
+def pose_facts(
+    scene: Scene, points: SurfacePoints, shipped: Shipped, halves: Sequence[np.ndarray]
+) -> list[dict[str, Any]]:
+    """Compute the error of each mover at its scored sliders.
 
     Args:
-        scene: Scene with a mover.
+        scene: Scene with movers.
         points: N points with their poses.
         shipped: The field.
         halves: Its prediction and two independent halves of the reference, [N, 3] each.
 
     Returns:
-        Facts for the report: the mover, and by pose its value, error and noise.
+        Facts for the report, a mover each: what it is, and by slider its value, error and noise.
     """
-    mover, pose = _mover(scene), np.zeros(0) if points.pose is None else points.pose
     f, a, b = (np.asarray(x, np.float64) / shipped.fit.unit for x in halves)
     y = 0.5 * (a + b)
     error = np.mean(np.abs(f - y) / (y + EPSILON), axis=1)
     floor = np.mean(np.abs(a - b) / 2 / (y + EPSILON), axis=1)
-    rows = []
-    for slider in np.unique(pose):
-        at = (pose == slider) & np.isfinite(error)
-        if at.any():
-            value = round(mover.value(float(slider)), 4)
-            rows.append({"value": value, "relative_error": float(error[at].mean()), "noise": float(floor[at].mean())})
-    worst = max(rows, key=lambda row: row["relative_error"], default=None)
-    return {**mover.json(), "poses": rows, "worst_pose": worst}
+    poses = scored_poses(len(scene.movers))
+    pose = np.zeros((len(points), len(scene.movers))) if points.pose is None else points.pose
+    found = []
+    for k, mover in enumerate(scene.movers):
+        rows = []
+        for slider in SCORED if len(scene.movers) == 1 else SCORED_OF_SEVERAL:
+            chosen = poses[np.isclose(poses[:, k], slider, atol=1e-6)].astype(np.float32)
+            at = (pose[:, None] == chosen).all(axis=2).any(axis=1) & np.isfinite(error)
+            if at.any():
+                value = round(mover.value(float(slider)), 4)
+                means = {"relative_error": float(error[at].mean()), "noise": float(floor[at].mean())}
+                rows.append({"value": value, **means})
+        worst = max(rows, key=lambda row: row["relative_error"], default=None)
+        found.append({**mover.json(), "poses": rows, "worst_pose": worst})
+    return found
 
 
-def leak_facts(scene: Scene, shipped: Shipped, light: np.ndarray, halves: Any, budget: ReferenceBudget) -> list[Any]:
-    """Compute how much light of one end stop is learned at the other one, where it should be dark.
+def leak_facts(
+    scene: Scene, mover: int, shipped: Shipped, light: np.ndarray, halves: Any, budget: ReferenceBudget
+) -> list[Any]:
+    """Compute how much light of one end stop of a mover is learned at the other one, where it should be dark.
 
     Args:
-        scene: Scene with a mover.
+        scene: Scene with movers; the others stand as a page shows them first.
+        mover: Index of the mover.
         shipped: The field.
         light: [3] place of the light that moves too; zeros without one.
         halves: Traces points: (points, light [N, 3], paths) → two halves [N, 3].
@@ -170,11 +221,13 @@ def leak_facts(scene: Scene, shipped: Shipped, light: np.ndarray, halves: Any, b
         For each end stop its value, the number of points that are dark there and lit at the other one, and the learned
         light of these in relation to their light at the other one; None where there are too few.
     """
-    mover, found = _mover(scene), []
+    found, first = [], np.array([other.initial for other in scene.movers])
     for stop, other in ((0.0, 1.0), (1.0, 0.0)):
-        drawn = draw_surface(posed(scene, stop), budget.points, EVALUATION_SEED + 7).points
-        still = drawn[np.flatnonzero(~np.isin(drawn.shape, mover.meshes))]
-        here, there = at_pose(still, stop), at_pose(still, other)
+        end, back = first.copy(), first.copy()
+        end[mover], back[mover] = stop, other
+        drawn = draw_surface(posed(scene, end), budget.points, EVALUATION_SEED + 7).points
+        still = drawn[np.flatnonzero(~np.isin(drawn.shape, moving_meshes(scene.movers)))]
+        here, there = at_pose(still, end), at_pose(still, back)
         lights = np.broadcast_to(np.asarray(light, np.float32), (len(still), 3))
         y, lit = (0.5 * sum(np.nan_to_num(h) for h in halves(p, lights, budget.point_paths)) for p in (here, there))
         y, lit = y.mean(axis=1), lit.mean(axis=1)
@@ -183,16 +236,10 @@ def leak_facts(scene: Scene, shipped: Shipped, light: np.ndarray, halves: Any, b
         if len(dark) >= FEWEST:
             f = np.maximum(shipped.at(here[dark], lights[dark]), 0).mean(axis=1)
             learned = float(f.mean() / lit[dark].mean())
-        found.append({"value": mover.value(stop), "dark_points": len(dark), "leak": learned})
+        found.append({"value": scene.movers[mover].value(stop), "dark_points": len(dark), "leak": learned})
     return found
 
 
 def _joined(parts: Sequence[SurfacePoints]) -> SurfacePoints:
     names = ("shape", "triangle", "barycentric", "view", "pose")
     return SurfacePoints(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-def _mover(scene: Scene) -> Mover:
-    if scene.mover is None:
-        raise ValueError(f"report: scene '{scene.name}' has no mover; declare one with --vary")
-    return scene.mover

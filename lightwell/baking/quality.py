@@ -211,9 +211,9 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
         The patches; None where the scene has no flat surface.
     """
     # Patches are scored in one pose: the one of the first view.
-    slider = view_pose(scene, 0)
-    candidates = draw_patches(standing(scene, slider), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
-    candidates = candidates if slider is None else at_pose(candidates, slider)
+    pose = view_pose(scene, 0)
+    candidates = draw_patches(standing(scene, pose), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
+    candidates = candidates if pose is None else at_pose(candidates, pose)
     number = len(candidates) // POINTS
     if not number:
         return None

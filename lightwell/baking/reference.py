@@ -24,6 +24,7 @@ from lightwell.core.formats import RecordFormat
 from lightwell.core.keys import key
 from lightwell.core.progress import Progress
 from lightwell.core.store import Store
+from lightwell.scenes.movers import Pose
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, first_settings
@@ -147,9 +148,9 @@ def trace_reference(
                 points[role] = found
         bar.advance()
         sweep = None
-        if scene.mover is not None or (variable is not None and "indirect" in roles):
+        if scene.movers or (variable is not None and "indirect" in roles):
             make_sweep = partial(trace_sweep, scene, variable, budget, seed)
-            if scene.mover is not None:
+            if scene.movers:
                 make_sweep = partial(trace_poses, scene, variable, roles[0], stage.views[0][1], budget, seed)
             sweep = keep("the error along the path of the light", "sweep", SweepReference, make_sweep)
         bar.advance()
@@ -270,7 +271,7 @@ def trace_view(
     size: tuple[int, int],
     paths: int,
     intensity: float = 1.0,
-    slider: float | None = None,
+    pose: Pose | None = None,
 ) -> ViewReference:
     """Trace one view.
 
@@ -283,12 +284,12 @@ def trace_view(
         size: Width and height, pixels.
         paths: Paths per pixel, even, ≥ 2.
         intensity: Intensity of the light on the page, cd or lx; the scene's own light is divided by it.
-        slider: Pose of the scene's mover, 0 to 1; None: nothing moves.
+        pose: A slider, 0 to 1, for each mover; None: nothing moves.
 
     Returns:
         The reference.
     """
-    points, mask = seen_points(scene, camera, *size, slider)
+    points, mask = seen_points(scene, camera, *size, pose)
     seen = np.flatnonzero(mask)
     a, b = np.zeros((2, len(seen), 3))
     for role in roles:
@@ -320,10 +321,10 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
 def trace_poses(
     scene: Scene, variable: Variable | None, role: str, light: np.ndarray, budget: ReferenceBudget, seed: int
 ) -> SweepReference:
-    """Trace a few points that stand still in a chain of poses, from one end stop of the mover to the other.
+    """Trace a few points that stand still in a chain of poses, from one end stop of the first mover to the other.
 
     Args:
-        scene: Scene with a mover.
+        scene: Scene with movers.
         variable: Ranges of the light; None: no light varies.
         role: The role.
         light: [3] place of the light.

@@ -14,7 +14,7 @@ from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
-from lightwell.baking.poses import leak_facts, pose_facts, view_pose
+from lightwell.baking.poses import leak_facts, pose_caption, pose_facts, view_pose
 from lightwell.baking.quality import Quality, quality_of_reference, score_quality
 from lightwell.baking.reference import Reference, ViewReference, halves_of
 from lightwell.baking.reference_budget import ReferenceBudget, reference_seconds, shared_seconds
@@ -126,7 +126,7 @@ def score(
 
 def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]:
     """Errors along the path of the light, and what the chart shows to the right."""
-    variable, mover = state.variable, state.scene.mover
+    variable, mover = state.variable, next(iter(state.scene.movers), None)
     axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
     return {
         "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
@@ -144,7 +144,7 @@ def _pose_facts(
 ) -> dict[str, Any]:
     """Errors by pose, and what leaks at the end stops, where something moves."""
     scene, found = state.scene, points.get(first.role)
-    if scene.mover is None or found is None:
+    if not scene.movers or found is None:
         return {}
     light, traced = reference.stage.views[0][1], reference.points[first.role].points
 
@@ -152,8 +152,10 @@ def _pose_facts(
         return halves_of(scene, state.variable, first.role, at, lights, paths, state.job.request.seed)
 
     facts = pose_facts(scene, traced, first, (found.prediction, found.half_a, found.half_b))
-    leak = partial(leak_facts, scene, first, light, halves, budget)
-    return {"mover": facts | {"end_stops": notes.attempt("the leak at the end stops", leak, [])}}
+    for k, of_mover in enumerate(facts):
+        leak = partial(leak_facts, scene, k, first, light, halves, budget)
+        of_mover["end_stops"] = notes.attempt(f"the leak at the end stops of {of_mover['name']}", leak, [])
+    return {"movers": facts}
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:
@@ -176,8 +178,7 @@ def _compare_views(
     for k, ((camera, light), view, display) in enumerate(zip(stage.views, reference.views, reference.display)):
         if view is None:
             continue
-        slider, mover = view_pose(state.scene, k), state.scene.mover
-        pose = "" if slider is None or mover is None else mover.caption(slider)
+        pose = pose_caption(state.scene, view_pose(state.scene, k))
         name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light, pose)
         views.append(evaluate.compare_view(view, ordered, size, name, caption, stage.intensity, names, display))
         if not views[-1].reference.any():

@@ -29,18 +29,18 @@ class Declaration:
     """Name of the light, such as 'light' or 'sun'."""
     parameter: str
     """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'; of a node
-    'rotation' or 'translation'."""
+    'rotation' or 'translation'; of a clip 'animation'."""
     values: tuple[float, ...] = ()
     """box: 6 numbers, arc: 4, direction by day(...): 9 (three directions), day: 12 (three directions and three hours),
     radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting); rotation: an
-    axis and two angles, degrees; translation: two offsets, metres."""
+    axis and two angles, degrees; translation: two offsets, metres; animation: two shares of the clip."""
 
     text: str = ""
-    """What declares a node, without its range: 'node:Door.rotation'; empty for lights."""
+    """What declares a node or clip, without its range: 'node:Door.rotation', 'animation:Open'; empty for lights."""
 
     @property
     def moves(self) -> bool:
-        """Whether it declares a node that moves, instead of a light."""
+        """Whether it declares a node or clip that moves, instead of a light."""
         return bool(self.text)
 
     @property
@@ -93,7 +93,8 @@ def parse_vary(text: str) -> Declaration:
         text: ``light.position=box(x0,y0,z0,x1,y1,z1)``, ``light.radius=0.05``, ``light.clearance=0.1``,
             ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
             ``day=YYYY-MM-DD,latitude,longitude``, ``day.north=30``, ``day.turbidity=3``, ``light.intensity`` or
-            ``light.color``; ``node:NAME.rotation=y:0..110`` or ``node:NAME.translation=(0,0,0)..(0,0,1.2)``.
+            ``light.color``; ``node:NAME.rotation=y:0..110`` or ``node:NAME.translation=(0,0,0)..(0,0,1.2)``;
+            ``animation:NAME=0..1``.
 
     Returns:
         The declaration.

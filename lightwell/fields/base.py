@@ -39,8 +39,8 @@ class FieldSetup:
     """Whether the radiance of all surfaces is view-independent: no glossy reflection."""
     relief: bool = False
     """Whether a material has a normal map."""
-    moves: bool = False
-    """Whether a part of the scene moves; the field then reads the pose."""
+    movers: int = 0
+    """How many parts of the scene move by sliders of their own; the field then reads the pose."""
     scene: Scene | None = field(default=None, repr=False, compare=False)
     """The scene itself, for fields that trace rays of their own."""
     variable: Variable | None = field(default=None, repr=False, compare=False)
@@ -68,8 +68,7 @@ class FieldSetup:
         center, size = _triple((low + high) / 2), _triple(high - low)
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         bumpy = bool(relief(scene).any())
-        moves = scene.mover is not None
-        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, moves, scene, variable)
+        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, len(scene.movers), scene, variable)
 
 
 # The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest
@@ -88,7 +87,7 @@ def around_samples(setup: FieldSetup, samples: Samples) -> FieldSetup:
         The set-up with smaller bounds; ``setup`` itself where they would not be smaller.
     """
     places = samples.query.position
-    if setup.moves:
+    if setup.movers:
         places = np.concatenate([places, samples.query.rest_position])
     low, high = np.quantile(places, [OUTLIERS, 1 - OUTLIERS], axis=0)
     if setup.light == "point":

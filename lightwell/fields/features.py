@@ -37,19 +37,19 @@ class FeatureOctaves:
     """Amplitude of an octave relative to the one below: smaller prefers smooth light where samples are few."""
 
 
-def open_builder(relief: bool = False, lamps: int = 0, moves: bool = False) -> Builder:
+def open_builder(relief: bool = False, lamps: int = 0, movers: int = 0) -> Builder:
     """Start a graph that has the inputs of a query.
 
     Args:
         relief: Whether the graph may read normals that normal maps have bent.
         lamps: Number of groups of lamps that have a switch.
-        moves: Whether a part of the scene moves.
+        movers: Parts of the scene that move.
 
     Returns:
         The builder.
     """
     more = ({"shading_normal": 3} if relief else {}) | ({"lamps": 3 * lamps} if lamps else {})
-    more |= {"pose": 1, "rest_position": 3, "rest_normal": 3} if moves else {}
+    more |= {"pose": movers, "rest_position": 3, "rest_normal": 3} if movers else {}
     return Builder(**INPUT_WIDTHS, **more)
 
 
@@ -84,23 +84,24 @@ def raw_features(b: Builder, setup: FieldSetup) -> tuple[list[str], list[str]]:
     return [normalised(b, "position", setup), "normal", incoming], light
 
 
-def waves(b: Builder, value: str, octaves: int, falloff: float, per_frame: bool = False) -> str:
+def waves(b: Builder, value: str, octaves: int, falloff: float, per_frame: bool = False, width: int = 3) -> str:
     """Add sines and cosines of a vector, the k-th octave scaled by falloff^k.
 
     Args:
         b: Graph to add nodes to.
-        value: Name of a node, width 3.
+        value: Name of a node, width W.
         octaves: Number of octaves, ≥ 1.
         falloff: Amplitude of an octave relative to the one below, in (0, 1].
         per_frame: Whether the vector depends on frame inputs only.
+        width: W.
 
     Returns:
-        Name of the new node, width 6 × octaves.
+        Name of the new node, width 2 W × octaves.
     """
     found = b.frequency(value, octaves, per_frame=per_frame)
     if falloff == 1.0:
         return found
-    amplitude = np.tile(np.repeat(falloff ** np.arange(octaves), 2), 3)
+    amplitude = np.tile(np.repeat(falloff ** np.arange(octaves), 2), width)
     return b.affine(found, amplitude, np.zeros_like(amplitude), per_frame=per_frame)
 
 
@@ -160,7 +161,7 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
     """
     scale = 0.5 / (GRID_MARGIN * setup.half_extent)
     # What moves is learned in its own frame.
-    position, normal = ("rest_position", "rest_normal") if setup.moves else ("position", "normal")
+    position, normal = ("rest_position", "rest_normal") if setup.movers else ("position", "normal")
     place = b.affine(position, [scale] * 3, [0.5 - c * scale for c in setup.center])
     return b.add(place, b.scale(normal, lift))
 
@@ -238,7 +239,7 @@ def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) 
     Returns:
         Names of nodes that are evaluated per frame; none without a variable light.
     """
-    pose = pose_features(b) if setup.moves else []
+    pose = pose_features(b, setup.movers) if setup.movers else []
     if setup.light == "static":
         return pose
     l = _light(b, setup)
@@ -252,27 +253,26 @@ def light_features(b: Builder, setup: FieldSetup, octaves: int, falloff: float) 
     return [l, *walls, encoded, *pose]
 
 
-# Octaves of the slider of a mover, and the amplitude of each relative to the one below.
+# Octaves of a slider, and the amplitude of each relative to the one below.
 POSE_OCTAVES, POSE_FALLOFF = 4, 0.6
 # Share of the range in which an end stop is left: light through a door begins with a step where it opens.
 END_STOP = 0.01
 
 
-def pose_features(b: Builder) -> list[str]:
-    """Add the inputs of a network that depends on the pose of a mover: the slider t, waves of it, and two numbers that
-    are 1 at an end stop and 0 beside it, so that what is shut can be learned apart from what is ajar.
+def pose_features(b: Builder, movers: int) -> list[str]:
+    """Add the inputs of a network that depends on a pose: each slider t, waves of it, and two numbers that are 1 at an
+    end stop and 0 beside it, so that what is shut can be learned apart from what is ajar.
 
     Args:
         b: Graph to add nodes to.
+        movers: Number of sliders.
 
     Returns:
         Names of nodes that are evaluated per frame.
     """
-    t = b.affine("pose", [2.0], [-1.0], per_frame=True)
-    waved = b.frequency("pose", POSE_OCTAVES, per_frame=True)
-    amplitude = np.repeat(POSE_FALLOFF ** np.arange(POSE_OCTAVES), 2)
-    waved = b.affine(waved, amplitude, np.zeros_like(amplitude), per_frame=True)
-    first = b.affine("pose", [-1 / END_STOP], [1.0], per_frame=True)
-    last = b.affine("pose", [1 / END_STOP], [1.0 - 1 / END_STOP], per_frame=True)
+    t = b.affine("pose", [2.0] * movers, [-1.0] * movers, per_frame=True)
+    waved = waves(b, "pose", POSE_OCTAVES, POSE_FALLOFF, per_frame=True, width=movers)
+    first = b.affine("pose", [-1 / END_STOP] * movers, [1.0] * movers, per_frame=True)
+    last = b.affine("pose", [1 / END_STOP] * movers, [1.0 - 1 / END_STOP] * movers, per_frame=True)
     stops = [b.clamp(end, low=0.0, high=1.0, per_frame=True) for end in (first, last)]
     return [t, waved, *stops]

@@ -12,6 +12,7 @@ from lightwell.backend import mi
 from lightwell.scenes.assemble_bsdf import Bsdfs, textures, uv_set
 from lightwell.scenes.assemble_lights import area_light, punctual
 from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
+from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene, SceneNode
 
@@ -32,6 +33,7 @@ def assemble(
     emitters: Sequence[Any] = (),
     nodes: Sequence[SceneNode] = (),
     clips: Sequence[str] = (),
+    read_clip: Callable[[int], ClipMotion] | None = None,
 ) -> Scene:
     """Build a ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
 
@@ -54,6 +56,7 @@ def assemble(
         emitters: Further Mitsuba emitters, used unchanged.
         nodes: Tree of nodes, whose meshes are indices into ``meshes``.
         clips: Names of the animations of the file.
+        read_clip: Reads one of them by its number.
 
     Returns:
         The scene.
@@ -84,6 +87,7 @@ def assemble(
         digest=digest,
         nodes=tuple(_of_kept(node, {number: index for index, (number, _) in enumerate(kept)}) for node in nodes),
         clips=tuple(clips),
+        read_clip=read_clip if clips else None,
     )
 
 

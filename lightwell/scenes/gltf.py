@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,6 +21,7 @@ import numpy as np
 from lightwell.limits import Limits
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.gltf_accessors import Accessors
+from lightwell.scenes.gltf_clips import read_clip
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_geometry import DRACO, Geometry
 from lightwell.scenes.gltf_images import Textures
@@ -61,8 +63,8 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
     Returns:
         The scene.
     """
-    path = Path(path)
-    reader = _Reader(Document(path, limits or Limits()), unit)
+    path, limits = Path(path), limits or Limits()
+    reader = _Reader(Document(path, limits), unit)
     reader.read()
     return assemble(
         path.name,
@@ -75,6 +77,7 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
         digest=reader.document.digest,
         nodes=reader.tree,
         clips=reader.clips,
+        read_clip=partial(read_clip, path, limits, unit, reader.document.digest),
     )
 
 
@@ -124,7 +127,10 @@ class _Reader:
             self.tree = self._tree(nodes)
         if count := self.document.count("animations"):
             self.clips = [self.document.item("animations", i).text("name", "") or f"clip {i}" for i in range(count)]
-            self.warnings.append("animations are ignored; the scene is loaded at rest")
+            self.warnings.append(
+                "animations are ignored, and the scene is loaded at rest; one that moves parts can be a variable: "
+                f'--vary "animation:{self.clips[0][:40]}=0..1"'
+            )
         if ignored := sorted(name[:40] for name in self._geometry.ignored):
             self.warnings.append(f"vertex attributes are ignored: {', '.join(ignored[:10])}")
         self._warn_of_size()

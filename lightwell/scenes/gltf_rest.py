@@ -61,8 +61,16 @@ def _is_flat(node: Place) -> bool:
     return "scale" in node and min(map(abs, node.numbers("scale", 3))) < SMALLEST_SCALE
 
 
-def _channels(document: Document, animation: Place) -> list[tuple[int, str, int]]:
-    """List (node, path, sampler) of the channels that animate a node."""
+def animated_channels(document: Document, animation: Place) -> list[tuple[int, str, int]]:
+    """List the channels that animate a node.
+
+    Args:
+        document: The file.
+        animation: One of its animations.
+
+    Returns:
+        (node, path, sampler) of each.
+    """
     found = []
     samplers = len(animation.items("samplers"))
     for i, value in enumerate(animation.items("channels")):
@@ -75,14 +83,14 @@ def _channels(document: Document, animation: Place) -> list[tuple[int, str, int]
 
 
 def _nodes_scaled_by(document: Document, animation: Place) -> set[int]:
-    return {node for node, path, _ in _channels(document, animation) if path == "scale"}
+    return {node for node, path, _ in animated_channels(document, animation) if path == "scale"}
 
 
 def _pose(document: Document, accessors: Accessors, animation: Place, node: int) -> dict[str, list[float]] | None:
     """Read the node's animated properties at the first key with a scale above 0, or None."""
     tracks = {
         path: _track(document, accessors, animation, sampler, PATHS[path])
-        for other, path, sampler in _channels(document, animation)
+        for other, path, sampler in animated_channels(document, animation)
         if other == node and path in PATHS
     }
     times, scales = tracks["scale"]

@@ -1,22 +1,132 @@
-"""The part of a scene that a bake moves: a node with its children that turns about an axis or slides along one.
+"""The parts of a scene that a bake moves: a node that turns about an axis or slides along one, or a clip of the file.
 
-Notation: v a value, degrees or metres; t = (v − low) / (high − low) the slider, 0 to 1. At rest the scene is as its
-file has it.
+Notation: v a value, in degrees, metres or shares of a clip; t = (v − low) / (high − low) the slider, 0 to 1. At rest
+the scene is as its file has it. A pose is one slider for each mover of a scene.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 
+from lightwell.core.sobol import Sobol
+
 Vector = tuple[float, float, float]
+# Things that move in one bake, at most.
+MOST_MOVERS = 3
+Pose = tuple[float, ...]
+"""A slider, 0 to 1, for each mover of a scene."""
+
+
+class RigidPart(ABC):
+    """Meshes and lights that move together, without a change of their shape."""
+
+    meshes: tuple[int, ...]
+    lights: tuple[int, ...]
+
+    @abstractmethod
+    def motion(self, slider: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the motions from the rest pose to poses.
+
+        Args:
+            slider: [N] sliders.
+
+        Returns:
+            Rotations [N, 3, 3] and translations [N, 3], metres: a point x of the rest pose moves to R x + c.
+        """
+
+    def moved(self, slider: float, points: np.ndarray, directions: bool = False) -> np.ndarray:
+        """Move points or directions from the rest pose to a pose.
+
+        Args:
+            slider: 0 to 1.
+            points: [N, 3] positions in metres, or directions.
+            directions: Whether they are directions.
+
+        Returns:
+            [N, 3] float64.
+        """
+        turn, offset = self.motion(np.array([slider]))
+        return np.asarray(points, np.float64) @ turn[0].T + (0 if directions else offset[0])
+
+
+class Mover(ABC):
+    """What one variable of a bake moves."""
+
+    name: str
+    low: float
+    high: float
+
+    @property
+    @abstractmethod
+    def parts(self) -> Sequence[RigidPart]:
+        """What moves, part by part."""
+
+    @property
+    @abstractmethod
+    def unit(self) -> str:
+        """Unit of a value: 'degrees', 'metres' or 'share'."""
+
+    @property
+    @abstractmethod
+    def initial(self) -> float:
+        """The slider that a page shows first."""
+
+    @abstractmethod
+    def caption(self, slider: float) -> str:
+        """Describe a pose in words.
+
+        Args:
+            slider: 0 to 1.
+
+        Returns:
+            For example 'Door at 45°'.
+        """
+
+    @abstractmethod
+    def json(self) -> dict[str, Any]:
+        """Describe the mover for reports.
+
+        Returns:
+            JSON values.
+        """
+
+    @property
+    def moving_meshes(self) -> tuple[int, ...]:
+        """Meshes that move, indices into ``Scene.meshes``."""
+        return tuple(sorted(mesh for part in self.parts for mesh in part.meshes))
+
+    def value(self, slider: float) -> float:
+        """Convert a slider to a value.
+
+        Args:
+            slider: 0 to 1.
+
+        Returns:
+            The value, in the unit.
+        """
+        return self.low + (self.high - self.low) * slider
+
+    def slider(self, value: float) -> float:
+        """Convert a value to a slider.
+
+        Args:
+            value: The value, in the unit.
+
+        Returns:
+            0 at the first value, 1 at the last one.
+        """
+        return (value - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True)
-class Mover:
+class NodeMover(Mover, RigidPart):
     """A node whose rotation or translation is a variable of a bake."""
 
     name: str
@@ -41,31 +151,9 @@ class Mover:
         return "degrees" if self.path == "rotation" else "metres"
 
     @property
-    def sign(self) -> str:
-        """Sign of the unit, for captions."""
-        return "°" if self.path == "rotation" else " m"
-
-    def value(self, slider: float) -> float:
-        """Convert a slider to a value.
-
-        Args:
-            slider: 0 to 1.
-
-        Returns:
-            Degrees or metres.
-        """
-        return self.low + (self.high - self.low) * slider
-
-    def slider(self, value: float) -> float:
-        """Convert a value to a slider.
-
-        Args:
-            value: Degrees or metres.
-
-        Returns:
-            0 at the first value, 1 at the last one.
-        """
-        return (value - self.low) / (self.high - self.low)
+    def parts(self) -> Sequence[RigidPart]:
+        """The node itself."""
+        return (self,)
 
     @property
     def initial(self) -> float:
@@ -82,7 +170,7 @@ class Mover:
         Returns:
             For example 'Door at 45°'.
         """
-        return f"{self.name} at {self.value(slider):.3g}{self.sign}"
+        return f"{self.name} at {self.value(slider):.3g}{'°' if self.path == 'rotation' else ' m'}"
 
     def motion(self, slider: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the motions from the rest pose to poses.
@@ -103,20 +191,6 @@ class Mover:
         # Rodrigues' formula.
         turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
         return turn, pivot - turn @ pivot
-
-    def moved(self, slider: float, points: np.ndarray, directions: bool = False) -> np.ndarray:
-        """Move points or directions from the rest pose to a pose.
-
-        Args:
-            slider: 0 to 1.
-            points: [N, 3] positions in metres, or directions.
-            directions: Whether they are directions.
-
-        Returns:
-            [N, 3] float64.
-        """
-        turn, offset = self.motion(np.array([slider]))
-        return np.asarray(points, np.float64) @ turn[0].T + (0 if directions else offset[0])
 
     def json(self) -> dict[str, Any]:
         """Describe the mover for reports.
@@ -149,13 +223,48 @@ class Mover:
         } | more
 
 
-def pose_nodes(count: int) -> np.ndarray:
-    """Choose the sliders of the poses that are traced: Clenshaw–Curtis nodes, dense towards both end stops.
+def moving_meshes(movers: Sequence[Mover]) -> tuple[int, ...]:
+    """List the meshes that move.
+
+    Args:
+        movers: Movers of a scene.
+
+    Returns:
+        Indices into ``Scene.meshes``, increasing.
+    """
+    return tuple(sorted(mesh for mover in movers for mesh in mover.moving_meshes))
+
+
+def pose_nodes(count: int, movers: int = 1) -> np.ndarray:
+    """Choose the poses that are traced: dense towards both end stops of every mover.
+
+    One mover takes Clenshaw–Curtis nodes. Several take all combinations of their end stops, where these are at most
+    half of the poses, and points of a Sobol sequence.
 
     Args:
         count: K, ≥ 2.
+        movers: M, ≥ 1.
 
     Returns:
-        [K] increasing from 0 to 1.
+        [K, M] sliders from 0 to 1; increasing for one mover.
     """
-    return 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / (count - 1))
+    if movers == 1:
+        return (0.5 - 0.5 * np.cos(math.pi * np.arange(count) / (count - 1)))[:, None]
+    stops = np.array(list(product((0.0, 1.0), repeat=movers)))
+    if 2 * len(stops) > count:
+        stops = stops[[0, -1]]
+    return np.concatenate([stops, sobol_poses(count - len(stops), movers, 0)])
+
+
+def sobol_poses(count: int, movers: int, seed: int) -> np.ndarray:
+    """Spread poses over all combinations of sliders, dense towards the end stops.
+
+    Args:
+        count: K.
+        movers: M, ≥ 1.
+        seed: Seed of the sequence.
+
+    Returns:
+        [K, M] sliders in [0, 1].
+    """
+    return 0.5 - 0.5 * np.cos(math.pi * Sobol(movers, seed).random(count))

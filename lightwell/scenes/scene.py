@@ -17,6 +17,7 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from lightwell.core.notebook import card, png_uri
+from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.executor import RowExecutor
 from lightwell.scenes.movers import Mover
 from lightwell.scenes.scene_cache import Derived, SceneCache
@@ -215,8 +216,10 @@ class Scene:
     """The tree of nodes, parents first; none for Mitsuba files."""
     clips: tuple[str, ...] = ()
     """Names of the animations of the file; the scene is loaded at rest."""
-    mover: Mover | None = None
-    """The part that a bake moves (``lightwell.scenes.posing``); None: nothing moves. The records are at rest."""
+    read_clip: Callable[[int], ClipMotion] | None = field(default=None, repr=False, compare=False)
+    """Reads one of them; None: there are none."""
+    movers: tuple[Mover, ...] = ()
+    """What a bake moves (``lightwell.scenes.posing``). The records are at rest."""
     executor: RowExecutor | None = field(default=None, init=False, repr=False, compare=False)
     """Where work on the scene runs that can be divided by rows; None: in this process."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lightwell.scenes.movers import Mover
 from lightwell.scenes.normal_maps import shading_normals
 from lightwell.scenes.scene import Scene
-from lightwell.transport.moved import by_pose, with_rest
+from lightwell.transport.moved import by_pose, poses_of, with_rest
 from lightwell.transport.samples import Query, SurfacePoints, columns_of
 
 # Smallest reflectance by which a learned value is multiplied (format/FORMAT.md).
@@ -29,23 +28,24 @@ def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
     Returns:
         N rows of inputs.
     """
-    return _query(scene, points, light) if scene.mover is None else _moving_query(scene, scene.mover, points, light)
+    return _moving_query(scene, points, light) if scene.movers else _query(scene, points, light)
 
 
-def _moving_query(scene: Scene, mover: Mover, points: SurfacePoints, light: np.ndarray) -> Query:
+def _moving_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
     """Queries of points in their poses; without a pose they are at rest."""
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
-    slider = np.full(len(points), mover.initial, np.float32) if points.pose is None else points.pose
+    initial = [mover.initial for mover in scene.movers]
+    pose = poses_of(len(points), initial) if points.pose is None else points.pose
     rows, parts = [np.zeros(0, np.int64)], []
     for found, scene_of_pose, own in by_pose(scene, points):
         rows.append(found)
         parts.append(_query(scene_of_pose, own, light[found]))
     if not parts:
-        parts.append(_query(replace(scene, mover=None), replace(points, pose=None), light))
+        parts.append(_query(replace(scene, movers=()), replace(points, pose=None), light))
     order = np.argsort(np.concatenate(rows), kind="stable")
     columns = [columns_of(part) for part in parts]
     query = Query(**{name: np.concatenate([part[name] for part in columns]) for name in columns[0]})
-    return with_rest(mover, query[order] if len(order) else query, points.shape, slider)
+    return with_rest(scene.movers, query[order] if len(order) else query, points.shape, pose)
 
 
 def _query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:

@@ -316,7 +316,7 @@ def _traced(
     report: PathReport | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both half means of all points, in this process or by the executor of the scene; of each pose by itself."""
-    if scene.mover is not None:
+    if scene.movers:
         means = np.zeros((2, len(points), 3), np.float32)
         for rows, scene_of_pose, own in by_pose(scene, points):
             lit = None if light is None else light[rows]

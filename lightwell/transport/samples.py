@@ -33,7 +33,7 @@ class SurfacePoints:
     view: np.ndarray
     """[N, 3] unit direction from the point to the camera; its side of the surface is the side that is seen."""
     pose: np.ndarray | None = None
-    """[N] slider of the scene's mover at each point, 0 to 1; None: the scene is as its records say."""
+    """[N, M] sliders of the scene's movers at each point, 0 to 1; None: the scene is as its records say."""
 
     def __len__(self) -> int:
         return len(self.shape)
@@ -66,7 +66,7 @@ class Query:
     shading_normal: np.ndarray = None  # type: ignore[assignment]
     """[N, 3] ``normal`` bent by the normal maps of the materials; left out: none has one."""
     pose: np.ndarray = None  # type: ignore[assignment]
-    """[N, 1] slider of the scene's mover, 0 to 1; this and the next two are None where nothing moves."""
+    """[N, M] sliders of the scene's movers, 0 to 1; this and the next two are None where nothing moves."""
     rest_position: np.ndarray = None  # type: ignore[assignment]
     """[N, 3] metres: where the surface is when the scene is at rest; ``position`` on what does not move."""
     rest_normal: np.ndarray = None  # type: ignore[assignment]

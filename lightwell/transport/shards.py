@@ -19,6 +19,7 @@ from lightwell.core import formats
 from lightwell.core.keys import Key, key
 from lightwell.core.store import Store
 from lightwell.files import write_atomically
+from lightwell.scenes.movers import MOST_MOVERS
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
@@ -46,9 +47,9 @@ COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
     "weight": ((), np.float32),
     "shape": ((), np.uint32),
 }
-# Those that only samples of a scene with a mover have.
+# Those that only samples of a scene with movers have; a pose is as wide as there are movers.
 MOVER_COLUMNS: dict[str, tuple[tuple[int, ...], type]] = {
-    "pose": ((1,), np.float32),
+    "pose": ((MOST_MOVERS,), np.float32),
     "rest_position": ((3,), np.float32),
     "rest_normal": ((3,), np.float32),
 }
@@ -308,6 +309,8 @@ def _checked(columns: dict[str, np.ndarray], folder: Path) -> dict[str, np.ndarr
     more = {name: form for name, form in MOVER_COLUMNS.items() if name in columns}
     for name, (shape, kind) in (COLUMNS | more).items():
         values = columns.get(name, np.zeros(()))
+        if name == "pose" and values.ndim == 2 and 1 <= values.shape[1] <= MOST_MOVERS:
+            shape = values.shape[1:]
         rows = len(values) if rows is None and values.ndim else rows
         expected = (rows, *shape)
         if values.shape != expected or values.dtype != kind:

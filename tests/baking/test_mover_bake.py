@@ -23,7 +23,7 @@ def test_a_door_and_a_lamp_that_roams_are_learned_together_and_scored_by_pose(tm
     assert [field.role for field in fields] == ["indirect", "static"]
     assert [v["kind"] for v in variables] == ["point", "node"] and validate_file(tmp_path / "out/scene.glb") == []
     assert all("pose" in field.graph.inputs for field in fields)
-    door = report["facts"]["mover"]
+    door = report["facts"]["movers"][0]
     values = [row["value"] for row in door["poses"]]
     assert values[0] == 0 and values[-1] == 90 and len(values) == 9 and door["worst_pose"] in door["poses"]
     assert [stop["value"] for stop in door["end_stops"]] == [0, 90]
@@ -33,7 +33,7 @@ def test_a_door_and_a_lamp_that_roams_are_learned_together_and_scored_by_pose(tm
 @pytest.mark.parametrize(
     "more, message",
     [
-        ({"field": "mlp"}, "field 'mlp' learns one pose; use --field factored, or drop node 'Door' from --vary"),
+        ({"field": "mlp"}, "field 'mlp' learns one pose; use --field factored, or drop 'Door' from --vary"),
         ({"lamps": ("name",)}, "switches of lamps are learned for one pose; leave out --lamps"),
         ({"vary": ("node:Dor.rotation=y:0..90",)}, "has no node 'Dor'; the nearest names are 'Door'"),
     ],
@@ -50,9 +50,9 @@ def test_a_preview_shows_one_pose(tmp_path):
 
 def test_held_out_poses_are_none_of_the_traced_ones():
     traced = traced_poses("good", 512, 16)
-    held_out = held_out_poses(traced, 8)
+    held_out = held_out_poses(traced, 8)[:, 0]
     assert len(traced) == 16 and len(held_out) == 8 and held_out[0] == 0 and held_out[-1] == 1
-    assert np.abs(held_out[1:-1, None] - traced).min() > 1e-3
+    assert np.abs(held_out[1:-1, None] - traced[:, 0]).min() > 1e-3
     assert len(traced_poses("best", 48, 16)) == 24
     # Less time has fewer poses.
     assert [len(traced_poses("draft", 512, gathered)) for gathered in (1, 3, 16)] == [4, 4, 8]

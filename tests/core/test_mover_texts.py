@@ -34,7 +34,12 @@ def test_a_translation_has_two_offsets():
         ("node:Door.rotation=y:0..inf", "expected AXIS:FROM..TO"),
         ("node:Door.translation=0..1", r"expected \(x,y,z\)..\(x,y,z\) in metres"),
         ("node:Door.scale=0..1", "expected node:NAME.rotation=… or node:NAME.translation=…"),
-        ("animation:Door=0..1", "clips of a file cannot vary yet; declare the rotation"),
+        (
+            "animation:Door=0..2",
+            r"expected FROM..TO, shares of the clip from 0 to 1; write for example",
+        ),
+        ("animation:Door=0.5..0.5", "the range is empty"),
+        ("animation:=0..1", "expected animation:NAME=…"),
     ],
 )
 def test_mistakes_are_one_line_with_the_cure(text, message):
@@ -49,6 +54,11 @@ def test_settings_of_a_node_are_set_apart_from_those_of_lamps():
     assert (states[0].name, states[0].axis, states[0].value) == ("Door", None, 45)
     assert parse_movers(["node:Door.rotation=x:-30"])[0][0].axis == (1, 0, 0)
     assert parse_movers(["node:Door.translation=(0,0,0.6)"])[0][0].offset == (0, 0, 0.6)
+    two, _ = parse_movers(["node:Door.rotation=45", "animation:Open lid=0.5"])
+    assert [(state.name, state.value, state.what) for state in two] == [
+        ("Door", 45, "node:Door.rotation"),
+        ("Open lid", 0.5, "animation:Open lid"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -56,8 +66,8 @@ def test_settings_of_a_node_are_set_apart_from_those_of_lamps():
     [
         (["node:Door.rotation=ajar"], "is no angle in degrees; write for example"),
         (["node:Door.translation=ajar"], "is no offset in metres"),
-        (["node:A.rotation=1", "node:B.rotation=2"], "one node can move, not 2; leave out --set 'node:B.rotation=…'"),
-        (["animation:Door=0.5"], "clips of a file cannot vary yet"),
+        (["node:A.rotation=1", "node:A.rotation=2"], "'A' is set twice; leave out one --set 'node:A.rotation=…'"),
+        (["animation:Open=50"], 'is no share from 0 to 1; write for example --set "animation:Open=0.5"'),
     ],
 )
 def test_wrong_settings_are_refused(texts, message):

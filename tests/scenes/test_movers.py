@@ -7,8 +7,8 @@ import pytest
 from gltf_builder import Builder
 
 from lightwell.scenes import load
-from lightwell.scenes.movers import Mover, pose_nodes
-from lightwell.scenes.posing import declared_mover, posed, with_mover
+from lightwell.scenes.movers import NodeMover, pose_nodes
+from lightwell.scenes.posing import declared_movers, posed, with_movers
 
 TURN = "node:Door.rotation=y:0..90"
 
@@ -51,9 +51,9 @@ def test_the_tree_of_a_file_is_kept(tmp_path):
 
 def test_a_door_turns_about_its_own_origin_with_its_children(tmp_path):
     scene = room(tmp_path)
-    mover = declared_mover([TURN, "light.radius=0.1"], scene)
+    (mover,) = declared_movers([TURN, "light.radius=0.1"], scene)
     assert mover.pivot == (2, 0, 0) and mover.axis == (0, 1, 0) and (mover.low, mover.high) == (0, 90)
-    open_ = posed(with_mover(scene, mover), 1.0)
+    open_ = posed(with_movers(scene, (mover,)), (1.0,))
     by_name = {mesh.name: mesh for mesh in open_.meshes}
     # The square of ±1 about the door's origin turns from the x axis to the -z axis.
     expected = {(2, -1, 1), (2, -1, -1), (2, 1, -1), (2, 1, 1)}
@@ -63,20 +63,20 @@ def test_a_door_turns_about_its_own_origin_with_its_children(tmp_path):
     # The light shines along -z at rest; its node stands at the door's origin.
     assert np.allclose(open_.lights[0].direction, (-1, 0, 0), atol=1e-6) and open_.lights[0].position == (2, 0, 0)
     assert open_.mi.shapes()[1].bbox().min.x == pytest.approx(2, abs=1e-5)
-    assert open_.mover is None and open_.digest != posed(with_mover(scene, mover), 0.5).digest
+    assert open_.movers == () and open_.digest != posed(with_movers(scene, (mover,)), (0.5,)).digest
 
 
 def test_a_rest_pose_is_the_scene_itself(tmp_path):
-    scene = with_mover(room(tmp_path), declared_mover([TURN], room(tmp_path)))
-    shut = posed(scene, 0.0)
+    scene = with_movers(room(tmp_path), declared_movers([TURN], room(tmp_path)))
+    shut = posed(scene, (0.0,))
     assert all(np.array_equal(a.positions, b.positions) for a, b in zip(shut.meshes, scene.meshes))
-    assert posed(scene, 0.0) is shut
+    assert posed(scene, (0.0,)) is shut
 
 
 def test_a_translation_follows_the_axes_of_the_parent(tmp_path):
     scene = room(tmp_path)
     scene.nodes[0].matrix[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
-    mover = declared_mover(["node:Door.translation=(0,0,0.5)..(0,0,2)"], scene)
+    (mover,) = declared_movers(["node:Door.translation=(0,0,0.5)..(0,0,2)"], scene)
     assert (mover.low, mover.high, mover.unit) == (0, 1.5, "metres")
     assert np.allclose(mover.moved(1.0, [[0, 0, 0]]), [[2, 0, 0]])
     assert np.allclose(mover.moved(0.0, [[0, 0, 0]]), [[0.5, 0, 0]])
@@ -99,22 +99,26 @@ def test_a_translation_follows_the_axes_of_the_parent(tmp_path):
 )
 def test_what_cannot_move_is_refused(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
-        declared_mover([text], room(tmp_path))
+        declared_movers([text], room(tmp_path))
 
 
-def test_one_node_moves(tmp_path):
-    with pytest.raises(ValueError, match="one node can move, not 2"):
-        declared_mover([TURN, "node:Wall.rotation=y:0..90"], room(tmp_path))
+def test_several_nodes_move_but_no_part_twice(tmp_path):
+    scene, wall = room(tmp_path), "node:Wall.rotation=y:0..90"
+    assert [mover.name for mover in declared_movers([TURN, wall], scene)] == ["Door", "Wall"]
+    with pytest.raises(ValueError, match="'Door' and 'Handle' move the same part; declare one of them"):
+        declared_movers([TURN, "node:Handle.rotation=y:0..90"], scene)
+    with pytest.raises(ValueError, match="4 things move, more than 3; bake fewer of them together"):
+        declared_movers([wall] * 4, scene)
 
 
 def test_an_uneven_scale_would_shear_the_door(tmp_path):
     with pytest.raises(ValueError, match="scaled unevenly, so that it would not stay rigid; apply its scale"):
-        declared_mover([TURN], room(tmp_path, scale=[1, 2, 1]))
+        declared_movers([TURN], room(tmp_path, scale=[1, 2, 1]))
 
 
 def test_scenes_without_nodes_say_so(cornell_xml):
     with pytest.raises(ValueError, match=r"has no nodes that could move; use a \.glb or \.gltf file"):
-        declared_mover([TURN], cornell_xml)
+        declared_movers([TURN], cornell_xml)
 
 
 @pytest.fixture
@@ -125,7 +129,7 @@ def cornell_xml():
 
 
 def test_motions_are_rigid_and_end_where_they_should():
-    mover = Mover("Door", "rotation", (0.6, 0.0, 0.8), (1.0, 2.0, 3.0), -20.0, 100.0, (0,))
+    mover = NodeMover("Door", "rotation", (0.6, 0.0, 0.8), (1.0, 2.0, 3.0), -20.0, 100.0, (0,))
     turn, offset = mover.motion(np.array([0.0, mover.slider(0.0), 1.0]))
     assert np.allclose(turn @ turn.transpose(0, 2, 1), np.eye(3)) and np.allclose(np.linalg.det(turn), 1)
     assert np.allclose(turn[1], np.eye(3)) and np.allclose(offset[1], 0)
@@ -135,7 +139,7 @@ def test_motions_are_rigid_and_end_where_they_should():
 
 
 def test_poses_are_dense_at_both_end_stops():
-    poses = pose_nodes(16)
+    poses = pose_nodes(16)[:, 0]
     assert poses[0] == 0 and poses[-1] == 1 and np.all(np.diff(poses) > 0)
     assert np.allclose(poses, 1 - poses[::-1]) and poses[1] < 0.02 < np.diff(poses).max() < 0.11
 

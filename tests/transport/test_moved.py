@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lightwell.scenes import load
-from lightwell.scenes.posing import declared_mover, posed, with_mover
+from lightwell.scenes.posing import declared_movers, posed, with_movers
 from lightwell.scenes.variables import PointLight
 from lightwell.transport import draw_surface, static
 from lightwell.transport.gathered_shards import GatheredShards
@@ -25,7 +25,7 @@ SMALL = ShardSettings(paths=2, lights=16, points_per_light=32, floor=1)
 @pytest.fixture(scope="module")
 def scene():
     plain = load("doorway")
-    return with_mover(plain, declared_mover(["node:Door.rotation=y:0..90"], plain))
+    return with_movers(plain, declared_movers(["node:Door.rotation=y:0..90"], plain))
 
 
 def joined(parts):
@@ -34,14 +34,14 @@ def joined(parts):
 
 
 def test_queries_are_those_of_each_pose_and_know_where_the_surface_rests(scene):
-    drawn = [at_pose(draw_surface(posed(scene, t), 256, 1, floor=32).points, t) for t in (0.0, 0.5)]
+    drawn = [at_pose(draw_surface(posed(scene, (t,)), 256, 1, floor=32).points, (t,)) for t in (0.0, 0.5)]
     points = joined(drawn)[np.random.default_rng(0).permutation(512)]
-    query, door = make_query(scene, points, np.zeros(3)), np.isin(points.shape, scene.mover.meshes)
+    query, door = make_query(scene, points, np.zeros(3)), np.isin(points.shape, scene.movers[0].moving_meshes)
     for t in (0.0, 0.5):
-        rows = np.flatnonzero(points.pose == t)
-        alone = make_query(posed(scene, t), points[rows], np.zeros(3))
+        rows = np.flatnonzero(points.pose[:, 0] == t)
+        alone = make_query(posed(scene, (t,)), points[rows], np.zeros(3))
         assert np.array_equal(query.position[rows], alone.position) and np.array_equal(query.normal[rows], alone.normal)
-    assert np.array_equal(query.pose[:, 0], points.pose)
+    assert np.array_equal(query.pose, points.pose)
     assert np.array_equal(query.rest_position[~door], query.position[~door])
     # At rest the leaf is 4 cm thick on the wall of the dark room.
     assert door.sum() > 15 and np.ptp(query.position[door, 0]) > 0.3
@@ -50,10 +50,10 @@ def test_queries_are_those_of_each_pose_and_know_where_the_surface_rests(scene):
 
 
 def test_light_is_traced_in_the_pose_of_each_point(scene):
-    dark = draw_surface(posed(scene, 0.5), 2048, 3, floor=0).points
-    rows = np.flatnonzero(make_query(posed(scene, 0.5), dark, np.zeros(3)).position[:, 0] > 0.2)
-    still = dark[rows][np.flatnonzero(~np.isin(dark.shape[rows], scene.mover.meshes))][np.arange(128)]
-    a, b = static(scene, joined([at_pose(still, 0.0), at_pose(still, 1.0)]), 16, 5)
+    dark = draw_surface(posed(scene, (0.5,)), 2048, 3, floor=0).points
+    rows = np.flatnonzero(make_query(posed(scene, (0.5,)), dark, np.zeros(3)).position[:, 0] > 0.2)
+    still = dark[rows][np.flatnonzero(~np.isin(dark.shape[rows], scene.movers[0].moving_meshes))][np.arange(128)]
+    a, b = static(scene, joined([at_pose(still, (0.0,)), at_pose(still, (1.0,))]), 16, 5)
     shut, opened = (a + b)[:128].mean(), (a + b)[128:].mean()
     assert shut < 1e-3 * opened and opened > 0.01
 
@@ -62,11 +62,11 @@ def test_light_is_traced_in_the_pose_of_each_point(scene):
 def test_shards_have_as_many_rows_of_every_pose(scene, kind):
     sliders = [0.0, 1.0]
     size = lambda own: GatherSize(1 << 11, 1024, 64, rays=8)  # noqa: E731
-    make = PosedShards(scene, LIGHT, SMALL, size, kind, sliders)
+    make = PosedShards(scene, LIGHT, SMALL, size, kind, [(t,) for t in sliders])
     columns, counts = make(scene, LIGHT, None, SMALL, 0)
     pose, half = columns["pose"][:, 0], SMALL.size // 2
     assert np.array_equal(pose, np.repeat(np.float32(sliders), half)) and counts["paths"]["paths"] > 0
-    door = np.isin(columns["shape"], scene.mover.meshes)
+    door = np.isin(columns["shape"], scene.movers[0].moving_meshes)
     assert np.allclose(columns["rest_position"][~door], columns["position"][~door])
     assert (columns["rest_position"][door, 0] < 0.091).all()
     if kind is OwnLightShards:
@@ -78,4 +78,4 @@ def test_shards_have_as_many_rows_of_every_pose(scene, kind):
 
 def test_poses_must_divide_the_lights(scene):
     with pytest.raises(ValueError, match="16 lights of a shard cannot be divided among 3 poses"):
-        PosedShards(scene, LIGHT, SMALL, lambda own: GatherSize.of(1, own), OwnLightShards, [0.0, 0.5, 1.0])
+        PosedShards(scene, LIGHT, SMALL, lambda own: GatherSize.of(1, own), OwnLightShards, [(0.0,), (0.5,), (1.0,)])

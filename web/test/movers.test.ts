@@ -1,6 +1,6 @@
 /** Nodes of a file that move: what is read, where they stand, and what a field is told of them. */
 
-import { BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, Vector3 } from "three";
+import { AnimationClip, BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, QuaternionKeyframeTrack, Vector3, VectorKeyframeTrack } from "three";
 import { describe, expect, it } from "vitest";
 import { type MoverRecord, readMovers } from "../runtime/src/mover-record.ts";
 import { moverValuesText, readMoverValues } from "../runtime/src/mover-values.ts";
@@ -11,7 +11,13 @@ import { readVariables } from "../runtime/src/variables.ts";
 const DOOR = { name: "Door", kind: "node", node: 1, path: "rotation", axis: [0, 1, 0], range: [0, 90], unit: "degrees", initial: 45 };
 const LIGHT = { name: "lamp", kind: "point", low: [0, 0, 0], high: [1, 1, 1], clearance: 0.1, initial: [0, 0, 0], intensity: 1, color: [1, 1, 1] };
 
-const read = (...entries: unknown[]): MoverRecord[] => readMovers(entries, "variables", 2);
+const CLIP = { name: "Open", kind: "clip", animation: 0, range: [0, 1], unit: "share", initial: 0 };
+const FILE = {
+  nodes: [{}, {}],
+  animations: [{ channels: [{ target: { node: 1, path: "rotation" } }, { target: { node: 0, path: "translation" } }, { target: { node: 1 } }] }],
+};
+
+const read = (...entries: unknown[]): MoverRecord[] => readMovers(entries, "variables", FILE);
 
 describe("reading", () => {
   it("tells lights from nodes", () => {
@@ -32,8 +38,16 @@ describe("reading", () => {
     expect(() => read({ ...DOOR, ...change })).toThrow(`variables[0].${where}`);
   });
 
-  it("refuses lights behind nodes", () => {
-    expect(() => read(DOOR, LIGHT)).toThrow("lights come before nodes");
+  it("refuses lights behind what moves", () => {
+    expect(() => read(DOOR, LIGHT)).toThrow("lights come before what moves");
+  });
+
+  it("reads clips with the nodes that they move", () => {
+    expect(read(LIGHT, DOOR, CLIP)).toMatchObject([{ name: "Door" }, { name: "Open", animation: 0, nodes: [1, 0], unit: "share" }]);
+    expect(readVariables([LIGHT, CLIP], "variables")).toHaveLength(1);
+    expect(() => read({ ...CLIP, animation: 1 })).toThrow("variables[0].animation");
+    expect(() => read({ ...CLIP, range: [0, 2] })).toThrow("variables[0].range");
+    expect(() => readMovers([CLIP], "variables", { ...FILE, animations: [{ channels: [{ target: { node: 2 } }] }] })).toThrow("animations[0].channels[0].target.node");
   });
 });
 
@@ -49,7 +63,7 @@ function house(record = read(DOOR)[0]!) {
   root.rotation.z = 0.3;
   root.scale.setScalar(2);
   root.add(wall, node);
-  return { mover: new Mover(record, node, root), root, wall, leaf, material };
+  return { mover: new Mover(record, [node], root), root, wall, leaf, material };
 }
 
 describe("a mover", () => {
@@ -89,6 +103,55 @@ describe("a mover", () => {
     mover.follow(root);
     expect(root.worldToLocal(leaf.localToWorld(new Vector3())).distanceTo(new Vector3(0, 1, 0.5))).toBeLessThan(1e-6);
     expect(mover.pose).toBe(0.25);
+  });
+});
+
+describe("a clip", () => {
+  const leaves = () => {
+    const material = new MeshStandardMaterial();
+    const nodes = ["left", "right"].map((name) => Object.assign(new Group(), { name }));
+    const meshes = nodes.map((node) => {
+      const mesh = new Mesh(new BoxGeometry(), material);
+      node.add(mesh);
+      return mesh;
+    });
+    const root = new Group();
+    root.position.x = 5;
+    root.add(...nodes);
+    const tracks = [
+      new VectorKeyframeTrack("left.position", [0, 1, 2], [0, 0, 0, 1, 0, 0, 1, 0, 0]),
+      new QuaternionKeyframeTrack("right.quaternion", [0, 2], [0, 0, 0, 1, 0, Math.SQRT1_2, 0, Math.SQRT1_2]),
+    ];
+    return { mover: new Mover(read(CLIP)[0]!, nodes, root, new AnimationClip("Open", 2, tracks)), root, nodes, meshes };
+  };
+
+  it("is shown at the share of its time that the value says, its last one included", () => {
+    const { mover, root, nodes } = leaves();
+    for (const [value, x, turn] of [
+      [0.25, 0.5, Math.PI / 8],
+      [1, 1, Math.PI / 2],
+      [0.5, 1, Math.PI / 4],
+      [0, 0, 0],
+    ] as const) {
+      mover.value = value;
+      mover.follow(root);
+      expect(nodes[0]!.position.x).toBeCloseTo(x, 5);
+      expect(2 * Math.acos(Math.min(nodes[1]!.quaternion.w, 1))).toBeCloseTo(turn, 2);
+      expect(mover.pose).toBe(value);
+    }
+  });
+
+  it("says of each part where it rests, and puts all back", () => {
+    const { mover, root, nodes, meshes } = leaves();
+    mover.value = 1;
+    mover.follow(root);
+    for (const mesh of meshes) {
+      const now = root.worldToLocal(mesh.localToWorld(new Vector3(1, 0, 0)));
+      expect(now.applyMatrix4(toRestOf(mesh.material as MeshStandardMaterial)).distanceTo(new Vector3(1, 0, 0))).toBeLessThan(1e-6);
+    }
+    expect(meshes[0]!.material).not.toBe(meshes[1]!.material);
+    mover.restore();
+    expect([nodes[0]!.position.x, nodes[1]!.quaternion.w]).toEqual([0, 1]);
   });
 });
 

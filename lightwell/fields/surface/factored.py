@@ -35,7 +35,7 @@ from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.light_major import LightMajorSet, light_runs
 from lightwell.scenes.lamps import group_lamps
-from lightwell.scenes.posing import declared_mover
+from lightwell.scenes.posing import declared_movers
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -128,7 +128,7 @@ class FactoredFit(NetworkFit):
         preset = self.preset
         self.mirror = None if self.setup.matte else preset.mirror
         self.hidden = (preset.glossy_hidden if self.mirror else None) or preset.hidden
-        b = open_builder(self.setup.relief, moves=self.setup.moves)
+        b = open_builder(self.setup.relief, movers=self.setup.movers)
         point, pixel, frame = self._nodes(b)
         if self.mirror:
             point = b.concat(point, *self._mirrored(b))
@@ -192,7 +192,7 @@ class FactoredFit(NetworkFit):
         Returns:
             The graph.
         """
-        b = open_builder(self.setup.relief, moves=self.setup.moves)
+        b = open_builder(self.setup.relief, movers=self.setup.movers)
         point, pixel, frame = self._nodes(b)
         weights, grid, act = self._trainer.best, self.preset.grid, self.network.activation
         values, steps = grid.even(weights["grid"])
@@ -269,9 +269,9 @@ class FactoredField(SurfaceField):
             ValueError: ``--lamps`` names no light, or comes with ``--no-static``.
         """
         state = super().prepare(job)
-        mover = declared_mover(job.request.vary, job.scene)
-        if mover:
-            return moving_state(state, job, mover)
+        movers = declared_movers(job.request.vary, job.scene)
+        if movers:
+            return moving_state(state, job, movers)
         if job.request.lamps:
             # Refused where the scene has no light, or none by these names, before anything is traced.
             lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))

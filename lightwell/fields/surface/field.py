@@ -178,7 +178,7 @@ class SurfaceField:
         training = SurfaceTraining(state, role, samples, self.starter(state, role), part)
         learner, traced = training.run(), training.traced
         keep = None
-        if isinstance(learner, NetworkFit) and not state.job.shared and state.scene.mover is None:
+        if isinstance(learner, NetworkFit) and not state.job.shared and not state.scene.movers:
             shards = samples.plan.shards
             keep = FirstState(state, role, self.name, samples.training, learner, shards, traced.paths)
         summary = training.summary(learner)

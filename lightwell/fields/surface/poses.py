@@ -1,4 +1,4 @@
-"""Samples of a scene with a mover: the poses that are traced, and those that are held out."""
+"""Samples of a scene with movers: the poses that are traced, and those that are held out."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from lightwell.core.vary import parse_vary
 from lightwell.fields.protocol import Job, Role, State
 from lightwell.fields.surface.plan import RAYS
 from lightwell.fields.surface.tracing import VALIDATION_LIGHTS, VALIDATION_POINTS, validation_samples
-from lightwell.scenes.movers import Mover, pose_nodes
-from lightwell.scenes.posing import posed, with_mover
-from lightwell.scenes.scene import Scene
+from lightwell.scenes.movers import Mover, pose_nodes, sobol_poses
+from lightwell.scenes.posing import posed, with_movers
 from lightwell.scenes.variables import Variable
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import GatheredShards
-from lightwell.transport.moved import with_rest
+from lightwell.transport.moved import poses_of, with_rest
 from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.posed_shards import PosedShards
 from lightwell.transport.samples import Samples
@@ -25,14 +24,17 @@ from lightwell.transport.shards import ShardSettings
 
 # Most poses that are traced, by quality, and fewest.
 POSES, FEWEST_POSES = {"draft": 8, "good": 16, "best": 32}, 4
+# Times as many for two and three movers.
+POSES_OF = (1, 2, 3)
+HELD_OUT_SEED = 0x905E
 # Held-out poses of early stopping, both end stops among them.
 VALIDATION_POSES = 8
 # Points of all poses together, relative to those of a scene that stands still in the same time.
 ALL_POINTS = 2
 
 
-def moving_state(state: State, job: Job, mover: Mover) -> State:
-    """Prepare a scene whose mover is a variable of the bake.
+def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
+    """Prepare a scene whose movers are variables of the bake.
 
     The scene's own light is one field that reads the pose. A light that moves too is learned where one is declared, or
     where the scene has no light of its own.
@@ -40,69 +42,72 @@ def moving_state(state: State, job: Job, mover: Mover) -> State:
     Args:
         state: The prepared scene at rest.
         job: Scene and settings.
-        mover: The mover.
+        movers: The movers, at least one.
 
     Returns:
-        The prepared scene with the mover.
+        The prepared scene with the movers.
 
     Raises:
         ValueError: The bake has options that know one pose only.
     """
-    request = job.request
+    request, names = job.request, ", ".join(f"'{mover.name}'" for mover in movers)
     if job.scene.executor is not None:
-        raise ValueError(f"bake: --cluster traces one pose; leave it out, or drop node '{mover.name}' from --vary")
+        raise ValueError(f"bake: --cluster traces one pose; leave it out, or drop {names} from --vary")
     if request.lamps:
-        raise ValueError(
-            f"bake: switches of lamps are learned for one pose; leave out --lamps, or drop node '{mover.name}'"
-        )
+        raise ValueError(f"bake: switches of lamps are learned for one pose; leave out --lamps, or drop {names}")
     if getattr(job.options, "rebake", None):
-        raise ValueError(f"bake: --rebake knows one pose; bake whole, or drop node '{mover.name}' from --vary")
+        raise ValueError(f"bake: --rebake knows one pose; bake whole, or drop {names} from --vary")
     if job.shared:
-        raise ValueError(f"compare: fields are compared in one pose; drop node '{mover.name}' from --vary")
+        raise ValueError(f"compare: fields are compared in one pose; drop {names} from --vary")
     declared = any(d.learned and not d.moves for d in map(parse_vary, request.vary))
     own = request.static and job.scene.has_static_light
     roles: tuple[Role, ...] = ("static",) if own and not declared else ("indirect", "static") if own else ("indirect",)
     variable = state.variable if "indirect" in roles else None
-    return replace(state, scene=with_mover(job.scene, mover), variable=variable, roles=roles)
+    return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
 
 
-def traced_poses(quality: str, lights: int, gathered: int) -> np.ndarray:
+def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> np.ndarray:
     """Choose the poses that are traced: as many as the time has shards for, in the limits of the quality.
 
     Args:
         quality: 'draft', 'good' or 'best'.
         lights: Lights of a shard; the number of poses divides it.
         gathered: Shards that the gather of a scene that stands still would be made for, by its time.
+        movers: M, ≥ 1.
 
     Returns:
-        [K] sliders, both end stops among them.
+        [K, M] sliders, both end stops among them.
     """
-    count = int(np.clip(ALL_POINTS * gathered, FEWEST_POSES, POSES[quality]))
+    most, fewest = POSES[quality] * POSES_OF[movers - 1], FEWEST_POSES * POSES_OF[movers - 1]
+    count = int(np.clip(ALL_POINTS * gathered, fewest, most))
     while lights % count:
         count -= 1
-    return pose_nodes(max(count, 2))
+    return pose_nodes(max(count, 2), movers)
 
 
 def held_out_poses(traced: np.ndarray, count: int) -> np.ndarray:
-    """Choose poses that are not traced, in the middle between two that are, and both end stops.
+    """Choose poses that are not traced, with both end stops of every mover among them.
 
     Args:
-        traced: [K] sliders.
+        traced: [K, M] sliders.
         count: Poses, ≥ 2.
 
     Returns:
-        [count] increasing sliders from 0 to 1.
+        [count, M] sliders from 0 to 1; for one mover they lie in the middle between two that are traced.
     """
+    if traced.shape[1] > 1:
+        inside = sobol_poses(count - 2, traced.shape[1], HELD_OUT_SEED) if count > 2 else np.zeros((0, traced.shape[1]))
+        return np.concatenate([np.zeros((1, traced.shape[1])), inside, np.ones((1, traced.shape[1]))])
     between = 0.5 * (traced[1:] + traced[:-1])
     chosen = np.unique(np.linspace(0, len(between) - 1, count - 2).round().astype(int)) if count > 2 else []
-    return np.concatenate([[0.0], between[chosen] if len(chosen) else [], [1.0]])
+    return np.concatenate([[[0.0]], between[chosen] if len(chosen) else np.zeros((0, 1)), [[1.0]]])
 
 
 def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> PosedShards:
     """Return the function that makes the shards of a role in all traced poses.
 
     Args:
-        state: The prepared scene, with a mover.
+        state: The prepared scene, with movers.
         role: The part of the light to sample.
         variable: The declared light; people look where it may be.
         shards: Sizes and seed of the shards.
@@ -112,11 +117,11 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
         The maker.
     """
     quality = state.job.request.quality
-    sliders = traced_poses(quality, shards.lights, gathered)
-    rays, wanted = RAYS[quality], max(ALL_POINTS * gathered // len(sliders), 1)
+    poses = traced_poses(quality, shards.lights, gathered, len(state.scene.movers))
+    rays, wanted = RAYS[quality], max(ALL_POINTS * gathered // len(poses), 1)
     kind = OwnLightShards if role == "static" else GatheredShards
     return PosedShards(
-        state.scene, variable, shards, lambda own: GatherSize.of(wanted, own, rays), kind, [*map(float, sliders)]
+        state.scene, variable, shards, lambda own: GatherSize.of(wanted, own, rays), kind, poses.tolist()
     )
 
 
@@ -124,7 +129,7 @@ def posed_validation(state: State, role: Role, variable: Variable, shards: Shard
     """Trace the held-out samples of early stopping, at held-out poses.
 
     Args:
-        state: The prepared scene, with a mover.
+        state: The prepared scene, with movers.
         role: The part of the light.
         variable: The declared light; people look where it may be.
         shards: Sizes of the shards.
@@ -134,19 +139,13 @@ def posed_validation(state: State, role: Role, variable: Variable, shards: Shard
         The samples, pose by pose.
     """
     scene, request = state.scene, state.job.request
-    mover = _mover(scene)
-    sliders = held_out_poses(traced_poses(request.quality, shards.lights, gathered), VALIDATION_POSES)
+    poses = held_out_poses(traced_poses(request.quality, shards.lights, gathered, len(scene.movers)), VALIDATION_POSES)
     points, lights = VALIDATION_POINTS // VALIDATION_POSES, VALIDATION_LIGHTS // VALIDATION_POSES
     parts = []
-    for k, slider in enumerate(map(float, sliders)):
+    for k, pose in enumerate(poses):
         own = role == "static"
-        found = validation_samples(posed(scene, slider), variable, request.seed + k, own, points, lights)
-        at = np.full(len(found), slider, np.float32)
-        parts.append(replace(found, query=with_rest(mover, found.query, found.shape, at)))
+        found = validation_samples(posed(scene, pose), variable, request.seed + k, own, points, lights)
+        parts.append(
+            replace(found, query=with_rest(scene.movers, found.query, found.shape, poses_of(len(found), pose)))
+        )
     return join(parts)
-
-
-def _mover(scene: Scene) -> Mover:
-    if scene.mover is None:
-        raise ValueError(f"samples: scene '{scene.name}' has no mover; declare one with --vary")
-    return scene.mover

@@ -118,7 +118,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
 
 def _validation(state: State, role: Role, start: StartPlan) -> Samples:
     """The held-out samples of a role."""
-    if state.scene.mover is not None:
+    if state.scene.movers:
         return posed_validation(state, role, looked_from(state), _shards(state), start.gathered)
     return validation_samples(state.scene, looked_from(state), state.job.request.seed, own_light=role == "static")
 
@@ -171,7 +171,7 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     """Return the function that makes the shards of a role."""
     shards = _shards(state)
-    if state.scene.mover is not None:
+    if state.scene.movers:
         return posed_maker(state, role, looked_from(state), shards, start.gathered)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
     kind = OwnLightShards if role == "static" else GatheredShards

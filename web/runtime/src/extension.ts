@@ -117,8 +117,8 @@ export async function readExtension(
   const skies = variables.findIndex((variable) => variable.kind === "sun" && variable.sky !== null);
   if (version === 1 && skies >= 0) fail(`${EXTENSION}.variables[${skies}].sky`, "nothing of that name in version 1");
   const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
-  const movers = readMovers(extension.variables, `${EXTENSION}.variables`, list(json.nodes ?? [], "nodes", LIMITS.entries).length);
-  if (version === 1 && movers.length > 0) fail(`${EXTENSION}.variables`, "no node in version 1");
+  const movers = readMovers(extension.variables, `${EXTENSION}.variables`, { nodes: list(json.nodes ?? [], "nodes", LIMITS.entries), animations: json.animations });
+  if (version === 1 && movers.length > 0) fail(`${EXTENSION}.variables`, "no node or clip in version 1");
   const fields: FieldRecord[] = [];
   const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
   for (const [i, entry] of entries.entries()) {
@@ -137,7 +137,7 @@ interface Reading {
   readonly budget: Budget;
   /** Number of lamps with a switch. */
   readonly lamps: number;
-  /** Number of nodes that move. */
+  /** Number of nodes and clips that move. */
   readonly movers: number;
 }
 

@@ -20,7 +20,7 @@ export { loadLight } from "./load-light.ts";
 export { type LoaderOptions, LightwellLoaderPlugin, parseLearned } from "./loader.ts";
 export type { DisposeOptions, Parts, SceneOptions } from "./scene-core.ts";
 export { SEGMENT_COLORS } from "./segment-colors.ts";
-export type { MoverRecord } from "./mover-record.ts";
+export type { ClipRecord, MoverRecord, NodeRecord } from "./mover-record.ts";
 export { moverValuesText, readMoverValues } from "./mover-values.ts";
 export type { Mover } from "./movers.ts";
 export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SWITCHES, readLampSettings } from "./switches.ts";

@@ -1,6 +1,6 @@
 /** three.js GLTFLoader plugin that reads the learned light of a glTF file. */
 
-import { type BufferAttribute, type Material, Mesh, NoColorSpace, type Object3D, type Texture } from "three";
+import { type AnimationClip, type BufferAttribute, type Material, Mesh, NoColorSpace, type Object3D, type Texture } from "three";
 import type { GLTF, GLTFLoader, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import type { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
 import { fail, FormatError } from "./checks.ts";
@@ -96,8 +96,14 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
 /** What makes the movers of a file, loaded where it has some. */
 async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Promise<(root: Object3D) => Mover[]> {
   const { Mover } = await import("./movers.ts");
-  const objects = (await Promise.all(records.map(({ node }) => parser.getDependency("node", node)))) as Object3D[];
-  return (root) => records.map((record, i) => new Mover(record, objects[i]!, root));
+  const load = async (record: MoverRecord) => {
+    const nodes = record.kind === "clip" ? record.nodes : [record.node];
+    const objects = (await Promise.all(nodes.map((node) => parser.getDependency("node", node)))) as Object3D[];
+    const clip = record.kind === "clip" ? ((await parser.getDependency("animation", record.animation)) as AnimationClip) : null;
+    return { record, objects, clip };
+  };
+  const loaded = await Promise.all(records.map(load));
+  return (root) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip));
 }
 
 /** The learned light of a document. What reads it is loaded when a file has some. */

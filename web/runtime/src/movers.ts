@@ -1,38 +1,27 @@
-/** Nodes of a file that move: doors, lids, blinds. The learned light follows the value of each. */
+/** What moves in a file: doors, lids, blinds, clips. The learned light follows the value of each. */
 
-import { type Material, Matrix4, Mesh, type Object3D, Quaternion, Vector3 } from "three";
-import type { MoverRecord } from "./mover-record.ts";
+import { type AnimationClip, AnimationMixer, type Material, Matrix4, Mesh, type Object3D, Quaternion, Vector3 } from "three";
+import type { MoverRecord, NodeRecord } from "./mover-record.ts";
 import { TO_REST } from "./to-rest.ts";
 
-/** A node that moves: set `value`, in degrees or metres. */
-export class Mover {
-  readonly record: MoverRecord;
+/** A node that moves with all that hangs on it, and how it gets back to rest. */
+class Part {
   readonly object: Object3D;
-  private at: number;
-  private readonly place: Vector3;
-  private readonly turn: Quaternion;
   private readonly rest = new Matrix4();
   private readonly toRest = new Matrix4();
-  private moved = true;
 
-  /** `object`: the node, at rest below `root`. Materials that what stands still has too are copied for what moves. */
-  constructor(record: MoverRecord, object: Object3D, root: Object3D) {
-    this.record = record;
+  /** Materials that other parts or what stands still have too are copied for this part. */
+  constructor(object: Object3D, root: Object3D, taken: ReadonlySet<Object3D>) {
     this.object = object;
-    this.at = record.initial;
-    this.place = object.position.clone();
-    this.turn = object.quaternion.clone();
-    root.updateWorldMatrix(true, true);
     this.rest.copy(root.matrixWorld).invert().multiply(object.matrixWorld);
-    const still = new Set<Material>();
-    const moving = new Set<Mesh>();
-    object.traverse((part) => void (part instanceof Mesh && moving.add(part)));
-    root.traverse((part) => {
-      if (part instanceof Mesh && !moving.has(part)) for (const material of [part.material].flat() as Material[]) still.add(material);
-    });
     const own = new Map<Material, Material>();
+    const moving = meshesBelow(object, taken);
+    const others = new Set<Material>();
+    root.traverse((mesh) => {
+      if (mesh instanceof Mesh && !moving.has(mesh)) for (const material of [mesh.material].flat() as Material[]) others.add(material);
+    });
     const ownOf = (material: Material): Material => {
-      if (!own.has(material)) own.set(material, still.has(material) ? material.clone() : material);
+      if (!own.has(material)) own.set(material, others.has(material) ? material.clone() : material);
       const found = own.get(material)!;
       TO_REST.set(found, this.toRest);
       return found;
@@ -40,11 +29,103 @@ export class Mover {
     for (const mesh of moving) mesh.material = Array.isArray(mesh.material) ? mesh.material.map(ownOf) : ownOf(mesh.material);
   }
 
+  /** Take over where the node is now; its world matrix and that of the root are up to date. */
+  update(toRoot: Matrix4): void {
+    // In the space of the root: rest · now⁻¹.
+    const now = toRoot.clone().multiply(this.object.matrixWorld);
+    this.toRest.multiplyMatrices(this.rest, now.invert());
+  }
+}
+
+/** The meshes below a node, but for those of other parts. */
+function meshesBelow(object: Object3D, taken: ReadonlySet<Object3D>): Set<Mesh> {
+  const found = new Set<Mesh>();
+  const visit = (node: Object3D) => {
+    if (node instanceof Mesh) found.add(node);
+    for (const child of node.children) if (!taken.has(child)) visit(child);
+  };
+  visit(object);
+  return found;
+}
+
+/** Turns or slides a node. */
+class NodeDrive {
+  private readonly record: NodeRecord;
+  private readonly object: Object3D;
+  private readonly place: Vector3;
+  private readonly turn: Quaternion;
+
+  constructor(record: NodeRecord, object: Object3D) {
+    this.record = record;
+    this.object = object;
+    this.place = object.position.clone();
+    this.turn = object.quaternion.clone();
+  }
+
+  apply(value: number): void {
+    const { object, record } = this;
+    const axis = new Vector3(...record.axis);
+    object.matrixAutoUpdate = true;
+    if (record.path === "rotation") object.quaternion.setFromAxisAngle(axis, (value * Math.PI) / 180).multiply(this.turn);
+    else object.position.copy(this.place).add(new Vector3(...record.offset)).addScaledVector(axis, value);
+  }
+
+  restore(): void {
+    this.object.position.copy(this.place);
+    this.object.quaternion.copy(this.turn);
+  }
+}
+
+/** Shows an animation of the file at one time. */
+class ClipDrive {
+  private readonly clip: AnimationClip;
+  private readonly objects: readonly Object3D[];
+  private readonly mixer: AnimationMixer;
+
+  constructor(clip: AnimationClip, root: Object3D, objects: readonly Object3D[]) {
+    this.clip = clip;
+    this.objects = objects;
+    this.mixer = new AnimationMixer(root);
+  }
+
+  apply(value: number): void {
+    for (const object of this.objects) object.matrixAutoUpdate = true;
+    const action = this.mixer.clipAction(this.clip).play();
+    action.time = value * this.clip.duration;
+    this.mixer.update(0);
+  }
+
+  restore(): void {
+    this.mixer.stopAllAction();
+  }
+}
+
+/** A node or a clip that moves: set `value`, in degrees, metres or shares of the clip. */
+export class Mover {
+  readonly record: MoverRecord;
+  /** The node, or the first one of a clip. */
+  readonly object: Object3D;
+  private at: number;
+  private readonly parts: readonly Part[];
+  private readonly drive: NodeDrive | ClipDrive;
+  private moved = true;
+
+  /** `objects`: the nodes, at rest below `root`; `clip`: of a record of one. */
+  constructor(record: MoverRecord, objects: readonly Object3D[], root: Object3D, clip: AnimationClip | null = null) {
+    this.record = record;
+    this.object = objects[0]!;
+    this.at = record.initial;
+    root.updateWorldMatrix(true, true);
+    const taken = new Set(objects);
+    this.parts = objects.map((object) => new Part(object, root, taken));
+    this.drive = record.kind === "clip" ? new ClipDrive(clip!, root, objects) : new NodeDrive(record, this.object);
+  }
+
   get name(): string {
     return this.record.name;
   }
 
-  /** Degrees or metres. */
+  /** Degrees, metres or a share of the clip. */
   get value(): number {
     return this.at;
   }
@@ -64,29 +145,22 @@ export class Mover {
     return (this.at - first) / (last - first);
   }
 
-  /** Put the node where its value says; returns whether it has moved since the last call. */
+  /** Put the nodes where the value says; returns whether they have moved since the last call. */
   follow(root: Object3D): boolean {
     if (!this.moved) return false;
     this.moved = false;
-    const { object, record } = this;
-    const axis = new Vector3(...record.axis);
-    object.matrixAutoUpdate = true;
-    if (record.path === "rotation") {
-      object.quaternion.setFromAxisAngle(axis, (this.at * Math.PI) / 180).multiply(this.turn);
-    } else object.position.copy(this.place).add(new Vector3(...record.offset)).addScaledVector(axis, this.at);
-    object.updateWorldMatrix(true, true);
+    this.drive.apply(this.at);
     root.updateWorldMatrix(true, false);
-    // In the space of the root: rest · now⁻¹.
-    const now = root.matrixWorld.clone().invert().multiply(object.matrixWorld);
-    this.toRest.multiplyMatrices(this.rest, now.invert());
+    const toRoot = root.matrixWorld.clone().invert();
+    for (const { object } of this.parts) object.updateWorldMatrix(true, true);
+    for (const part of this.parts) part.update(toRoot);
     return true;
   }
 
-  /** Put the node back where the file has it. */
+  /** Put the nodes back where the file has them. */
   restore(): void {
-    this.object.position.copy(this.place);
-    this.object.quaternion.copy(this.turn);
-    this.object.updateWorldMatrix(true, true);
+    this.drive.restore();
+    for (const { object } of this.parts) object.updateWorldMatrix(true, true);
     this.moved = true;
   }
 }

@@ -207,7 +207,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   }
 
   /**
-   * Move a node of the file: `setMover("Door", 45)`, in degrees or metres; values outside of its range are brought into it. Throws
+   * Move a node or clip of the file: `setMover("Door", 45)`, in degrees, metres or shares of the clip; values outside of its range are brought into it. Throws
    * when the file has no mover of this name.
    */
   setMover(name: string, value: number): void {

@@ -51,9 +51,9 @@ const MAX_INTENSITY = 1e12;
 
 /** Read the lights of `extension.variables`. */
 export function readVariables(value: unknown, where: string): Variable[] {
-  // Nodes that move come after the lights (`movers.ts`).
+  // What moves comes after the lights (`movers.ts`).
   const entries = list(value ?? [], where, MAX_VARIABLES).map((entry, i) => record(entry, `${where}[${i}]`));
-  const lights = entries.findIndex(({ kind }) => kind === "node");
+  const lights = entries.findIndex(({ kind }) => kind === "node" || kind === "clip");
   return (lights < 0 ? entries : entries.slice(0, lights)).map((entry, i) => readVariable(entry, `${where}[${i}]`));
 }
 

@@ -18,7 +18,7 @@ export interface ViewData {
   /** Value of the first declared light. */
   readonly light: Vec3 | null;
   /** Slider of the nodes that move, 0 to 1; null: as the file shows them. */
-  readonly pose: number | null;
+  readonly pose: readonly number[] | null;
   readonly width: number;
   readonly height: number;
   /** Radiance below which the steps of the reference are even. */
@@ -79,11 +79,15 @@ function readView(value: unknown, index: number): ViewData[] {
   const known = typeof value.reference === "string" && width && height && dark > 0 && Number.isFinite(dark);
   const reference = known ? (value.reference as string) : "";
   const name = typeof value.name === "string" && value.name ? value.name.slice(0, 40) : `View ${index + 1}`;
-  return [{ name, camera, light: readVec3(value.light), pose: readShare(value.pose), width: width || 4, height: height || 3, dark, reference }];
+  return [{ name, camera, light: readVec3(value.light), pose: readPose(value.pose), width: width || 4, height: height || 3, dark, reference }];
 }
 
-function readShare(value: unknown): number | null {
-  return typeof value === "number" && value >= 0 && value <= 1 ? value : null;
+/** Most sliders of a pose. */
+const MAX_POSE = 4;
+
+function readPose(value: unknown): number[] | null {
+  const isShare = (slider: unknown) => typeof slider === "number" && slider >= 0 && slider <= 1;
+  return Array.isArray(value) && value.length <= MAX_POSE && value.every(isShare) ? value : null;
 }
 
 function readSide(value: unknown): number {

@@ -99,9 +99,10 @@ export class Viewer extends ViewerFrames {
     this.resetLight();
     const lamp = this.lamps[0];
     if (lamp && view.light) lamp.move(new Vector3(...view.light));
-    for (const mover of this.learned?.movers ?? []) {
+    for (const [k, mover] of (this.learned?.movers ?? []).entries()) {
       const [first, last] = mover.record.range;
-      if (view.pose !== null) mover.value = first + view.pose * (last - first);
+      const slider = view.pose?.[k];
+      if (slider !== undefined) mover.value = first + slider * (last - first);
     }
     this.view = index;
     this.presenter.references.comparison = null;
@@ -180,7 +181,7 @@ export class Viewer extends ViewerFrames {
     this.relit();
   }
 
-  /** Move a node of the file, degrees or metres; nothing changes where it has no such mover. */
+  /** Move a node or clip of the file, in degrees, metres or shares; nothing changes where it has no such mover. */
   setMover(name: string, value: number): void {
     const mover = this.learned?.movers.find((other) => other.name === name);
     if (!mover || mover.value === value) return;

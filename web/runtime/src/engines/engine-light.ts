@@ -39,7 +39,7 @@ export class EngineLight {
     const sky = radiance.variables.find((variable) => variable.kind === "sun" && variable.sky !== null);
     if (sky) throw new Error(`sun '${sky.name}': expected one without a sky; show it with three.js`);
     const [mover] = radiance.movers;
-    if (mover) throw new Error(`node '${mover.name}': expected a scene that stands still; show it with three.js`);
+    if (mover) throw new Error(`${mover.kind} '${mover.name}': expected a scene that stands still; show it with three.js`);
     this.lamps = radiance.variables.map((variable) => new EngineLamp(variable));
     this.fields = radiance.fields.map((record, i) => new EngineField(record, i, record.variable < 0 ? [] : [record.variable], weights));
     const count = Math.max(this.lamps.length, 1);

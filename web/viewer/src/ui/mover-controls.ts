@@ -1,8 +1,13 @@
-/** A slider for each node that moves: a door in degrees, a sliding one in metres. */
+/** A slider for each node or clip that moves: a door in degrees, a sliding one in metres, a clip in per cent. */
 
 import type { Viewer } from "../viewer.ts";
 import { createSection, createSlider } from "./controls.ts";
 
+const SHOWN = {
+  degrees: (value: number) => `${value.toFixed(0)}°`,
+  metres: (value: number) => `${value.toFixed(2)} m`,
+  share: (value: number) => `${(100 * value).toFixed(0)} %`,
+};
 /** Steps of a slider from end to end. */
 const STEPS = 500;
 
@@ -13,7 +18,7 @@ export function createMovers(viewer: Viewer): HTMLElement | null {
   const rows = movers.map((mover) => {
     const { range, unit } = mover.record;
     const [low, high] = [Math.min(...range), Math.max(...range)];
-    const show = (value: number) => (unit === "degrees" ? `${value.toFixed(0)}°` : `${value.toFixed(2)} m`);
+    const show = (value: number) => SHOWN[unit](value);
     const slider = createSlider(mover.name.replaceAll("_", " "), [low, high, (high - low) / STEPS], show, (value) => viewer.setMover(mover.name, value));
     return { element: slider.element, update: () => slider.set(mover.value) };
   });
