@@ -42,9 +42,10 @@ class LateNotes:
         """
         try:
             return make()
-        except OSError:
-            raise
         except Exception as error:  # any failure here is worth less than the bake
+            # Encoders of pictures raise this too, without the number of a system's error.
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
             reason = " ".join(str(error).split())[:LONGEST_NOTE] or type(error).__name__
             self.add(f"{what} could not be made and is left out of the report ({reason})")
             return otherwise

@@ -29,6 +29,25 @@ def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None
     write_atomically(path, encoded(picture_bytes(exposed), "PNG"))
 
 
+def jpeg(pixels: np.ndarray, quality: int) -> bytes:
+    """Encode a picture as a JPEG with full colour resolution.
+
+    Args:
+        pixels: [H, W, 3] uint8.
+        quality: 1 to 100.
+
+    Returns:
+        Bytes of the file.
+    """
+    try:
+        return encoded(pixels, "JPEG", quality=quality, subsampling=0, optimize=True)
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        # Pillow's buffer for the optimized form is too small for pictures of noise.
+        return encoded(pixels, "JPEG", quality=quality, subsampling=0)
+
+
 def encoded(pixels: np.ndarray, kind: str, **options: int) -> bytes:
     """Encode a picture.
 

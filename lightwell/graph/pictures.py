@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from lightwell.basisu import codec as basisu
+from lightwell.core.image_io import jpeg
 from lightwell.graph.buffers import Buffer
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def encode(texels: np.ndarray, codec: str = "webp", mips: int = 0) -> Picture:
     elif kind == "webp":
         image.save(stream, "WEBP", quality=int(quality), method=WEBP_METHOD)
     elif kind == "jpeg":
-        image.save(stream, "JPEG", quality=int(quality or 90), subsampling=0, optimize=True)
+        return Picture(jpeg(np.ascontiguousarray(texels), int(quality or 90)), MIMES[kind], mips)
     else:
         raise ValueError(
             f"picture: expected png, webp, webp1 … webp100, jpeg1 … jpeg100, uastc or etc1s, found '{codec}'"

@@ -6,12 +6,11 @@ f is the prediction and y the reference, [height, width, 3] radiance in the expo
 from __future__ import annotations
 
 import base64
-import io
 
 import numpy as np
-from PIL import Image
 
 from lightwell.core.color import display
+from lightwell.core.image_io import encoded, jpeg
 from lightwell.report.records import ViewComparison
 
 # Added to the difference and to the reference: keep the logarithm finite and limit the relative error of dark pixels.
@@ -51,13 +50,9 @@ def data_uri(pixels: np.ndarray, lossless: bool = False) -> str:
     Returns:
         ``data:image/…;base64,…``.
     """
-    stream = io.BytesIO()
-    if lossless:
-        Image.fromarray(pixels).save(stream, "PNG", optimize=True)
-    else:
-        Image.fromarray(pixels).save(stream, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    data = encoded(pixels, "PNG", optimize=True) if lossless else jpeg(pixels, JPEG_QUALITY)
     kind = "png" if lossless else "jpeg"
-    return f"data:image/{kind};base64,{base64.b64encode(stream.getvalue()).decode()}"
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def bytes_of(values: np.ndarray) -> np.ndarray:

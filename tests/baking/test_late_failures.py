@@ -31,7 +31,9 @@ def test_a_failure_becomes_a_note_and_the_rest_goes_on():
     assert notes.attempt("a", lambda: 1, 0) == 1 and notes.attempt("b", broken, 0) == 0
     assert len(notes.texts) == 1 and notes.texts[0].startswith("b could not be made")
     with pytest.raises(OSError, match="full"):
-        notes.attempt("c", lambda: (_ for _ in ()).throw(OSError("the disk is full")), 0)
+        notes.attempt("c", lambda: (_ for _ in ()).throw(OSError(28, "the disk is full")), 0)
+    # What an encoder of pictures raises is no error of the disk.
+    assert notes.attempt("d", lambda: (_ for _ in ()).throw(OSError("broken data stream")), 0) == 0
 
 
 # Several at once, and each alone; a view that is not traced has no reference picture.
