@@ -30,6 +30,20 @@ def test_a_door_and_a_lamp_that_roams_are_learned_together_and_scored_by_pose(tm
     assert report["sweep_axis"] == "Door, degrees" and report["sweep"][-1]["at"] == 90
 
 
+@pytest.mark.slow
+def test_two_things_move_and_are_scored_each_from_end_to_end(tmp_path):
+    vary = (*DOOR, "node:crate.translation=(0,0,0)..(0,0.5,0)")
+    report = bake(small(tmp_path / "out", scene="doorway", shards=1, steps=20, views=2, quality="draft", vary=vary))
+    fields, variables = read_fields(tmp_path / "out/scene.glb")
+    assert [v["name"] for v in variables] == ["Door", "crate"] and validate_file(tmp_path / "out/scene.glb") == []
+    assert [field.graph.inputs["pose"] for field in fields] == [2]
+    door, crate = report["facts"]["movers"]
+    assert [row["value"] for row in door["poses"]] == [0, 11.7, 42.3, 71.1, 90]
+    assert [row["value"] for row in crate["poses"]] == [0, 0.065, 0.235, 0.395, 0.5]
+    assert all(len(mover["end_stops"]) == 2 for mover in (door, crate))
+    assert "Door at 55.8°, crate at 0.145 m" in (tmp_path / "out/report.html").read_text()
+
+
 @pytest.mark.parametrize(
     "more, message",
     [
