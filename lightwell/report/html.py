@@ -167,6 +167,7 @@ def _charts(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {"svg": _training_chart(numbers), "caption": "Error on validation samples while training."},
         {"svg": _sweep_chart(numbers), "caption": "Error at held-out positions along the sweep of the light."},
+        *map(_mover_chart, numbers["facts"].get("movers", ())),
         {
             "svg": charts.bar_chart(bars, percent, "Error by object"),
             "caption": "Error by object, worst first; the thin mark is the noise floor.",
@@ -190,6 +191,23 @@ def _sweep_chart(numbers: Mapping[str, Any]) -> str:
     lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
     x, y = ChartAxis(numbers["sweep_axis"], brief), ChartAxis("relative error", brief_percent)
     return charts.line_chart(lines, x, y, "Error along the sweep of the light")
+
+
+def _mover_chart(mover: Mapping[str, Any]) -> dict[str, Any]:
+    """The chart of what moves, and its worst pose and what leaks at its end stops in words."""
+    rows, name = mover["poses"], mover["name"]
+    at, error, floor = ([row[key] for row in rows] for key in ("value", "relative_error", "noise"))
+    lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
+    x, y = ChartAxis(f"{name}, {mover['unit']}", brief), ChartAxis("relative error", brief_percent)
+    told = [f"Error over the range of {name}"]
+    if worst := mover.get("worst_pose"):
+        told.append(f"worst at {digits(worst['value'])} with {percent(worst['relative_error'])}")
+    for stop in mover.get("end_stops", ()):
+        if stop["leak"] is not None:
+            told.append(
+                f"at {digits(stop['value'])} {percent(stop['leak'])} of the light of the other end leaks into the dark"
+            )
+    return {"svg": charts.line_chart(lines, x, y, f"Error over {name}"), "caption": "; ".join(told) + "."}
 
 
 def _view_row(view: Mapping[str, Any]) -> tuple[str, ...]:

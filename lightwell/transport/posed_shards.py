@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from lightwell.scenes.movers import Pose, sobol_poses
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.adaptive import Predict
+from lightwell.transport.adaptive import Predict, relative_residual
 from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.moved import poses_of, with_rest
 from lightwell.transport.own_light_shards import OwnLightShards
@@ -21,6 +24,22 @@ from lightwell.transport.shards import LightsFn, Make, ShardSettings
 
 # Added to the seed of the shards, so that no two poses share a random number.
 POSE_SEEDS = 1 << 20
+NEXT_SEED, TINY = 0xADD, 1e-9
+
+
+# One pose is added in the adaptive stage for so many that were traced before; places for one that are compared.
+ADDED, CANDIDATES = 4, 256
+
+
+@dataclass(frozen=True)
+class _OfPose:
+    """What makes the rows of one pose."""
+
+    pose: Pose
+    settings: ShardSettings
+    maker: GatheredShards | OwnLightShards
+    make: Make
+    """``maker``, or its adaptive function."""
 
 
 class PosedShards:
@@ -50,27 +69,48 @@ class PosedShards:
         """
         if not scene.movers or settings.lights % len(poses):
             raise ValueError(f"samples: {settings.lights} lights of a shard cannot be divided among {len(poses)} poses")
-        self._poses, self._scene = [tuple(map(float, pose)) for pose in poses], scene
-        part = replace(settings, lights=settings.lights // len(poses), floor=max(settings.floor // len(poses), 1))
-        self._settings = [replace(part, seed=settings.seed + k * POSE_SEEDS) for k in range(len(poses))]
-        self._makers = [
-            kind(posed(scene, pose), variable, own, size(own)) for pose, own in zip(self._poses, self._settings)
-        ]
+        self._scene, self._variable, self._settings, self._size, self._kind = scene, variable, settings, size, kind
+        self._poses = [tuple(map(float, pose)) for pose in poses]
+        self._of_poses = [self._of_pose(pose, k, len(poses)) for k, pose in enumerate(self._poses)]
+        self._preparing = 0.0
+
+    def _of_pose(self, pose: Pose, number: int, of: int) -> _OfPose:
+        """What makes the rows of a pose, one of so many that a shard has."""
+        part = replace(self._settings, lights=self._settings.lights // of, floor=max(self._settings.floor // of, 1))
+        own = replace(part, seed=self._settings.seed + number * POSE_SEEDS)
+        maker = self._kind(posed(self._scene, pose), self._variable, own, self._size(own))
+        return _OfPose(pose, own, maker, maker)
 
     @property
     def most(self) -> int | None:
         """Shards that hold all that there is; None: no limit."""
-        limits = [maker.most for maker in self._makers if maker.most is not None]
+        limits = [limit for of in self._of_poses if (limit := of.maker.most) is not None]
         return max(limits, default=None)
+
+    @property
+    def before_adaptive(self) -> float:
+        """Seconds before the first adaptive shard: those of the poses that are added, by what the first ones took."""
+        return self._preparing * self._added / len(self._poses)
+
+    @property
+    def _added(self) -> int:
+        """Poses that the adaptive stage adds."""
+        return max(len(self._poses) // ADDED, 1)
 
     def __call__(
         self, scene: Scene, variable: Variable, lights_fn: LightsFn | None, settings: ShardSettings, index: int
     ) -> tuple[dict[str, np.ndarray], dict]:
         """As ``make_shard``."""
-        return self._joined(self._makers, variable, index)
+        start = perf_counter()
+        found = self._joined(self._of_poses, variable, index)
+        if index == 0:
+            self._preparing = perf_counter() - start
+        return found
 
     def adaptive(self, known: Samples, predict: Predict) -> Make:
-        """Make the function for more shards, each pose by the residual of its own samples.
+        """Make the function for more shards: poses are added where a fit errs most between those that are known.
+
+        Samples of a light that moves are added to known poses too, each by the residual of its own samples.
 
         Args:
             known: Samples on which the residual is measured.
@@ -79,19 +119,26 @@ class PosedShards:
         Returns:
             Makes a shard, as ``make_shard`` does.
         """
-        at = np.asarray(known.query.pose)
-        makes = []
-        for k, maker in enumerate(self._makers):
-            own = known[np.flatnonzero((at == np.float32(self._poses[k])).all(axis=1))]
-            makes.append(maker.adaptive(own, predict))
-        return lambda scene, variable, lights_fn, settings, index: self._joined(makes, variable, index)
+        at, residual = np.asarray(known.query.pose), relative_residual(predict(known.query), known)
+        rows = [np.flatnonzero((at == np.float32(pose)).all(axis=1)) for pose in self._poses]
+        errors = np.array([math.sqrt(max(float(residual[own].mean()), 0.0)) if len(own) else 0.0 for own in rows])
+        added, count = next_poses(np.array(self._poses), errors, self._added), len(self._poses)
+        if self._kind is OwnLightShards:
+            more, kept = [self._of_pose(pose, count + k, len(added)) for k, pose in enumerate(added)], []
+        else:
+            more = [self._of_pose(pose, count + k, count) for k, pose in enumerate(added)]
+            kept = [
+                replace(self._of_poses[k], make=self._of_poses[k].maker.adaptive(known[rows[k]], predict))
+                for k in sorted(np.argsort(-errors, kind="stable")[: count - len(added)])
+            ]
+        return lambda scene, variable, lights_fn, settings, index: self._joined([*kept, *more], variable, index)
 
-    def _joined(self, makes: Sequence[Make], variable: Variable, index: int) -> tuple[dict[str, np.ndarray], dict]:
+    def _joined(self, poses: Sequence[_OfPose], variable: Variable, index: int) -> tuple[dict[str, np.ndarray], dict]:
         """The rows of all poses and the sum of their counts."""
         parts, counts = [], dict[str, Any]()
-        for make, pose, settings in zip(makes, self._poses, self._settings):
-            columns, found = make(posed(self._scene, pose), variable, None, settings, index)
-            parts.append(columns | self._rest(columns, pose))
+        for of in poses:
+            columns, found = of.make(posed(self._scene, of.pose), variable, None, of.settings, index)
+            parts.append(columns | self._rest(columns, of.pose))
             counts = {name: _sum(counts.get(name), values) for name, values in found.items()}
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, counts
 
@@ -101,6 +148,34 @@ class PosedShards:
         at = poses_of(len(query), pose)
         found = columns_of(with_rest(self._scene.movers, query, columns["shape"], at))
         return {name: found[name] for name in ("pose", "rest_position", "rest_normal")}
+
+
+def next_poses(known: np.ndarray, errors: np.ndarray, count: int) -> list[Pose]:
+    """Choose further poses: far from known ones, where these have large errors.
+
+    Args:
+        known: [K, M] poses, sliders from 0 to 1.
+        errors: [K] errors of a fit in them, ≥ 0.
+        count: Poses to add.
+
+    Returns:
+        The poses, the most useful one first; none is a known one.
+    """
+    movers = known.shape[1]
+    if movers == 1:
+        candidates = np.linspace(0, 1, CANDIDATES + 1)[1:-1, None]
+    else:
+        candidates = sobol_poses(CANDIDATES, movers, NEXT_SEED)
+    errors, found = np.asarray(errors, np.float64) + TINY, list[Pose]()
+    for _ in range(count):
+        distance = np.linalg.norm(candidates[:, None] - known, axis=2)
+        # The error in between is the mean of all known ones, the nearer the heavier.
+        weight = 1 / np.maximum(distance, TINY) ** 2
+        between = (weight * errors).sum(axis=1) / weight.sum(axis=1)
+        best = int(np.argmax(between * distance.min(axis=1)))
+        found.append(tuple(candidates[best].tolist()))
+        known, errors = np.concatenate([known, candidates[best : best + 1]]), np.append(errors, between[best])
+    return found
 
 
 def _sum(before: Any, more: Any) -> Any:

@@ -81,6 +81,9 @@ class SeenShards:
     Shards of a moving light and of the scene's own emitters have the same points and rays: paths need no light.
     """
 
+    before_adaptive = 0.0
+    """Seconds before the first adaptive shard."""
+
     def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
         """Prepare to make shards; nothing is traced yet.
 

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from lightwell.scenes import load
+from lightwell.scenes.movers import pose_nodes
 from lightwell.scenes.posing import declared_movers, posed, with_movers
 from lightwell.scenes.variables import PointLight
 from lightwell.transport import draw_surface, static
 from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.moved import at_pose
 from lightwell.transport.own_light_shards import OwnLightShards
-from lightwell.transport.posed_shards import PosedShards
+from lightwell.transport.posed_shards import PosedShards, next_poses
 from lightwell.transport.queries import make_query
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import Query, Samples, SurfacePoints
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
@@ -79,3 +80,34 @@ def test_shards_have_as_many_rows_of_every_pose(scene, kind):
 def test_poses_must_divide_the_lights(scene):
     with pytest.raises(ValueError, match="16 lights of a shard cannot be divided among 3 poses"):
         PosedShards(scene, LIGHT, SMALL, lambda own: GatherSize.of(1, own), OwnLightShards, [(0.0,), (0.5,), (1.0,)])
+
+
+def test_poses_are_added_between_those_with_large_errors():
+    known, errors = pose_nodes(8), np.full(8, 0.01)
+    errors[3:5] = 1.0
+    first, second, _ = (pose[0] for pose in next_poses(known, errors, 3))
+    assert known[3, 0] < first < known[4, 0]
+    assert known[2, 0] < second < known[5, 0] and abs(second - first) > 0.05
+    # With one error for all, the widest gaps are filled.
+    even = next_poses(known, np.ones(8), 2)
+    assert all(known[2, 0] < pose[0] < known[5, 0] for pose in even)
+    plane, errors = pose_nodes(16, 2), np.zeros(16)
+    errors[np.argmin(np.linalg.norm(plane - [0.9, 0.1], axis=1))] = 1.0
+    (found,) = next_poses(plane, errors, 1)
+    assert np.linalg.norm(np.subtract(found, [0.9, 0.1])) < 0.35 and len(found) == 2
+
+
+@pytest.mark.parametrize("kind", [OwnLightShards, GatheredShards])
+def test_adaptive_shards_have_poses_that_are_new(scene, kind):
+    sliders = [0.0, 0.3, 0.6, 1.0]
+    size = lambda own: GatherSize(1 << 10, 512, 32, rays=4)  # noqa: E731
+    maker = PosedShards(scene, LIGHT, SMALL, size, kind, [(t,) for t in sliders])
+    columns, _ = maker(scene, LIGHT, None, SMALL, 0)
+    query = Query(**{name: columns[name] for name in Query.__dataclass_fields__ if name in columns})
+    known = Samples(query, *(columns[name] for name in ("half_a", "half_b", "weight", "shape")))
+    assert maker.before_adaptive > 0
+    more, _ = maker.adaptive(known, lambda q: np.zeros((len(q), 3)))(scene, LIGHT, None, SMALL, 0)
+    poses = np.unique(more["pose"])
+    new = np.setdiff1d(poses, np.float32(sliders))
+    assert len(new) == 1 and len(more["pose"]) == SMALL.size
+    assert len(poses) == (1 if kind is OwnLightShards else 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,8 @@ from lightwell.transport.shards import ShardSettings
 
 # Most poses that are traced, by quality, and fewest.
 POSES, FEWEST_POSES = {"draft": 8, "good": 16, "best": 32}, 4
+# Seconds that a pose takes on two cores, most of them before its first ray; and what is asked for beyond the least.
+POSE_SECONDS, SPARE = 2.0, 1.1
 # Times as many for two and three movers.
 POSES_OF = (1, 2, 3)
 HELD_OUT_SEED = 0x905E
@@ -64,6 +67,31 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
     roles: tuple[Role, ...] = ("static",) if own and not declared else ("indirect", "static") if own else ("indirect",)
     variable = state.variable if "indirect" in roles else None
     return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
+
+
+def check_time(state: State, seconds: float, gathered: int) -> None:
+    """Say what the poses of a scene take, and refuse a budget that has no time for the fewest.
+
+    Args:
+        state: The prepared scene, with movers.
+        seconds: Time of the role.
+        gathered: As for ``traced_poses``.
+
+    Raises:
+        ValueError: The time is too short.
+    """
+    request, movers = state.job.request, state.scene.movers
+    names = " and ".join(mover.name for mover in movers)
+    count = len(traced_poses(request.quality, request.lights_per_shard, gathered, len(movers)))
+    needed = POSE_SECONDS * count
+    if seconds < needed and not request.shards:
+        fields, share = len(state.roles), needed / max(seconds, 1e-3)
+        asked = math.ceil((request.budget.seconds or seconds * fields) * share * SPARE / 10) * 10
+        raise ValueError(
+            f"bake: {names} take at least {count} poses, about {needed:.0f} s, of {seconds:.0f} s that this budget "
+            f"leaves; give --budget {asked}s, or vary fewer things"
+        )
+    state.job.progress.say(f"{names}: {count} poses, about {needed:.0f} s of tracing")
 
 
 def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> np.ndarray:

@@ -34,7 +34,7 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
 )
-from lightwell.fields.surface.poses import posed_maker, posed_validation
+from lightwell.fields.surface.poses import check_time, posed_maker, posed_validation
 from lightwell.fields.surface.tracing import PathRate, TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
@@ -151,6 +151,8 @@ def _start_plan(state: State, role: Role) -> StartPlan:
         # What the first of two roles leaves is for the second.
         seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
     gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
+    if state.scene.movers:
+        check_time(state, seconds, gathered)
     return StartPlan(begin + seconds, rate.short, first.gathered if first else gathered, rate.sustained)
 
 
@@ -165,7 +167,9 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
     cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
     # Adaptive shards are gathered as the others are.
     cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
-    return plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
+    plan = plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
+    # Poses are added where a fit errs, also where shards hold all points of those that are known.
+    return plan.with_adaptive() if state.scene.movers else plan
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
@@ -313,7 +317,9 @@ class SurfaceTraining:
         # The samples are taken up twice, and the learner of the plan had a part of them.
         share = len(self.samples.training) / min(len(self.samples.training), TIMED_SAMPLES)
         taken = self._preparing * share * (2 if plan.adaptive_shards else 1)
-        return self.samples.end - self.state.job.work.elapsed - taken - plan.adaptive_shards * plan.seconds_per_adaptive
+        taken += plan.adaptive_shards * plan.seconds_per_adaptive
+        taken += self.samples.make.before_adaptive if plan.adaptive_shards else 0.0
+        return self.samples.end - self.state.job.work.elapsed - taken
 
     def _seconds_per_step(self) -> float:
         """Time of a training step on a scratch learner, compilation excluded."""
@@ -334,7 +340,7 @@ class SurfaceTraining:
         cost = self._stepping / self._stepped if self._stepped else self._plan.seconds_per_step
 
         def make() -> LastPlan:
-            left = self.samples.end - self.state.job.work.elapsed
+            left = self.samples.end - self.state.job.work.elapsed - self.samples.make.before_adaptive
             return plan_last(left, self._sample_plan, step, cost, self._preparing)
 
         last = kept_plan(self._part, LastPlan, make)
