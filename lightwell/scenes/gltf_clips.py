@@ -22,8 +22,8 @@ from lightwell.scenes.gltf_rest import PATHS, animated_channels, poses_for_flat_
 LONGEST_INTERVAL, MOST_TIMES = 1 / 32, 512
 # Share of a clip within which a step is taken.
 SHORTEST = 1e-5
-# Most nodes that may move in one clip.
-MOST_NODES = 4096
+# Most nodes that may move in one clip, and most channels that it may have.
+MOST_NODES, MOST_CHANNELS = 512, 4096
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,10 @@ def _motion(
     """The motion of a clip."""
     index_of = {node.index: k for k, node in enumerate(nodes)}
     tracks: dict[int, list[_Track]] = {}
-    for target, path, sampler in animated_channels(document, animation):
+    channels = animated_channels(document, animation)
+    if len(channels) > MOST_CHANNELS:
+        animation.fail(f"has {len(channels):,} channels, more than {MOST_CHANNELS:,}", "name a clip that has fewer")
+    for target, path, sampler in channels:
         if target in index_of and path in PATHS:
             tracks.setdefault(index_of[target], []).append(_track(accessors, document, animation, path, sampler))
     owner = _owners(nodes, index_of, set(tracks))

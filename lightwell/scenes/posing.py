@@ -136,7 +136,8 @@ def _clip_mover(declaration: Declaration, scene: Scene) -> ClipMover:
 def _clip_parts(scene: Scene, motion: ClipMotion, what: str, span: tuple[float, float]) -> tuple[ClipPart, ...]:
     """The parts of a clip that move in a stretch of it; each must stay rigid."""
     parts, rows = [], {node: row for row, node in enumerate(motion.nodes)}
-    inside = (motion.shares >= min(span)) & (motion.shares <= max(span))
+    first = max(int(np.searchsorted(motion.shares, min(span), side="right")) - 1, 0)
+    inside = slice(first, int(np.searchsorted(motion.shares, max(span))) + 1)
     for owner in dict.fromkeys(motion.owner):
         own = [node for node, of in zip(motion.nodes, motion.owner) if of == owner]
         meshes = tuple(sorted(mesh for node in own for mesh in scene.nodes[node].meshes))

@@ -91,6 +91,11 @@ def test_a_stretch_of_a_clip_may_run_backwards(tmp_path):
     assert np.allclose(last[:, 2], 0)
 
 
+def test_a_stretch_between_two_keys_moves_too(tmp_path):
+    _, mover = moved(room(tmp_path), "animation:Open=0.26..0.27", 0.5)
+    assert [part.name for part in mover.parts] == ["Frame", "Left"]
+
+
 @pytest.mark.parametrize(
     "more, text, message",
     [
