@@ -43,6 +43,8 @@ class PageView:
     """[height, width, 3] path-traced total radiance for the variable's intensity and colour, first row at the top."""
     pose: tuple[float, ...] | None = None
     """A slider, 0 to 1, for each of the scene's movers; None: nothing moves."""
+    further: tuple[tuple[float, float, float], ...] = ()
+    """Values of the variables of further lights."""
 
 
 def write_page(
@@ -183,6 +185,7 @@ def view_json(view: PageView) -> dict[str, Any]:
         "name": view.name,
         "camera": camera_json(view.camera),
         "light": [float(c) for c in view.light],
+        **({"further": [[float(c) for c in light] for light in view.further]} if view.further else {}),
         **({} if view.pose is None else {"pose": [float(slider) for slider in view.pose]}),
         "width": width,
         "height": height,

@@ -15,6 +15,7 @@ from lightwell.baking.pipeline import (
     loaded,
     refuse_mover,
     refuse_sky,
+    shown_lights,
     write_asset,
     write_report_and_page,
 )
@@ -193,7 +194,7 @@ class _Comparison:
         data = replace(data, paths_per_second=fit.traced.paths / max(traced, 1e-9))
         out.mkdir(exist_ok=True)
         stage = reference.stage
-        size = write_asset(out, state, [shipped], stage.intensity, stage.color, stage.views[0][1], self._exposure)
+        size = write_asset(out, state, [shipped], shown_lights(state, stage), self._exposure)
         links = (PAGE, PageLink("../compare.html", "all fields compared"))
         data = replace(data, asset_bytes=size, links=links)
         numbers = write_report_and_page(out, state, data, reference, self.notes, self._exposure)

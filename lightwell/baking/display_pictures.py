@@ -5,6 +5,7 @@ Of the figures, FLIP alone is measured against them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,7 @@ def reference_picture(
     intensity: float,
     color: tuple[float, float, float],
     with_static: bool,
+    more: Sequence[tuple[np.ndarray, Variable, float, tuple[float, float, float]]] = (),
 ) -> np.ndarray:
     """Path-trace a picture for display and remove its noise where a denoiser is installed.
 
@@ -57,6 +59,7 @@ def reference_picture(
         intensity: Candela (lux) of the declared light.
         color: Linear RGB of the declared light.
         with_static: Let the emitters of the scene shine too.
+        more: Further lights: place [3], what they are, candela (lux) and colour.
 
     Returns:
         [H, W, 3] float32 linear radiance.
@@ -75,6 +78,9 @@ def reference_picture(
         color=color,
         with_static=with_static,
     )
+    for place, other, candela, tint in more:
+        further = total_image(scene, camera, place, other, width, height, spp, seed, intensity=candela, color=tint)
+        picture = picture + further
     return picture if missing() else denoise(picture, *guide_images(scene, camera, width, height))
 
 

@@ -22,7 +22,7 @@ from lightwell.transport.camera import gbuffer
 
 if TYPE_CHECKING:
     from lightwell.baking.display_pictures import DisplayView
-    from lightwell.baking.reference import PointReference, SweepReference, ViewReference
+    from lightwell.baking.reference import PointReference, SweepReference, ViewReference, ViewSetup
 
 # Index of the region of a pixel that shows no surface.
 NO_REGION = -1
@@ -101,11 +101,29 @@ def views_and_lights(scene: Scene, variable: Variable, count: int, seed: int) ->
         Camera and light [3] of each view.
     """
     cameras = sample_cameras(scene, variable, count, seed + EVALUATION_SEED, authored=True)
+    return list(zip(cameras, lights_of_views(scene, variable, cameras, seed, count)))
+
+
+def lights_of_views(
+    scene: Scene, variable: Variable, cameras: Sequence[Camera], seed: int, count: int = 1
+) -> list[np.ndarray]:
+    """Choose a held-out light for each view; a suitable one for the first.
+
+    Args:
+        scene: The scene.
+        variable: Ranges of the light.
+        cameras: Cameras of the views.
+        seed: Seed of the bake.
+        count: Lights to choose from, at least.
+
+    Returns:
+        [3] of each view: position in metres, or direction towards the sun.
+    """
     held_out = held_out_lights(scene, variable, max(count, VIEW_LIGHTS), seed + EVALUATION_SEED)
     chosen = []
     for k, camera in enumerate(cameras):
         light = initial_light(scene, variable, camera) if k == 0 else _best_lit(scene, variable, camera, held_out)
-        chosen.append((camera, np.asarray(light, np.float32)))
+        chosen.append(np.asarray(light, np.float32))
     return chosen
 
 
@@ -146,7 +164,8 @@ def compare_view(
     size: tuple[int, int],
     name: str,
     caption: str,
-    intensity: float,
+    stage: ViewSetup,
+    number: int,
     objects: Sequence[str] = (),
     display: DisplayView | None = None,
 ) -> ViewComparison:
@@ -158,7 +177,8 @@ def compare_view(
         size: Width and height, pixels.
         name: Name of the view.
         caption: Caption of the view.
-        intensity: Intensity of the light on the page, cd or lx, > 0.
+        stage: Where the lights of the view stand, and how bright they are.
+        number: Number of the view.
         objects: Names of the meshes of the scene.
         display: The view for display; None: the scored one is shown.
 
@@ -166,28 +186,26 @@ def compare_view(
         The comparison.
     """
     width, height = size
-    queries = [shipped.fit.query(reference.points, reference.light) for shipped in fields]
-    total = sum(role_scale(s.role, intensity) * s.baked(query) for s, query in zip(fields, queries))
+    queries = [shipped.fit.query(reference.points, stage.place(shipped.role, number)) for shipped in fields]
+    total = sum(stage.weight(s.role) * s.baked(query) for s, query in zip(fields, queries))
     images = np.zeros((3, height * width, 3), np.float32)
     images[:, reference.seen] = total, np.nan_to_num(reference.half_a), np.nan_to_num(reference.half_b)
     prediction, a, b = images.reshape(3, height, width, 3)
     regions, blend = _regions(queries[0], reference.seen, fields[0].baked, size)
     if display is None:
         return ViewComparison(name, prediction, a, b, regions, blend, caption)
-    picture = ViewPicture(
-        display.picture(_total(fields, display.points, reference.light, intensity)), display.reference
-    )
+    picture = ViewPicture(display.picture(_total(fields, display.points, stage, number)), display.reference)
     surfaces = ViewSurfaces(display.shape, display.position, objects)
     return ViewComparison(name, prediction, a, b, regions, blend, caption, picture, surfaces)
 
 
-def _total(fields: Sequence[Shipped], points: SurfacePoints, light: np.ndarray, intensity: float) -> np.ndarray:
+def _total(fields: Sequence[Shipped], points: SurfacePoints, stage: ViewSetup, number: int) -> np.ndarray:
     """[N, 3] radiance of all roles; evaluated in blocks, because some queries need kilobytes for each point."""
     total = np.zeros((len(points), 3), np.float32)
     for start in range(0, len(points), BLOCK):
         rows = np.arange(start, min(start + BLOCK, len(points)))
         for s in fields:
-            total[rows] += role_scale(s.role, intensity) * s.at(points[rows], light)
+            total[rows] += stage.weight(s.role) * s.at(points[rows], stage.place(s.role, number))
     return total
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lightwell.baking.evaluate import lit_views
+from lightwell.baking.evaluate import lights_of_views, lit_views
 from lightwell.baking.poses import standing, view_pose
 from lightwell.baking.reference import ViewSetup
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
@@ -39,22 +39,18 @@ def metered_exposure(scene: Scene, variable: Variable | None, stage: ViewSetup, 
     known = stage.views if len(stage.views) == METER_VIEWS else None
     views = known or lit_views(scene, variable, METER_VIEWS, seed)
     width, height = METER_SIZE
-    pictures = [
-        total_image(
-            standing(scene, view_pose(scene, k)),
-            camera,
-            light,
-            variable,
-            width,
-            height,
-            METER_PATHS,
-            k,
-            intensity=stage.intensity,
-            color=stage.color,
-            with_static=with_static,
-        )
-        for k, (camera, light) in enumerate(views)
-    ]
+    cameras = [camera for camera, _ in views]
+    places = [light.places if known else lights_of_views(scene, light.variable, cameras, seed) for light in stage.more]
+    pictures = []
+    for k, (camera, light) in enumerate(views):
+        shown = standing(scene, view_pose(scene, k))
+        size = (width, height, METER_PATHS, k)
+        first = {"intensity": stage.intensity, "color": stage.color, "with_static": with_static}
+        picture = total_image(shown, camera, light, variable, *size, **first)
+        for other, of_views in zip(stage.more, places):
+            options = {"intensity": other.intensity, "color": other.color}
+            picture = picture + total_image(shown, camera, of_views[k], other.variable, *size, **options)
+        pictures.append(picture)
     return exposure_of(pictures)
 
 

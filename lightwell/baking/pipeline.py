@@ -35,7 +35,7 @@ from lightwell.core.units import size_text, time_text
 from lightwell.core.vary import parse_vary
 from lightwell.core.work import Work
 from lightwell.fields.budget import DEFAULT_QUALITY, estimate
-from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State
+from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State, further_role, kind_of
 from lightwell.fields.registry import check_preset, field_of, find_field, preset_of
 from lightwell.fields.request import Request
 from lightwell.files import write_atomically
@@ -44,7 +44,7 @@ from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.posing import declared_movers
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import has_sky, to_json
+from lightwell.scenes.variables import by_light, has_sky, to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
@@ -98,6 +98,8 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     """Learn, score and write."""
     if preview and any(parse_vary(text).moves for text in job.request.vary):
         raise ValueError("bake: --preview shows one pose; leave it out, or drop the node from --vary")
+    if preview and len(by_light(job.request.vary)) > 1:
+        raise ValueError("bake: --preview shows one light; leave it out, or drop a light from --vary")
     if preview:
         preview.begin(job.scene, job.request)
     state = field.prepare(job)
@@ -187,13 +189,13 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     units = {s.role: s.fit.unit for s in shipped}
     first = next((s for s in shipped if s.role == "indirect"), shipped[0])
     notes = LateNotes(job.progress)
-    stage = choose_stage(state.scene, state.variable, units, settings)
+    stage = choose_stage(state.scene, state.variable, units, settings, state.more)
     exposure = attempt_exposure(state, stage, settings, notes)
     budget = reference_budget(settings, job, first.fit, len(roles))
     shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
     # The asset is written before anything is scored, because scoring may fail.
     with job.work.timed("write"):
-        size = write_asset(settings.out, state, shipped, stage.intensity, stage.color, shown.light, exposure)
+        size = write_asset(settings.out, state, shipped, shown_lights(state, stage), exposure)
     with job.work.timed("evaluate"):
         reference = trace_reference(
             state.scene, state.variable, roles, units, settings, budget, notes, job.progress, stage=stage
@@ -220,6 +222,7 @@ def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> d
     return {
         "scene": settings.scene,
         "variable": variable_json(state.variable),
+        **({"further_variables": [variable_json(light) for light in state.more]} if state.more else {}),
         "quality": settings.quality,
         "budget_seconds": settings.budget.seconds,
         "budget_error": settings.budget.error,
@@ -246,13 +249,27 @@ def attempt_exposure(state: State, stage: ViewSetup, settings: Reported, notes: 
     return notes.attempt("the exposure", make, None)
 
 
+def shown_lights(state: State, stage: ViewSetup) -> list[dict[str, Any]]:
+    """Write the lights that vary as entries of an asset, as they are shown first.
+
+    Args:
+        state: The prepared scene.
+        stage: Where the lights stand in the views, and how bright they are.
+
+    Returns:
+        JSON objects, the first light first; none where no light varies.
+    """
+    if state.variable is None:
+        return []
+    first = to_json(state.variable, stage.views[0][1], stage.intensity, stage.color)
+    return [first, *(to_json(light.variable, light.places[0], light.intensity, light.color) for light in stage.more)]
+
+
 def write_asset(
     out: Path,
     state: State,
     shipped: Sequence[Shipped],
-    intensity: float,
-    color: Sequence[float],
-    light: np.ndarray,
+    variables: Sequence[dict[str, Any]],
     exposure: float | None = None,
 ) -> int:
     """Write ``scene.glb``.
@@ -261,22 +278,20 @@ def write_asset(
         out: Folder.
         state: The prepared scene.
         shipped: The fits of all roles.
-        intensity: First intensity of the variable light, cd or lx.
-        color: First colour of the variable light, linear sRGB.
-        light: [3] first position of the variable light in metres, or direction towards the sun.
+        variables: JSON objects of the lights that vary, the first one first.
         exposure: Factor on radiance before tone mapping that suits the scene; None: the file has none.
 
     Returns:
         Bytes of the file.
     """
-    variables = [] if state.variable is None else [to_json(state.variable, light, intensity, color)]
+    number = {"indirect": 0} | {further_role(light.name): 1 + k for k, light in enumerate(state.more)}
     lamps = [LampEntry(group.name, group.nodes) for group in state.lamps]
     entries = [
         FieldEntry(
             s.lowered.name or s.role,
-            s.role,
+            kind_of(s.role),
             s.lowered.graph,
-            0 if s.role == "indirect" else None,
+            number.get(s.role),
             s.lowered.pictures,
         )
         for s in shipped
@@ -333,7 +348,8 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     color = tuple(again.shown.intensity / strength)
     # What is shown beside the earlier bake is exposed as it is.
     exposure = declared_exposure(Path(again.facts["from"]) / "scene.glb")
-    size = write_asset(settings.out, state, shipped, strength, color, again.shown.light, exposure)
+    variables = [] if state.variable is None else [to_json(state.variable, again.shown.light, strength, color)]
+    size = write_asset(settings.out, state, shipped, variables, exposure)
     _write_files(settings, state.job, shipped, again.shown)
     if again.page:
         home = lit_views(state.scene, state.variable, 1, settings.seed)[0][0]

@@ -185,10 +185,14 @@ def quality_of_reference(
     if not reference.points:
         return None
     pictures = []
-    for view in filter(None, reference.views):
+    for k, view in enumerate(reference.views):
+        if view is None:
+            continue
         bare = np.zeros_like(view.half_a)
         if variable is not None and len(view.points):
             bare = direct(scene, view.points, view.light, variable, DIRECT_PATHS)
+            for other, place, weight in reference.stage.further(k):
+                bare = bare + weight * direct(scene, view.points, place, other, DIRECT_PATHS)
         pictures.append(PictureReference(view, bare, denoised(scene, view, size), size))
     make = partial(trace_patches, scene, variable, PATCHES, budget.point_paths, seed)
     patches = notes.attempt("the score of smooth patches", make, None)

@@ -15,7 +15,7 @@ import numpy as np
 
 from lightwell.asset.page import PageView
 from lightwell.baking.display_pictures import DisplayView, display_view, reference_picture
-from lightwell.baking.evaluate import lit_views, role_scale, view_name
+from lightwell.baking.evaluate import lights_of_views, lit_views, role_scale, view_name
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.poses import scored_points, seen_points, standing, swept_points, view_pose
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
@@ -24,10 +24,12 @@ from lightwell.core.formats import RecordFormat
 from lightwell.core.keys import key
 from lightwell.core.progress import Progress
 from lightwell.core.store import Store
+from lightwell.fields.protocol import further_role, kind_of
 from lightwell.scenes.movers import Pose
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, first_settings
+from lightwell.scenes.vectors import Vector, vector
 from lightwell.transport import SurfacePoints, draw_surface, indirect, static
 
 # Version; to be increased when the same arguments give other samples than before.
@@ -79,6 +81,19 @@ class SweepReference:
 
 
 @dataclass(frozen=True)
+class FurtherLight:
+    """A further light that varies, in the views of a report."""
+
+    role: str
+    variable: Variable
+    places: list[np.ndarray]
+    """[3] of each view."""
+    intensity: float
+    """Candela or lux."""
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class ViewSetup:
     """The views of a report and their lights."""
 
@@ -87,6 +102,44 @@ class ViewSetup:
     intensity: float
     """First intensity of the light, candela or lux."""
     color: tuple[float, float, float]
+    more: tuple[FurtherLight, ...] = ()
+    """Further lights that vary, shown together with it."""
+
+    def place(self, role: str, view: int) -> np.ndarray:
+        """Return where the light of a role stands in a view.
+
+        Args:
+            role: The role.
+            view: Number of the view.
+
+        Returns:
+            [3] position in metres, or direction towards the sun; any for the scene's own light.
+        """
+        found = next((light for light in self.more if light.role == role), None)
+        return self.views[view][1] if found is None else found.places[view]
+
+    def further(self, view: int) -> list[tuple[Variable, np.ndarray, float]]:
+        """List the further lights of a view.
+
+        Args:
+            view: Number of the view.
+
+        Returns:
+            Each with its place [3] and its weight in a picture for a first light of 1 cd (1 lx).
+        """
+        return [(light.variable, light.places[view], self.weight(light.role)) for light in self.more]
+
+    def weight(self, role: str) -> float:
+        """Return the weight of a role in a picture for a first light of 1 cd (1 lx).
+
+        Args:
+            role: The role.
+
+        Returns:
+            Factor of the radiance.
+        """
+        found = next((light for light in self.more if light.role == role), None)
+        return role_scale(role, self.intensity) * (1.0 if found is None else found.intensity / self.intensity)
 
 
 @dataclass(frozen=True)
@@ -141,8 +194,9 @@ def trace_reference(
     with progress.stage("reference", settings.views + 3, "held-out lights and views") as bar:
         stage = stage or choose_stage(scene, variable, units, settings)
         points: dict[str, PointReference] = {}
+        variables = {role: variable for role in roles} | {light.role: light.variable for light in stage.more}
         for role in roles:
-            make_points = partial(trace_points, scene, variable, role, budget, seed)
+            make_points = partial(trace_points, scene, variables[role], kind_of(role), budget, seed)
             what = f"the score at surface points ({role})"
             if found := keep(what, f"points-{role}", PointReference, make_points):
                 points[role] = found
@@ -151,13 +205,14 @@ def trace_reference(
         if scene.movers or (variable is not None and "indirect" in roles):
             make_sweep = partial(trace_sweep, scene, variable, budget, seed)
             if scene.movers:
-                make_sweep = partial(trace_poses, scene, variable, roles[0], stage.views[0][1], budget, seed)
+                make_sweep = partial(trace_poses, scene, variable, kind_of(roles[0]), stage.views[0][1], budget, seed)
             sweep = keep("the error along the path of the light", "sweep", SweepReference, make_sweep)
         bar.advance()
         views: list[ViewReference | None] = []
         for k, (camera, light) in enumerate(stage.views):
-            view = (scene, variable, camera, light, roles, size, budget.pixel_paths, stage.intensity)
-            make = partial(trace_view, *view, view_pose(scene, k))
+            base = [role for role in roles if role == kind_of(role)]
+            view = (scene, variable, camera, light, base, size, budget.pixel_paths, stage.intensity)
+            make = partial(trace_view, *view, view_pose(scene, k), stage.further(k))
             more = {"view": k, "of": settings.views, "size": list(size)}
             views.append(keep(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
             bar.advance()
@@ -199,11 +254,13 @@ def _page_views(
     for k, (camera, light) in enumerate(stage.views):
         options = {"intensity": stage.intensity, "color": stage.color, "with_static": with_static}
         shown = standing(scene, view_pose(scene, k))
-        make = partial(reference_picture, shown, camera, light, variable, size, spp, k, **options)
+        more = [(other.places[k], other.variable, other.intensity, other.color) for other in stage.more]
+        make = partial(reference_picture, shown, camera, light, variable, size, spp, k, **options, more=more)
         picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
         if picture is not None and np.isfinite(picture).all():
-            place, pose = tuple(float(c) for c in light), view_pose(scene, k)
-            pictures.append(PageView(view_name(camera, k), camera, place, picture, pose))
+            further = tuple(vector(other.places[k]) for other in stage.more)
+            pose = view_pose(scene, k)
+            pictures.append(PageView(view_name(camera, k), camera, vector(light), picture, pose, further))
     return pictures
 
 
@@ -219,7 +276,13 @@ def _display_views(
     return found
 
 
-def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float], settings: Reported) -> ViewSetup:
+def choose_stage(
+    scene: Scene,
+    variable: Variable | None,
+    units: dict[str, float],
+    settings: Reported,
+    more: Sequence[Variable] = (),
+) -> ViewSetup:
     """Choose held-out views and lights, and how bright the light is first.
 
     Args:
@@ -227,15 +290,26 @@ def choose_stage(scene: Scene, variable: Variable | None, units: dict[str, float
         variable: Ranges of the light; None: no light varies.
         units: Radiance unit S of each role.
         settings: Views, seed and declarations.
+        more: Further lights that vary.
 
     Returns:
         The stage; the intensity makes the light's indirect radiance about 0.25, or as bright as the scene's own light.
     """
     views = lit_views(scene, variable, settings.views, settings.seed)
-    declared, color = first_settings(settings.vary)
     if variable is None or "indirect" not in units:
         return ViewSetup(views, 1.0, (1.0, 1.0, 1.0))
-    return ViewSetup(views, declared or float(f"{units.get('static', 1.0) / units['indirect']:.3g}"), color)
+
+    def first(role: str, name: str | None) -> tuple[float, Vector]:
+        declared, color = first_settings(settings.vary, name)
+        return declared or float(f"{units.get('static', 1.0) / units[role]:.3g}"), color
+
+    further, cameras = [], [camera for camera, _ in views]
+    for light in more:
+        role = further_role(light.name)
+        if role in units:
+            places = lights_of_views(scene, light, cameras, settings.seed)
+            further.append(FurtherLight(role, light, places, *first(role, light.name)))
+    return ViewSetup(views, *first("indirect", variable.name if more else None), tuple(further))
 
 
 def trace_points(
@@ -272,6 +346,7 @@ def trace_view(
     paths: int,
     intensity: float = 1.0,
     pose: Pose | None = None,
+    more: Sequence[tuple[Variable, np.ndarray, float]] = (),
 ) -> ViewReference:
     """Trace one view.
 
@@ -285,6 +360,7 @@ def trace_view(
         paths: Paths per pixel, even, ≥ 2.
         intensity: Intensity of the light on the page, cd or lx; the scene's own light is divided by it.
         pose: A slider, 0 to 1, for each mover; None: nothing moves.
+        more: Further lights: each with its place [3] and its weight.
 
     Returns:
         The reference.
@@ -295,6 +371,9 @@ def trace_view(
     for role in roles:
         halves = halves_of(scene, variable, role, points[seen], light, paths, 1)
         a, b = (total + role_scale(role, intensity) * half for total, half in zip((a, b), halves))
+    for other, place, weight in more:
+        halves = halves_of(scene, other, "indirect", points[seen], place, paths, 1)
+        a, b = (total + weight * half for total, half in zip((a, b), halves))
     return ViewReference(points[seen], np.asarray(light, np.float32), a, b, seen)
 
 

@@ -180,7 +180,9 @@ def _compare_views(
             continue
         pose = pose_caption(state.scene, view_pose(state.scene, k))
         name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light, pose)
-        views.append(evaluate.compare_view(view, ordered, size, name, caption, stage.intensity, names, display))
+        further = [evaluate.view_caption(other.variable, other.places[k]) for other in stage.more]
+        caption = "; ".join([caption, *further])
+        views.append(evaluate.compare_view(view, ordered, size, name, caption, stage, k, names, display))
         if not views[-1].reference.any():
             notes.add(f"{name} shows no indirect light: its figures say little")
     return views
@@ -195,10 +197,12 @@ def _judge(
     notes: LateNotes,
 ) -> tuple[dict[str, Any] | None, Verdict | None]:
     """Figures of what the pictures show, and the verdict in words."""
-    size, intensity = settings.view_size, reference.stage.intensity
+    size, stage = settings.view_size, reference.stage
+    numbers = {id(view): k for k, view in enumerate(reference.views)}
 
     def shown(view: ViewReference) -> np.ndarray:
-        return sum(evaluate.role_scale(s.role, intensity) * s.at(view.points, view.light) for s in ordered)
+        k = numbers[id(view)]
+        return sum(stage.weight(s.role) * s.at(view.points, stage.place(s.role, k)) for s in ordered)
 
     def make() -> Quality | None:
         truth = quality_of_reference(state.scene, state.variable, reference, size, budget, settings.seed, notes)

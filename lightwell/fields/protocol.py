@@ -12,9 +12,9 @@ of a field.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,7 +29,34 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.samples import Query, SurfacePoints
 
-Role = Literal["indirect", "static"]
+Role = str
+"""A part of the light: 'indirect' of the declared light, 'static' of the scene's own, or that of a further light."""
+
+_FURTHER = "indirect-"
+
+
+def further_role(light: str) -> Role:
+    """Return the role of a further declared light.
+
+    Args:
+        light: Name of the light.
+
+    Returns:
+        The role.
+    """
+    return _FURTHER + light
+
+
+def kind_of(role: Role) -> str:
+    """Return what a role is called in an asset.
+
+    Args:
+        role: The role.
+
+    Returns:
+        'indirect' or 'static'.
+    """
+    return "indirect" if role.startswith(_FURTHER) else role
 
 
 class GoodEnough(Exception):
@@ -82,8 +109,22 @@ class State:
     """Parts of the light that are learned, in this order; the report's headline figures are those of the first."""
     warnings: list[str] = field(default_factory=list)
     """Notes of the field, for the report."""
+    more: tuple[Variable, ...] = field(default=(), kw_only=True)
+    """Further lights that vary, each with a field of its own: light adds up."""
     lamps: tuple[LampGroup, ...] = field(default=(), kw_only=True)
     """Groups of the scene's own lights that have a switch each; none: their light cannot be changed."""
+
+    def for_role(self, role: Role) -> State:
+        """Return the state for the samples and the field of a role.
+
+        Args:
+            role: One of ``roles``.
+
+        Returns:
+            The state, whose variable is the light of the role.
+        """
+        found = next((light for light in self.more if further_role(light.name) == role), None)
+        return self if found is None else replace(self, variable=found)
 
     @property
     def shipped(self) -> Scene:

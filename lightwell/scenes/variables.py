@@ -149,16 +149,33 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     return _point_light(given, scene, names[0] if names else "light")
 
 
-def first_settings(texts: Sequence[str]) -> tuple[float | None, Vector]:
-    """Read the initial intensity and colour of the light: ``light.intensity`` and ``light.color``.
+def by_light(texts: Sequence[str]) -> list[tuple[str, ...]]:
+    """Sort declarations by the light that they are of; each light can then be declared by itself.
+
+    Args:
+        texts: Declarations, see ``parse_vary``; those of nodes and clips are left out.
+
+    Returns:
+        The declarations of each light whose place, direction or size varies, in order; one empty list where none does.
+    """
+    found = [(text, d) for text in texts if not (d := parse_vary(text)).moves]
+    names = list(dict.fromkeys(d.name for _, d in found if d.learned))
+    groups = [tuple(text for text, d in found if d.name == name) for name in names]
+    return groups or [tuple(text for text, _ in found)]
+
+
+def first_settings(texts: Sequence[str], name: str | None = None) -> tuple[float | None, Vector]:
+    """Read the initial intensity and colour of a light: ``light.intensity`` and ``light.color``.
 
     Args:
         texts: Declarations, see ``parse_vary``.
+        name: Name of the light; None: there is one.
 
     Returns:
         Intensity, cd or lx (None: not declared), and linear RGB colour.
     """
-    given = {d.parameter: d.values for d in map(parse_vary, texts) if not d.learned and d.values}
+    declared = [d for d in map(parse_vary, texts) if not d.learned and d.values]
+    given = {d.parameter: d.values for d in declared if name in (None, d.name)}
     intensity = given.get("intensity", (None,))[0]
     return intensity, vector(given.get("color", (1.0, 1.0, 1.0)))
 

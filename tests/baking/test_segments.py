@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lightwell.baking import evaluate
-from lightwell.baking.reference import trace_view
+from lightwell.baking.reference import ViewSetup, trace_view
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.fields.baked import Baked
 from lightwell.fields.features import open_builder
@@ -43,6 +43,11 @@ def graph(segments: bool):
     return b.build(**outputs)
 
 
+def _alone(view) -> ViewSetup:
+    """The light of a view, 1 cd."""
+    return ViewSetup([(load("cornell").cameras[0], view.light)], 1.0, (1.0, 1.0, 1.0))
+
+
 @dataclass
 class Queries:
     """What a fit knows of points."""
@@ -58,13 +63,13 @@ def shipped(segments: bool) -> evaluate.Shipped:
 
 def test_one_network_has_no_segments(view):
     baked = shipped(False)
-    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", 1.0)
+    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", _alone(view), 0)
     assert not baked.baked.segmented and compared.regions is None and compared.blend is None
 
 
 def test_every_pixel_knows_its_expert(view):
     baked = shipped(True)
-    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", 1.0)
+    compared = evaluate.compare_view(view, [baked], SIZE, "view", "", _alone(view), 0)
     regions, blend = compared.regions.reshape(-1), compared.blend.reshape(-1)
     x = make_query(load("cornell"), view.points, view.light).position[:, 0]
     np.testing.assert_array_equal(regions[view.seen], np.where(x > 0, 5, 2))

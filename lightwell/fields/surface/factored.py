@@ -14,10 +14,11 @@ from itertools import pairwise
 import numpy as np
 
 from lightwell.core.lamps import parse_lamps
+from lightwell.core.vary import parse_vary
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.features import grid_point, light_features, local_features, mirrored_point, open_builder
-from lightwell.fields.protocol import Job, Role, State
+from lightwell.fields.protocol import Job, Role, State, further_role, kind_of
 from lightwell.fields.surface.field import SurfaceField, SurfaceFit
 from lightwell.fields.surface.lamp_samples import LampTraining, trace_lamps
 from lightwell.fields.surface.lamps import fit_lamps
@@ -35,7 +36,9 @@ from lightwell.networks.factored import FactoredNetwork
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.light_major import LightMajorSet, light_runs
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.posing import declared_movers
+from lightwell.scenes.variables import by_light, declare
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -268,7 +271,7 @@ class FactoredField(SurfaceField):
         Raises:
             ValueError: ``--lamps`` names no light, or comes with ``--no-static``.
         """
-        state = super().prepare(job)
+        state = self._lights(job)
         movers = declared_movers(job.request.vary, job.scene)
         if movers:
             return moving_state(state, job, movers)
@@ -279,6 +282,25 @@ class FactoredField(SurfaceField):
                 raise ValueError("bake: --lamps needs the scene's own light, which --no-static leaves out; drop one")
             state.lamps = lamps if "static" in state.roles else ()
         return state
+
+    def _lights(self, job: Job) -> State:
+        """The state with all declared lights, each with a role of its own."""
+        first, *others = by_light(job.request.vary)
+        if not others:
+            return super().prepare(job)
+        names = ", ".join(parse_vary(texts[0]).name for texts in others)
+        if job.shared:
+            raise ValueError(f"compare: fields are compared under one light; drop {names} from --vary")
+        if getattr(job.options, "rebake", None):
+            raise ValueError(f"bake: --rebake knows one light; bake whole, or drop {names} from --vary")
+        state = super().prepare(replace(job, request=replace(job.request, vary=first)))
+        # A suggestion of the scene is for its first light.
+        bare = replace(job.scene, vary=())
+        more = tuple(declare(texts, bare) for texts in others)
+        for light in more:
+            sample_lights(job.scene, light, 1, job.request.seed)
+        further = tuple(further_role(light.name) for light in more)
+        return replace(state, job=job, more=more, roles=("indirect", *further, *state.roles[1:]))
 
     def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that makes an untrained learner; two fields are smaller than one alone.
@@ -291,7 +313,7 @@ class FactoredField(SurfaceField):
             Function of set-up and seed.
         """
         if state.job.request.preset == "default" and len(state.roles) > 1:
-            return lambda setup, seed: FactoredFit(setup, TWO_FIELDS[role], seed)
+            return lambda setup, seed: FactoredFit(setup, TWO_FIELDS[kind_of(role)], seed)
         return super().starter(state, role)
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | LampTraining:

@@ -157,7 +157,11 @@ class SurfaceField:
         Returns:
             The samples.
         """
-        return edited_samples(state, role) if isinstance(state, EditedScene) else surface_samples(state, role)
+        return (
+            edited_samples(state, role)
+            if isinstance(state, EditedScene)
+            else surface_samples(state.for_role(role), role)
+        )
 
     def fit(
         self, state: State, role: Role, samples: SurfaceSamples | EditState, part: WorkPart | None = None
@@ -175,10 +179,10 @@ class SurfaceField:
         """
         if isinstance(samples, EditState):
             return self._edited(state, role, samples)
-        training = SurfaceTraining(state, role, samples, self.starter(state, role), part)
+        training = SurfaceTraining(state.for_role(role), role, samples, self.starter(state, role), part)
         learner, traced = training.run(), training.traced
         keep = None
-        if isinstance(learner, NetworkFit) and not state.job.shared and not state.scene.movers:
+        if isinstance(learner, NetworkFit) and not state.job.shared and not (state.scene.movers or state.more):
             shards = samples.plan.shards
             keep = FirstState(state, role, self.name, samples.training, learner, shards, traced.paths)
         summary = training.summary(learner)

@@ -64,7 +64,8 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
         raise ValueError(f"compare: fields are compared in one pose; drop {names} from --vary")
     declared = any(d.learned and not d.moves for d in map(parse_vary, request.vary))
     own = request.static and job.scene.has_static_light
-    roles: tuple[Role, ...] = ("static",) if own and not declared else ("indirect", "static") if own else ("indirect",)
+    lights = tuple(role for role in state.roles if role != "static")
+    roles: tuple[Role, ...] = ("static",) if own and not declared else (*lights, "static") if own else lights
     variable = state.variable if "indirect" in roles else None
     return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
 

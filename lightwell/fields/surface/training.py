@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -91,8 +91,14 @@ def role_seconds(state: State, role: Role) -> float:
     Returns:
         Seconds.
     """
-    share = {"indirect": 1 - STATIC_SHARE, "static": STATIC_SHARE}[role] if len(state.roles) > 1 else 1.0
-    return share * state.job.request.budget.round_seconds
+    return _share(role, state.roles) * state.job.request.budget.round_seconds
+
+
+def _share(role: Role, roles: Sequence[Role], left: Sequence[Role] | None = None) -> float:
+    """Share of a role in the time of those that are left of all; None: of all."""
+    lights = max(sum(other != "static" for other in roles), 1)
+    weights = {other: STATIC_SHARE if other == "static" else (1 - STATIC_SHARE) / lights for other in roles}
+    return weights[role] / sum(weights[other] for other in (roles if left is None else left))
 
 
 def surface_samples(state: State, role: Role) -> SurfaceSamples:
@@ -138,7 +144,7 @@ def looked_from(state: State) -> Variable:
 def _start_plan(state: State, role: Role) -> StartPlan:
     """The time of a role, the rate of its path tracer, and what is traced before the first gathered shard."""
     request, work = state.job.request, state.job.work
-    # The rays of the first of two roles serve both.
+    # The rays of the first role serve the scene's own light too.
     first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
     if first:
         rate = PathRate(first.paths_per_second, first.sustained)
@@ -148,8 +154,8 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     seconds, begin = role_seconds(state, role), work.elapsed
     if request.budget.seconds and not state.job.shared:
         seconds = learning_seconds(request.budget, begin)
-        # What the first of two roles leaves is for the second.
-        seconds *= 1 - STATIC_SHARE if len(state.roles) > 1 and role == "indirect" else 1
+        # What a role leaves is for those after it.
+        seconds *= _share(role, state.roles, state.roles[state.roles.index(role) :])
     gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
     if state.scene.movers:
         check_time(state, seconds, gathered)

@@ -17,6 +17,8 @@ export interface ViewData {
   readonly camera: CameraData;
   /** Value of the first declared light. */
   readonly light: Vec3 | null;
+  /** Values of the others, in their order. */
+  readonly further: readonly Vec3[];
   /** Slider of the nodes that move, 0 to 1; null: as the file shows them. */
   readonly pose: readonly number[] | null;
   readonly width: number;
@@ -79,7 +81,11 @@ function readView(value: unknown, index: number): ViewData[] {
   const known = typeof value.reference === "string" && width && height && dark > 0 && Number.isFinite(dark);
   const reference = known ? (value.reference as string) : "";
   const name = typeof value.name === "string" && value.name ? value.name.slice(0, 40) : `View ${index + 1}`;
-  return [{ name, camera, light: readVec3(value.light), pose: readPose(value.pose), width: width || 4, height: height || 3, dark, reference }];
+  return [{ name, camera, light: readVec3(value.light), further: readFurther(value.further), pose: readPose(value.pose), width: width || 4, height: height || 3, dark, reference }];
+}
+
+function readFurther(value: unknown): Vec3[] {
+  return Array.isArray(value) ? value.slice(0, MAX_POSE).map(readVec3).filter((light) => light !== null) : [];
 }
 
 /** Most sliders of a pose. */

@@ -97,8 +97,7 @@ export class Viewer extends ViewerFrames {
     if (needsReference(this) && !view.reference) this.mode = "learned";
     this.place(() => this.rig.place(view.camera, view.width / view.height));
     this.resetLight();
-    const lamp = this.lamps[0];
-    if (lamp && view.light) lamp.move(new Vector3(...view.light));
+    for (const [k, light] of [view.light, ...view.further].entries()) if (light) this.lamps[k]?.move(new Vector3(...light));
     for (const [k, mover] of (this.learned?.movers ?? []).entries()) {
       const [first, last] = mover.record.range;
       const slider = view.pose?.[k];
