@@ -14,6 +14,7 @@ from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.transport import SurfacePoints, draw_surface
 from lightwell.transport.camera import gbuffer
+from lightwell.transport.lit_points import LitPoints
 from lightwell.transport.moved import at_pose
 
 # Poses of the scored points; sliders between them are no nodes of any number of traced poses.
@@ -74,22 +75,21 @@ def seen_points(
     return (points if slider is None else at_pose(points, slider)), mask
 
 
-def scored_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+def scored_points(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.ndarray]:
     """Draw area-uniform points, divided among held-out poses and both end stops where something moves.
 
     Args:
         scene: The scene.
-        count: Points.
-        seed: Seed of the points.
+        drawn: How many, and how they are drawn.
 
     Returns:
         The points and their weights [N].
     """
     if scene.mover is None:
-        draw = draw_surface(scene, count, seed)
+        draw = drawn.draw(scene)
         return draw.points, draw.weight
-    share = max(count // len(SCORED), 1)
-    draws = [draw_surface(posed(scene, slider), share, seed + k) for k, slider in enumerate(SCORED)]
+    share = max(drawn.count // len(SCORED), 1)
+    draws = [draw_surface(posed(scene, slider), share, drawn.seed + k) for k, slider in enumerate(SCORED)]
     points = [at_pose(draw.points, slider) for draw, slider in zip(draws, SCORED)]
     return _joined(points), np.concatenate([draw.weight for draw in draws])
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
-from lightwell.scenes.variables import Variable, has_sky
+from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import DeviceRows, Radiosity
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings
 
@@ -121,11 +124,35 @@ class SeenShards:
         return max(self._size.points * self._settings.floor // self._settings.size, 1)
 
     def _traced(self) -> SeenTransport:
-        scene, variable, size, seeds = self._scene, self._variable, self._size, [int(s) for s in self._seeds]
-        points = draw_seen(scene, variable, size.points, seeds[0], floor=self._floor).points
-        radiosity = Radiosity(scene, points, seeds[2], size.bins)
-        rows = radiosity.rows(points, size.rays, seeds[3], sky=has_sky(variable))
+        variable, size, seeds = self._variable, self._size, [int(s) for s in self._seeds]
+        settings = {"points": size.points, "bins": size.bins, "floor": self._floor, "seeds": [seeds[0], seeds[2]]}
+        points, radiosity = _points_and_bins(self._scene, variable, **settings)
+        recipe = Recipe("seen-bins", settings | {"variable": to_json(variable)})
+        rows = radiosity.rows(points, size.rays, seeds[3], has_sky(variable), recipe)
         return SeenTransport(points, radiosity, DeviceRows(rows))
+
+
+def seen_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Draw the points that shards share and find the bins that they see; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: The scene.
+        settings: ``variable``, ``points``, ``bins``, ``floor``, and ``seeds`` of points and bins.
+        arrays: Not used.
+
+    Returns:
+        Columns of ``SurfacePoints``, and ``Bins.arrays``.
+    """
+    points, radiosity = _points_and_bins(scene, **{**settings, "variable": from_json(settings["variable"])})
+    return Inputs(columns_of(points), radiosity.bins.arrays())
+
+
+def _points_and_bins(
+    scene: Scene, variable: Variable, points: int, bins: int, floor: int, seeds: Sequence[int]
+) -> tuple[SurfacePoints, Radiosity]:
+    """Points where people look, and the bins that they see."""
+    drawn = draw_seen(scene, variable, points, seeds[0], floor=floor).points
+    return drawn, Radiosity(scene, drawn, seeds[1], bins)
 
 
 def place_columns(points: SurfacePoints, weight: np.ndarray, flat: np.ndarray) -> dict[str, np.ndarray]:
