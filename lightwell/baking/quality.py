@@ -23,6 +23,7 @@ from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport import direct, indirect, static
+from lightwell.transport.camera import camera_points
 from lightwell.transport.moved import at_pose
 from lightwell.transport.patches import POINTS, draw_patches
 from lightwell.transport.samples import SurfacePoints
@@ -155,7 +156,7 @@ def trace_picture(
         The reference of the view.
     """
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
-    bare = direct(scene, view.points, light, variable, DIRECT_PATHS)
+    bare = direct(scene, view.points, light, variable, DIRECT_PATHS, recipe=camera_points(camera, size, light))
     return PictureReference(view, bare, denoised(scene, view, size), size)
 
 

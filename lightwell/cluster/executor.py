@@ -179,9 +179,9 @@ class DaskExecutor:
         if call.recipe is None or call.name:
             return
         call.name, call.array_names = recipe_name(call.recipe), array_names(call.recipe.arrays)
-        more = _nbytes(call.recipe.arrays) - _nbytes(call.shared)
+        more = (_nbytes(call.recipe.arrays) - _nbytes(call.shared)) * len(self.roster.workers())
         there = str(call.array_names) in self._scattered
-        if not there and more * len(self.roster.workers()) > sum(_nbytes(unit.columns) for unit in units):
+        if not there and more > sum(_nbytes(unit.columns) for unit in units) * call.recipe.calls:
             call.recipe = None
 
     # ------------------------------------------------------------------ the cluster

@@ -86,7 +86,7 @@ def recipe_name(recipe: Recipe) -> str:
     Returns:
         40 hexadecimal digits.
     """
-    return key("rows.recipe", 1, recipe=recipe).digest
+    return key("rows.recipe", 1, name=recipe.name, settings=recipe.settings, arrays=recipe.arrays).digest
 
 
 def inputs_digest(columns: Arrays, shared: Mapping[str, str]) -> str:

@@ -25,6 +25,8 @@ class Recipe:
     """Its settings; JSON values, a few hundred bytes."""
     arrays: Arrays = field(default_factory=dict)
     """[...] by name: what it needs besides the scene. Every worker gets them once."""
+    calls: int = 1
+    """Calls with the same arrays that are expected; where rows are fewer bytes than arrays, rows are sent."""
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,27 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from lightwell.baking.reference import trace_points, trace_sweep, trace_view
 from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.core.lamps import LampRules
+from lightwell.fields.lightmap.moving import moving_samples
+from lightwell.fields.lightmap.sides import seen_sides
+from lightwell.fields.lightmap.trace import chart
 from lightwell.fields.lightmap.validation import LightmapValidation
+from lightwell.fields.lightmap.views import eye_samples
+from lightwell.fields.request import Request
+from lightwell.fields.surface import lamp_samples
 from lightwell.fields.surface.tracing import path_rate, validation_samples
+from lightwell.probes.trace import air_light
 from lightwell.scenes import load
+from lightwell.scenes.atlas import build
 from lightwell.scenes.default_light import with_lamp
+from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.variables import declare
 from lightwell.transport.camera import reference_image, static_image, total_image
@@ -22,6 +33,12 @@ from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
 BUDGET = ReferenceBudget(points=96, point_paths=2, lights=5, pixel_paths=2, sweep=4, sweep_points=16, sweep_paths=2)
+# Sizes that tests make small; parts of points that do not divide a batch.
+FEW = {
+    "fields.lightmap.validation.POINTS": 64, "fields.lightmap.validation.PATHS": 2, "fields.lightmap.sides.LOOKS": 64,
+    "fields.surface.lamp_samples.BATCH": 64, "fields.surface.lamp_samples.VALIDATION_POINTS": 64,
+    "transport.lamp_light.POINTS_AT_ONCE": 48,
+}  # fmt: skip
 
 
 def lit_scene():
@@ -86,16 +103,45 @@ def seen(scene, variable, role):
     GatheredShards(scene, variable, settings, GatherSize(256, 64, 8, 8))(scene, variable, None, settings, 0)
 
 
+def lamps(scene, variable, role):
+    """Batches and held-out points of the scene's own lamps."""
+    moving = variable if role == "indirect" else None
+    state = SimpleNamespace(scene=scene, variable=moving, lamps=group_lamps(scene, LampRules("all")))
+    state.job = SimpleNamespace(request=Request(shards=2, seed=3, quality="draft"))
+    tracer = lamp_samples._Tracer(state)
+    assert len(tracer.points) == 128
+    tracer.batch(1), tracer.held_out()
+
+
+def atlas(scene, variable, role):
+    """Texels of a light map, the sides that it stores, and the narrow charts."""
+    chart(scene, 128, 1, 2, 3)
+
+
+def air(scene, variable, role):
+    points = np.random.default_rng(1).random((8, 3), np.float32) - np.float32(0.5)
+    light = sample_lights(scene, variable, 1, 1)[0]
+    air_light(scene, points, 2, 3, variable=variable, light=light, numbers=np.arange(8) + 7)
+    air_light(scene, points, 2, 3)
+
+
+def views_of_a_light_map(scene, variable, role):
+    moving_samples(scene, build(scene, 128, seen_sides(scene, 3).lit), variable, 64, 2, 3)
+    # Without an atlas whose irradiance is known, paths are traced to their ends.
+    eye_samples(scene, SimpleNamespace(atlas=build(scene, 128, seen_sides(scene, 3).lit)), 64, 2, 3, None)
+
+
 @pytest.mark.parametrize(
     "trace, recipes",
     [(points, {"lit-points"}), (views, {"camera-points", "pixels"}), (sweep, {"lit-points"}),
-     (validation, {"lit-points"}), (seen, {"seen-bins"})],
+     (validation, {"lit-points"}), (seen, {"seen-bins"}), (lamps, {"seen-bins"}), (air, {"air-points"}),
+     (atlas, {"sides", "texels"}), (views_of_a_light_map, {"moving-points", "eye-points"})],
 )  # fmt: skip
 @pytest.mark.parametrize("role", ["indirect", "static"])
 def test_workers_make_the_rows_of_a_call(room, trace, recipes, role, monkeypatch):
     scene, variable = room
-    monkeypatch.setattr("lightwell.fields.lightmap.validation.POINTS", 64)
-    monkeypatch.setattr("lightwell.fields.lightmap.validation.PATHS", 2)
+    for name, few in FEW.items():
+        monkeypatch.setattr(f"lightwell.{name}", few)
     scene.executor = checks = Checks(scene)
     try:
         trace(scene, variable, role)
