@@ -361,7 +361,7 @@ class DaskExecutor:
         sent, received = moved.bytes_sent + self.roster.bytes_sent, moved.bytes_received
         return (
             f"cluster: {moved.units} units on {self.roster.seen} workers{kept}{again}; "
-            f"{sent / 1e6:.1f} MB sent, {received / 1e6:.1f} MB received"
+            f"{sent / 1e3:,.1f} kB sent, {received / 1e6:.1f} MB received"
         )
 
 

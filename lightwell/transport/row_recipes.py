@@ -23,6 +23,7 @@ RECIPES = {
     "lit-points": "lightwell.transport.lit_points:lit_point_inputs",
     "camera-points": "lightwell.transport.camera:camera_inputs",
     "seen-bins": "lightwell.transport.seen_shards:seen_inputs",
+    "patches": "lightwell.baking.quality:patch_inputs",
     "air-points": "lightwell.probes.trace:air_inputs",
     "texels": "lightwell.transport.texels:texel_inputs",
     "sides": "lightwell.fields.lightmap.sides:side_inputs",

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lightwell.baking.quality import trace_patches
 from lightwell.baking.reference import trace_points, trace_sweep, trace_view
 from lightwell.baking.reference_budget import ReferenceBudget
 from lightwell.core.lamps import LampRules
@@ -92,6 +93,10 @@ def sweep(scene, variable, role):
     trace_sweep(scene, variable, BUDGET, 3)
 
 
+def patches(scene, variable, role):
+    assert trace_patches(scene, variable if role == "indirect" else None, 3, 2, 3) is not None
+
+
 def validation(scene, variable, role):
     validation_samples(scene, variable, 3, role == "static", points=64, lights=4)
     LightmapValidation.of(scene, variable, 3, role)
@@ -134,8 +139,8 @@ def views_of_a_light_map(scene, variable, role):
 @pytest.mark.parametrize(
     "trace, recipes",
     [(points, {"lit-points"}), (views, {"camera-points", "pixels"}), (sweep, {"lit-points"}),
-     (validation, {"lit-points"}), (seen, {"seen-bins"}), (lamps, {"seen-bins"}), (air, {"air-points"}),
-     (atlas, {"sides", "texels"}), (views_of_a_light_map, {"moving-points", "eye-points"})],
+     (validation, {"lit-points"}), (seen, {"seen-bins"}), (lamps, {"seen-bins"}), (patches, {"patches"}),
+     (air, {"air-points"}), (atlas, {"sides", "texels"}), (views_of_a_light_map, {"moving-points", "eye-points"})],
 )  # fmt: skip
 @pytest.mark.parametrize("role", ["indirect", "static"])
 def test_workers_make_the_rows_of_a_call(room, trace, recipes, role, monkeypatch):
