@@ -219,9 +219,9 @@ def moved(folder: Path, quick: bool) -> list[Row]:
     words = command("bake", "cornell", "-o", str(folder / "moved"), *FIXED, "--store", str(folder / "s"),
                     "--cluster", "local:2")  # fmt: skip
     done = subprocess.run(words, check=True, capture_output=True, text=True, timeout=PATIENCE)
-    line = next(line for line in done.stderr.splitlines() if line.startswith("cluster: ") and "MB sent" in line)
-    units, sent = int(line.split()[1]), float(line.split(";")[1].split()[0]) * 1e6
-    note = "rows of a unit travel with it: 28 bytes for each point; a built-in scene has no file"
+    line = next(line for line in done.stderr.splitlines() if line.startswith("cluster: ") and "kB sent" in line)
+    units, sent = int(line.split()[1]), float(line.split(";")[1].split()[0].replace(",", "")) * 1e3
+    note = "units and arrays that each worker gets once; workers make the rows; a built-in scene has no file"
     return [asked("moved", sent / max(units, 1), note, quick)]
 
 

@@ -14,6 +14,7 @@ from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.transport import SurfacePoints, draw_surface
 from lightwell.transport.camera import gbuffer
+from lightwell.transport.lit_points import LitPoints
 from lightwell.transport.moved import at_pose
 
 # Sliders of the scored points of one mover; those between the ends are no nodes of any number of traced poses.
@@ -111,23 +112,22 @@ def scored_poses(movers: int) -> np.ndarray:
     return poses
 
 
-def scored_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+def scored_points(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.ndarray]:
     """Draw area-uniform points, divided among the scored poses where something moves.
 
     Args:
         scene: The scene.
-        count: Points.
-        seed: Seed of the points.
+        drawn: How many, and how they are drawn.
 
     Returns:
         The points and their weights [N].
     """
     if not scene.movers:
-        draw = draw_surface(scene, count, seed)
+        draw = drawn.draw(scene)
         return draw.points, draw.weight
     poses = scored_poses(len(scene.movers))
-    share = max(count // len(poses), 1)
-    draws = [draw_surface(posed(scene, pose), share, seed + k) for k, pose in enumerate(poses)]
+    share = max(drawn.count // len(poses), 1)
+    draws = [draw_surface(posed(scene, pose), share, drawn.seed + k) for k, pose in enumerate(poses)]
     points = [at_pose(draw.points, pose) for draw, pose in zip(draws, poses)]
     return _joined(points), np.concatenate([draw.weight for draw in draws])
 

@@ -5,9 +5,10 @@ The reference is traced once and any number of fields is scored against it. Nota
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +20,15 @@ from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.report import metrics, picture_metrics
 from lightwell.report.mottle import BRIGHT_PERCENTILE, LIT_SHARE, NOTHING, Mottle, mottle
 from lightwell.report.picture_metrics import NoiseFreePsnr
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport import direct, indirect, static
+from lightwell.transport.camera import camera_points
 from lightwell.transport.moved import at_pose
 from lightwell.transport.patches import POINTS, draw_patches
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 
 Learned = Callable[[SurfacePoints, np.ndarray], np.ndarray]
 """(N surface points, lights [3] or [N, 3]) → [N, 3] radiance of a learned field for a unit light, reflectance included:
@@ -155,7 +158,7 @@ def trace_picture(
         The reference of the view.
     """
     view = trace_view(scene, variable, camera, light, ["indirect"], size, paths)
-    bare = direct(scene, view.points, light, variable, DIRECT_PATHS)
+    bare = direct(scene, view.points, light, variable, DIRECT_PATHS, recipe=camera_points(camera, size, light))
     return PictureReference(view, bare, denoised(scene, view, size), size)
 
 
@@ -214,38 +217,53 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
     Returns:
         The patches; None where the scene has no flat surface.
     """
-    # Patches are scored in one pose: the one of the first view.
-    pose = view_pose(scene, 0)
-    candidates = draw_patches(standing(scene, pose), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
-    candidates = candidates if pose is None else at_pose(candidates, pose)
+    candidates, light = _candidates(scene, variable, count, seed)
     number = len(candidates) // POINTS
     if not number:
         return None
-    light = np.zeros((number * POINTS, 3), np.float32)
-    if variable is not None:
-        lights = held_out_lights(scene, variable, PATCH_LIGHTS, seed + 4 * EVALUATION_SEED)
-        light = lights[np.arange(number) % len(lights)].repeat(POINTS, axis=0)
-    pilot = _first_of_patches(number)
-    a, b = _radiance(scene, variable, candidates[pilot], light[pilot], PATCH_PILOT_PATHS, seed)
+    told = {"variable": None if variable is None else to_json(variable), "count": count, "seed": seed}
+
+    def traced(rows: np.ndarray, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        recipe = Recipe("patches", told, {"rows": rows.astype(np.uint32)})
+        if variable is None:
+            return static(scene, candidates[rows], paths, seed, recipe=recipe)
+        return indirect(scene, candidates[rows], light[rows], variable, paths, seed, recipe=recipe)
+
+    # The middle point of each patch shows which ones are lit.
+    a, b = traced(np.arange(number) * POINTS, PATCH_PILOT_PATHS, seed)
     chosen = _spread_of_lit((a + b).mean(axis=-1), count)
     rows = (chosen[:, None] * POINTS + np.arange(POINTS)).ravel()
-    points: SurfacePoints = candidates[rows]
-    a, b = _radiance(scene, variable, points, light[rows], paths, seed + EVALUATION_SEED)
-    return PatchReference(points, light[rows], a, b)
+    a, b = traced(rows, paths, seed + EVALUATION_SEED)
+    return PatchReference(candidates[rows], light[rows], a, b)
 
 
-def _radiance(
-    scene: Scene, variable: Variable | None, points: SurfacePoints, light: np.ndarray, paths: int, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Two halves of the indirect light of the declared light, or of all light of the scene's own emitters."""
+def _candidates(scene: Scene, variable: Variable | None, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+    """Points of the patches that are chosen from, patch by patch, and their lights [N, 3]."""
+    # Patches are scored in one pose: the one of the first view.
+    slider = view_pose(scene, 0)
+    points = draw_patches(standing(scene, slider), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
+    points = points if slider is None else at_pose(points, slider)
     if variable is None:
-        return static(scene, points, paths, seed)
-    return indirect(scene, points, light, variable, paths, seed)
+        return points, np.zeros((len(points), 3), np.float32)
+    lights = held_out_lights(scene, variable, PATCH_LIGHTS, seed + 4 * EVALUATION_SEED)
+    return points, lights[np.arange(len(points)) // POINTS % len(lights)]
 
 
-def _first_of_patches(number: int) -> np.ndarray:
-    """Rows of the middle points of ``number`` patches."""
-    return np.arange(number) * POINTS
+def patch_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Draw points of patches; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: What is lit.
+        settings: ``variable``, ``count`` and ``seed``, as of ``trace_patches``.
+        arrays: ``rows`` [N], points among all candidates.
+
+    Returns:
+        Columns of ``SurfacePoints`` and, with a variable, ``light`` [N, 3].
+    """
+    variable = None if settings["variable"] is None else from_json(settings["variable"])
+    points, light = _candidates(scene, variable, settings["count"], settings["seed"])
+    rows = arrays["rows"]
+    return Inputs(columns_of(points[rows]) | ({} if variable is None else {"light": light[rows]}))
 
 
 def _spread_of_lit(value: np.ndarray, count: int) -> np.ndarray:

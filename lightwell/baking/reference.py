@@ -25,12 +25,14 @@ from lightwell.core.keys import key
 from lightwell.core.progress import Progress
 from lightwell.core.store import Store
 from lightwell.fields.protocol import further_role, kind_of
+from lightwell.scenes.executor import Recipe
 from lightwell.scenes.movers import Pose
-from lightwell.scenes.placing import held_out_lights
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, first_settings
 from lightwell.scenes.vectors import Vector, vector
-from lightwell.transport import SurfacePoints, draw_surface, indirect, static
+from lightwell.transport import SurfacePoints, indirect, static
+from lightwell.transport.camera import camera_points
+from lightwell.transport.lit_points import LitPoints
 
 # Version; to be increased when the same arguments give other samples than before.
 VERSION = 2
@@ -327,12 +329,17 @@ def trace_points(
     Returns:
         The reference.
     """
-    points, weight = scored_points(scene, budget.points, seed + EVALUATION_SEED)
-    light = np.zeros((len(points), 3), np.float32)
-    if variable is not None:
-        lights = held_out_lights(scene, variable, budget.lights, seed + 2 * EVALUATION_SEED)
-        light = lights[np.arange(len(points)) % len(lights)]
-    a, b = halves_of(scene, variable, role, points, light, budget.point_paths, seed)
+    drawn = LitPoints(
+        variable,
+        budget.points,
+        seed + EVALUATION_SEED,
+        lights=0 if variable is None else budget.lights,
+        light_seed=seed + 2 * EVALUATION_SEED,
+    )
+    points, weight = scored_points(scene, drawn)
+    light = drawn.light_of(scene, len(points))
+    recipe = drawn.recipe(lit=role != "static")
+    a, b = halves_of(scene, variable, role, points, light, budget.point_paths, seed, recipe)
     return PointReference(points, light, a, b, weight)
 
 
@@ -369,7 +376,8 @@ def trace_view(
     seen = np.flatnonzero(mask)
     a, b = np.zeros((2, len(seen), 3))
     for role in roles:
-        halves = halves_of(scene, variable, role, points[seen], light, paths, 1)
+        recipe = camera_points(camera, size, None if variable is None or role == "static" else light)
+        halves = halves_of(scene, variable, role, points[seen], light, paths, 1, recipe)
         a, b = (total + role_scale(role, intensity) * half for total, half in zip((a, b), halves))
     for other, place, weight in more:
         halves = halves_of(scene, other, "indirect", points[seen], place, paths, 1)
@@ -389,12 +397,21 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
     Returns:
         The reference.
     """
-    lights = chain(held_out_lights(scene, variable, budget.sweep, seed + 3 * EVALUATION_SEED))
-    points = draw_surface(scene, budget.sweep_points, seed + 3 * EVALUATION_SEED, floor=0).points
-    rows = np.tile(np.arange(len(points)), len(lights))
-    place, light = np.arange(len(lights)).repeat(len(points)), lights.repeat(len(points), axis=0)
-    a, b = indirect(scene, points[rows], light, variable, budget.sweep_paths, seed)
-    return SweepReference(points[rows], light, a, b, place)
+    drawn = LitPoints(
+        variable,
+        budget.sweep_points,
+        seed + 3 * EVALUATION_SEED,
+        floor=0,
+        repeats=budget.sweep,
+        lights=budget.sweep,
+        light_seed=seed + 3 * EVALUATION_SEED,
+        chained=True,
+        run=budget.sweep_points,
+    )
+    points = drawn.repeated(drawn.draw(scene).points)
+    light = drawn.light_of(scene, len(points))
+    a, b = indirect(scene, points, light, variable, budget.sweep_paths, seed, recipe=drawn.recipe())
+    return SweepReference(points, light, a, b, np.arange(len(points)) // drawn.run)
 
 
 def trace_poses(
@@ -419,23 +436,6 @@ def trace_poses(
     return SweepReference(points, lights, a, b, np.arange(len(points)) // max(each, 1))
 
 
-def chain(lights: np.ndarray) -> np.ndarray:
-    """Order lights so that each is the nearest of the remaining ones to the one before.
-
-    Args:
-        lights: [L, 3] positions or directions.
-
-    Returns:
-        [L, 3] the same in order; the first stays first.
-    """
-    left, order = list(range(1, len(lights))), [0]
-    while left:
-        nearest = min(left, key=lambda k: float(np.linalg.norm(lights[k] - lights[order[-1]])))
-        left.remove(nearest)
-        order.append(nearest)
-    return lights[order]
-
-
 def halves_of(
     scene: Scene,
     variable: Variable | None,
@@ -444,6 +444,7 @@ def halves_of(
     light: np.ndarray,
     paths: int,
     seed: int,
+    recipe: Recipe | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace the radiance of a role at points.
 
@@ -455,10 +456,11 @@ def halves_of(
         light: [3] or [N, 3] places of the light.
         paths: Paths per point, even, ≥ 2.
         seed: Seed of the bake.
+        recipe: How workers make points and lights again; None: they are sent.
 
     Returns:
         Two independent halves, [N, 3] each.
     """
     if role == "static" or variable is None:
-        return static(scene, points, paths, seed + EVALUATION_SEED)
-    return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED)
+        return static(scene, points, paths, seed + EVALUATION_SEED, recipe=recipe)
+    return indirect(scene, points, light, variable, paths, seed + EVALUATION_SEED, recipe=recipe)

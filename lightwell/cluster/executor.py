@@ -10,7 +10,7 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,11 @@ from distributed import Client, Future
 from lightwell.cluster import worker as remote
 from lightwell.cluster.ledger import Ledger, UnitFailed
 from lightwell.cluster.roster import Roster
+from lightwell.cluster.work import Order, Work, array_names, inputs_digest, recipe_name
 from lightwell.core.formats import ARRAYS
-from lightwell.core.keys import Key, array_digest, key
+from lightwell.core.keys import Key, key
 from lightwell.core.store import Store
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.row_tasks import TASKS
 
@@ -37,6 +38,25 @@ LOOK, POLL, FETCH, BACK = 2.0, 0.01, 120.0, 120.0
 LOST = (OSError, TimeoutError, asyncio.TimeoutError, asyncio.CancelledError)
 # Seconds between two lines about work that takes long.
 TELL = 30.0
+# Calls whose arrays stay on the cluster.
+MOST_SCATTERED = 4
+
+
+@dataclass
+class Call:
+    """What the units of a call have in common."""
+
+    task: str
+    settings: Mapping[str, Any]
+    shared: Arrays
+    shared_names: dict[str, str]
+    """``array_names`` of the shared arrays."""
+    recipe: Recipe | None
+    """How workers make the rows; None: they are sent. Where a worker makes other ones it becomes None."""
+    name: str = ""
+    """``recipe_name`` of the recipe, once it was chosen."""
+    array_names: dict[str, str] = field(default_factory=dict)
+    """``array_names`` of its arrays."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +66,8 @@ class Unit:
     first: int
     columns: Arrays
     key: Key
+    digest: str
+    """Digest of its inputs, as ``inputs_digest``."""
 
     @property
     def name(self) -> str:
@@ -70,7 +92,7 @@ class Moved:
     units: int = 0
     from_store: int = 0
     bytes_sent: int = 0
-    """Columns of the rows, and shared arrays once."""
+    """Units, and arrays that every worker gets once."""
     bytes_received: int = 0
     again: int = 0
     """Units that were sent again after a failure or a loss."""
@@ -93,12 +115,20 @@ class DaskExecutor:
     stores: bool = True
     """Whether results are stored; False after the store could not be written."""
     _sends: int = 0
+    # Arrays on the cluster, by digest, the last used ones.
+    _scattered: dict[str, Future] = field(default_factory=dict)
     # When something was said last, and the units until then.
     _told: float = 0.0
     _before: int = 0
 
     def rows(
-        self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None = None
+        self,
+        task: str,
+        settings: Mapping[str, Any],
+        columns: Arrays,
+        lanes: int,
+        shared: Arrays | None = None,
+        recipe: Recipe | None = None,
     ) -> Arrays:
         """Compute the results of all rows; see ``RowExecutor.rows``.
 
@@ -108,6 +138,7 @@ class DaskExecutor:
             columns: Inputs of N rows, [N, ...] by name.
             lanes: Paths of a row.
             shared: Arrays [...] that all rows share.
+            recipe: Makes ``columns`` and ``shared`` on workers.
 
         Returns:
             Results [N, ...] by name.
@@ -115,7 +146,8 @@ class DaskExecutor:
         count = len(next(iter(columns.values())))
         if count * lanes < self.least_lanes:
             return TASKS[task](self.scene, settings, columns, 0, shared or {})
-        units = self._units(task, settings, columns, lanes, shared)
+        call = Call(task, settings, shared or {}, array_names(shared or {}), recipe)
+        units = self._units(call, columns, lanes)
         found: dict[int, Arrays] = {}
         missing = []
         for unit in units:
@@ -126,33 +158,40 @@ class DaskExecutor:
                 found[unit.first] = kept
         self.moved.from_store += len(found)
         if missing:
-            found |= self._computed(task, settings, missing, shared)
+            found |= self._computed(call, missing)
         parts = [found[unit.first] for unit in units]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def _units(
-        self, task: str, settings: Mapping[str, Any], columns: Arrays, lanes: int, shared: Arrays | None
-    ) -> list[Unit]:
+    def _units(self, call: Call, columns: Arrays, lanes: int) -> list[Unit]:
         """Cut rows into units; the cuts depend on the rows alone, so that the store serves every cluster."""
         size, count = max(1, self.unit_lanes // max(lanes, 1)), len(next(iter(columns.values())))
-        common = {name: array_digest(value) for name, value in (shared or {}).items()}
-        about = {"scene": self.scene.digest, "settings": settings, "shared": common}
-        units = []
+        common = {name: words.split()[-1] for name, words in call.shared_names.items()}
+        about = {"scene": self.scene.digest, "settings": call.settings, "shared": common}
+        function, units = (f"rows.{call.task}", TASKS[call.task].version), []
         for first in range(0, count, size):
             part = {name: np.ascontiguousarray(value[first : first + size]) for name, value in columns.items()}
-            units.append(Unit(first, part, key(f"rows.{task}", TASKS[task].version, first=first, rows=part, **about)))
+            of = key(*function, first=first, rows=part, **about)
+            units.append(Unit(first, part, of, inputs_digest(part, call.shared_names)))
         return units
+
+    def _choose(self, call: Call, units: Sequence[Unit]) -> None:
+        """Send rows in place of the arrays of a recipe where those are larger."""
+        if call.recipe is None or call.name:
+            return
+        call.name, call.array_names = recipe_name(call.recipe), array_names(call.recipe.arrays)
+        more = (_nbytes(call.recipe.arrays) - _nbytes(call.shared)) * len(self.roster.workers())
+        there = str(call.array_names) in self._scattered
+        if not there and more > sum(_nbytes(unit.columns) for unit in units) * call.recipe.calls:
+            call.recipe = None
 
     # ------------------------------------------------------------------ the cluster
 
-    def _computed(
-        self, task: str, settings: Mapping[str, Any], units: Sequence[Unit], shared: Arrays | None
-    ) -> dict[int, Arrays]:
+    def _computed(self, call: Call, units: Sequence[Unit]) -> dict[int, Arrays]:
         """Compute units; by the number of their first row."""
         waiting, found = deque(units), dict[int, Arrays]()
         while waiting:
             try:
-                self._round(task, settings, waiting, shared, found)
+                self._round(call, waiting, found)
             except UnitFailed:
                 raise
             except (Exception, asyncio.CancelledError) as error:
@@ -163,47 +202,43 @@ class DaskExecutor:
                 self._reconnect(error)
         return found
 
-    def _round(
-        self,
-        task: str,
-        settings: Mapping[str, Any],
-        waiting: deque[Unit],
-        shared: Arrays | None,
-        found: dict[int, Arrays],
-    ) -> None:
+    def _round(self, call: Call, waiting: deque[Unit], found: dict[int, Arrays]) -> None:
         """Send units and take results until all are there, or until the scheduler is lost."""
         client, flying = self.roster.client, dict[str, Flight]()
-        common = self._scattered(shared)
+        self._choose(call, waiting)
         try:
             while waiting or flying:
                 while waiting and len(flying) < BACKLOG * self.roster.threads():
                     # A unit leaves one list when it is in the other: either step may lose the scheduler.
-                    flying[waiting[0].name] = self._sent(client, task, settings, waiting[0], common)
+                    flying[waiting[0].name] = self._sent(client, call, waiting[0])
                     waiting.popleft()
                 for name in self._landed(flying):
-                    result, unit = self._taken(flying[name]), flying.pop(name).unit
+                    result, unit = self._taken(call, flying[name]), flying.pop(name).unit
                     if result is None:
                         self.moved.again += 1
                         waiting.append(unit)
                     else:
                         found[unit.first] = result
-                self._tell(task, len(found), len(found) + len(waiting) + len(flying))
+                self._tell(call.task, len(found), len(found) + len(waiting) + len(flying))
         finally:
             left = [flight.future for flight in flying.values()]
             waiting.extend(flight.unit for flight in flying.values())
             if left and client.status == "running":
                 client.cancel(left, force=True)
 
-    def _sent(
-        self, client: Client, task: str, settings: Mapping[str, Any], unit: Unit, common: Future | None
-    ) -> Flight:
+    def _sent(self, client: Client, call: Call, unit: Unit) -> Flight:
         """Send a unit to the workers that may compute it."""
-        self.moved.bytes_sent += sum(column.nbytes for column in unit.columns.values())
+        order, count = Order(call.task, self.scene.digest, call.settings), len(next(iter(unit.columns.values())))
+        columns = unit.columns
+        if call.recipe is not None:
+            order, columns = replace(order, recipe=replace(call.recipe, arrays={}), name=call.name), {}
+        work = Work(order.packed(), unit.first, count, columns, unit.digest)
+        self.moved.bytes_sent += work.nbytes()
         workers = self.roster.workers(self.ledger.avoided(unit.name))
         # A name of its own for every time that it is sent: Dask may still know the last one.
         self._sends += 1
         future = client.submit(
-            remote.compute, task, self.scene.digest, settings, unit.columns, unit.first, common,
+            remote.compute, work, self._on_cluster(call),
             key=f"{unit.name}-{self._sends}", workers=workers, allow_other_workers=False, pure=False, retries=0,
         )  # fmt: skip
         return Flight(unit, future, frozenset(workers))
@@ -221,14 +256,24 @@ class DaskExecutor:
         # Dask waits for ever for workers that have died.
         return [name for name, flight in flying.items() if not flight.workers & there]
 
-    def _scattered(self, shared: Arrays | None) -> Future | None:
-        """Shared arrays on the cluster: workers fetch them once."""
-        if not shared:
+    def _on_cluster(self, call: Call) -> Future | None:
+        """What each worker fetches once: the arrays of the recipe, or those that the rows share."""
+        arrays, name = call.shared, str(call.shared_names)
+        if call.recipe is not None:
+            arrays, name = call.recipe.arrays, str(call.array_names)
+        if not arrays:
             return None
-        self.moved.bytes_sent += sum(value.nbytes for value in shared.values()) * max(len(self.roster.workers()), 1)
-        return self.roster.client.scatter([shared], hash=True)[0]
+        future = self._scattered.pop(name, None)
+        if future is None or future.status != "finished":
+            self.moved.bytes_sent += _nbytes(arrays) * max(len(self.roster.workers()), 1)
+            future = self.roster.client.scatter([arrays], hash=True)[0]
+        # The last used one is the last.
+        self._scattered[name] = future
+        while len(self._scattered) > MOST_SCATTERED:
+            self._scattered.pop(next(iter(self._scattered)))
+        return future
 
-    def _taken(self, flight: Flight) -> Arrays | None:
+    def _taken(self, call: Call, flight: Flight) -> Arrays | None:
         """The result of a unit, stored; None where it must be computed again."""
         unit, future = flight.unit, flight.future
         if future.status in ("cancelled", "lost") and self.roster.client.status != "running":
@@ -247,6 +292,11 @@ class DaskExecutor:
             return None
         if result == remote.NO_SCENE:
             self.roster.forget(address)
+            return None
+        if result == remote.OTHER_ROWS:
+            if call.recipe is not None:
+                self.say(f"[yellow]cluster: worker {address} makes other rows of '{call.task}'; they are sent")
+            call.recipe = None
             return None
         if isinstance(result, str):
             if self.ledger.failed(unit.name, address, result):
@@ -270,6 +320,7 @@ class DaskExecutor:
 
     def _reconnect(self, error: BaseException) -> None:
         """Connect to the cluster again; without a scheduler the bake ends with one line."""
+        self._scattered.clear()
         self.say(f"[yellow]cluster: connection lost ({' '.join(str(error).split())[:100]}); connecting again")
         end = time.monotonic() + BACK
         while True:
@@ -310,5 +361,9 @@ class DaskExecutor:
         sent, received = moved.bytes_sent + self.roster.bytes_sent, moved.bytes_received
         return (
             f"cluster: {moved.units} units on {self.roster.seen} workers{kept}{again}; "
-            f"{sent / 1e6:.1f} MB sent, {received / 1e6:.1f} MB received"
+            f"{sent / 1e3:,.1f} kB sent, {received / 1e6:.1f} MB received"
         )
+
+
+def _nbytes(arrays: Arrays) -> int:
+    return sum(value.nbytes for value in arrays.values())

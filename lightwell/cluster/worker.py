@@ -18,15 +18,17 @@ from typing import Any
 import numpy as np
 
 import lightwell
+from lightwell.cluster.work import MadeInputs, Order, Work
 from lightwell.core.keys import digest
 from lightwell.scenes import load
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Inputs
 from lightwell.scenes.scene import Scene
 from lightwell.transport.row_tasks import TASKS
 
 # Scenes that a worker keeps. It computes under a lock: Mitsuba uses all threads of a process for one kernel.
 MOST_SCENES = 2
 _SCENES: OrderedDict[str, Scene] = OrderedDict()
+_MADE = MadeInputs()
 _LOCK = threading.Lock()
 # The unit that every worker computes to show that its bytes are those of the others: points and paths.
 POINTS, PATHS, SEED = 256, 16, 0xF1
@@ -103,18 +105,12 @@ def take_scene(source: SceneSource, files: Mapping[str, bytes] | None = None) ->
         return True
 
 
-def compute(
-    task: str, scene: str, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays | None
-) -> tuple[str, Arrays | str]:
+def compute(work: Work, arrays: Arrays | None) -> tuple[str, Arrays | str]:
     """Compute rows.
 
     Args:
-        task: Name in ``row_tasks.TASKS``.
-        scene: Digest of a scene that the worker has.
-        settings: Settings of the function.
-        columns: Inputs of the rows, [N, ...] by name.
-        first: Number of the first row.
-        shared: Arrays [...] that all rows share; None: none.
+        work: The rows, or how they are made.
+        arrays: Arrays [...] by name of the recipe, without one those that all rows share; None: there are none.
 
     Returns:
         Address of the worker, and the results [N, ...] by name, or the text of an error.
@@ -124,16 +120,33 @@ def compute(
     address = str(get_worker().address)
     try:
         with _LOCK:
-            if scene not in _SCENES:
+            order = work.unpacked()
+            scene = _SCENES.get(order.scene)
+            if scene is None:
                 return address, NO_SCENE
-            found = TASKS[task](_SCENES[scene], settings, columns, first, shared or {})
+            inputs: Inputs | None = Inputs(work.columns, arrays or {})
+            if order.recipe is not None:
+                inputs = _made(scene, order, work, arrays or {})
+            if inputs is None:
+                return address, OTHER_ROWS
+            found = TASKS[order.task](scene, order.settings, inputs.columns, work.first, inputs.shared)
             return address, {name: np.ascontiguousarray(value) for name, value in found.items()}
     except Exception as error:  # Whatever a scene or a driver raises: the bake counts it and says it.
         return address, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}" or "unknown error"
 
 
+def _made(scene: Scene, order: Order, work: Work, arrays: Arrays) -> Inputs | None:
+    """The inputs of a unit by its recipe; None where they are not those of the command, or cannot be made."""
+    try:
+        return _MADE.rows(scene, order, work, arrays)
+    except Exception:  # A scene may differ in what its digest leaves out: then the rows are sent.
+        return None
+
+
 # Answer of a worker that was restarted and has lost the scene.
 NO_SCENE = "the worker has no such scene"
+# Answer of a worker whose recipe makes other rows than the command has.
+OTHER_ROWS = "the worker makes other rows"
 
 
 def scene_files(source: SceneSource, most: int = 1 << 30) -> dict[str, bytes]:

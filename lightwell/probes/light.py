@@ -74,6 +74,7 @@ def traced(
     seed: int,
     variable: Variable | None = None,
     light: np.ndarray | None = None,
+    calls: int = 1,
 ) -> np.ndarray:
     """Path trace the light at some probes.
 
@@ -86,6 +87,7 @@ def traced(
         variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced; None for the scene's own
             emitters.
         light: [3] position (or direction) of the declared light.
+        calls: Calls with the same probes, this one included.
 
     Returns:
         [P + F, 9, 3] irradiance harmonics; 0 for other probes and for those without a point in air.
@@ -95,7 +97,7 @@ def traced(
     out = np.zeros((len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct)
+        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct, calls=calls)
         found = air_light(scene, place[probes], sampling.probe_paths, seed, **more)
         out[probes] = found.sh
     return out
@@ -140,7 +142,9 @@ def _traced_states(scene, geometry, probes, sampling, seed, variable, lights) ->
     """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states of a declared light."""
     if lights is None:
         return traced(scene, geometry, probes, sampling, seed)
-    return np.stack([traced(scene, geometry, probes, sampling, seed + k, variable, at) for k, at in enumerate(lights)])
+    states = len(lights)
+    trace = lambda k: traced(scene, geometry, probes, sampling, seed + k, variable, lights[k], states - k)  # noqa: E731
+    return np.stack([trace(k) for k in range(states)])
 
 
 def _sample_seed(seed: int, lights: np.ndarray | None) -> int:

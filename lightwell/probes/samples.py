@@ -137,7 +137,7 @@ def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndar
         found = [air_light(scene, at, paths, seed, numbers=number, direct=direct)]
     else:
         found = [
-            air_light(scene, at, paths, seed + k, variable=variable, light=light, numbers=number)
+            air_light(scene, at, paths, seed + k, variable=variable, light=light, numbers=number, calls=len(lights) - k)
             for k, light in enumerate(lights)
         ]
     return np.stack([[f.half_a for f in found], [f.half_b for f in found]]).astype(np.float64)

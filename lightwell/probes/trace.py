@@ -14,7 +14,7 @@ import numpy as np
 from lightwell.backend import dr, mi, upload_integers
 from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes.sh import TO_IRRADIANCE
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
@@ -63,6 +63,7 @@ def air_light(
     light: np.ndarray | None = None,
     numbers: np.ndarray | None = None,
     direct: bool = True,
+    calls: int = 1,
 ) -> AirLight:
     """Path trace the light at points in air.
 
@@ -78,6 +79,7 @@ def air_light(
         numbers: [N] random streams of the points, which make their bits independent of the other points; None for
             their indices.
         direct: Include the light that arrives straight from the scene's own emitters.
+        calls: Calls with the same points, this one included; of all but the first, workers need no points.
 
     Returns:
         Light of each half of the paths.
@@ -87,18 +89,42 @@ def air_light(
     """
     if paths < 2 or paths % 2:
         raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
-    columns: Arrays = {"point": points, "normal": np.zeros_like(points) if normals is None else normals}
-    columns["stream"] = (np.arange(len(points)) if numbers is None else numbers).astype(np.uint32)
-    if variable is not None:
-        columns["light"] = np.broadcast_to(np.float32(light), (len(points), 3))
+    stream = (np.arange(len(points)) if numbers is None else numbers).astype(np.uint32)
+    columns = _air_columns(points, stream, None if variable is None else light, normals)
     told = None if variable is None else to_json(variable)
     settings = {"paths": paths, "seed": seed, "direct": direct, "variable": told}
     if scene.executor is None:
         rows = air_light_rows(scene, settings, columns, 0, {})["rows"]
     else:
-        rows = scene.executor.rows("air-light", settings, columns, paths)["rows"]
+        recipe = None
+        if normals is None and (variable is None or np.ndim(light) == 1):
+            place = None if variable is None else np.float32(light).tolist()
+            recipe = Recipe("air-points", {"light": place}, {"point": points, "stream": stream}, calls)
+        rows = scene.executor.rows("air-light", settings, columns, paths, recipe=recipe)["rows"]
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
+
+
+def air_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Give points in air their light; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: Not used.
+        settings: ``light``, [3] or None.
+        arrays: ``point`` [N, 3] and ``stream`` [N].
+
+    Returns:
+        Columns of ``air_light_rows``, without normals.
+    """
+    return Inputs(_air_columns(arrays["point"], arrays["stream"], settings["light"]))
+
+
+def _air_columns(points: np.ndarray, stream: np.ndarray, light: Any, normals: np.ndarray | None = None) -> Arrays:
+    """Columns of ``air_light_rows``."""
+    columns = {"point": points, "normal": np.zeros_like(points) if normals is None else normals, "stream": stream}
+    if light is not None:
+        columns["light"] = np.broadcast_to(np.float32(light), (len(points), 3))
+    return columns
 
 
 def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:

@@ -12,14 +12,14 @@ from typing import Any, TypedDict
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import shape_index, shape_lookup, tables
@@ -82,6 +82,39 @@ def gbuffer(
     return points, np.array(hit, bool), _rows(emission)
 
 
+def camera_points(camera: Camera, size: tuple[int, int], light: np.ndarray | None = None) -> Recipe:
+    """Describe to workers the surface points at the pixel centres of a camera, without pixels that show no surface.
+
+    Args:
+        camera: The camera.
+        size: Width and height, pixels.
+        light: [3] light of all points; None: they have none.
+
+    Returns:
+        The recipe.
+    """
+    place = None if light is None else np.asarray(light, np.float32).reshape(3).tolist()
+    return Recipe("camera-points", {"camera": asdict(camera), "size": list(size), "light": place})
+
+
+def camera_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Find what a camera sees; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: Scene to look at.
+        settings: ``camera``, ``size`` and ``light``, as ``camera_points`` writes them.
+        arrays: Not used.
+
+    Returns:
+        Columns of ``SurfacePoints`` and, with a light, ``light`` [N, 3].
+    """
+    points, mask, _ = gbuffer(scene, Camera(**settings["camera"]), *settings["size"])
+    columns = columns_of(points[np.flatnonzero(mask)])
+    if settings["light"] is not None:
+        columns["light"] = np.broadcast_to(np.float32(settings["light"]), (len(columns["shape"]), 3))
+    return Inputs(columns)
+
+
 def reference_image(
     scene: Scene,
     camera: Camera,
@@ -117,8 +150,11 @@ def reference_image(
     """
     points, mask, emission = gbuffer(scene, camera, width, height)
     seen = np.flatnonzero(mask)
-    a, b = indirect(scene, points[seen], light, variable, paths, seed, max_depth=max_depth, report=report)
-    lit = direct(scene, points[seen], light, variable, paths, seed + 1)
+    recipe = camera_points(camera, (width, height), light)
+    a, b = indirect(
+        scene, points[seen], light, variable, paths, seed, max_depth=max_depth, report=report, recipe=recipe
+    )
+    lit = direct(scene, points[seen], light, variable, paths, seed + 1, recipe=recipe)
 
     def image(values: np.ndarray) -> np.ndarray:
         full = np.zeros((height * width, 3), np.float32)
@@ -179,7 +215,8 @@ def static_image(
     """
     points, mask, _ = gbuffer(scene, camera, width, height)
     images = np.zeros((2, height * width, 3), np.float32)
-    images[:, mask] = static(scene, points[np.flatnonzero(mask)], paths, seed)
+    recipe = camera_points(camera, (width, height))
+    images[:, mask] = static(scene, points[np.flatnonzero(mask)], paths, seed, recipe=recipe)
     a, b = images.reshape(2, height, width, 3)
     return a, b
 
@@ -228,7 +265,8 @@ def total_image(
     if scene.executor is None:
         found = picture_rows(scene, settings, columns, 0, {})
     else:
-        found = scene.executor.rows("picture", settings, columns, spp)
+        recipe = Recipe("pixels", {"count": width * height})
+        found = scene.executor.rows("picture", settings, columns, spp, recipe=recipe)
     return found["radiance"].reshape(height, width, 3)
 
 

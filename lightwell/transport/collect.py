@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lightwell.scenes.executor import Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.queries import make_query
@@ -24,6 +25,7 @@ def collect(
     max_depth: int = MAX_DEPTH,
     rr_depth: int = RR_DEPTH,
     report: PathReport | None = None,
+    recipe: Recipe | None = None,
 ) -> Samples:
     """Trace samples at points, each lit by its own light: ``indirect`` and ``make_query`` together.
 
@@ -41,11 +43,12 @@ def collect(
         max_depth: Longest path, 2 = direct light only.
         rr_depth: Depth from which Russian roulette may end a path.
         report: Receives the path counts.
+        recipe: How workers make points and lights again; None: they are sent.
 
     Returns:
         N samples.
     """
-    options = {"max_depth": max_depth, "rr_depth": rr_depth, "report": report}
+    options = {"max_depth": max_depth, "rr_depth": rr_depth, "report": report, "recipe": recipe}
     if own_light:
         a, b = static(scene, points, paths, seed, **options)
     else:

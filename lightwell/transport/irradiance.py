@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
@@ -49,7 +49,7 @@ class Irradiance:
         return self.wrong <= WRONG_SHARE
 
 
-def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
+def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int, recipe: Recipe | None = None) -> Irradiance:
     """Estimate irradiance / π from the scene's own emitters, direct and indirect, by path tracing.
 
     Args:
@@ -57,6 +57,7 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
         points: N points.
         paths: Paths per point, even, ≥ 2.
         seed: Seed of the paths.
+        recipe: How workers make the points again; None: they are sent.
 
     Returns:
         Two independent half means, the mean direction, and the share of rays that meet insides.
@@ -70,7 +71,7 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Ir
     if scene.executor is None:
         rows = irradiance_rows(scene, settings, columns_of(points), 0, {})["rows"]
     else:
-        rows = scene.executor.rows("irradiance", settings, columns_of(points), paths)["rows"]
+        rows = scene.executor.rows("irradiance", settings, columns_of(points), paths, recipe=recipe)["rows"]
     both = rows.mean(axis=1)
     return Irradiance(rows[:, 0, :3], rows[:, 1, :3], both[:, 3:6], both[:, 6])
 

@@ -9,12 +9,13 @@ Notation: N points, K groups, F bins, P rays per point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.executor import Recipe
 from lightwell.scenes.lamps import LampGroup
 from lightwell.transport.gather_rays import PASSED
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
@@ -63,7 +64,14 @@ class LampLight:
         # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
         self._irradiance = np.ascontiguousarray((direct + radiosity.indirect(direct)).transpose(2, 1, 0))
 
-    def shares(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int = POINT_SAMPLES) -> LampShares:
+    def shares(
+        self,
+        points: SurfacePoints,
+        rays: int,
+        seed: int,
+        shadow_rays: int = POINT_SAMPLES,
+        recipe: Callable[[int, int], Recipe] | None = None,
+    ) -> LampShares:
         """Trace what points reflect of each group's light.
 
         Args:
@@ -71,6 +79,7 @@ class LampLight:
             rays: Rays per point, even.
             seed: Seed of the rays; another one than that of the bins.
             shadow_rays: Shadow rays to each group from each half of a point.
+            recipe: (first, count) → how workers make that part of the points, and the bins; None: they are sent.
 
         Returns:
             The shares.
@@ -78,7 +87,8 @@ class LampLight:
         total = np.zeros((len(points), 2, self._count, 3), np.float32)
         for start in range(0, len(points), POINTS_AT_ONCE):
             rows = np.arange(start, min(start + POINTS_AT_ONCE, len(points)))
-            total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start))
+            told = recipe and recipe(start, len(rows))
+            total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start, recipe=told))
         total += self._direct(points, rays, seed, shadow_rays)
         return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
@@ -215,6 +215,7 @@ def indirect(
     rr_depth: int = RR_DEPTH,
     connections: int = CONNECTIONS,
     report: PathReport | None = None,
+    recipe: Recipe | None = None,
     launch: int = LAUNCH,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace the indirect radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
@@ -232,6 +233,7 @@ def indirect(
         rr_depth: Depth from which Russian roulette may end a path.
         connections: Vertices that are connected to light rays, see ``trace``.
         report: Receives the path counts.
+        recipe: How workers make points and lights again; None: they are sent.
         launch: Paths that are traced at a time, ≥ 2; bounds memory.
 
     Returns:
@@ -239,7 +241,7 @@ def indirect(
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
     limits = PathSettings(paths, seed, max_depth, rr_depth, False, connections, launch)
-    return _traced(scene, points, limits, variable, light, report)
+    return _traced(scene, points, limits, variable, light, report, recipe)
 
 
 def direct(
@@ -251,6 +253,7 @@ def direct(
     seed: int = 0,
     *,
     report: PathReport | None = None,
+    recipe: Recipe | None = None,
 ) -> np.ndarray:
     """Trace the direct radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
@@ -264,6 +267,7 @@ def direct(
         paths: Paths per point, even, ≥ 2; without a radius the light needs no more than 2.
         seed: Seed of the paths.
         report: Receives the path counts.
+        recipe: How workers make points and lights again; None: they are sent.
 
     Returns:
         [N, 3] float32; exact for a light without radius.
@@ -271,7 +275,7 @@ def direct(
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
     bare = replace(variable, sky=None) if has_sky(variable) else variable
     limits = PathSettings(paths, seed, DIRECT_DEPTH, RR_DEPTH, True, CONNECTIONS)
-    a, b = _traced(scene, points, limits, bare, light, report)
+    a, b = _traced(scene, points, limits, bare, light, report, recipe)
     return 0.5 * (a + b) * variable.sunlight(light) if has_sky(variable) else 0.5 * (a + b)
 
 
@@ -284,6 +288,7 @@ def static(
     max_depth: int = MAX_DEPTH,
     rr_depth: int = RR_DEPTH,
     report: PathReport | None = None,
+    recipe: Recipe | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace radiance leaving points from the scene's own emitters, direct and indirect, without the points' own
     emission.
@@ -296,6 +301,7 @@ def static(
         max_depth: Longest path, 2 = direct light only.
         rr_depth: Depth from which Russian roulette may end a path.
         report: Receives the path counts.
+        recipe: How workers make points and lights again; None: they are sent.
 
     Returns:
         Two independent means, [N, 3] float32 each; zero in a scene without emitters.
@@ -304,7 +310,7 @@ def static(
         zero = np.zeros((len(points), 3), np.float32)
         return zero, zero.copy()
     limits = PathSettings(paths, seed, max_depth, rr_depth, True, CONNECTIONS)
-    return _traced(scene, points, limits, None, None, report)
+    return _traced(scene, points, limits, None, None, report, recipe)
 
 
 def _traced(
@@ -314,6 +320,7 @@ def _traced(
     variable: Variable | None,
     light: np.ndarray | None,
     report: PathReport | None,
+    recipe: Recipe | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both half means of all points, in this process or by the executor of the scene; of each pose by itself."""
     if scene.movers:
@@ -330,7 +337,7 @@ def _traced(
     else:
         settings = {"limits": asdict(limits), "variable": None if variable is None else to_json(variable)}
         columns = columns_of(points) | ({} if light is None else {"light": light})
-        found = scene.executor.rows("radiance", settings, columns, paths)
+        found = scene.executor.rows("radiance", settings, columns, paths, recipe=recipe)
         means, good = found["means"], found["good"]
     if report is not None:
         report.paths += len(points) * paths

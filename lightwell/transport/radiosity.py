@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import aligned, dr, mi, upload_floats, upload_integers
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
@@ -89,7 +90,6 @@ class Radiosity:
         position, normal, _ = self._hits(DevicePoints(probes), len(probes), PROBES, seed)
         found = find_bins(position, normal, bins, np.random.default_rng([seed, 5]))
         self.bins: Bins = parted(found, self._sight)
-        self._transfer = self._bin_rows()
 
     def _sight(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """[K] whether nothing stands between places [K, 3]."""
@@ -113,7 +113,9 @@ class Radiosity:
             parts.append((p[seen], n[seen], weight[seen]))
         return tuple(np.concatenate(x) for x in zip(*parts))
 
-    def rows(self, points: SurfacePoints, rays: int, seed: int, sky: bool = False) -> Rows:
+    def rows(
+        self, points: SurfacePoints, rays: int, seed: int, sky: bool = False, recipe: Recipe | None = None
+    ) -> Rows:
         """Trace what points see of the bins.
 
         Args:
@@ -121,6 +123,7 @@ class Radiosity:
             rays: Rays per point, even; the two halves are independent.
             seed: Seed of the rays.
             sky: Note the cell of the sky of rays that leave the scene.
+            recipe: How workers make points and bins again; None: they are sent.
 
         Returns:
             Bins and weights, ray by ray.
@@ -128,10 +131,12 @@ class Radiosity:
         if self.scene.executor is None:
             return _seen_rows(self.scene, self.bins, points, rays, seed, sky=sky)
         settings = {"rays": rays, "seed": seed, "sky": sky}
-        found = self.scene.executor.rows("radiosity", settings, columns_of(points), rays, self.bins.arrays())
+        run = self.scene.executor.rows
+        found = run("radiosity", settings, columns_of(points), rays, self.bins.arrays(), recipe)
         return Rows(found["bin"], found["weight"])
 
-    def _bin_rows(self):
+    @cached_property
+    def _transfer(self):
         """[F, F + 1] as three sparse matrices: indirect irradiance of bins for a direct irradiance of 1 on bins."""
         from scipy.sparse import csr_matrix
 

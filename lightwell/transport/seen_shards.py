@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
-from lightwell.scenes.variables import Variable, has_sky
+from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import DeviceRows, Radiosity
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings
 
@@ -72,6 +75,51 @@ class SeenTransport:
     rows: DeviceRows
 
 
+@dataclass(frozen=True)
+class SeenBins:
+    """How points where people look are drawn, and the bins that they see are found."""
+
+    variable: Variable | None
+    """People look where it may be; None: anywhere."""
+    points: int
+    bins: int
+    floor: int
+    """Points per visible object at least."""
+    seeds: tuple[int, int]
+    """Of the points and of the bins."""
+
+    def make(self, scene: Scene) -> tuple[SurfacePoints, Radiosity]:
+        """Draw the points and find the bins; the scene keeps the last ones.
+
+        Args:
+            scene: The scene.
+
+        Returns:
+            Points and bins.
+        """
+
+        def made() -> tuple[SurfacePoints, Radiosity]:
+            drawn = draw_seen(scene, self.variable, self.points, self.seeds[0], floor=self.floor).points
+            return drawn, Radiosity(scene, drawn, self.seeds[1], self.bins)
+
+        return scene.cache.get(SEEN_BINS, made, self)
+
+    def recipe(self, rows: tuple[int, int] | None = None, other: tuple[int, int, int] | None = None) -> Recipe:
+        """Describe rows that look at the bins to workers.
+
+        Args:
+            rows: Number of the first point, and how many follow, from the first one again after the last; None: all.
+            other: Count, seed and floor of other points where people look, which see these bins; None: the same points.
+
+        Returns:
+            The recipe.
+        """
+        variable = None if self.variable is None else to_json(self.variable)
+        settings = asdict(self) | {"variable": variable, "seeds": list(self.seeds)}
+        return Recipe("seen-bins", settings | {"rows": rows and list(rows), "other": other and list(other)})
+
+
+SEEN_BINS = Derived[tuple[SurfacePoints, Radiosity]]("transport.seen_bins", most=2)
 SEEN = Derived[SeenTransport]("transport.seen")
 
 
@@ -124,11 +172,35 @@ class SeenShards:
         return max(self._size.points * self._settings.floor // self._settings.size, 1)
 
     def _traced(self) -> SeenTransport:
-        scene, variable, size, seeds = self._scene, self._variable, self._size, [int(s) for s in self._seeds]
-        points = draw_seen(scene, variable, size.points, seeds[0], floor=self._floor).points
-        radiosity = Radiosity(scene, points, seeds[2], size.bins)
-        rows = radiosity.rows(points, size.rays, seeds[3], sky=has_sky(variable))
+        variable, size, seeds = self._variable, self._size, [int(s) for s in self._seeds]
+        made_of = SeenBins(variable, size.points, size.bins, self._floor, (seeds[0], seeds[2]))
+        points, radiosity = made_of.make(self._scene)
+        rows = radiosity.rows(points, size.rays, seeds[3], has_sky(variable), made_of.recipe())
         return SeenTransport(points, radiosity, DeviceRows(rows))
+
+
+def seen_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Draw points and find the bins that they see; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: The scene.
+        settings: As ``SeenBins.recipe`` writes them.
+        arrays: Not used.
+
+    Returns:
+        Columns of ``SurfacePoints``, and ``Bins.arrays``.
+    """
+    of = {name: settings[name] for name in ("points", "bins", "floor")}
+    variable = None if settings["variable"] is None else from_json(settings["variable"])
+    made_of = SeenBins(variable, seeds=tuple(settings["seeds"]), **of)
+    points, radiosity = made_of.make(scene)
+    if settings["other"]:
+        count, seed, floor = settings["other"]
+        points = draw_seen(scene, made_of.variable, count, seed, floor=floor).points
+    if settings["rows"]:
+        first, count = settings["rows"]
+        points = points[(first + np.arange(count)) % len(points)]
+    return Inputs(columns_of(points), radiosity.bins.arrays())
 
 
 def place_columns(points: SurfacePoints, weight: np.ndarray, flat: np.ndarray) -> dict[str, np.ndarray]:

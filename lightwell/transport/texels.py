@@ -5,14 +5,17 @@ Notation: n texels along each edge, K texels that lie on a chart, row-major.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_integers
 from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.visible import side_points
 
 # Places in a texel where a triangle may cover it: its centre first, then the rest of a lattice of 5 x 5.
@@ -49,8 +52,55 @@ def texels(scene: Scene, atlas: Atlas) -> Texels:
         K texels with their points and charts.
     """
     side, triangle = np.nonzero(atlas.chart >= 0)
-    flat = _flat_scene(atlas.uv[side, triangle])
     n = atlas.size
+    index, row, points = _covered(scene, n, side, triangle, atlas.uv[side, triangle])
+    chart = np.full(n * n, -1, np.int32)
+    chart[index] = atlas.chart[side[row], triangle[row]]
+    return Texels(index, points, chart.reshape(n, n))
+
+
+def texel_points(atlas: Atlas, count: int, rows: np.ndarray | None = None) -> Recipe:
+    """Describe the points of texels to workers.
+
+    Args:
+        atlas: The atlas.
+        count: K, texels that are covered.
+        rows: [R] increasing numbers of the texels that are traced; None: all.
+
+    Returns:
+        The recipe.
+    """
+    side, triangle = np.nonzero(atlas.chart >= 0)
+    arrays = {"side": side.astype(np.uint8), "triangle": triangle.astype(np.uint32), "uv": atlas.uv[side, triangle]}
+    if rows is not None:
+        arrays["chosen"] = np.packbits(np.bincount(rows, minlength=count).astype(bool))
+    return Recipe("texels", {"size": atlas.size}, arrays)
+
+
+def texel_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Find the points of texels; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: Scene that was unwrapped.
+        settings: ``size``, texels along the edge.
+        arrays: ``side``, ``triangle`` [S] and ``uv`` [S, 3, 2] of the stored sides, and ``chosen``, a bit for each
+            texel where not all are traced.
+
+    Returns:
+        Columns of ``SurfacePoints``.
+    """
+    stored = (arrays["side"].astype(np.int64), arrays["triangle"].astype(np.int64), arrays["uv"])
+    points = _covered(scene, settings["size"], *stored)[2]
+    if "chosen" in arrays:
+        points = points[np.flatnonzero(np.unpackbits(arrays["chosen"], count=len(points)))]
+    return Inputs(columns_of(points))
+
+
+def _covered(
+    scene: Scene, n: int, side: np.ndarray, triangle: np.ndarray, uv: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, SurfacePoints]:
+    """Covered texels [K], the stored side of each, by row of ``side`` [S], and the points."""
+    flat = _flat_scene(uv)
     owner, barycentric = np.full(n * n, -1, np.int64), np.zeros((n * n, 2), np.float32)
     places = sorted(((x, y) for x in STEPS for y in STEPS), key=lambda p: (p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2)
     for x, y in places:
@@ -62,10 +112,7 @@ def texels(scene: Scene, atlas: Atlas) -> Texels:
     index = np.flatnonzero(owner >= 0)
     row = owner[index]
     inner = _off_the_edges(scene, triangle[row], barycentric[index])
-    points = side_points(scene, triangle[row], side[row], inner)
-    chart = np.full(n * n, -1, np.int32)
-    chart[index] = atlas.chart[side[row], triangle[row]]
-    return Texels(index, points, chart.reshape(n, n))
+    return index, row, side_points(scene, triangle[row], side[row], inner)
 
 
 def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Rows that are traced in parts have the bytes of rows that are traced together; settings survive JSON."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,19 +16,33 @@ from lightwell.transport.camera import total_image
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.row_recipes import inputs_of
 from lightwell.transport.row_tasks import TASKS
 
 POINTS = 150
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for name, value in a.items():
+        assert value.dtype == b[name].dtype and value.shape == b[name].shape, name
+        assert value.tobytes() == b[name].tobytes(), name
 
 
 class Parts:
     """An executor that computes parts of odd sizes in this process, the last one first."""
 
     def __init__(self, scene, size=37):
-        self.scene, self.size, self.tasks = scene, size, []
+        self.scene, self.size, self.tasks, self.recipes = scene, size, [], []
 
-    def rows(self, task, settings, columns, lanes, shared=None):
+    def rows(self, task, settings, columns, lanes, shared=None, recipe=None):
         self.tasks.append(task)
+        if recipe is not None:
+            self.recipes.append(recipe.name)
+            told = replace(recipe, settings=json.loads(json.dumps(recipe.settings)))
+            made = inputs_of(self.scene, told)
+            assert_same(made.columns, columns)
+            assert_same(made.shared, shared or {})
         settings = json.loads(json.dumps(settings))
         starts = range(0, len(next(iter(columns.values()))), self.size)
         part = lambda start: {n: np.array(v[start : start + self.size]) for n, v in columns.items()}  # noqa: E731

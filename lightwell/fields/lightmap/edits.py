@@ -171,7 +171,9 @@ def edited_chart(
     rows = np.flatnonzero(touched)
 
     def again(make: Any) -> Irradiance:
-        return traced_again(scene, covered, before.light, rows, paths, seed + 1) if len(rows) else before.light
+        if not len(rows):
+            return before.light
+        return traced_again(scene, before.atlas, covered, before.light, rows, paths, seed + 1)
 
     size, mips = before.atlas.size, before.atlas.mips
     return chart(scene, size, mips, paths, seed, keep=again, atlas=before.atlas), touched

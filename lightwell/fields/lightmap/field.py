@@ -41,6 +41,7 @@ from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport.irradiance import Irradiance, irradiance
+from lightwell.transport.texels import texel_points
 
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
@@ -263,8 +264,9 @@ def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, i
     if first is None:
         return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT
     start = perf_counter()
-    probe = first.texels.points[np.arange(0, len(first.texels.index), 8)]
-    irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9)
+    rows = np.arange(0, len(first.texels.index), 8)
+    probe, recipe = first.texels.points[rows], texel_points(first.atlas, len(first.texels.index), rows)
+    irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9, recipe)
     rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
     seconds = learning_seconds(request.budget, state.job.work.elapsed)
     share = TEXEL_SHARE if preset.base else 0.02

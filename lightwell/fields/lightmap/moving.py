@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +13,13 @@ from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import MOVING, LightmapFit
 from lightwell.fields.lightmap.views import ViewSamples, towards_eyes
 from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.lightmap_query import query_of_lightmap
 from lightwell.transport.radiance import indirect
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.surface import draw_surface
 
 # Points that share one position of the light.
@@ -36,14 +40,35 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
     Returns:
         The samples, for a unit light; those that are not finite have weight 0.
     """
+    points, light, drawn_weight = _drawn(scene, variable, count, seed)
+    recipe = Recipe("moving-points", {"variable": to_json(variable), "count": count, "seed": seed})
+    a, b = indirect(scene, points, light, variable, paths, seed, recipe=recipe)
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    weight = np.where(good, drawn_weight, 0).astype(np.float32)
+    return ViewSamples(query_of_lightmap(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def _drawn(scene: Scene, variable: Variable, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
+    """Points with their views, their lights [N, 3] and weights [N]."""
     draw = draw_surface(scene, count, seed, floor=64)
     points = towards_eyes(scene, draw.points, seed)
     lights = sample_lights(scene, variable, -(-count // POINTS_PER_LIGHT), seed)
-    light = lights.repeat(POINTS_PER_LIGHT, axis=0)[: len(points)]
-    a, b = indirect(scene, points, light, variable, paths, seed)
-    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    weight = np.where(good, draw.weight, 0).astype(np.float32)
-    return ViewSamples(query_of_lightmap(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
+    return points, lights.repeat(POINTS_PER_LIGHT, axis=0)[: len(points)], draw.weight
+
+
+def moving_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Draw the points of ``moving_samples``; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: The scene.
+        settings: ``variable``, ``count`` and ``seed``.
+        arrays: Not used.
+
+    Returns:
+        Columns of ``SurfacePoints``, and ``light`` [N, 3].
+    """
+    points, light, _ = _drawn(scene, from_json(settings["variable"]), settings["count"], settings["seed"])
+    return Inputs(columns_of(points) | {"light": light})
 
 
 def moving_fit(

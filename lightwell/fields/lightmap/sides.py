@@ -5,13 +5,16 @@ K sides, M meshes, T triangles.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.fields.base import is_matte
 from lightwell.scenes.default_light import under_sky, with_lamp
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
@@ -19,7 +22,7 @@ from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.point_rejection import _escape_share, reject
 from lightwell.transport.queries import frames
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 from lightwell.transport.visible import side_points, visible_sides
 
@@ -89,7 +92,9 @@ def lit_sides(scene: Scene, seed: int) -> TriangleSides:
         if not len(rows):
             break
         points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
-        found = irradiance(scene, points, paths, seed + k).mean.mean(axis=1)
+        arrays = {"side": side[rows].astype(np.uint8), "triangle": triangle[rows].astype(np.uint32)}
+        recipe = Recipe("sides", {"count": LOOKS if k == 0 else len(rows), "seed": seed + k}, arrays)
+        found = irradiance(scene, points, paths, seed + k, recipe).mean.mean(axis=1)
         np.maximum.at(brightest, rows[row], np.nan_to_num(found))
         least = DARK * np.average(brightest, weights=area)
     bright = brightest > least
@@ -249,6 +254,21 @@ def spread(
     root = np.sqrt(u)
     place = np.stack([root * (1 - v), root * v], axis=1).astype(np.float32)
     return side_points(scene, triangle[row], side[row], place), row
+
+
+def side_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Sample points on sides of triangles; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: T triangles.
+        settings: ``count`` and ``seed`` of ``spread``.
+        arrays: ``side`` and ``triangle`` [K].
+
+    Returns:
+        Columns of ``SurfacePoints``.
+    """
+    side, triangle = (arrays[name].astype(np.int64) for name in ("side", "triangle"))
+    return Inputs(columns_of(spread(scene, side, triangle, settings["count"], settings["seed"])[0]))
 
 
 def matte(scene: Scene) -> np.ndarray:

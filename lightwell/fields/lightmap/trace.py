@@ -17,12 +17,13 @@ from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
 from lightwell.scenes.atlas import Atlas, build, padding
+from lightwell.scenes.executor import Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.point_rejection import reject
 from lightwell.transport.queries import make_query
 from lightwell.transport.samples import Query, SurfacePoints
-from lightwell.transport.texels import Texels, texels
+from lightwell.transport.texels import Texels, texel_points, texels
 
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
@@ -85,19 +86,20 @@ def chart(
         sides = lit_sides(scene, seed) if sides is None else sides
         atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark, faint=sides.faint)
     covered = texels(scene, atlas)
-    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, covered, paths, seed + 1))
+    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, atlas, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
     return AtlasIrradiance(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
 
 
-def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradiance:
+def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: int) -> Irradiance:
     """Irradiance / π at all texels; narrow charts, which the filter cannot denoise, get more paths."""
-    light = _arriving(scene, covered.points, paths, seed)
+    light = _arriving(scene, covered.points, paths, seed, texel_points(atlas, len(covered.index)))
     rows = np.flatnonzero(narrow(covered))
     more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
     if more < 2:
         return light
-    better = _arriving(scene, covered.points[rows], paths * more, seed + 0x7A1)
+    recipe = texel_points(atlas, len(covered.index), rows)
+    better = _arriving(scene, covered.points[rows], paths * more, seed + 0x7A1, recipe)
     columns = {name: getattr(light, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
     for name, column in columns.items():
         column[rows] = getattr(better, name)
@@ -105,22 +107,23 @@ def _everywhere(scene: Scene, covered: Texels, paths: int, seed: int) -> Irradia
 
 
 def traced_again(
-    scene: Scene, covered: Texels, before: Irradiance, rows: np.ndarray, paths: int, seed: int
+    scene: Scene, atlas: Atlas, covered: Texels, before: Irradiance, rows: np.ndarray, paths: int, seed: int
 ) -> Irradiance:
     """Trace some texels again; the others keep their bytes.
 
     Args:
         scene: The scene.
+        atlas: Its atlas.
         covered: K covered texels.
         before: Irradiance at all of them.
-        rows: [R] texels to trace.
+        rows: [R] increasing numbers of the texels to trace.
         paths: Paths per texel, even, ≥ 2.
         seed: Seed of the sampler.
 
     Returns:
         Irradiance at all of them.
     """
-    made = _arriving(scene, covered.points[rows], paths, seed)
+    made = _arriving(scene, covered.points[rows], paths, seed, texel_points(atlas, len(covered.index), rows))
     columns = {name: getattr(before, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
     for name, column in columns.items():
         column[rows] = getattr(made, name)
@@ -144,10 +147,10 @@ def narrow(covered: Texels) -> np.ndarray:
     return (distance_transform_edt(~wide) >= 1.5 * half).reshape(-1)[covered.index]
 
 
-def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> Irradiance:
+def _arriving(scene: Scene, points: SurfacePoints, paths: int, seed: int, recipe: Recipe) -> Irradiance:
     """E' at texels; where something is full of a medium, the light that left it counts too: what a surface shows along
     its normal, over its albedo."""
-    light, media = irradiance(scene, points, paths, seed), media_meshes(scene)
+    light, media = irradiance(scene, points, paths, seed, recipe), media_meshes(scene)
     if not media.any():
         return light
     rows = np.flatnonzero(~media[points.shape])

@@ -10,10 +10,10 @@ import numpy as np
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Role
 from lightwell.networks.losses import EPSILON
-from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport import draw_surface, indirect, static
+from lightwell.transport import indirect, static
+from lightwell.transport.lit_points import LitPoints
 from lightwell.transport.samples import SurfacePoints
 
 if TYPE_CHECKING:
@@ -47,12 +47,15 @@ class LightmapValidation:
             The points and their radiance.
         """
         seed += SEED
-        points = draw_surface(scene, POINTS, seed, floor=8).points
-        if role == "static" or variable is None:
-            a, b = static(scene, points, PATHS, seed)
+        moving = role != "static" and variable is not None
+        lights = POINTS if moving else 0
+        lit = LitPoints(variable, POINTS, seed, floor=8, lights=lights, light_seed=seed, held_out=False)
+        points = lit.draw(scene).points
+        if not moving:
+            a, b = static(scene, points, PATHS, seed, recipe=lit.recipe())
             return LightmapValidation(points, np.zeros(3, np.float32), 0.5 * (a + b))
-        light = sample_lights(scene, variable, len(points), seed)
-        a, b = indirect(scene, points, light, variable, PATHS, seed)
+        light = lit.light_of(scene, len(points))
+        a, b = indirect(scene, points, light, variable, PATHS, seed, recipe=lit.recipe())
         return LightmapValidation(points, light, 0.5 * (a + b))
 
     def error(self, fit: FittedLightmap) -> float:

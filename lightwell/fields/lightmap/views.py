@@ -5,8 +5,10 @@ n texels along the edge of the atlas, N samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.sides import free_places, matte
 from lightwell.fields.lightmap.trace import AtlasIrradiance, diffuse_albedo
 from lightwell.scenes.atlas import NOWHERE, Atlas
+from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Scene
 from lightwell.transport.gather import KnownIrradiance, gathered
@@ -89,30 +92,43 @@ def eye_samples(
     Returns:
         The samples.
     """
-    wanted = ~matte(scene) & ~tables(scene).clear
-    draw = _drawn(scene, wanted, count, seed)
-    points = towards_eyes(scene, draw.points, seed)
+    points, drawn_weight = _drawn(scene, count, seed)
     if media_meshes(scene).any():
         a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
     elif known is None:
-        a, b = static(scene, points, paths, seed)
+        a, b = static(scene, points, paths, seed, recipe=Recipe("eye-points", {"count": count, "seed": seed}))
     else:
         a, b = corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
     good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
-    weight = np.where(good, draw.weight, 0).astype(np.float32)
+    weight = np.where(good, drawn_weight, 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
-def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
-    """``count`` points on the meshes [M] that are wanted; a few on all meshes where none of them is visible."""
+def eye_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
+    """Draw the points of ``eye_samples``; see ``row_recipes.RecipeFunction``.
+
+    Args:
+        scene: The scene.
+        settings: ``count`` and ``seed``.
+        arrays: Not used.
+
+    Returns:
+        Columns of ``SurfacePoints``.
+    """
+    return Inputs(columns_of(_drawn(scene, **settings)[0]))
+
+
+def _drawn(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+    """``count`` points on glossy meshes, with views and weights; a few on all meshes where none is visible."""
+    wanted = ~matte(scene) & ~tables(scene).clear
+    draw: SurfaceDraw | None = None
     if wanted.any():
-        try:
-            return draw_surface(scene, count, seed, floor=64, only=wanted)
-        except ValueError:
-            pass
-    return draw_surface(scene, FEW_EYES, seed, floor=64)
+        with suppress(ValueError):
+            draw = draw_surface(scene, count, seed, floor=64, only=wanted)
+    draw = draw or draw_surface(scene, FEW_EYES, seed, floor=64)
+    return towards_eyes(scene, draw.points, seed), draw.weight
 
 
 def corrected(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -14,12 +15,12 @@ from lightwell.fields.base import UNIT_FACTOR
 from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import State, Traced
 from lightwell.fields.surface.plan import RAYS
+from lightwell.scenes.executor import Recipe
 from lightwell.transport.lamp_light import LampLight, LampShares
 from lightwell.transport.queries import make_query
-from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
-from lightwell.transport.seen_shards import GatherSize
+from lightwell.transport.seen_shards import GatherSize, SeenBins
 from lightwell.transport.shards import ShardSettings
 
 # Points of a batch, which is stored when it is traced; batches of a bake, and of one with fixed counts, per shard.
@@ -141,40 +142,39 @@ class _Tracer:
         seconds = request.budget.round_seconds
         wanted = request.shards * BATCH if request.shards else POINTS_PER_SECOND * seconds
         self._count = int(np.clip(1 << int(wanted - 1).bit_length(), BATCH, MOST_BATCHES * BATCH))
-        self._points: SurfacePoints | None = None
         self._light: LampLight | None = None
+        settings = ShardSettings(seed=request.seed)
+        floor = max(self._count * settings.floor // settings.size, 1)
+        bins = GatherSize.of(max(self._count // (1 << 14), 1), ShardSettings()).bins
+        self._seen = SeenBins(state.variable, self._count, bins, floor, (int(self._seeds[0]), int(self._seeds[1])))
 
     @property
     def points(self) -> SurfacePoints:
-        if self._points is None:
-            request = self._state.job.request
-            settings = ShardSettings(seed=request.seed)
-            floor = max(self._count * settings.floor // settings.size, 1)
-            draw = draw_seen(self._state.scene, self._state.variable, self._count, int(self._seeds[0]), floor=floor)
-            self._points = draw.points
-        return self._points
+        return self._seen.make(self._state.scene)[0]
 
     @property
     def light(self) -> LampLight:
         if self._light is None:
-            size = GatherSize.of(max(self._count // (1 << 14), 1), ShardSettings())
-            radiosity = Radiosity(self._state.scene, self.points, int(self._seeds[1]), size.bins)
+            radiosity = self._seen.make(self._state.scene)[1]
             self._light = LampLight(radiosity, self._state.lamps, int(self._seeds[2]))
         return self._light
 
     def batch(self, index: int) -> LampSamples:
         """Trace one batch; where all points are used, the same ones with other rays."""
         rows = (np.arange(BATCH) + index * BATCH) % len(self.points)
-        return self._samples(self.points[rows], self.rays, int(self._seeds[3]) + index * BATCH)
+        recipe = lambda first, count: self._seen.recipe((index * BATCH + first, count))  # noqa: E731
+        return self._samples(self.points[rows], self.rays, int(self._seeds[3]) + index * BATCH, recipe)
 
     def held_out(self) -> LampSamples:
         """Trace the held-out points."""
         scene, variable = self._state.scene, self._state.variable
-        points = draw_seen(scene, variable, VALIDATION_POINTS, int(self._seeds[4]), floor=FLOOR).points
-        return self._samples(points, VALIDATION_RAYS * self.rays, int(self._seeds[4]))
+        seed = int(self._seeds[4])
+        points = draw_seen(scene, variable, VALIDATION_POINTS, seed, floor=FLOOR).points
+        recipe = lambda *rows: self._seen.recipe(rows, (VALIDATION_POINTS, seed, FLOOR))  # noqa: E731
+        return self._samples(points, VALIDATION_RAYS * self.rays, seed, recipe)
 
-    def _samples(self, points: SurfacePoints, rays: int, seed: int) -> LampSamples:
-        shares: LampShares = self.light.shares(points, rays, seed)
+    def _samples(self, points: SurfacePoints, rays: int, seed: int, recipe: Callable[..., Recipe]) -> LampSamples:
+        shares: LampShares = self.light.shares(points, rays, seed, recipe=recipe)
         query = make_query(self._state.scene, points, np.zeros(3, np.float32))
         halves = (np.nan_to_num(half, posinf=0, neginf=0) for half in (shares.half_a, shares.half_b))
         return LampSamples(query, *halves, shape=np.asarray(points.shape, np.uint32))

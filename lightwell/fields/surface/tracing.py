@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from lightwell.core.progress import ProgressStage
-from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
-from lightwell.transport import PathReport, Samples, draw_surface, indirect, static
+from lightwell.transport import PathReport, Samples, indirect, static
 from lightwell.transport.collect import collect
-from lightwell.transport.seen import draw_seen
+from lightwell.transport.lit_points import LitPoints
 from lightwell.transport.shards import Make, ShardSettings, generate, load_samples
 from lightwell.transport.surface import SurfaceDraw
 
@@ -105,11 +105,17 @@ def validation_samples(
         The samples.
     """
     seed += VALIDATION_SEED
-    make = partial(draw_seen, scene, variable, points, seed, floor=VALIDATION_FLOOR)
+    lit = LitPoints(variable, points, seed, VALIDATION_FLOOR, seen=True, **_training_lights(lights, seed, points))
     # Both parts of the light have the same points.
-    draw = scene.cache.get(VALIDATION_DRAW, make, (variable, points, seed))
-    light = sample_lights(scene, variable, lights, seed).repeat(points // lights, axis=0)
-    return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, weight=draw.weight, own_light=own_light)
+    draw = scene.cache.get(VALIDATION_DRAW, partial(lit.draw, scene), (variable, points, seed))
+    light, recipe = lit.light_of(scene, points), lit.recipe(not own_light)
+    options = {"weight": draw.weight, "own_light": own_light, "recipe": recipe}
+    return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, **options)
+
+
+def _training_lights(count: int, seed: int, rows: int) -> dict[str, Any]:
+    """Options of ``LitPoints``: so many training lights, each for as many rows that follow each other."""
+    return {"lights": count, "light_seed": seed, "held_out": False, "run": rows // count}
 
 
 @dataclass(frozen=True)
@@ -143,15 +149,17 @@ def path_rate(
     Returns:
         The rates.
     """
-    points = draw_surface(scene, TIMED_POINTS, seed + VALIDATION_SEED, floor=1).points
-    light = None if variable is None else sample_lights(scene, variable, TIMED_POINTS, seed)
+    lights = {} if variable is None else _training_lights(TIMED_POINTS, seed, TIMED_POINTS)
+    lit = LitPoints(variable, TIMED_POINTS, seed + VALIDATION_SEED, 1, **lights)
+    points = lit.draw(scene).points
+    light, own = lit.light_of(scene, TIMED_POINTS), own_light or variable is None
 
     def seconds(count: int) -> float:
         start = perf_counter()
-        if own_light or variable is None or light is None:
-            static(scene, points, count, seed)
+        if own:
+            static(scene, points, count, seed, recipe=lit.recipe(lit=False))
         else:
-            indirect(scene, points, light, variable, count, seed)
+            indirect(scene, points, light, variable, count, seed, recipe=lit.recipe())
         return max(perf_counter() - start, 1e-6)
 
     seconds(FIRST_PATHS)
