@@ -240,9 +240,9 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
 def _candidates(scene: Scene, variable: Variable | None, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
     """Points of the patches that are chosen from, patch by patch, and their lights [N, 3]."""
     # Patches are scored in one pose: the one of the first view.
-    slider = view_pose(scene, 0)
-    points = draw_patches(standing(scene, slider), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
-    points = points if slider is None else at_pose(points, slider)
+    pose = view_pose(scene, 0)
+    points = draw_patches(standing(scene, pose), PATCH_CANDIDATES * count, seed + EVALUATION_SEED)
+    points = points if pose is None else at_pose(points, pose)
     if variable is None:
         return points, np.zeros((len(points), 3), np.float32)
     lights = held_out_lights(scene, variable, PATCH_LIGHTS, seed + 4 * EVALUATION_SEED)

@@ -141,7 +141,8 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     names = list(dict.fromkeys(d.name for d in found))
     if len(names) > 1:
         raise ValueError(
-            f"vary: one light can move, not {len(names)} ({', '.join(names)}); bake one field per light, they add up"
+            f"vary: one light can move here, not {len(names)} ({', '.join(names)}); declare one of them: only a bake "
+            "of --field factored takes several"
         )
     given = {d.parameter: d.values for d in found}
     if given.keys() & set(OF_SUN):

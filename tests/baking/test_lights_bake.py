@@ -61,7 +61,11 @@ def test_the_time_is_shared_among_lights_and_the_scenes_own_light():
 @pytest.mark.parametrize(
     "more, message",
     [
-        ({"field": "mlp"}, r"one light can move, not 2 \(light, sun\)"),
+        ({"field": "mlp"}, r"one light can move here, not 2 \(light, sun\); declare one of them"),
+        (
+            {"vary": tuple(f"l{k}.radius=0.1" for k in range(5))},
+            "5 lights, nodes and clips vary, more than the 4 that a page can show; bake fewer of them together",
+        ),
         ({"options": {"rebake": "old"}}, "--rebake knows one light; bake whole, or drop sun from --vary"),
         ({"preview": True}, "--preview shows one light; leave it out, or drop a light from --vary"),
     ],
@@ -69,4 +73,4 @@ def test_the_time_is_shared_among_lights_and_the_scenes_own_light():
 def test_what_knows_one_light_says_so(tmp_path, more, message):
     preview = object.__new__(Preview) if more.pop("preview", False) else None
     with pytest.raises(ValueError, match=message):
-        bake(small(tmp_path / "out", vary=(BOX, ARC), **more), preview=preview)
+        bake(small(tmp_path / "out", **({"vary": (BOX, ARC)} | more)), preview=preview)

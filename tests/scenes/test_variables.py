@@ -151,7 +151,7 @@ def test_the_default_clearance_fits_into_low_rooms():
 @pytest.mark.parametrize(
     "texts, message",
     [
-        (["a.radius=1", "b.radius=1"], r"vary: one light can move, not 2 \(a, b\); bake one field per light"),
+        (["a.radius=1", "b.radius=1"], r"vary: one light can move here, not 2 \(a, b\); declare one of them"),
         (["sun.direction=arc(0,0,90,0)", "sun.radius=1"], "vary: 'sun' is a sun, it has no radius; drop it"),
     ],
 )

@@ -115,6 +115,10 @@ TWO_FIELDS: dict[str, FactoredPreset] = {
 }
 
 
+# Lights, nodes and clips that vary in one bake, at most: what the runtime takes.
+MOST_VARIABLES = 4
+
+
 @dataclass
 class FactoredFit(NetworkFit):
     """See ``lightwell.fields.base.Learner``."""
@@ -271,8 +275,13 @@ class FactoredField(SurfaceField):
         Raises:
             ValueError: ``--lamps`` names no light, or comes with ``--no-static``.
         """
-        state = self._lights(job)
         movers = declared_movers(job.request.vary, job.scene)
+        if (count := len(by_light(job.request.vary)) + len(movers)) > MOST_VARIABLES:
+            raise ValueError(
+                f"vary: {count} lights, nodes and clips vary, more than the {MOST_VARIABLES} that a page can show; "
+                "bake fewer of them together"
+            )
+        state = self._lights(job)
         if movers:
             return moving_state(state, job, movers)
         if job.request.lamps:
