@@ -1,4 +1,4 @@
-"""Irradiance / π of groups of lamps at surface points, the share of each group apart: what a light map with switches stores.
+"""Irradiance / π of groups of lamps at surface points, the share of each apart: what a light map with switches stores.
 
     E'_k = (1 / π) ∫ L_k(ω) max(n · ω, 0) dω
 

@@ -243,8 +243,8 @@ def _first_emission(scene, si, sources, rng, first):
     lobe, direction, _ = first
     sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe * coverage(si, bsdf), direction)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    ray = si.spawn_ray(si.to_world(sample.wo))
-    return emission_met(scene, sources, rng, ray, mi.Spectrum(weight), interaction_at(si), (mi.Float(sample.pdf), delta))
+    ray, prev = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si)
+    return emission_met(scene, sources, rng, ray, mi.Spectrum(weight), prev, (mi.Float(sample.pdf), delta))
 
 
 @dr.syntax

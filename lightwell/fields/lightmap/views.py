@@ -40,6 +40,8 @@ class ViewSamples:
     half_a: np.ndarray
     half_b: np.ndarray
     weight: np.ndarray
+    shares: np.ndarray | None = None
+    """[N, K, 3] radiance of each group of lamps, where they have switches."""
 
     @property
     def radiance(self) -> np.ndarray:
@@ -48,7 +50,8 @@ class ViewSamples:
 
     def __getitem__(self, rows: np.ndarray) -> ViewSamples:
         """Select rows."""
-        return ViewSamples(self.query[rows], self.half_a[rows], self.half_b[rows], self.weight[rows])
+        shares = None if self.shares is None else self.shares[rows]
+        return ViewSamples(self.query[rows], self.half_a[rows], self.half_b[rows], self.weight[rows], shares)
 
     def __add__(self, other: ViewSamples) -> ViewSamples:
         """Concatenate; the weights of the second are relative to the mean of the first."""
@@ -89,9 +92,7 @@ def eye_samples(
     Returns:
         The samples.
     """
-    wanted = ~matte(scene) & ~tables(scene).clear
-    draw = _drawn(scene, wanted, count, seed)
-    points = towards_eyes(scene, draw.points, seed)
+    points, odds = eye_points(scene, count, seed)
     if media_meshes(scene).any():
         a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
     elif known is None:
@@ -101,8 +102,23 @@ def eye_samples(
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
     good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
-    weight = np.where(good, draw.weight, 0).astype(np.float32)
+    weight = np.where(good, odds, 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def eye_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+    """Draw the points of ``eye_samples``; the same seed gives the same points.
+
+    Args:
+        scene: The scene.
+        count: Number of points.
+        seed: Seed of the sampler.
+
+    Returns:
+        Points with views, and their [N] weights.
+    """
+    draw = _drawn(scene, ~matte(scene) & ~tables(scene).clear, count, seed)
+    return towards_eyes(scene, draw.points, seed), draw.weight
 
 
 def _drawn(scene: Scene, wanted: np.ndarray, count: int, seed: int) -> SurfaceDraw:
