@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from test_lightmap_field import SIZE, queries, ramp
 
+from lightwell.asset.read import read_fields
+from lightwell.asset.validate import validate_file
 from lightwell.fields.base import query_inputs
 from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
@@ -82,6 +87,19 @@ def test_a_pixel_reads_as_many_pictures_for_any_number_of_lamps():
     graphs = [fit_of(lamp_map(count), channels=0).lower() for count in (8, 64)]
     assert graphs[0].fetches == graphs[1].fetches and graphs[0].macs == graphs[1].macs
     assert graphs[1].nbytes - graphs[0].nbytes < 56 * 1000
+
+
+def test_a_file_is_read_back_as_it_was_written():
+    """The fixture of the web runtime; its numbers are those of NumPy before it was written."""
+    folder = Path(__file__).parents[2] / "web/test/fixtures"
+    fields, _ = read_fields(folder / "lightmap-lamps.glb")
+    told = json.loads((folder / "lightmap-lamps.json").read_text())
+    inputs = {name: np.array(rows, np.float32) for name, rows in told["inputs"].items()}
+    found = evaluate(fields[0].graph, inputs)["radiance"]
+    np.testing.assert_allclose(found, told["outputs"]["radiance"], rtol=1e-3, atol=1e-5)
+    assert validate_file(folder / "lightmap-lamps.glb") == []
+    dark = evaluate(fields[0].graph, inputs | {"lamps": np.zeros_like(inputs["lamps"])})["radiance"]
+    assert found.max() > 0 and not dark.any()
 
 
 def test_shares_are_needed():

@@ -28,6 +28,8 @@ from lightwell.transport.surface import draw_surface
 RAYS_PER_PATH, FEWEST_RAYS, MOST_RAYS, EYE_RAYS = 0.5, 8, 64, 16
 # Points by which the errors of the lamps are measured, their rays, and their shadow rays to each group.
 HELD_OUT, HELD_OUT_RAYS, HELD_OUT_SHADOW_RAYS = 2048, 256, 16
+# Largest share that is kept, below the largest half float.
+LARGEST = 6e4
 # Random streams that are shared with nothing else.
 _POINTS, _BINS, _LIGHT, _TEXELS, _EYES, _HELD = range(0x51A0, 0x51A6)
 
@@ -78,12 +80,13 @@ class LampTracer:
         rays = int(np.clip(RAYS_PER_PATH * paths, FEWEST_RAYS, MOST_RAYS)) // 2 * 2
         shares = irradiance_shares(self.light, made.texels.points, rays, self._seed(_TEXELS))
         units = np.maximum(shares[made.stored].mean(axis=(0, 2), dtype=np.float64), 1e-30)
-        half = (shares / units[:, None].astype(np.float32)).astype(np.float16)
-        radiance = np.zeros((0, len(self.groups), 3), np.float32)
+        shares /= units[:, None].astype(np.float32)
+        kept = np.minimum(shares, LARGEST).astype(np.float16)
+        del shares
+        seen = np.zeros((0, len(self.groups), 3), np.float32)
         if eyes is not None:
             radiance = self.light.shares(eyes, EYE_RAYS, self._seed(_EYES)).radiance
-        clean = (np.nan_to_num(values, posinf=0, neginf=0) for values in (half, radiance))
-        kept, seen = clean
+            seen = np.nan_to_num(radiance, posinf=0, neginf=0)
         return LampTexels(kept, units, seen)
 
     def held_out(self) -> tuple[SurfacePoints, np.ndarray]:
