@@ -14,8 +14,8 @@ from rows import Row, at_least
 
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import write_glb
+from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit
-from lightwell.fields.lightmap.nodes import stored
 from lightwell.fields.lightmap.trace import chart
 from lightwell.graph.pictures import encode
 from lightwell.scenes import load

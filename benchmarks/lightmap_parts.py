@@ -13,9 +13,9 @@ from rows import Row, at_least, at_most, without_bar
 from lightwell.core.color import display
 from lightwell.fields.baked import Baked
 from lightwell.fields.lightmap import fit as lightmap
+from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import PRESETS
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
-from lightwell.fields.lightmap.nodes import stored
 from lightwell.fields.lightmap.sides import lit_scene, seen_sides
 from lightwell.fields.lightmap.trace import chart
 from lightwell.fields.lightmap.views import eye_samples

@@ -69,6 +69,8 @@ def _diffuse(graph: Graph, height: int, width: int, light: np.ndarray | None) ->
         "roughness": np.ones((1, 1), np.float32),
         "metallic": np.zeros((1, 1), np.float32),
         "uv": np.zeros((1, 2), np.float32),
+        # Lamps shine as they were baked.
+        "lamps": np.ones((1, matt.inputs.get("lamps", 1)), np.float32),
     }
     reads_reflectance = "reflectance" in matt.inputs
     rows = []

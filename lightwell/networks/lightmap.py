@@ -124,27 +124,40 @@ class LightmapNetwork:
         for k, (a, b) in enumerate(zip(self.sizes, self.sizes[1:])):
             weights = _sine_weights(rng, a, b, k) if self.siren else glorot(rng, a, b)
             made |= {f"w{k}": weights if k < last else 0.3 * weights, f"b{k}": np.zeros((1, b), np.float32)}
-        made[f"b{last}"][0] = [0, 0, 0, -1.5, -1.5, -1.5] if self.base else -1.5
+        made[f"b{last}"][0] = [0, 0, 0, *[-1.5] * (self.outputs - 3)] if self.base else -1.5
         return made
 
     def __call__(self, parameters: Mapping[str, Any], rows: Any) -> Any:
         """Map rows [B, 11 + I + A] to radiance [B, 3] in unit S."""
-        inputs = slice(HEAD, HEAD + self.inputs)
-        if self.surface:
-            read = [self.made(parameters, rows[:, HEAD + self.inputs :])]
-        else:
-            read = [self.features(parameters, rows[:, PLACE])]
-        if self.error is not None:
-            added = self.error(parameters["e0"], rows[:, PLACE])[:, : self.channels]
-            read[0] = read[0] + (FEATURE_HIGH - FEATURE_LOW) * added
-        read += [self._decoded(m(parameters[f"t{k}"], rows[:, MIRROR])) for k, m in enumerate(self.mirrors, 1)]
-        o = self._layers(parameters, [r for r in read if r is not None], rows[:, inputs])
+        o = self.corrections(parameters, rows)
         if not self.base:
             return rows[:, GAIN] * ACTIVATIONS["exp"](o)
         e = ACTIVATIONS["exp"](o)
         # A product, because the gradient of a broadcast is a sum whose order depends on the threads.
         gloss = dr.matmul(rows[:, GLOSS], dr.full(mi.TensorXf, 1, (1, 3)))
         return rows[:, BASE] * (1 + gloss * (e[:, 0:3] - 1)) + rows[:, GAIN] * gloss * e[:, 3:6]
+
+    def corrections(self, parameters: Mapping[str, Any], rows: Any) -> Any:
+        """Compute the outputs of the layers, before the exponential.
+
+        Args:
+            parameters: Parameters by name.
+            rows: [B, 11 + I + A] rows.
+
+        Returns:
+            [B, outputs].
+        """
+        inputs = slice(HEAD, HEAD + self.inputs)
+        if self.surface:
+            begin = HEAD + self.inputs
+            read = [self.made(parameters, rows[:, begin : begin + self.about])]
+        else:
+            read = [self.features(parameters, rows[:, PLACE])]
+        if self.error is not None:
+            added = self.error(parameters["e0"], rows[:, PLACE])[:, : self.channels]
+            read[0] = read[0] + (FEATURE_HIGH - FEATURE_LOW) * added
+        read += [self._decoded(m(parameters[f"t{k}"], rows[:, MIRROR])) for k, m in enumerate(self.mirrors, 1)]
+        return self._layers(parameters, [r for r in read if r is not None], rows[:, inputs])
 
     def _decoded(self, t: Any) -> Any:
         """Decode the used channels of a texture of the environment."""

@@ -40,7 +40,7 @@ def gather_ray(scene: mi.Scene, si: mi.SurfaceInteraction3f, rng: mi.PCG32, firs
     # Lobes come in the order covered, seen through: what is seen through a blended surface is not its light.
     sample, β = si.bsdf().sample(ctx, si, lobe * coverage(si, si.bsdf()), direction)
     ray = si.spawn_ray(si.to_world(sample.wo))
-    return _end(scene, ray, β, rng)
+    return ray_ends(scene, ray, β, rng)
 
 
 def free_ray(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, seed: int, stream: int) -> Ends:
@@ -60,16 +60,23 @@ def free_ray(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, seed: i
     ray = mi.Ray3f(upload(mi.Point3f, origin), upload(mi.Vector3f, direction))
     lane = dr.arange(mi.UInt32, len(origin)) + dr.opaque(mi.UInt32, stream)
     rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(1))
-    weight, p, n, (through, way) = _end(scene, ray, mi.Spectrum(1), rng)
+    weight, p, n, (through, way) = ray_ends(scene, ray, mi.Spectrum(1), rng)
     return weight * dr.pi, p, n, (through * dr.pi, way)
 
 
 @dr.syntax
-def _end(scene, ray, β, rng):
-    """Follow a ray through mirrors, glass and holes to the first surface that scatters.
+def ray_ends(scene, ray, β, rng):
+    """Follow rays through mirrors, glass and holes to the first surface that scatters.
 
-    Returns radiance per irradiance there, place, normal on the side met; and for rays that leave the scene, which have
-    no weight, their throughput and direction.
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] rays.
+        β: [N] their throughput.
+        rng: [N] random streams.
+
+    Returns:
+        Radiance per irradiance there, place, normal on the side met; and for rays that leave the scene, which have no
+        weight, their throughput and direction.
     """
     ctx = mi.BSDFContext()
     ray, β = mi.Ray3f(ray), mi.Spectrum(β)

@@ -57,8 +57,8 @@ class LampLight:
             groups: K groups of its emitters.
             seed: Seed of the rays.
         """
-        self._radiosity, self._scene = radiosity, radiosity.scene
-        self._sources, self._count = LampSources(self._scene, groups), len(groups)
+        self.radiosity, self._scene = radiosity, radiosity.scene
+        self.sources, self._count = LampSources(self._scene, groups), len(groups)
         direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
         direct[:, :-1] = self._bins(seed)
         # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
@@ -88,7 +88,7 @@ class LampLight:
         for start in range(0, len(points), POINTS_AT_ONCE):
             rows = np.arange(start, min(start + POINTS_AT_ONCE, len(points)))
             told = recipe and recipe(start, len(rows))
-            total[rows] = self._gathered(self._radiosity.rows(points[rows], rays, seed + start, recipe=told))
+            total[rows] = self.gathered(self.radiosity.rows(points[rows], rays, seed + start, recipe=told))
         total += self._direct(points, rays, seed, shadow_rays)
         return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
 
@@ -121,7 +121,7 @@ class LampLight:
 
     def _bins(self, seed: int) -> np.ndarray:
         """[K, F, 3] direct irradiance of the bins, at random places of each."""
-        bins, size = self._radiosity.bins.count, self._count
+        bins, size = self.radiosity.bins.count, self._count
         out = np.zeros((size, bins, 3), np.float32)
         batch = max(1, LANES // (BIN_SAMPLES * bins))
         for start in range(0, size, batch):
@@ -135,21 +135,28 @@ class LampLight:
         index, group = row % dr.opaque(mi.UInt32, bins), dr.opaque(mi.UInt32, start) + row // dr.opaque(mi.UInt32, bins)
         at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         stream = group * dr.opaque(mi.UInt32, bins) + index
-        place, normal = self._radiosity.bins.random_place(index, random_streams(at_seed, stream, path))
+        place, normal = self.radiosity.bins.random_place(index, random_streams(at_seed, stream, path))
         number, u, _ = stratified(random_streams(at_seed, stream, LATTICE_STREAM), path, mi.UInt32(BIN_SAMPLES))
         it = dr.zeros(mi.Interaction3f, dr.width(lane))
         it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.extent) * normal)
         it.n = mi.Normal3f(normal)
-        ds, weight, _ = self._sources.sample(it, group, number, u, mi.Bool(True))
+        ds, weight, _ = self.sources.sample(it, group, number, u, mi.Bool(True))
         E = weight * dr.maximum(dr.dot(normal, ds.d), 0)
         lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
         E = dr.select(lit & ~self._scene.mi.ray_test(it.spawn_ray_to(ds.p), lit), E, 0)
-        return _mean(E, BIN_SAMPLES)
+        return block_mean(E, BIN_SAMPLES)
 
     # ------------------------------------------------------------------ points
 
-    def _gathered(self, rows: Rows) -> np.ndarray:
-        """[n, 2, K, 3] indirect light: rays of each half times the irradiance of the bins that they met."""
+    def gathered(self, rows: Rows) -> np.ndarray:
+        """Sum up the rays of each half times the irradiance of the bins that they met.
+
+        Args:
+            rows: What n points see of the bins.
+
+        Returns:
+            [n, 2, K, 3] indirect light.
+        """
         from scipy.sparse import csr_matrix
 
         count, rays = rows.bin.shape
@@ -183,14 +190,14 @@ class LampLight:
         si = gather_interaction(self._scene, device, row)
         bsdf = si.bsdf()
         active = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        ds, weight, density = self._sources.sample(si, group, number, u, active)
+        ds, weight, density = self.sources.sample(si, group, number, u, active)
         value, pdf = (
             v / coverage(si, bsdf) for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), density > 0)
         )
         L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
         lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
         L = dr.select(lit & ~self._scene.mi.ray_test(si.spawn_ray_to(ds.p), lit), L, 0)
-        return _mean(L, samples).reshape(len(rows), 2, self._count, 3)
+        return block_mean(L, samples).reshape(len(rows), 2, self._count, 3)
 
     def _emitted(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int) -> np.ndarray:
         """[n, 2, K, 3] direct light by rays that the BSDF chooses; added up in the order of the rays."""
@@ -214,34 +221,61 @@ class LampLight:
         shift = random_streams(at_seed, row, LATTICE_STREAM + path // half)
         first = stratified(shift, path % half, half)
         si = gather_interaction(self._scene, device, row)
-        L, group = _first_emission(self._scene.mi, si, self._sources, random_streams(at_seed, row, path), first)
+        L, group = _first_emission(self._scene.mi, si, self.sources, random_streams(at_seed, row, path), first)
         good = dr.all(dr.isfinite(L))
         L, group = dr.select(good, L, 0), dr.select(good, group, self._count)
         dr.eval(L, group)
         return np.array(L).T, np.array(group).astype(np.int64)
 
 
-def _mean(value: mi.Spectrum, size: int) -> np.ndarray:
-    """[lanes / size, 3] mean over blocks of lanes."""
+def block_mean(value: mi.Spectrum, size: int) -> np.ndarray:
+    """Average blocks of lanes.
+
+    Args:
+        value: [lanes] colours.
+        size: Lanes of a block.
+
+    Returns:
+        [lanes / size, 3] means.
+    """
     dr.eval(value)
     total = dr.block_sum(value, size)
     dr.eval(total)
     return np.array(total).T / size
 
 
-@dr.syntax
 def _first_emission(scene, si, sources, rng, first):
     """Follow a ray that the BSDF chooses, through mirrors, glass and holes, to what it meets first.
 
     Returns the emission found times the BSDF, weighted against shadow rays, and its group.
     """
-    ctx = mi.BSDFContext()
     bsdf = si.bsdf()
     lobe, direction, _ = first
-    sample, weight = bsdf.sample(ctx, si, lobe * coverage(si, bsdf), direction)
-    β, ray = mi.Spectrum(weight), si.spawn_ray(si.to_world(sample.wo))
-    prev, pdf = interaction_at(si), mi.Float(sample.pdf)
+    sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe * coverage(si, bsdf), direction)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    ray, prev = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si)
+    return emission_met(scene, sources, rng, ray, mi.Spectrum(weight), prev, (mi.Float(sample.pdf), delta))
+
+
+@dr.syntax
+def emission_met(scene, sources, rng, ray, β, prev, chosen):
+    """Follow rays through mirrors, glass and holes to what they meet first.
+
+    Args:
+        scene: Mitsuba scene.
+        sources: ``LampSources`` of K groups.
+        rng: [N] random streams.
+        ray: [N] rays.
+        β: [N] their throughput.
+        prev: [N] places where they begin.
+        chosen: Density per steradian of their directions, and whether they are those of a mirror.
+
+    Returns:
+        Emission found times the throughput, weighted against shadow rays, and its group; K where there is none.
+    """
+    ctx = mi.BSDFContext()
+    pdf, delta = mi.Float(chosen[0]), mi.Bool(chosen[1])
+    ray, β, prev = mi.Ray3f(ray), mi.Spectrum(β), mi.Interaction3f(prev)
     L, found = mi.Spectrum(0), mi.UInt32(sources.count)
     passed = mi.UInt32(0)
     active = dr.max(β) != 0

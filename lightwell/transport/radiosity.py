@@ -288,7 +288,7 @@ def _seen_rows(
         index = bins.lookup(scene.mi, p, n)
         if sky:
             w, index = beyond(bins.count, w, index, away)
-        w, index = _stored(w, index, dr.opaque(mi.Float, 2 / rays), dr.opaque(mi.UInt32, dark))
+        w, index = stored_ends(w, index, dr.opaque(mi.Float, 2 / rays), dr.opaque(mi.UInt32, dark))
         dr.eval(w, index)
         found[start : start + count] = np.array(index).reshape(count, rays)
         for c, values in enumerate(w):
@@ -296,8 +296,20 @@ def _seen_rows(
     return Rows(found, weight)
 
 
-def _stored(w: mi.Spectrum, index: mi.UInt32, share: mi.Float, dark: mi.UInt32) -> tuple[list[mi.Float16], mi.UInt32]:
-    """Weights by channel in half precision, times ``share``, and bins: ``dark`` where a ray has no weight."""
+def stored_ends(
+    w: mi.Spectrum, index: mi.UInt32, share: mi.Float, dark: mi.UInt32
+) -> tuple[list[mi.Float16], mi.UInt32]:
+    """Make rays as ``Rows`` holds them.
+
+    Args:
+        w: [R] weights.
+        index: [R] bins.
+        share: What weights are multiplied by.
+        dark: Bin of a ray without weight.
+
+    Returns:
+        Weights by channel in half precision, and bins.
+    """
     w = [dr.select(dr.isfinite(v), v * share, 0) for v in w]
     met = (w[0] > 0) | (w[1] > 0) | (w[2] > 0)
     return [mi.Float16(dr.minimum(v, LARGEST)) for v in w], dr.select(met, index, dark)

@@ -7,8 +7,9 @@ import pytest
 
 from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.lightmap.atlas_images import denoised, dilated, push_pull
+from lightwell.fields.lightmap.curve import SOFT, stored
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap.nodes import BOX_MARGIN, INPUTS, SOFT, MapNodes, stored
+from lightwell.fields.lightmap.nodes import BOX_MARGIN, INPUTS, MapNodes
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.pictures import BYTE, decoded, encode, minified, seen_from_afar
 from lightwell.transport.lightmap_query import LightmapQuery

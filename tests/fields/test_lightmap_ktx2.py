@@ -8,8 +8,8 @@ from test_lightmap_field import RNG as QUERIES
 from test_lightmap_field import SIZE, START, lobes, queries, radiance, ramp
 
 from lightwell.fields.base import FieldSetup
+from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap.nodes import stored
 from lightwell.fields.lightmap.options import stored_as
 from lightwell.fields.lightmap.stored_features import codec_error, feature_pictures, read_back
 from lightwell.graph.pictures import encode, gpu_bytes

@@ -297,6 +297,8 @@ def edited_lightmap(job: Job) -> EditedLightmap:
     """
     if job.request.vary:
         raise ValueError("bake: --rebake of a light map is for light that stands still; leave --vary out")
+    if job.request.lamps:
+        raise ValueError("bake: groups of lamps have no incremental bake yet; bake whole, or leave --lamps out")
     if job.options.compress:
         raise ValueError("bake: --rebake stores pictures as OLD does; leave --compress out")
     scene, _ = lit_scene(job.scene)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -23,9 +24,9 @@ from lightwell.fields.lightmap.edits import (
 )
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
+from lightwell.fields.lightmap.lamps import fewer, find_lamps, lamp_errors, map_of, seam_count, with_lamps
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions, stored_as
-from lightwell.fields.lightmap.seams import SHARE as SEAM_SHARE
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
@@ -101,6 +102,7 @@ class LightmapField:
             job.progress.say(f"[yellow]warning[/] {note}")
         warnings = [*filter(None, [missing(), note])]
         state = LightmapState(job, scene, variable, roles, warnings, preset, keep=keep_lightmap)
+        find_lamps(state)
         with job.work.timed("trace"), job.progress.stage("atlas", 2, "") as stage:
             _lay_out(state, self.limits)
             stage.advance(2, f"{state.paths} paths per texel, {state.eyes} eye samples")
@@ -136,7 +138,7 @@ class LightmapField:
             stage.advance(note=f"{state.paths} paths per texel")
             eyes = state.part.get("lightmap.views", lambda: _still_samples(state, made), VIEWS)
             stage.advance(note=f"{state.eyes} eye samples")
-        return StillSamples(made, eyes)
+        return with_lamps(state, made, eyes) if state.lamps else StillSamples(made, eyes)
 
     # ------------------------------------------------------------------ fit
 
@@ -194,7 +196,8 @@ class LightmapField:
             fit = _fit_still(state, samples)
             stage.advance()
         paths = len(samples.chart.texels.index) * state.paths + state.eyes * EYE_PATHS
-        return FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
+        made = FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
+        return replace(made, lamp_facts=lamp_errors(made))
 
 
 FIELD = LightmapField()
@@ -240,6 +243,7 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
         own_light = "static" in state.roles
         state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
     state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
+    fewer(state)
     if first is not None and state.paths < limits.fewest_paths and atlas.size > (options.size or preset.size):
         # A larger atlas is of no use where its texels are too noisy to be denoised.
         atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
@@ -281,7 +285,7 @@ def _still_samples(state: LightmapState, made: AtlasIrradiance) -> ViewSamples:
     samples = eye_samples(scene, made, state.eyes, EYE_PATHS, seed + 5, made.image if preset.base else None)
     across = None
     if preset.base and preset.hidden:
-        across = seam_samples(scene, made, made.image, int(SEAM_SHARE * state.eyes), EYE_PATHS, seed + 7)
+        across = seam_samples(scene, made, made.image, seam_count(state), EYE_PATHS, seed + 7)
     return samples if across is None else samples + across
 
 
@@ -308,7 +312,8 @@ def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
         trial = lambda p, s, n: fitted(scene, made, s, p, seed, n)  # noqa: E731
         preset = choose(limit, preset, made, samples.eyes, trial, say)
     steps = _steps(state) if preset.hidden else 0
-    fit = fitted(scene, made, samples.eyes, preset, seed, steps, part=state.part, size=state.size)
+    lamps = partial(map_of, state, samples) if samples.lamps is not None else None
+    fit = fitted(scene, made, samples.eyes, preset, seed, steps, part=state.part, size=state.size, lamps=lamps)
     if preset.hidden and not fit.preset.hidden:
         say("the network was no better than none on held-out samples: the light map is plain")
     return fit

@@ -20,6 +20,7 @@ from lightwell.core.formats import ARRAYS
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.atlas_images import push_pull
+from lightwell.fields.lightmap.lamp_map import LampMap, lamp_rows
 from lightwell.fields.lightmap.nodes import MapNodes, row_graph
 from lightwell.fields.lightmap.stored_features import codec_error, feature_pictures, read_back
 from lightwell.fields.tabulate import Tabulated
@@ -30,6 +31,7 @@ from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.device import tensor
 from lightwell.networks.hashgrid import PACKET
 from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
+from lightwell.networks.lightmap_lamps import LampLightmapNetwork
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
 from lightwell.transport.lightmap_query import LightmapQuery
 
@@ -40,7 +42,7 @@ PLACES = ("places", "rounded-places")
 # How often features are encoded and decoded while they change, where the codec of the file is one of blocks.
 CODEC_ROUNDS = 3
 # Columns of a row.
-COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about")
+COLUMNS = ("place", "base", "gain", "gloss", "mirror", "inputs", "about", "parts")
 # Rows of which features are made at a time.
 CHUNK = 1 << 16
 # Share of the steps that read the textures at a random level of their mip chain.
@@ -151,9 +153,11 @@ class LightmapFit:
     """Whether normal maps bend the normals of a surface that is lit."""
     far_share: float = FAR_SHARE
     """Share of the steps that read the textures at a random level of their mip chain."""
+    lamps: LampMap | None = None
+    """Light of groups of lamps; None: it cannot be changed."""
 
     def __post_init__(self) -> None:
-        extra: dict[str, Any] = {"size": self.size, "relief": self.relief}
+        extra: dict[str, Any] = {"size": self.size, "relief": self.relief, "lamps": self.lamps}
         self.nodes = MapNodes(self.preset, self.unit, self.base, self.direction, self.setup, self.mask, **extra)
         self.features: dict[str, Picture] = {}
         self.parameters: dict[str, np.ndarray] = {}
@@ -176,6 +180,8 @@ class LightmapFit:
         made = LightmapNetwork(texture, p.channels, width, p.hidden, p.activation, bool(p.base), p.siren, p.stage)
         about = self._rows.width("about") if surface else 0
         error = AtlasTexture(edge, edge, packed, "frozen") if stored == "round" and p.stores_blocks else None
+        if self.lamps is not None:
+            made = LampLightmapNetwork.of(made, self.lamps.count, self.lamps.rank, self.lamps.features)
         return replace(
             made, mirrors=mirrors, mirror_channels=count, surface=surface, about=about, error=error,
             rounded=quantiser == PLACES[1],
@@ -185,6 +191,7 @@ class LightmapFit:
     def pictures(self) -> dict[str, Picture]:
         """Buffer name → picture of everything that is stored as one."""
         made = {} if self.base is None else {"e": self.base}
+        made = made if self.lamps is None else self.lamps.stored
         made |= {"d": self.direction} if self.direction is not None and self.preset.stores_direction else {}
         return made | ({} if self.mask is None else {"m": self.mask}) | self.features
 
@@ -198,7 +205,7 @@ class LightmapFit:
             far: Level of the mip chain, ≥ 0.
 
         Returns:
-            [N, 11 + I + A] float32 inputs.
+            [N, 11 + I + A] float32 inputs; 3 R more with lamps in R pictures.
         """
         seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
         found = seen(query)
@@ -212,6 +219,7 @@ class LightmapFit:
         steps: int,
         progress: Callable[[int], None] | None = None,
         part: WorkPart | None = None,
+        shares: np.ndarray | None = None,
     ) -> None:
         """Fit to samples; without a network there is nothing to train.
 
@@ -223,13 +231,19 @@ class LightmapFit:
             progress: Called with the number of the step, every 50 steps.
             part: Part of the bake that stores a checkpoint per phase of quantisation; None: the training cannot be
                 resumed.
+            shares: [N, K, 3] radiance of each group of lamps, where they have switches.
         """
         if not self.preset.hidden:
             return
         good = np.isfinite(radiance).all(axis=1) & (weight > 0)
         order = np.random.default_rng((self.seed, int(good.sum()))).permutation(np.flatnonzero(good))
         target = (radiance[order] / self.unit).astype(np.float32)
-        data = [TrainingSet.from_numpy(self.rows(query[order], m), target, weight[order]) for m in self.levels]
+        if self.lamps is None:
+            made = lambda rows: TrainingSet.from_numpy(rows, target, weight[order])  # noqa: E731
+        else:
+            alone = None if shares is None else shares[order] / self.unit
+            made = partial(lamp_rows, self.lamps, target, alone, weight[order], self.seed)
+        data = [made(self.rows(query[order], m)) for m in self.levels]
         for name, quantiser, until in self._phases():
             if quantiser == "frozen":
                 if self.nodes.learns_places:
@@ -251,7 +265,7 @@ class LightmapFit:
             yield f"{then}-{k}" if k else then, then, until
         yield "frozen", "frozen", 1.0
 
-    def _phase_arrays(self, data: list[TrainingSet], *arguments: Any) -> Arrays:
+    def _phase_arrays(self, data: list[Any], *arguments: Any) -> Arrays:
         """Train one phase; its last step, mean loss and parameters as arrays."""
         if (texture := self.network.error) is not None:
             # Straight-through: what the codec adds to the features of now is a constant until the next phase.
@@ -280,7 +294,7 @@ class LightmapFit:
         own = int(np.clip(level + round(np.log2(self.preset.share)), 0, self._feature_mips()))
         return replace(self.network, texture=replace(texture, level=own))
 
-    def _phase(self, data: list[TrainingSet], until: int, steps: int, progress: Callable[[int], None] | None) -> None:
+    def _phase(self, data: list[Any], until: int, steps: int, progress: Callable[[int], None] | None) -> None:
         """Steps up to ``until`` with the quantiser as it is; a quarter of them read a random level of the mip chain."""
         settings = TrainingSettings(rate=self.preset.rate, batch=self.batch, patience=0, evaluate_every=max(steps, 1))
         trainer = Trainer(self.network, settings, self.seed)
@@ -319,7 +333,7 @@ class LightmapFit:
         made, begin = network.made, HEAD + network.inputs
         with dr.suspend_grad():
             for start in range(0, len(places), CHUNK):
-                found.append(np.array(made(tensors, rows[start : start + CHUNK, begin:])))
+                found.append(np.array(made(tensors, rows[start : start + CHUNK, begin : begin + network.about])))
         values = (np.concatenate(found) - FEATURE_LOW) / (FEATURE_HIGH - FEATURE_LOW)
         cell = np.minimum((places * [texture.width, texture.height]).astype(np.int64), texture.width - 1)
         cell = cell[:, 1] * texture.width + cell[:, 0]
@@ -376,6 +390,11 @@ class LightmapFit:
             [N, 3] radiance, reflectance included.
         """
         return self.network.evaluate(self.parameters, self.rows(query)) * self.unit
+
+    @property
+    def frame(self) -> dict[str, np.ndarray]:
+        """Inputs of the graph that all points share, as the scene has them: dimmers of lamps."""
+        return {} if self.lamps is None else {"lamps": np.ones(3 * self.lamps.count, np.float32)}
 
     def lower(self) -> Graph:
         """Return the shading graph that is written.

@@ -12,8 +12,9 @@ from lightwell.core.color import display
 from lightwell.core.work import WorkPart
 from lightwell.fields.baked import Baked
 from lightwell.fields.base import FieldSetup, radiance_unit
+from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
-from lightwell.fields.lightmap.nodes import stored
+from lightwell.fields.lightmap.lamp_map import LampMap
 from lightwell.fields.lightmap.trace import AtlasIrradiance, direction_image, mask_image, reduced
 from lightwell.fields.lightmap.views import ViewSamples
 from lightwell.graph.pictures import Fallback, Picture, encode
@@ -58,6 +59,7 @@ def fitted(
     part: WorkPart | None = None,
     size: int | None = None,
     starts: Starts | None = None,
+    lamps: Callable[[float, LightmapPreset], LampMap] | None = None,
 ) -> LightmapFit:
     """Encode the irradiance as a picture and train the network.
 
@@ -72,6 +74,7 @@ def fitted(
         part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
         size: Texels along the edge of the features' atlas; None: as ``made``.
         starts: How many trainings are compared, and by what; None: the defaults.
+        lamps: Makes the light of groups of lamps, given unit and settings; None: it cannot be changed.
 
     Returns:
         The fit.
@@ -92,6 +95,7 @@ def fitted(
     mask = encode(mask_image(made), preset.codec, made.atlas.mips) if preset.base else None
     setup = FieldSetup.of(scene, unit, "static")
     extra: dict[str, Any] = {"mips": made.atlas.mips, "setup": setup, "mask": mask, "relief": bumpy}
+    extra["lamps"] = lamps and lamps(unit, preset)
     start = lambda k: LightmapFit(preset, size, unit, base, direction, seed + k * START_SEED, **extra)  # noqa: E731
     if not (preset.base and preset.hidden):
         fit = start(0)
@@ -119,7 +123,7 @@ def _best_start(
     for k in range(starts):
         fits.append(start(k))
         own = part and part.part(start=k)
-        fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own)
+        fits[k].train(seen.query, seen.radiance, seen.weight, steps // starts, progress, own, seen.shares)
     if not len(judged.weight):
         return fits[0]
     codecs = {"base": fits[0].preset.base, "codec": fits[0].preset.codec}
@@ -138,7 +142,8 @@ def shown_error(fit: LightmapFit, samples: ViewSamples) -> float:
     Returns:
         The error; display values are in [0, 1].
     """
-    f, a, b = (display(v / fit.unit) for v in (Baked(fit.lower())(samples.query), samples.half_a, samples.half_b))
+    shown = Baked(fit.lower(), fit.frame)(samples.query)
+    f, a, b = (display(v / fit.unit) for v in (shown, samples.half_a, samples.half_b))
     return float(np.average(((f - a) * (f - b)).mean(axis=1), weights=samples.weight))
 
 

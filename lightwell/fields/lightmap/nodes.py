@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.features import INPUT_WIDTHS, local_features, normalised
+from lightwell.fields.lightmap.curve import restored_node
+from lightwell.fields.lightmap.lamp_map import LAMP_WEIGHTS, LampMap
 from lightwell.graph import Builder, Graph, quantise
 from lightwell.graph.pictures import Picture
 from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, OMEGA, OMEGA_FIRST
@@ -21,9 +24,6 @@ if TYPE_CHECKING:
     from lightwell.fields.lightmap.fit import LightmapPreset
 
 INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
-# E' / S = q² / (1 + SOFT − q²): the display's curve x / (1 + x), then a square root, so that the steps of a byte are
-# about equally visible everywhere; the largest value is 1 / SOFT.
-SOFT = 1 / 64
 # Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
 REPORT_OCTAVES = 6
 # The box of the environment is a little larger than the scene; what counts as parallel to one of its faces.
@@ -34,32 +34,6 @@ DIELECTRIC = 0.04
 SHARPNESS, LEAST_ROUGHNESS = 0.5, 0.05
 # Limits the effect of a bump where the light is at a grazing angle to the geometric surface.
 LEAST_UPRIGHT = 0.1
-
-
-def stored(value: np.ndarray) -> np.ndarray:
-    """Encode relative irradiance as bytes.
-
-    Args:
-        value: [...] E' / S, ≥ 0.
-
-    Returns:
-        [...] float64 values of bytes, 0 to 255.
-    """
-    x = np.maximum(np.asarray(value, np.float64), 0)
-    return np.floor(255 * np.sqrt(np.minimum(x * (1 + SOFT) / (1 + x), 1)) + 0.5).astype(np.uint8)
-
-
-def restored(texels: np.ndarray) -> np.ndarray:
-    """Decode bytes to relative irradiance, the inverse of ``stored``.
-
-    Args:
-        texels: [...] bytes.
-
-    Returns:
-        [...] float32 E' / S.
-    """
-    u = (np.asarray(texels, np.float32) / 255) ** 2
-    return u / (1 + SOFT - u)
 
 
 @dataclass(frozen=True)
@@ -80,6 +54,8 @@ class MapNodes:
     """Edge of the atlas."""
     relief: bool = False
     """Whether normal maps bend the normals of a surface that is lit."""
+    lamps: LampMap | None = None
+    """Light of groups of lamps that have a switch each; ``base`` is that of all of them, and is not stored then."""
 
     @property
     def learns_places(self) -> bool:
@@ -184,9 +160,7 @@ class MapNodes:
         Returns:
             Name of the node, width 3.
         """
-        q = self.curve(b)
-        u = b.multiply(q, q)
-        return b.multiply(u, b.reciprocal(b.affine(u, [-1] * 3, [1] * 3), SOFT))
+        return restored_node(b, self.curve(b))
 
     def leaned(self, b: Builder, light: str, direction: str) -> str:
         """Correct irradiance for a shading normal n': E'(n') / E'(n) = n' · v / n · v, unless light crosses the
@@ -234,7 +208,7 @@ class MapNodes:
         known += [bump] if bump else []
         if kind == "mirror":
             return known
-        if self.base is not None:
+        if self.base is not None and self.lamps is None:
             known.append("q")
         if self.direction is not None:
             d = self.direction_node(b)
@@ -262,11 +236,12 @@ class MapNodes:
 
     # ------------------------------------------------------------------ whole graphs
 
-    def rows(self, b: Builder) -> dict[str, str]:
-        """Add the columns of a training row: place, base, gain, gloss, mirror, inputs.
+    def rows(self, b: Builder, shown: bool = False) -> dict[str, str]:
+        """Add the columns of a training row: place, base, gain, gloss, mirror, inputs, and parts where there are lamps.
 
         Args:
             b: Graph to add nodes to.
+            shown: Whether lamps are as a viewer sets them, not all as in the bake.
 
         Returns:
             Name of the column to name of the node.
@@ -283,10 +258,15 @@ class MapNodes:
         if self.learns_places:
             made["about"] = self.about(b)
         if self.base is not None:
+            scale = b.multiply(albedo, lit)
             if self.relief and self.direction is not None and self.preset.inputs == "reflected":
-                light = self.leaned(b, light, "direction")
-            light = b.multiply(b.multiply(albedo, light), lit)
-            return made | {"base": light, "gain": b.multiply(rest, lit)}
+                scale = self.leaned(b, scale, "direction")
+            if self.lamps is not None and shown:
+                light = self.lamps.light(b, partial(self.stored, b))
+            elif self.lamps is not None:
+                parts = self.lamps.parts(b, partial(self.stored, b))
+                made["parts"] = b.concat(*(b.multiply(scale, part) for part in parts))
+            return made | {"base": b.multiply(scale, light), "gain": b.multiply(rest, lit)}
         gain = "reflectance" if self.preset.demodulated else b.affine("reflectance", [0] * 3, [1] * 3)
         return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
 
@@ -300,17 +280,19 @@ class MapNodes:
         Returns:
             The graph.
         """
-        b = Builder(**INPUTS)
+        b = Builder(**INPUTS, **({} if self.lamps is None else {"lamps": 3 * self.lamps.count}))
         light = self._with_network(b, features, weights) if self.preset.hidden else self._without(b)
         graph = _pruned(b.build(radiance=b.scale(light, self.unit)))
         small = quantise(graph, self.preset.storage)
-        buffers = {k: v if v.type == "uint8" else small.buffers[k] for k, v in graph.buffers.items()}
+        whole = (LAMP_WEIGHTS, *(name for name, buffer in graph.buffers.items() if buffer.type == "uint8"))
+        buffers = {k: v if k in whole else small.buffers[k] for k, v in graph.buffers.items()}
         return replace(graph, buffers=buffers)
 
     def _without(self, b: Builder) -> str:
         """Ordinary and directional light maps: (a + g F) E', and a lobe round the dominant direction."""
         gloss, lit = self.known(b)
-        light = b.multiply(self.irradiance(b), lit)
+        light = self.irradiance(b) if self.lamps is None else self.lamps.light(b, partial(self.stored, b))
+        light = b.multiply(light, lit)
         albedo, rest = self.albedo(b)
         rest = b.multiply(rest, gloss)
         if self.direction is None:
@@ -328,7 +310,7 @@ class MapNodes:
         return self._over_reflectance(b, b.add(b.multiply(albedo, light), gloss))
 
     def _with_network(self, b: Builder, features: Mapping[str, Picture], weights: Mapping[str, np.ndarray]) -> str:
-        row = self.rows(b)
+        row = self.rows(b, shown=True)
         gain = row["gain"]
         low, width = FEATURE_LOW, FEATURE_HIGH - FEATURE_LOW
         at = {name: row["mirror"] if name.startswith("r") else "uv1" for name in features}
@@ -343,7 +325,8 @@ class MapNodes:
         e = b.activate(x, "exp")
         factor = b.affine(b.multiply(b.affine(b.slice(e, 0, 3), [1] * 3, [-1] * 3), row["gloss"]), [1] * 3, [1] * 3)
         diffuse = b.multiply(row["base"], factor)
-        gloss = b.multiply(b.multiply(gain, row["gloss"]), b.slice(e, 3, 3))
+        bright = b.slice(e, 3, 3) if self.lamps is None else self.lamps.gloss(b, e, weights["lamps"])
+        gloss = b.multiply(b.multiply(gain, row["gloss"]), bright)
         return self._over_reflectance(b, b.add(diffuse, gloss))
 
     def _layers(self, b: Builder, x: str, weights: Mapping[str, np.ndarray]) -> str:

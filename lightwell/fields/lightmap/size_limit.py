@@ -9,8 +9,8 @@ import numpy as np
 
 from lightwell.core.color import display
 from lightwell.fields.baked import Baked
+from lightwell.fields.lightmap.curve import restored
 from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
-from lightwell.fields.lightmap.nodes import restored
 from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import ViewSamples
 

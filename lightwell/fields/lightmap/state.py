@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from lightwell.core.store import Store
 from lightwell.core.work import WorkPart
 from lightwell.fields.lightmap.fit import DEFAULT, PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import atlas_facts, fallback, texel_facts
+from lightwell.fields.lightmap.lamp_shares import LampTexels, LampTracer
 from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import ViewSamples
 from lightwell.fields.protocol import ExtraFile, Lowered, Role, Shown, State, Traced, Training
@@ -45,11 +46,15 @@ class LightmapState(State):
 
     keep: Callable[[FittedLightmap, Store], None] = lambda fitted, store: None
     """Stores what an incremental bake starts from."""
+    tracer: LampTracer | None = None
+    """Traces the groups of lamps that have switches."""
 
     @property
     def part(self) -> WorkPart:
         """Part of the bake that stores the results of this round."""
         counts: dict[str, Any] = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
+        if self.lamps:
+            counts["lamps"] = [[group.name, *group.emitters] for group in self.lamps]
         if self.preset.codec != DEFAULT.codec:
             counts["codec"] = f"{self.preset.base} {self.preset.codec}"
         return self.job.work.part(field="lightmap", **counts)
@@ -71,6 +76,8 @@ class StillSamples:
 
     chart: AtlasIrradiance
     eyes: ViewSamples
+    lamps: LampTexels | None = None
+    """Light of each group of lamps, where they have switches."""
 
 
 @dataclass
@@ -84,6 +91,8 @@ class FittedLightmap:
     seconds: float
     chart: AtlasIrradiance | None = None
     note: str = ""
+    lamp_facts: Mapping[str, Any] = field(default_factory=dict)
+    """Errors of groups of lamps."""
 
     @property
     def unit(self) -> float:
@@ -116,7 +125,7 @@ class FittedLightmap:
         """Facts about the atlas and the stored pictures for the report, of all roles so far."""
         self.state.facts["textures"][self.role] = {name: len(p.data) for name, p in self.map.pictures.items()}
         self.state.facts["atlas"] |= atlas_facts(self.state.atlas) | (texel_facts(self.chart) if self.chart else {})
-        return self.state.facts
+        return self.state.facts | dict(self.lamp_facts)
 
     def query(self, points: SurfacePoints, light: np.ndarray) -> LightmapQuery:
         """Return the inputs of the graph at surface points.
@@ -137,7 +146,8 @@ class FittedLightmap:
             The graph and what is stored beside it.
         """
         ordinary = fallback(self.chart) if self.chart else None
-        return Lowered(self.map.lower(), self.map.pictures, ordinary, f"lightmap {self.role}")
+        name = f"lightmap {self.role}"
+        return Lowered(self.map.lower(), self.map.pictures, ordinary, name, self.map.frame)
 
     def files(self, glb: Path, shown: Shown, store: Store | None = None) -> list[ExtraFile]:
         """List the files beside the asset: a light map has none.
@@ -151,6 +161,6 @@ class FittedLightmap:
             An empty list.
         """
         # An incremental bake can start from light that stands still alone.
-        if store is not None and self.chart is not None and len(self.state.roles) == 1:
+        if store is not None and self.chart is not None and len(self.state.roles) == 1 and not self.state.lamps:
             self.state.keep(self, store)
         return []

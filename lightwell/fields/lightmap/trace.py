@@ -198,19 +198,20 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     return stored
 
 
-def light_image(made: AtlasIrradiance, clean: bool = True) -> np.ndarray:
+def light_image(made: AtlasIrradiance, clean: bool = True, values: np.ndarray | None = None) -> np.ndarray:
     """Make the image of irradiance / π: denoised, continued across chart borders and smooth between charts.
 
     Args:
         made: Atlas and irradiance.
         clean: Whether to denoise.
+        values: [K, 3] other light at the texels; None: that of ``made``.
 
     Returns:
         [n, n, 3] float32.
     """
     n = made.atlas.size
     image = np.zeros((n * n, 3), np.float32)
-    image[made.texels.index] = made.light.mean
+    image[made.texels.index] = made.light.mean if values is None else values
     valid = np.zeros(n * n, bool)
     valid[made.texels.index] = made.stored
     image, valid = image.reshape(n, n, 3), valid.reshape(n, n)

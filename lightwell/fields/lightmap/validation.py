@@ -67,6 +67,7 @@ class LightmapValidation:
         Returns:
             The error.
         """
-        f = Baked(fit.lower().graph)(fit.query(self.points, self.light)) / fit.unit
+        lowered = fit.lower()
+        f = Baked(lowered.graph, lowered.frame)(fit.query(self.points, self.light)) / fit.unit
         y = np.nan_to_num(self.radiance) / fit.unit
         return float(np.mean(np.abs(f - y) / (y + EPSILON)))

@@ -43,6 +43,8 @@ class ViewSamples:
     half_a: np.ndarray
     half_b: np.ndarray
     weight: np.ndarray
+    shares: np.ndarray | None = None
+    """[N, K, 3] radiance of each group of lamps, where they have switches."""
 
     @property
     def radiance(self) -> np.ndarray:
@@ -51,7 +53,8 @@ class ViewSamples:
 
     def __getitem__(self, rows: np.ndarray) -> ViewSamples:
         """Select rows."""
-        return ViewSamples(self.query[rows], self.half_a[rows], self.half_b[rows], self.weight[rows])
+        shares = None if self.shares is None else self.shares[rows]
+        return ViewSamples(self.query[rows], self.half_a[rows], self.half_b[rows], self.weight[rows], shares)
 
     def __add__(self, other: ViewSamples) -> ViewSamples:
         """Concatenate; the weights of the second are relative to the mean of the first."""
@@ -92,7 +95,7 @@ def eye_samples(
     Returns:
         The samples.
     """
-    points, drawn_weight = _drawn(scene, count, seed)
+    points, odds = eye_points(scene, count, seed)
     if media_meshes(scene).any():
         a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
     elif known is None:
@@ -102,7 +105,7 @@ def eye_samples(
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
     good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
-    weight = np.where(good, drawn_weight, 0).astype(np.float32)
+    weight = np.where(good, odds, 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
@@ -117,11 +120,20 @@ def eye_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inp
     Returns:
         Columns of ``SurfacePoints``.
     """
-    return Inputs(columns_of(_drawn(scene, **settings)[0]))
+    return Inputs(columns_of(eye_points(scene, **settings)[0]))
 
 
-def _drawn(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
-    """``count`` points on glossy meshes, with views and weights; a few on all meshes where none is visible."""
+def eye_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+    """Draw the points of ``eye_samples``: on glossy meshes, a few on all meshes where none of them is visible.
+
+    Args:
+        scene: The scene.
+        count: Number of points.
+        seed: Seed of the sampler; the same seed gives the same points.
+
+    Returns:
+        Points with views, and their [N] weights.
+    """
     wanted = ~matte(scene) & ~tables(scene).clear
     draw: SurfaceDraw | None = None
     if wanted.any():

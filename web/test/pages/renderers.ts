@@ -1,6 +1,6 @@
 /** A page that draws one file with either renderer of three.js, and says what is left when it is disposed of. */
 
-import { LearnedScene, LightwellLoaderPlugin, type Look, type Parts } from "lightwell";
+import { type LampSetting, LearnedScene, LightwellLoaderPlugin, type Look, type Parts } from "lightwell";
 import { FieldNodes, LearnedNodeScene, learnedLight, learnedRadiance } from "lightwell/webgpu";
 import {
   type Camera,
@@ -47,6 +47,8 @@ export interface Request {
   /** Materials of the page's own that show the field of this number; WebGPURenderer alone. */
   readonly node?: number;
   readonly background?: number;
+  /** Lamps of the scene itself. */
+  readonly lamps?: Readonly<Record<string, LampSetting>>;
   /** Values of nodes that move. */
   readonly movers?: Readonly<Record<string, number>>;
   /** Move root and camera together: the picture stays. */
@@ -211,6 +213,7 @@ async function run(request: Request): Promise<Answer> {
     const learned = stand.make(gltf);
     scene.add(learned.root);
     if (request.moved) move(learned.root, camera);
+    for (const [name, setting] of Object.entries(request.lamps ?? {})) learned.setLamp(name, setting);
     for (const [name, value] of Object.entries(request.movers ?? {})) learned.setMover(name, value);
     const frame = () => {
       if (request.parts) learned.show(request.parts);

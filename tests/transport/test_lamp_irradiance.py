@@ -1,0 +1,47 @@
+"""Irradiance of groups of lamps: each share is that of its lamp alone, path traced; a furnace has its closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.core.lamps import parse_lamps
+from lightwell.scenes.lamps import group_lamps
+from lightwell.transport.irradiance import irradiance
+from lightwell.transport.lamp_irradiance import irradiance_shares
+from lightwell.transport.lamp_light import LampLight
+from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.surface import draw_surface
+from tests.transport.test_lamp_light import lit_room
+
+POINTS = 384
+
+
+@pytest.fixture(scope="module")
+def traced():
+    scene = lit_room("warm", "cool")
+    points = draw_surface(scene, POINTS, 3, floor=1).points
+    light = LampLight(Radiosity(scene, points, 4, 1024), group_lamps(scene, parse_lamps(())), 5)
+    return points, light, irradiance_shares(light, points, 64, 6, shadow_rays=8)
+
+
+@pytest.mark.parametrize(("shining", "columns"), [(("warm", "cool"), [0, 1]), (("warm",), [0]), (("cool",), [1])])
+def test_shares_are_the_irradiance_of_their_lamps(traced, shining, columns):
+    points, _, shares = traced
+    reference = irradiance(lit_room(*shining), points, 256, 7).mean
+    found = shares[:, columns].sum(axis=1)
+    np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
+    assert np.mean(np.abs(found - reference)) < 0.15 * reference.mean()
+    assert np.corrcoef(found.ravel(), reference.ravel())[0, 1] > 0.97
+
+
+def test_the_same_seed_gives_the_same_shares_and_they_are_not_negative(traced):
+    points, light, shares = traced
+    again = irradiance_shares(light, points, 64, 6, shadow_rays=8)
+    assert np.array_equal(again, shares) and shares.min() >= 0 and shares.shape == (POINTS, 2, 3)
+
+
+def test_an_odd_number_of_rays_is_refused(traced):
+    points, light, _ = traced
+    with pytest.raises(ValueError, match="rays = 3, expected an even number >= 2"):
+        irradiance_shares(light, points, 3, 0)
