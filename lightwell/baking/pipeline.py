@@ -272,16 +272,12 @@ def write_asset(
     """
     variables = [] if state.variable is None else [to_json(state.variable, light, intensity, color)]
     lamps = [LampEntry(group.name, group.nodes) for group in state.lamps]
+    light = {s.role: 0 if s.role == "indirect" else None for s in shipped}
     entries = [
-        FieldEntry(
-            s.lowered.name or s.role,
-            s.role,
-            s.lowered.graph,
-            0 if s.role == "indirect" else None,
-            s.lowered.pictures,
-        )
+        FieldEntry(s.lowered.name or s.role, s.role, s.lowered.graph, light[s.role], s.lowered.pictures)
         for s in shipped
     ]
+    probes = [FieldEntry(s.role, s.role, s.lowered.probes, light[s.role]) for s in shipped if s.lowered.probes]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
     return write_glb(
         out / "scene.glb",
@@ -292,6 +288,7 @@ def write_asset(
         lamps=lamps,
         exposure=exposure,
         pose=view_pose(state.scene, 0),
+        probes=probes,
     )
 
 

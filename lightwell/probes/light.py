@@ -13,6 +13,7 @@ from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
 from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
 from lightwell.probes.solve import Solution, SolveRows, solve
+from lightwell.probes.states import Lights, states_of
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
@@ -42,8 +43,8 @@ class SolvedVolume:
     """Numbers of samples and paths."""
     seed: int
     """Seed of the paths."""
-    lights: np.ndarray | None = None
-    """[S, 3] positions (or directions) of the declared light; None without one."""
+    lights: Lights = None
+    """[S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is."""
 
     @property
     def volume(self) -> ProbeVolume:
@@ -74,6 +75,7 @@ def traced(
     seed: int,
     variable: Variable | None = None,
     light: np.ndarray | None = None,
+    emitters: tuple[int, ...] = (),
 ) -> np.ndarray:
     """Path trace the light at some probes.
 
@@ -86,6 +88,7 @@ def traced(
         variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced; None for the scene's own
             emitters.
         light: [3] position (or direction) of the declared light.
+        emitters: Emitters of the scene's own that shine; empty: all of them.
 
     Returns:
         [P + F, 9, 3] irradiance harmonics; 0 for other probes and for those without a point in air.
@@ -95,7 +98,7 @@ def traced(
     out = np.zeros((len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct)
+        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct, emitters=emitters)
         found = air_light(scene, place[probes], sampling.probe_paths, seed, **more)
         out[probes] = found.sh
     return out
@@ -107,7 +110,7 @@ def light_volume(
     sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
-    lights: np.ndarray | None = None,
+    lights: Lights = None,
     coarse: SolvedVolume | None = None,
 ) -> SolvedVolume:
     """Compute the light of a volume for the scene's own emitters, or for each state of a declared light.
@@ -118,7 +121,7 @@ def light_volume(
         sampling: Numbers of samples and paths.
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
-        lights: [S, 3] positions (or directions) of the declared light; None without one.
+        lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
         coarse: Light of the same volume without bricks; what was traced for it is reused.
 
     Returns:
@@ -137,13 +140,15 @@ def light_volume(
 
 
 def _traced_states(scene, geometry, probes, sampling, seed, variable, lights) -> np.ndarray:
-    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states of a declared light."""
-    if lights is None:
-        return traced(scene, geometry, probes, sampling, seed)
-    return np.stack([traced(scene, geometry, probes, sampling, seed + k, variable, at) for k, at in enumerate(lights)])
+    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states."""
+    found = [
+        traced(s.scene, geometry, probes, sampling, seed + k, s.variable, s.light, s.emitters)
+        for k, s in enumerate(states_of(scene, variable, lights))
+    ]
+    return found[0] if lights is None else np.stack(found)
 
 
-def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
+def _sample_seed(seed: int, lights: Lights) -> int:
     """Seed of the samples, different from those of the probes."""
     return seed + (1 if lights is None else len(lights))
 
