@@ -3,16 +3,13 @@
 import type { Object3D } from "three";
 import type { FieldRecord } from "./extension.ts";
 import type { LearnedField } from "./learned-field.ts";
-import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
-import { type Finisher, SurfaceMaterials } from "./surface-materials.ts";
+import type { SurfaceMaterials } from "./surface-materials.ts";
 
 /** What an adapter makes of the probes of a file. */
 export interface LitParts<F extends LearnedField> {
   readonly fields: readonly F[];
-  /** What they ask of a shader. */
-  demands(): readonly Demand[];
-  /** Puts their light on a material. */
-  readonly finisher: Finisher;
+  /** Makes what shows their light on the meshes of an object. */
+  materials(): SurfaceMaterials;
 }
 
 interface Entry {
@@ -36,13 +33,12 @@ export class LitObjects<F extends LearnedField> {
   }
 
   /** Light an object and all below it. */
-  add(object: Object3D, lamps: number, capabilities: Capabilities | undefined): void {
+  add(object: Object3D): void {
     if (this.entries.has(object)) return;
     for (let above: Object3D | null = object; above; above = above.parent) {
       if (above === this.root) throw new Error("LearnedScene.addLit: expected an object beside root, found one under it; hang it into the scene that root hangs in");
     }
-    checkMaterials(object, this.parts.demands(), lamps, capabilities);
-    const materials = new SurfaceMaterials(this.parts.finisher);
+    const materials = this.parts.materials();
     materials.attach(object);
     this.entries.set(object, { materials, placed: Number.NaN });
   }

@@ -198,7 +198,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
       this.lit = new LitObjects<F>(this.root, this.probes, (records) => this.litParts(records));
       this.followLamps();
     }
-    this.lit.add(object, this.lamps.length, this.demands(this.options.renderer).capabilities);
+    this.lit.add(object);
     if (!this.attached) this.lit.detach();
   }
 
