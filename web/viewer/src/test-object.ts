@@ -22,8 +22,8 @@ export class TestObject {
     const material = new MeshStandardMaterial({ color: 0xe0e0e0, roughness: 0.9, metalness: 0 });
     this.mesh = new Mesh(new TorusKnotGeometry(radius, 0.38 * radius, 160, 24), material);
     this.mesh.name = "test object";
+    this.axis = size.x >= size.z ? "x" : "z";
     this.bounds = bounds.clone().expandByVector(size.multiplyScalar(-MARGIN));
-    this.axis = size.x <= size.z ? "x" : "z"; // the shrunk size is negative: the longer axis has the smaller number
     this.move(bounds.getCenter(new Vector3()));
   }
 
