@@ -46,6 +46,9 @@ def validate(extension: Any) -> None:
     Raises:
         ValueError: It breaks a rule; one line that names the place.
     """
+    if isinstance(extension, dict) and extension.get("version") == 1 and "probes" in extension:
+        # The schema says so too, without a place.
+        raise ValueError(f"{EXTENSION}.probes: nothing of that name in version 1; write version 2")
     error = best_match(validator().iter_errors(extension))
     if error is not None:
         message = error.message if len(error.message) <= MAX_QUOTE else error.message[:MAX_QUOTE] + " …"

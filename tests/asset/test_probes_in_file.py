@@ -53,7 +53,7 @@ def test_both_are_read_back(written):
 @pytest.mark.parametrize(
     "change, said",
     [
-        ({"version": 1}, ".probes: False schema does not allow"),
+        ({"version": 1}, ".probes: nothing of that name in version 1"),
         ({"probes": []}, "should be non-empty"),
         ({"probes": "inputs"}, "'view' is not one of"),
         ({"probes": "twice"}, "probes: two entries have the same name"),
