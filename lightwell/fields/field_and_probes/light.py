@@ -131,6 +131,9 @@ class ProbeLight:
         """Trace and solve the light of all roles, in the probes' share of the time."""
         job = self._state.job
         with job.work.timed("probes"), job.progress.stage("probes", len(self._state.roles), "fields") as stage:
+            plan = self.plan
+            states = ", ".join(f"{count} of {role}" for role, count in plan.states.items())
+            stage.advance(0, f"{plan.spacing:.2g} m apart, states: {states}")
             for role in self._state.roles:
                 _ = self._moving if role == "indirect" else self._own
                 stage.advance()
