@@ -156,7 +156,7 @@ class FieldAndProbes(FactoredField):
             ProbeLight(state).solve()
         return super().sample(state, role)
 
-    def fit(  # type: ignore[override]
+    def fit(
         self, state: State, role: Role, samples: SurfaceSamples | LampTraining, part: WorkPart | None = None
     ) -> FieldAndProbesFit:
         """Fit the field of a role after its probes.
