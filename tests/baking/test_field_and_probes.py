@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,9 +16,11 @@ from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
 from lightwell.engines.bake import read_bake
 from lightwell.fields.field_and_probes import light as probe_light
+from lightwell.fields.field_and_probes import plan
 from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
 from lightwell.fields.registry import find_field
 from lightwell.graph import evaluate
+from lightwell.probes.bake import bake_geometry
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
@@ -134,9 +137,29 @@ def test_a_plan_scales_paths_and_keeps_them_even():
     assert ProbePlan(1.0, {}).sampling(FEW) is FEW
 
 
+def test_a_plan_fits_into_the_paths_that_there_is_time_for(tmp_path):
+    preset, scene = probe_light.PRESETS["default"], load(str(room(tmp_path / "room.glb")))
+    geometry, wanted = bake_geometry(scene, 1.0, preset.function), {"indirect": 48, "static": 2}
+    few, some, many = (plan._within(geometry, preset, 1.0, wanted, paths) for paths in (1e3, 1e6, 1e12))
+    assert few.states == {"indirect": 12, "static": 2} and 0 < few.paths < some.paths < 1 and not few.bricks
+    assert many == ProbePlan(1.0, wanted, 1.0, True)
+
+
+def test_probes_are_farther_apart_where_their_weights_take_too_long():
+    asked = []
+
+    def geometry(spacing: float) -> SimpleNamespace:
+        asked.append(spacing)
+        time.sleep(0.02)
+        return SimpleNamespace(volume=SimpleNamespace(lattice=range(100)))
+
+    assert plan._affordable(0.5, 1000.0, geometry) == 0.5  # type: ignore[arg-type]
+    assert plan._affordable(0.5, 1e-3, geometry) == 1.0 and asked == [1.0, 1.0]  # type: ignore[arg-type]
+
+
 def test_fixed_counts_and_goals_need_no_plan():
     request = SimpleNamespace(steps=1, shards=1, budget=SimpleNamespace(seconds=60.0))
     job = SimpleNamespace(request=request, options=SimpleNamespace(spacing=None))
     preset = probe_light.PRESETS["default"]
-    plan = probe_plan(job, None, preset, 0.5, {"static": 1}, None)  # type: ignore[arg-type]
-    assert plan == ProbePlan(0.5, {"static": 1}, 1.0, True)
+    found = probe_plan(job, None, preset, 0.5, {"static": 1}, None)  # type: ignore[arg-type]
+    assert found == ProbePlan(0.5, {"static": 1}, 1.0, True)
