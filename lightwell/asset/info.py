@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.asset.container import read_file, refusing
-from lightwell.asset.read import read_fields
+from lightwell.asset.read import read_light
 from lightwell.asset.records import EXTENSION, FieldEntry
 from lightwell.limits import Limits
 
@@ -24,14 +24,14 @@ def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
     Returns:
         Bytes of the file, its generator, numbers of triangles, vertices, meshes, materials, images, cameras and lights;
         ``fields`` (name, role, variable, nodes, bytes of the buffers, multiply-adds per pixel and per frame) and
-        ``variables``, both empty for a GLB without learned light; ``lamps``, names of its lights with a switch; sums
-        ``field_bytes`` and ``macs_per_pixel``.
+        ``variables``, both empty for a GLB without learned light; ``probes``, the same of the light in the air;
+        ``lamps``, names of its lights with a switch; sums ``field_bytes``, ``probe_bytes`` and ``macs_per_pixel``.
     """
     document, _ = read_file(path, limits)
     with refusing(path):
         counts = _counts(document)
         baked = EXTENSION in document.get("extensions", {})
-    fields, variables = read_fields(path, limits) if baked else ([], [])
+    fields, probes, variables = read_light(path, limits) if baked else ([], [], [])
     return {
         "path": str(path),
         "bytes": Path(path).stat().st_size,
@@ -39,7 +39,9 @@ def info(path: str | Path, limits: Limits | None = None) -> dict[str, Any]:
         "variables": variables,
         "lamps": [lamp["name"] for lamp in document.get("extensions", {}).get(EXTENSION, {}).get("lamps", [])],
         "fields": [_field(field) for field in fields],
+        "probes": [_field(field) for field in probes],
         "field_bytes": sum(field.graph.nbytes for field in fields),
+        "probe_bytes": sum(field.graph.nbytes for field in probes),
         "macs_per_pixel": sum(field.graph.macs for field in fields),
     }
 

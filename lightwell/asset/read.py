@@ -47,11 +47,30 @@ def read_fields(path: str | Path, limits: Limits | None = None) -> tuple[list[Fi
         ValueError: The file has no learned light, breaks the format or exceeds the limits; one line that names the
             file and the place.
     """
+    fields, _, variables = read_light(path, limits)
+    return fields, variables
+
+
+def read_light(
+    path: str | Path, limits: Limits | None = None
+) -> tuple[list[FieldEntry], list[FieldEntry], list[dict[str, Any]]]:
+    """Read the fields, the probes and the variables of a baked GLB; see ``read_fields``.
+
+    Args:
+        path: The file.
+        limits: As for ``read_fields``.
+
+    Returns:
+        The fields and the probes with their graphs, and the JSON of the variables.
+
+    Raises:
+        ValueError: As ``read_fields``.
+    """
     document, binary = read_file(path, limits)
     budget = (limits or Limits()).budget(f"asset: '{path}'")
     try:
         with refusing(path):
-            return _fields(document, binary, budget)
+            return _light(document, binary, budget)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error
@@ -75,28 +94,38 @@ def refuse_moving(fields: Sequence[FieldEntry], verb: str) -> None:
             )
 
 
-def _fields(
+def _light(
     document: dict[str, Any], binary: bytes, budget: LoadBudget
-) -> tuple[list[FieldEntry], list[dict[str, Any]]]:
-    from lightwell.graph.budget import BUDGET, graph_work
-
-    allowed = replace(BUDGET, work=int(budget.limits.work))
+) -> tuple[list[FieldEntry], list[FieldEntry], list[dict[str, Any]]]:
     extensions = document.get("extensions")
     extension = extensions.get(EXTENSION) if isinstance(extensions, dict) else None
     if extension is None:
         raise ValueError(f"has no {EXTENSION}; bake the scene with 'lightwell bake' first")
     validate(extension)
-    _charge(document, extension["fields"], budget)
-    fields = []
-    for entry in extension["fields"]:
-        budget.check_time(f"field '{entry['name']}'")
+    found = {what: extension.get(what, []) for what in ("fields", "probes")}
+    _charge(document, [*found["fields"], *found["probes"]], budget)
+    fields, probes = (_entries(document, binary, found[what], what, budget) for what in found)
+    return fields, probes, extension["variables"]
+
+
+def _entries(
+    document: dict[str, Any], binary: bytes, entries: list[dict[str, Any]], what: str, budget: LoadBudget
+) -> list[FieldEntry]:
+    """Read fields or probes. A surface evaluates all of the one or of the other, so that each has the whole work."""
+    from lightwell.graph.budget import BUDGET, graph_work
+
+    allowed, work, found = replace(BUDGET, work=int(budget.limits.work)), 0, []
+    for entry in entries:
+        where = f"{'field' if what == 'fields' else 'probes'} '{entry['name']}'"
+        budget.check_time(where)
         try:
             graph = _graph(entry["graph"], document, binary, allowed)
-            budget.charge("work", graph_work(graph), "its fields")
+            work += graph_work(graph)
+            budget.check("work", work, f"its {what}")
         except ValueError as error:
-            raise ValueError(f"field '{entry['name']}': {error}") from error
-        fields.append(FieldEntry(entry["name"], entry["role"], graph, entry.get("variable")))
-    return fields, extension["variables"]
+            raise ValueError(f"{where}: {error}") from error
+        found.append(FieldEntry(entry["name"], entry["role"], graph, entry.get("variable")))
+    return found
 
 
 def _charge(document: dict[str, Any], fields: list[dict[str, Any]], budget: LoadBudget) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from functools import cache
 from importlib import resources
 from itertools import pairwise
@@ -45,6 +46,9 @@ def validate(extension: Any) -> None:
     Raises:
         ValueError: It breaks a rule; one line that names the place.
     """
+    if isinstance(extension, dict) and extension.get("version") == 1 and "probes" in extension:
+        # The schema says so too, without a place.
+        raise ValueError(f"{EXTENSION}.probes: nothing of that name in version 1; write version 2")
     error = best_match(validator().iter_errors(extension))
     if error is not None:
         message = error.message if len(error.message) <= MAX_QUOTE else error.message[:MAX_QUOTE] + " …"
@@ -55,21 +59,26 @@ def validate(extension: Any) -> None:
 def _check_references(extension: dict[str, Any]) -> None:
     """Check what a JSON schema cannot express: unique names, and indices that exist."""
     lamps = extension.get("lamps", ())
-    for table in ("variables", "fields", "lamps"):
+    for table in ("variables", "fields", "probes", "lamps"):
         names = [entry["name"] for entry in extension.get(table, ())]
         if len(set(names)) < len(names):
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
     for i, variable in enumerate(extension["variables"]):
         _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
     _check_movers(extension)
-    for i, field in enumerate(extension["fields"]):
+    for where, field in _graphs(extension):
         if field.get("variable", -1) >= sum(variable["kind"] not in MOVING for variable in extension["variables"]):
-            raise ValueError(f"{EXTENSION}.fields[{i}].variable: there is no light {field['variable']}")
+            raise ValueError(f"{where}.variable: there is no light {field['variable']}")
         width = field["graph"]["inputs"].get("lamps", 3 * len(lamps))
         if width != 3 * len(lamps):
-            raise ValueError(
-                f"{EXTENSION}.fields[{i}].graph.inputs.lamps: width {width}, expected 3 for each of {len(lamps)} lamps"
-            )
+            raise ValueError(f"{where}.graph.inputs.lamps: width {width}, expected 3 for each of {len(lamps)} lamps")
+
+
+def _graphs(extension: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield place and JSON of every field, then of all probes."""
+    for table in ("fields", "probes"):
+        for i, field in enumerate(extension.get(table, ())):
+            yield f"{EXTENSION}.{table}[{i}]", field
 
 
 def _check_movers(extension: dict[str, Any]) -> None:
@@ -86,12 +95,10 @@ def _check_movers(extension: dict[str, Any]) -> None:
             raise ValueError(f"{EXTENSION}.variables[{i}]: expected a range that is not empty and holds initial")
         if variable["kind"] == "node" and abs(sum(c * c for c in variable["axis"]) - 1) > UNIT_TOLERANCE:
             raise ValueError(f"{EXTENSION}.variables[{i}].axis: expected a unit vector")
-    for i, field in enumerate(extension["fields"]):
+    for where, field in _graphs(extension):
         width, nodes = field["graph"]["inputs"].get("pose", sum(kinds)), sum(kinds)
         if width != nodes:
-            raise ValueError(
-                f"{EXTENSION}.fields[{i}].graph.inputs.pose: width {width}, expected {nodes}, 1 a node or clip"
-            )
+            raise ValueError(f"{where}.graph.inputs.pose: width {width}, expected {nodes}, 1 a node or clip")
 
 
 def _check_sky(sky: dict[str, Any] | None, where: str) -> None:

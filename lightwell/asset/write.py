@@ -43,6 +43,7 @@ def write_glb(
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
     pose: Sequence[float] | None = None,
+    probes: Sequence[FieldEntry] = (),
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -59,11 +60,13 @@ def write_glb(
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
+        probes: The same light in the air, for what is added to the scene or moves; may be empty.
 
     Returns:
         Number of bytes written.
     """
-    return write_atomically(path, glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose))
+    data = glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose, probes)
+    return write_atomically(path, data)
 
 
 def glb_bytes(
@@ -75,6 +78,7 @@ def glb_bytes(
     lamps: Sequence[LampEntry] = (),
     exposure: float | None = None,
     pose: Sequence[float] | None = None,
+    probes: Sequence[FieldEntry] = (),
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -87,6 +91,7 @@ def glb_bytes(
         lamps: Groups of the scene's own lights, in the order of the graphs' input ``lamps``.
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
+        probes: The same light in the air, for what is added to the scene or moves; may be empty.
 
     Returns:
         The bytes of the file.
@@ -105,7 +110,7 @@ def glb_bytes(
     document["scene"] = 0
     if fallback is not None:
         add_fallback(document, binary, fallback)
-    extension = extension_json(fields, variables, binary, document, lamps)
+    extension = extension_json(fields, variables, binary, document, lamps, probes)
     if exposure is not None:
         extension["exposure"] = float(exposure)
     validate(extension)
@@ -167,6 +172,7 @@ def extension_json(
     binary: Binary,
     document: dict[str, Any] | None = None,
     lamps: Sequence[LampEntry] = (),
+    probes: Sequence[FieldEntry] = (),
 ) -> dict[str, Any]:
     """Convert fields, variables and lamps to the JSON of the extension.
 
@@ -175,21 +181,24 @@ def extension_json(
         variables: JSON objects of the variables.
         binary: Receives the bytes of the buffers and pictures.
         document: glTF JSON whose texture tables receive the pictures; None when no field has one.
-        lamps: Groups of the scene's own lights; a file without them, and without a sky, has version 1.
+        lamps: Groups of the scene's own lights; a file without them, a sky, a node and probes has version 1.
+        probes: The same light in the air.
 
     Returns:
         The JSON of the extension.
     """
     document = {} if document is None else document
-    entries = []
-    for field in fields:
-        entry: dict[str, Any] = {"name": field.name, "role": field.role, "graph": _graph_json(field, binary, document)}
-        if field.variable is not None:
-            entry["variable"] = field.variable
-        entries.append(entry)
-    newer = lamps or any("sky" in variable or variable["kind"] in MOVING for variable in variables)
+    newer = lamps or probes or any("sky" in variable or variable["kind"] in MOVING for variable in variables)
     head = {"version": VERSION_WITH_LAMPS_OR_SKY if newer else VERSION, "variables": list(variables)}
-    return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | {"fields": entries}
+    entries = {"fields": [_field_json(field, binary, document) for field in fields]}
+    if probes:
+        entries["probes"] = [_field_json(field, binary, document) for field in probes]
+    return head | ({"lamps": [lamp.json() for lamp in lamps]} if lamps else {}) | entries
+
+
+def _field_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": field.name, "role": field.role, "graph": _graph_json(field, binary, document)}
+    return entry if field.variable is None else {**entry, "variable": field.variable}
 
 
 def _graph_json(field: FieldEntry, binary: Binary, document: dict[str, Any]) -> dict[str, Any]:

@@ -287,15 +287,10 @@ def write_asset(
     number = {"indirect": 0} | {further_role(light.name): 1 + k for k, light in enumerate(state.more)}
     lamps = [LampEntry(group.name, group.nodes) for group in state.lamps]
     entries = [
-        FieldEntry(
-            s.lowered.name or s.role,
-            kind_of(s.role),
-            s.lowered.graph,
-            number.get(s.role),
-            s.lowered.pictures,
-        )
+        FieldEntry(s.lowered.name or s.role, kind_of(s.role), s.lowered.graph, number.get(s.role), s.lowered.pictures)
         for s in shipped
     ]
+    probes = [FieldEntry(s.role, s.role, s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
     return write_glb(
         out / "scene.glb",
@@ -306,6 +301,7 @@ def write_asset(
         lamps=lamps,
         exposure=exposure,
         pose=view_pose(state.scene, 0),
+        probes=probes,
     )
 
 

@@ -22,7 +22,8 @@ Path-trace a scene, fit a small network to its indirect light, and write
   OUT/index.html    a page in which you orbit and move the light
   OUT/report.html   how far it is from the reference
   OUT/report.json   the same as numbers
-Ctrl-C keeps a checkpoint; --resume goes on. --field NAME --help shows what that field takes."""
+Ctrl-C keeps a checkpoint; --resume goes on. --field NAME --help shows what that field takes.
+--field factored+probes adds light probes to scene.glb, for what a page adds or moves."""
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -81,7 +82,7 @@ def add_bake_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> No
 def _presets(chosen: str | None) -> str:
     """List the presets of the chosen field, or of all of lightwell's."""
     shown = {name: presets for name, presets in PRESETS.items() if chosen in (None, name)}
-    return "\n".join(["presets of each field:", *(f"  {name:<14}{', '.join(shown[name])}" for name in shown)])
+    return "\n".join(["presets of each field:", *(f"  {name:<17}{', '.join(shown[name])}" for name in shown)])
 
 
 def _chosen(argv: Sequence[str]) -> str | None:

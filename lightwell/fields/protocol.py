@@ -190,6 +190,8 @@ class Lowered:
     """Of the field in the asset; empty: its role."""
     frame: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Inputs of the graph that are the same at all points, such as ``lamps``, as the scene has them; [C] each."""
+    probes: Graph | None = None
+    """Shading graph of the same light in the air, for what is added to the scene or moves; None: there is none."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ BUILT_IN = {
     "transfer": "lightwell.fields.surface.transfer",
     "probes": "lightwell.fields.probes.field",
     "lightmap": "lightwell.fields.lightmap.field",
+    "factored+probes": "lightwell.fields.field_and_probes.field",
 }
 DEFAULT = next(iter(BUILT_IN))
 # Fields of lightwell with options of their own, in modules that import nothing heavy: help must be instant.
@@ -40,6 +41,7 @@ OPTIONS = {
     "mlp": ("lightwell.fields.surface.options", "SurfaceOptions"),
     "probes": ("lightwell.fields.probes.options", "ProbesOptions"),
     "lightmap": ("lightwell.fields.lightmap.options", "LightmapOptions"),
+    "factored+probes": ("lightwell.fields.field_and_probes.options", "FieldAndProbesOptions"),
 }
 # Presets of each field, so that help and mistakes need none of the modules above; a test compares them.
 PRESETS: dict[str, tuple[str, ...]] = {
@@ -78,6 +80,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
         "draft",
         "best",
     ),
+    "factored+probes": ("default", "small", "large", "draft", "best"),
 }
 # Preset of each quality where it is not the default one; fields without an entry differ in time alone.
 QUALITY_PRESETS = {
@@ -86,7 +89,10 @@ QUALITY_PRESETS = {
     "balanced": {"best": "large"},
     "probes": {"draft": "draft", "best": "fine"},
     "lightmap": {"draft": "draft", "best": "best"},
+    "factored+probes": {"draft": "draft", "best": "best"},
 }
+# The one field that is two in one file.
+COMBINED = "factored+probes"
 
 
 def field_names() -> tuple[str, ...]:
@@ -126,6 +132,10 @@ def unknown_field(name: str) -> ValueError:
     Returns:
         The error, with the nearest name or all of them.
     """
+    if "+" in name and name != COMBINED:
+        return ValueError(
+            f"fields cannot be joined as '{name}'; the one pair is --field {COMBINED}, else bake each by itself"
+        )
     cure = did_you_mean(name, field_names(), f"choose one of {', '.join(field_names())} with --field")
     return ValueError(f"unknown field '{name}'; {cure}")
 

@@ -1,4 +1,4 @@
-"""Maps the position of a light to K mixing factors: an encoding and a small network, evaluated once per frame."""
+"""Mixing factors of K bases, evaluated once per frame: of the position of a light, the dimmers of lamps, or a pose."""
 
 from __future__ import annotations
 
@@ -24,9 +24,26 @@ class WeightCode:
     """Frequencies of the encoding."""
 
     @property
+    def inputs(self) -> dict[str, int]:
+        """Inputs of a graph that the factors depend on, and their widths."""
+        return {"light": 3}
+
+    @property
     def width(self) -> int:
         """Number of features of the encoding."""
         return 3 + 6 * self.octaves
+
+    def mixed(self, b: Builder, bases: str) -> str:
+        """Add the sum of the bases times their factors to a graph.
+
+        Args:
+            b: Graph under construction with the input ``light`` [3].
+            bases: Name of the node with the bases [27 K], the factor's index fastest.
+
+        Returns:
+            Name of the node with the 27 numbers.
+        """
+        return b.matvec(bases, self.node(b), 27)
 
     def encoding(self, b: Builder) -> str:
         """Add the encoding of the input ``light`` to a graph.
@@ -65,3 +82,72 @@ class WeightCode:
         b = Builder(light=3)
         graph = b.build(features=self.encoding(b))
         return evaluate(graph, {"light": np.ascontiguousarray(light, np.float32)})["features"]
+
+
+@dataclass(frozen=True)
+class LampMix:
+    """One basis per group of lamps; its factors are the dimmers and colours of the groups."""
+
+    groups: int
+    """K."""
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Inputs of a graph that the factors depend on, and their widths."""
+        return {"lamps": 3 * self.groups}
+
+    def mixed(self, b: Builder, bases: str) -> str:
+        """Add the sum of the groups' light, colour by colour, to a graph.
+
+        Args:
+            b: Graph under construction with the input ``lamps`` [3 K]: red of all groups, then green, then blue.
+            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
+
+        Returns:
+            Name of the node with the 27 numbers.
+        """
+        k = self.groups
+        even, rest = [], []
+        for color in range(3):
+            dimmers = b.slice("lamps", color * k, k, per_frame=True)
+            even.append(b.matvec(b.slice(bases, color * k, k), dimmers, 1))
+            rest.append(b.matvec(b.slice(bases, (3 + 8 * color) * k, 8 * k), dimmers, 8))
+        return b.concat(*even, *rest)
+
+
+@dataclass(frozen=True)
+class PoseMix:
+    """One basis per pose that was traced; between two poses their light is interpolated linearly."""
+
+    poses: tuple[float, ...]
+    """[K] increasing sliders from 0 to 1, K ≥ 2."""
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Inputs of a graph that the factors depend on, and their widths."""
+        return {"pose": 1}
+
+    def mixed(self, b: Builder, bases: str) -> str:
+        """Add the light at a pose to a graph.
+
+        Args:
+            b: Graph under construction with the input ``pose`` [1].
+            bases: Name of the node with the bases [27 K], the factor's index fastest.
+
+        Returns:
+            Name of the node with the 27 numbers.
+        """
+        at, count = np.array(self.poses), len(self.poses)
+        # max(pose - at, 0) bends at each pose; their sums with these factors are the hat functions of the poses.
+        bends = b.activate(b.linear("pose", np.ones((count, 1)), -at, per_frame=True), "relu", per_frame=True)
+        hats, slope = np.zeros((count, count)), 1 / np.diff(at)
+        for k in range(count - 1):
+            hats[k, k] -= slope[k]
+            hats[k, k + 1] += slope[k]
+            hats[k + 1, k] += slope[k]
+            hats[k + 1, k + 1] -= slope[k]
+        return b.matvec(bases, b.linear(bends, hats, np.eye(count)[0], per_frame=True), 27)
+
+
+Mixing = WeightCode | LampMix | PoseMix
+"""What the factors of a volume's bases are computed from."""

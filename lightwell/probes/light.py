@@ -13,6 +13,7 @@ from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
 from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
 from lightwell.probes.solve import Solution, SolveRows, solve
+from lightwell.probes.states import Lights, states_of
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
@@ -42,8 +43,8 @@ class SolvedVolume:
     """Numbers of samples and paths."""
     seed: int
     """Seed of the paths."""
-    lights: np.ndarray | None = None
-    """[S, 3] positions (or directions) of the declared light; None without one."""
+    lights: Lights = None
+    """[S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is."""
 
     @property
     def volume(self) -> ProbeVolume:
@@ -75,6 +76,7 @@ def traced(
     variable: Variable | None = None,
     light: np.ndarray | None = None,
     calls: int = 1,
+    emitters: tuple[int, ...] = (),
 ) -> np.ndarray:
     """Path trace the light at some probes.
 
@@ -88,6 +90,7 @@ def traced(
             emitters.
         light: [3] position (or direction) of the declared light.
         calls: Calls with the same probes, this one included.
+        emitters: Emitters of the scene's own that shine; empty: all of them.
 
     Returns:
         [P + F, 9, 3] irradiance harmonics; 0 for other probes and for those without a point in air.
@@ -97,7 +100,8 @@ def traced(
     out = np.zeros((len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct, calls=calls)
+        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct)
+        more |= dict(emitters=emitters, calls=calls)
         found = air_light(scene, place[probes], sampling.probe_paths, seed, **more)
         out[probes] = found.sh
     return out
@@ -109,7 +113,7 @@ def light_volume(
     sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
-    lights: np.ndarray | None = None,
+    lights: Lights = None,
     coarse: SolvedVolume | None = None,
 ) -> SolvedVolume:
     """Compute the light of a volume for the scene's own emitters, or for each state of a declared light.
@@ -120,7 +124,7 @@ def light_volume(
         sampling: Numbers of samples and paths.
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
-        lights: [S, 3] positions (or directions) of the declared light; None without one.
+        lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
         coarse: Light of the same volume without bricks; what was traced for it is reused.
 
     Returns:
@@ -139,15 +143,16 @@ def light_volume(
 
 
 def _traced_states(scene, geometry, probes, sampling, seed, variable, lights) -> np.ndarray:
-    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states of a declared light."""
-    if lights is None:
-        return traced(scene, geometry, probes, sampling, seed)
-    states = len(lights)
-    trace = lambda k: traced(scene, geometry, probes, sampling, seed + k, variable, lights[k], states - k)  # noqa: E731
-    return np.stack([trace(k) for k in range(states)])
+    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states."""
+    states = states_of(scene, variable, lights)
+    found = [
+        traced(s.scene, geometry, probes, sampling, seed + k, s.variable, s.light, len(states) - k, s.emitters)
+        for k, s in enumerate(states)
+    ]
+    return found[0] if lights is None else np.stack(found)
 
 
-def _sample_seed(seed: int, lights: np.ndarray | None) -> int:
+def _sample_seed(seed: int, lights: Lights) -> int:
     """Seed of the samples, different from those of the probes."""
     return seed + (1 if lights is None else len(lights))
 

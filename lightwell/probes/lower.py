@@ -15,7 +15,7 @@ import numpy as np
 
 from lightwell.graph import Builder, Graph, pack
 from lightwell.graph.buffers import Buffer
-from lightwell.probes.code import WeightCode
+from lightwell.probes.code import Mixing
 from lightwell.probes.lattice import CORNERS
 from lightwell.probes.volume import DROPPED, FALLBACK, FINE, OPEN, TAKES_OVER, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS, UnweightedTrilinear, core
@@ -31,22 +31,20 @@ BRIGHTEST = 1e6
 BELOW = 1e-4
 
 
-def lower(
-    volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: WeightCode | None = None
-) -> Graph:
+def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = None, code: Mixing | None = None) -> Graph:
     """Build the shading graph of a volume.
 
     Args:
         volume: The volume.
         unit: Irradiance of 1 in the volume's light.
         basis: [P + F, 9, 3, K] light per unit of each mixing factor, with ``code``; None for the volume's own light.
-        code: Network that computes the K mixing factors from the input ``light``; None for light that does not change.
+        code: Computes the K mixing factors from the input ``light`` or ``lamps``; None for light that does not change.
 
     Returns:
         Graph with the outputs ``radiance``, which is E / π (the radiance of a Lambertian surface divided by its
         reflectance), and ``trust``, the trusted weight Z.
     """
-    b = Builder(position=3, normal=3, **({"light": 3} if code else {}))
+    b = Builder(position=3, normal=3, **(code.inputs if code else {}))
     light = volume.light[..., None] if basis is None else basis
     tables = _Tables.of(volume, light)
     h, cells = volume.lattice.spacing, np.array(volume.lattice.cells)
@@ -63,7 +61,7 @@ def lower(
     total = b.add(total, b.multiply(delta, fallback))
     mean = b.multiply(b.reciprocal(b.add(z, delta), 1e-9), total)
     if code:
-        mean = b.matvec(mean, code.node(b), 27)
+        mean = code.mixed(b, mean)
     y = b.sh("normal", 3)
     even = b.multiply(b.slice(mean, 0, 3), b.slice(y, 0, 1))
     e = b.add(even, b.matvec(b.slice(mean, 3, 24), b.slice(y, 1, 8), 3))

@@ -15,6 +15,7 @@ import numpy as np
 
 from lightwell.probes.bake import Geometry
 from lightwell.probes.solve import SolveRows, relative_error
+from lightwell.probes.states import Lights, states_of
 from lightwell.probes.support import touched
 from lightwell.probes.trace import air_light
 from lightwell.scenes.scene import Scene
@@ -85,7 +86,7 @@ def rows(
     sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
-    lights: np.ndarray | None = None,
+    lights: Lights = None,
     box: np.ndarray | None = None,
     first: int = 0,
 ) -> tuple[SolveRows, np.ndarray]:
@@ -97,7 +98,7 @@ def rows(
         sampling: Numbers of samples and paths.
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
-        lights: [S, 3] positions (or directions) of the declared light; None without one.
+        lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
         box: [2, 3] box; only cells that overlap it get samples. None for all cells.
         first: First level that gets samples.
 
@@ -113,7 +114,7 @@ def rows(
         more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, sampling.direct, variable, lights)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
     light = halves.mean(axis=0).astype(np.float32)
-    return SolveRows(at, np.zeros_like(at), light[0] if variable is None else light, cell, _noise(halves)), number
+    return SolveRows(at, np.zeros_like(at), light[0] if lights is None else light, cell, _noise(halves)), number
 
 
 def joined(a: SolveRows, b: SolveRows) -> SolveRows:
@@ -133,13 +134,10 @@ def joined(a: SolveRows, b: SolveRows) -> SolveRows:
 
 def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndarray:
     """[2, S, I, 9, 3] float64 harmonics from each half of the paths."""
-    if variable is None:
-        found = [air_light(scene, at, paths, seed, numbers=number, direct=direct)]
-    else:
-        found = [
-            air_light(scene, at, paths, seed + k, variable=variable, light=light, numbers=number, calls=len(lights) - k)
-            for k, light in enumerate(lights)
-        ]
+    found, states = [], states_of(scene, variable, lights)
+    for k, s in enumerate(states):
+        more = {"numbers": number, "direct": direct, "emitters": s.emitters, "calls": len(states) - k}
+        found.append(air_light(s.scene, at, paths, seed + k, variable=s.variable, light=s.light, **more))
     return np.stack([[f.half_a for f in found], [f.half_b for f in found]]).astype(np.float64)
 
 

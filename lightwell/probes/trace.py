@@ -5,7 +5,7 @@ Notation: N points; one lane is one path; each point has two independent halves 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
+from lightwell.transport.lamp_sources import GroupEmitters
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, trace
@@ -64,6 +65,7 @@ def air_light(
     numbers: np.ndarray | None = None,
     direct: bool = True,
     calls: int = 1,
+    emitters: Sequence[int] = (),
 ) -> AirLight:
     """Path trace the light at points in air.
 
@@ -80,6 +82,7 @@ def air_light(
             their indices.
         direct: Include the light that arrives straight from the scene's own emitters.
         calls: Calls with the same points, this one included; of all but the first, workers need no points.
+        emitters: Indices of the scene's own emitters that shine; empty: all of them.
 
     Returns:
         Light of each half of the paths.
@@ -92,7 +95,7 @@ def air_light(
     stream = (np.arange(len(points)) if numbers is None else numbers).astype(np.uint32)
     columns = _air_columns(points, stream, None if variable is None else light, normals)
     told = None if variable is None else to_json(variable)
-    settings = {"paths": paths, "seed": seed, "direct": direct, "variable": told}
+    settings = {"paths": paths, "seed": seed, "direct": direct, "variable": told, "emitters": [*emitters]}
     if scene.executor is None:
         rows = air_light_rows(scene, settings, columns, 0, {})["rows"]
     else:
@@ -132,7 +135,7 @@ def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
 
     Args:
         scene: The scene.
-        settings: ``paths``, ``seed``, ``direct`` and ``variable``.
+        settings: ``paths``, ``seed``, ``direct``, ``variable`` and ``emitters``.
         columns: ``point``, ``normal`` and, with a variable, ``light`` [N, 3] each, and ``stream`` [N].
         first: Not used: every row has the number of its stream.
         shared: Not used.
@@ -147,17 +150,18 @@ def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
     place, normal = upload(mi.Point3f, columns["point"]), upload(mi.Vector3f, columns["normal"])
     lights = None if variable is None else upload(mi.Vector3f, columns["light"])
     streams = upload_integers(columns["stream"])
+    own = GroupEmitters.of(scene, settings["emitters"]) if settings["emitters"] else Emitters()
     numbers = [dr.opaque(mi.UInt32, v) for v in (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((count, 2, 30), np.float32)
     for start in range(0, count, batch):
         span = (start, min(batch, count - start), half)
-        found = _launch(scene, place, normal, streams, numbers, span, variable, lights, settings["direct"])
+        found = _launch(scene, place, normal, streams, numbers, span, variable, lights, settings["direct"], own)
         rows[start : start + span[1]] = found / half
     return {"rows": rows}
 
 
-def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights, direct) -> np.ndarray:
+def _launch(scene: Scene, place, normal, streams, settings, span, variable, lights, direct, emitters) -> np.ndarray:
     """[count, 2, 30] sums of radiance times harmonics, and of radiance times cosine."""
     seed, max_depth, rr_depth, size = settings
     start, count, half = span
@@ -168,7 +172,7 @@ def _launch(scene: Scene, place, normal, streams, settings, span, variable, ligh
     rng = random_streams(seed, stream, (group & 1) * size + path)
     shift = random_streams(seed, stream, LATTICE_STREAM + (group & 1))
     p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
-    source = Emitters() if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
+    source = emitters if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
     u = stratified(shift, path, size)[1]
     columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None and direct)
     dr.eval(columns)

@@ -1,8 +1,11 @@
-"""Groups of a scene's emitters as light sources: which group a lane samples, and which one a ray has met."""
+"""Groups of a scene's emitters as light sources: which group a lane samples, and which one a ray has met; or one group
+alone as the source of a path tracer.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -75,3 +78,93 @@ class LampSources:
         active &= group < self.count
         pdf = ds.emitter.pdf_direction(prev, ds, active) / mi.Float(dr.gather(mi.UInt32, self._size, group, active))
         return group, dr.select(active, ds.emitter.eval(si, active), 0), dr.select(active, pdf, 0)
+
+
+@dataclass
+class GroupEmitters:
+    """Some of the emitters in the Mitsuba scene, as a source of ``transport.sources``; the others are dark."""
+
+    emitter: mi.UInt32
+    """[M] pointers of the emitters that shine."""
+    shines: mi.Float
+    """1 for the pointers of emitters that shine, else 0."""
+    size: mi.UInt32
+    """M, opaque."""
+    hits = True
+    emits = False
+    first_hit = False
+
+    @staticmethod
+    def of(scene: Scene, emitters: Sequence[int]) -> GroupEmitters:
+        """Make the source.
+
+        Args:
+            scene: The scene.
+            emitters: Indices of its emitters that shine, at least one.
+
+        Returns:
+            The source.
+        """
+        pointers = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(e))[0]) for e in scene.mi.emitters()]
+        shines = np.zeros(max(pointers) + 2, np.float32)
+        shines[[pointers[index] for index in emitters]] = 1
+        made = GroupEmitters(
+            mi.UInt32([pointers[index] for index in emitters]),
+            mi.Float(shines),
+            dr.opaque(mi.UInt32, len(emitters)),
+        )
+        dr.eval(made.emitter, made.shines, made.size)
+        return made
+
+    def sample(
+        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.Spectrum, mi.Float, mi.Bool, mi.Ray3f]:
+        """Sample a direction to a random emitter of the group; the caller traces the shadow ray.
+
+        Args:
+            scene: Mitsuba scene, not used.
+            si: Surface interactions to light.
+            u: 2D points in [0, 1)².
+            active: Active lanes.
+
+        Returns:
+            Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
+        """
+        count = mi.Float(self.size)
+        place = u.x * count
+        index = dr.minimum(mi.UInt32(place), self.size - 1)
+        emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, self.emitter, index, active))
+        # What is left of the number chooses the place on the emitter.
+        rest = mi.Point2f(dr.clip(place - mi.Float(index), 0, 1 - 1e-6), u.y)
+        ds, weight = emitter.sample_direction(si, rest, active)
+        good = active & (ds.pdf > 0)
+        pdf = dr.select(good, ds.pdf / count, 0)
+        return ds.d, dr.select(good, weight * count, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
+
+    def hit(
+        self,
+        scene: mi.Scene,
+        prev: mi.Interaction3f,
+        si: mi.SurfaceInteraction3f,
+        ray: mi.Ray3f,
+        delta_prev: mi.Bool,
+        active: mi.Bool,
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        """Evaluate the emission of the surface (or environment) that rays found, where it is of the group.
+
+        Args:
+            scene: Mitsuba scene.
+            prev: Interactions that the rays come from.
+            si: Surface interactions that the rays found.
+            ray: Rays, chosen by BSDF sampling; not used.
+            delta_prev: Whether a delta lobe chose the ray.
+            active: Active lanes.
+
+        Returns:
+            Radiance, and the density with which ``sample`` chooses the direction (0 after a delta lobe).
+        """
+        ds = mi.DirectionSample3f(scene, si, prev)
+        pointer = dr.reinterpret_array(mi.UInt32, ds.emitter)
+        lit = active & (dr.gather(mi.Float, self.shines, pointer, active) > 0)
+        pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) / mi.Float(self.size)
+        return dr.select(lit, ds.emitter.eval(si, lit), 0), dr.select(lit & ~delta_prev, pdf, 0)

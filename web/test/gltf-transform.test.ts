@@ -51,7 +51,7 @@ async function learned(glb: Uint8Array) {
   const found = (await readExtension(json, { bufferView: async (index) => view(index).buffer, texture }))!;
   return {
     variables: found.variables,
-    fields: found.fields.map(({ graph, buffers, ...rest }) => ({
+    fields: [...found.fields, ...found.probes].map(({ graph, buffers, ...rest }) => ({
       ...rest,
       nodes: graph.nodes.map(({ id, opName, inputs }) => ({ id, opName, inputs })),
       buffers: [...buffers].map(([name, { data, ...form }]) => [name, form, Array.from(data)]),
@@ -62,13 +62,14 @@ async function learned(glb: Uint8Array) {
 const FILES: [string, Uint8Array][] = [
   ["a field with a lamp, and a still one", writeGlb(plainRoom({ fields: [linearField(), stillField()] }))],
   ["a light map with pictures", LIGHTMAP],
+  ["probes beside a field", writeGlb(plainRoom({ fields: [stillField()], probes: [{ ...linearField(), name: "air" }, linearField()] }))],
 ];
 
 it.each(FILES)("keeps %s", async (_name, glb) => {
   const io = new NodeIO().registerExtensions([NeuralRadiance, Lightmap, ...OTHERS]);
   const document = await io.readBinary(glb);
   const property = document.getRoot().getExtension<NeuralRadianceProperty>("LIGHTWELL_neural_radiance");
-  expect(property!.getJson().version).toBe(1);
+  expect(property!.getJson().version).toBe(open(glb).json.extensions.LIGHTWELL_neural_radiance.probes ? 2 : 1);
   // A new accessor in front shifts every index.
   const first = document.createAccessor("in the way").setType("SCALAR").setArray(new Float32Array([1, 2, 3]));
   document.getRoot().listMeshes()[0]!.listPrimitives()[0]!.setAttribute("_NOTE", first);

@@ -339,8 +339,17 @@ def payload(volume: ProbeVolume, coding: str, in_file: dict[str, float]) -> str:
     )
 
 
-def _geometry(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) -> Geometry:
-    """The volume's weights, baked once for a scene and kept with it."""
+def weights_of(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) -> Geometry:
+    """Compute the interpolation weights of a scene; they are kept with it.
+
+    Args:
+        setup: Set-up of the scene, made by ``FieldSetup.of``.
+        preset: Settings of the probes.
+        spacing: Distance of neighbouring probes, metres; None: that of the preset.
+
+    Returns:
+        The weights, without light.
+    """
     spacing = spacing or 2 * setup.half_extent / preset.along
     make = lambda: bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))  # noqa: E731
     arguments = (float(spacing), preset.function, preset.generator, preset.refine)
@@ -376,7 +385,7 @@ def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | 
     """
     if setup.scene is None:
         raise ValueError("probes: the set-up has no scene; probes are traced in its air, make it with FieldSetup.of")
-    geometry = _geometry(setup, preset, spacing)
+    geometry = weights_of(setup, preset, spacing)
     # The states of a variable light are drawn from its ranges.
     arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed)
     return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed), arguments)

@@ -42,6 +42,8 @@ export interface NeuralRadiance {
   /** Groups of the scene's own lamps, in the order of the graphs' input `lamps`. */
   readonly lamps: readonly LampRecord[];
   readonly fields: readonly FieldRecord[];
+  /** The same light in the air, for what is added to the scene; empty when the file has none. */
+  readonly probes: readonly FieldRecord[];
   /** Linear factor before tone mapping that suits the scene; null when the file says none. */
   readonly exposure: number | null;
 }
@@ -64,6 +66,9 @@ const INPUT_WIDTHS: Readonly<Record<string, number>> = {
   uv: 2,
   uv1: 2,
 };
+
+/** Those that a place in the air offers to probes. */
+const PROBE_INPUTS = /^(position|normal|light|lamps|pose)$/;
 
 /** Outputs of a field that mean something here; a graph may have others. */
 const OUTPUT_WIDTHS: ReadonlyMap<string, number> = new Map(
@@ -119,15 +124,15 @@ export async function readExtension(
   const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
   const movers = readMovers(extension.variables, `${EXTENSION}.variables`, { nodes: list(json.nodes ?? [], "nodes", LIMITS.entries), animations: json.animations });
   if (version === 1 && movers.length > 0) fail(`${EXTENSION}.variables`, "no node or clip in version 1");
-  const fields: FieldRecord[] = [];
-  const entries = list(extension.fields ?? [], `${EXTENSION}.fields`, MAX_FIELDS);
-  for (const [i, entry] of entries.entries()) {
-    fields.push(await readField(entry, `${EXTENSION}.fields[${i}]`, variables.length, { json, sources, budget, lamps: lamps.length, movers: movers.length }));
-    const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
-    if (work > budget.work) fail(`${EXTENSION}.fields[${i}]`, overBudget(budget.work, "operations per pixel in all fields", "work"));
+  if (version === 1 && extension.probes !== undefined) fail(`${EXTENSION}.probes`, "nothing of that name in version 1");
+  const from = { json, sources, budget, lamps: lamps.length, movers: movers.length };
+  const fields = await readFields(extension.fields, `${EXTENSION}.fields`, variables.length, from);
+  const probes = await readFields(extension.probes, `${EXTENSION}.probes`, variables.length, from);
+  for (const { name, graph } of probes) {
+    for (const input of graph.inputs.keys()) if (!PROBE_INPUTS.test(input)) fail(`${EXTENSION}.probes '${name}'`, `inputs of the air, found ${input}`);
   }
   const { exposure } = extension;
-  return { variables, movers, lamps, fields, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
+  return { variables, movers, lamps, fields, probes, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
 }
 
 /** What the parts of the extension are read from. */
@@ -139,6 +144,17 @@ interface Reading {
   readonly lamps: number;
   /** Number of nodes and clips that move. */
   readonly movers: number;
+}
+
+/** Fields, or probes: a surface evaluates all of the one or all of the other. */
+async function readFields(value: unknown, where: string, lights: number, from: Reading): Promise<FieldRecord[]> {
+  const fields: FieldRecord[] = [];
+  for (const [i, entry] of list(value ?? [], where, MAX_FIELDS).entries()) {
+    fields.push(await readField(entry, `${where}[${i}]`, lights, from));
+    const work = fields.reduce((sum, { graph }) => sum + graph.work, 0);
+    if (work > from.budget.work) fail(`${where}[${i}]`, overBudget(from.budget.work, "operations per pixel in all fields", "work"));
+  }
+  return fields;
 }
 
 async function readField(value: unknown, where: string, variableCount: number, from: Reading): Promise<FieldRecord> {

@@ -155,12 +155,14 @@ function unpadded(context: ReaderContext, accessor: Accessor, index: number): Ac
 
 /** Changes the references of every buffer; `name` is unique in the file. */
 function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): Json {
-  for (const [i, field] of list(json.fields ?? [], `${EXTENSION}.fields`, MAX_ENTRIES).entries()) {
-    const graph = record(record(field, `${EXTENSION}.fields[${i}]`).graph, `${EXTENSION}.fields[${i}].graph`);
-    const buffers = record(graph.buffers ?? {}, `${EXTENSION}.fields[${i}].graph.buffers`);
-    for (const [name, value] of Object.entries(buffers)) {
-      const buffer = record(value, `${EXTENSION}.fields[${i}].graph.buffers.${name}`);
-      Object.assign(buffer, change(buffer, `${i}.${name}`));
+  for (const table of ["fields", "probes"]) {
+    for (const [i, field] of list(json[table] ?? [], `${EXTENSION}.${table}`, MAX_ENTRIES).entries()) {
+      const where = `${EXTENSION}.${table}[${i}]`;
+      const graph = record(record(field, where).graph, `${where}.graph`);
+      for (const [name, value] of Object.entries(record(graph.buffers ?? {}, `${where}.graph.buffers`))) {
+        const buffer = record(value, `${where}.graph.buffers.${name}`);
+        Object.assign(buffer, change(buffer, `${table === "fields" ? "" : "probes."}${i}.${name}`));
+      }
     }
   }
   return json;

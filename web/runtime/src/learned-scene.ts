@@ -8,6 +8,7 @@ import { FieldProgram } from "./field-program.ts";
 import { FRAME_UNIFORM_LIMIT } from "./graph/glsl.ts";
 import type { HalfResolution } from "./half-resolution.ts";
 import type { Lamp } from "./lamp.ts";
+import type { LitParts } from "./lit-objects.ts";
 import { learnedLight } from "./loaded-light.ts";
 import { FULL, type Look, looksOf, SEGMENT_OUTPUTS } from "./look.ts";
 import { type DisposeOptions, SceneCore, type SceneOptions } from "./scene-core.ts";
@@ -20,6 +21,12 @@ export type LearnedSceneOptions = SceneOptions<WebGLRenderer>;
 
 /** Scenes so far: their shaders differ, and so must their names. */
 let scenes = 0;
+
+/** Print some outputs of one of `count` fields that a surface evaluates. */
+function print({ renderer, weights }: LearnedSceneOptions, record: FieldRecord, name: string, count: number, outputs: readonly string[] = ["radiance"]): FieldProgram {
+  const placement = weights ?? (record.graph.macs <= inlineLimit(renderer) ? "inline" : "texture");
+  return new FieldProgram(record, name, outputs, placement, Math.floor(FRAME_UNIFORM_LIMIT / count));
+}
 
 /**
  * Lights a loaded file: its declared lamps, and its learned light in the materials of its meshes, which are patched in place.
@@ -42,15 +49,10 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
   private look: Look = FULL;
 
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
-    const limit = inlineLimit(options.renderer);
-    const print = (record: FieldRecord, name: string, outputs: readonly string[], count: number) => {
-      const placement = options.weights ?? (record.graph.macs <= limit ? "inline" : "texture");
-      return new FieldProgram(record, name, outputs, placement, Math.floor(FRAME_UNIFORM_LIMIT / count));
-    };
-    super(gltf, options, (record, i, count) => print(record, `lightwellField${i}`, ["radiance"], count));
+    super(gltf, options, (record, i, count) => print(options, record, `lightwellField${i}`, count));
     const { fields } = learnedLight(gltf);
     const segmented = fields.find((record) => record.graph.outputs.has("segment"));
-    this.segments = segmented ? print(segmented, "lightwellSegment", SEGMENT_OUTPUTS, fields.length) : null;
+    this.segments = segmented ? print(options, segmented, "lightwellSegment", fields.length, SEGMENT_OUTPUTS) : null;
     this.uniforms = { lightwellRaster: { value: 1 }, lightwellToRoot: { value: this.placement.toRoot } };
     this.finishes = this.createFinishes();
     this.materials = this.createMaterials();
@@ -159,12 +161,15 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     return { fields: this.fields.map((field) => field.demand), capabilities: renderer?.capabilities };
   }
 
+  protected litParts(records: readonly FieldRecord[]): LitParts<FieldProgram> {
+    const fields = records.map((record, i) => print(this.options, record, `lightwellProbes${i}`, records.length));
+    const finish = learnedFinish(`probes${this.id}`, fields, this.uniforms, this.keepsEnvironment);
+    const looks = new Map([...this.finishes].filter(([look]) => look === "plain")).set("learned", finish);
+    return { fields, materials: () => new SurfaceMaterials(finisherOf(looks)) };
+  }
+
   private createMaterials(): SurfaceMaterials {
-    const { finishes } = this;
-    const patch: Finisher["patch"] = (material, look, original) =>
-      new SurfacePatch(material, finishes.get(look)!, original as SurfacePatch | undefined);
-    // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
-    return new SurfaceMaterials({ looks: finishes, patch, shadowSide: DoubleSide }, this.lightmaps);
+    return new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps);
   }
 
   private get keepsEnvironment(): boolean {
@@ -194,4 +199,10 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
       finishes.set("segments", segmentFinish(`segments${id}`, this.segments!, uniforms));
     }
   }
+}
+
+function finisherOf(looks: ReadonlyMap<SurfaceLook, SurfaceFinish>): Finisher {
+  const patch: Finisher["patch"] = (material, look, original) => new SurfacePatch(material, looks.get(look)!, original as SurfacePatch | undefined);
+  // A path tracer sees both sides of a sheet as blockers; so must the shadow map.
+  return { looks, patch, shadowSide: DoubleSide };
 }

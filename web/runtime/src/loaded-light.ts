@@ -19,5 +19,5 @@ export interface LoadedLight extends NeuralRadiance {
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
 export function learnedLight(gltf: GLTF): LoadedLight {
   const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { variables: [], movers: [], moving: null, lamps: [], fields: [], exposure: null, lightmaps: new Map() };
+  return found ?? { variables: [], movers: [], moving: null, lamps: [], fields: [], probes: [], exposure: null, lightmaps: new Map() };
 }

@@ -87,7 +87,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
       const moving = radiance?.movers.length ? await makerOf(radiance.movers, parser) : null;
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], exposure: null }), lightmaps, moving };
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }), lightmaps, moving };
       gltf.userData.lightwell = loaded;
     }
   }

@@ -5,6 +5,7 @@ import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { FieldRecord } from "./extension.ts";
 import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
+import type { LitObjects, LitParts } from "./lit-objects.ts";
 import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 import { type Capabilities, checkMaterials, type Demand } from "./material-budget.ts";
 import { ADDED_SHARE, roomiestPlace, tintOf } from "./more-lamps.ts";
@@ -82,10 +83,14 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   protected shown: Parts = { raster: true, indirect: true, still: true };
   private readonly ownLights = new OwnLights();
   private attached = false;
+  private readonly probes: readonly FieldRecord[];
+  /** What was added to be lit by the probes of the file. */
+  protected lit: LitObjects<F> | null = null;
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, moving, lamps, fields, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, moving, lamps, fields, probes, lightmaps, exposure } = learnedLight(gltf);
+    this.probes = probes;
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
     this.switches = this.ownLamps.all;
@@ -105,10 +110,17 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   protected abstract demands(renderer: R | undefined): { readonly fields: readonly Demand[]; readonly capabilities: Capabilities | undefined };
   /** Show the rasterised light or not. */
   protected abstract showRaster(on: boolean): void;
+  /** The probes of the file, and what puts their light on materials. */
+  protected abstract litParts(records: readonly FieldRecord[]): LitParts<F>;
 
   /** All that is evaluated for lamps: the fields, and what an adapter has beside them. */
   protected get programs(): readonly F[] {
     return this.fields;
+  }
+
+  /** The same, and the probes. */
+  private get evaluated(): readonly F[] {
+    return this.lit ? [...this.programs, ...this.lit.fields] : this.programs;
   }
 
   /** Light the root for the first time. Throws a `FormatError` when its materials would ask for too much. */
@@ -131,6 +143,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     for (const lamp of this.lamps) lamp.attach();
     this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>);
     this.materials.attach(this.root);
+    this.lit?.attach();
   }
 
   /** Give the root back as it was loaded: its materials, its own lights. It stays where it is. */
@@ -141,6 +154,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     OWNERS.delete(this.root);
     for (const lamp of this.lamps) lamp.detach();
     this.materials.detach();
+    this.lit?.detach();
     this.ownLamps.detach();
     for (const mover of this.movers) mover.restore();
     this.ownLights.restore();
@@ -152,7 +166,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    */
   dispose({ textures = true }: DisposeOptions = {}): void {
     for (const lamp of this.lamps) lamp.dispose();
-    for (const field of this.programs) field.dispose();
+    for (const field of this.evaluated) field.dispose();
     if (!this.attached) return;
     this.materials.dispose(textures);
     this.detach();
@@ -166,6 +180,31 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   /** Whether any field follows a declared light. */
   get hasIndirectLight(): boolean {
     return this.fields.some((field) => field.record.role === "indirect");
+  }
+
+  /** Whether the file has probes, which light what `addLit` is given. */
+  get hasProbes(): boolean {
+    return this.probes.length > 0;
+  }
+
+  /**
+   * Light an object that is not of the file, and all below it, by the file's probes: a character, a thing that is carried about. It
+   * hangs in your scene beside `root`, and may move; its materials are patched in place. Resolves when the next frame shows it lit;
+   * rejects where the file has no probes.
+   */
+  async addLit(object: Object3D): Promise<void> {
+    const { LitObjects } = await import("./lit-objects.ts");
+    if (!this.lit) {
+      this.lit = new LitObjects<F>(this.root, this.probes, (records) => this.litParts(records));
+      this.followLamps();
+    }
+    this.lit.add(object);
+    if (!this.attached) this.lit.detach();
+  }
+
+  /** Give an object that was added back as it was; returns whether it was lit. It stays where it is. */
+  removeLit(object: Object3D): boolean {
+    return this.lit?.remove(object) ?? false;
   }
 
   /** Whether the file also carries ordinary light maps. */
@@ -235,7 +274,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   /** Carry the lamps' colours and intensities over to the shaders. */
   tint(): void {
     for (const lamp of this.lamps) lamp.tint();
-    for (const field of this.fields) {
+    for (const field of this.lit ? [...this.fields, ...this.lit.fields] : this.fields) {
       const lamps = this.lampsOf(field);
       lamps.forEach(({ color, intensity, level }, i) => {
         const gain = this.shown.indirect ? intensity * level : 0;
@@ -252,15 +291,16 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   update(renderer: R | undefined = this.options.renderer): void {
     if (!this.attached) return;
     // All of them follow; the shadows of whatever moved are drawn anew.
-    const moved = this.movers.filter((mover) => mover.follow(this.root)).length > 0;
+    const moved = [...this.movers.map((mover) => mover.follow(this.root)), this.lit?.moved()].includes(true);
     if (this.placement.follow() || moved) for (const lamp of this.lamps) lamp.renewShadow();
     for (const lamp of this.lamps) lamp.follow();
     this.shadows.ask(this.lamps, renderer ?? this);
     this.tint();
     this.materials.show("learned");
+    this.lit?.show();
     this.ownLamps.follow();
     const poses = this.movers.map(({ pose }) => pose);
-    for (const field of this.programs) field.update(this.ownLamps.factors, poses);
+    for (const field of this.evaluated) field.update(this.ownLamps.factors, poses);
   }
 
   /**
@@ -306,13 +346,19 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   protected setLamps(lamps: readonly Lamp[]): void {
     this.lamps = lamps;
     this.followLamps();
+    this.renew();
+  }
+
+  /** Compile everything anew when it is shown next. */
+  protected renew(): void {
     this.materials.renew();
+    this.lit?.renew();
   }
 
   /** Tell every field which lamps it is evaluated for. */
   private followLamps(): void {
     const still = [new Vector3()];
-    for (const field of this.programs) {
+    for (const field of this.evaluated) {
       const lights = this.lampsOf(field).map((lamp) => lamp.value);
       field.follow(lights.length > 0 ? lights : still);
     }

@@ -10,12 +10,13 @@ import {
   FloatType,
   Matrix4,
   Mesh,
-  type MeshStandardMaterial,
+  MeshStandardMaterial,
   type Object3D,
   PerspectiveCamera,
   Quaternion,
   RGBAFormat,
   Scene,
+  SphereGeometry,
   Vector3,
   WebGLRenderer,
   WebGLRenderTarget,
@@ -53,6 +54,9 @@ export interface Request {
   readonly movers?: Readonly<Record<string, number>>;
   /** Move root and camera together: the picture stays. */
   readonly moved?: boolean;
+  /** Centre of a white ball of radius 0.25, which is added and lit by the probes of the file; under the root where `litUnder`. */
+  readonly lit?: readonly [number, number, number];
+  readonly litUnder?: boolean;
   /** What to compile after a first frame at full resolution. */
   readonly look?: Look;
 }
@@ -183,6 +187,13 @@ function edit(root: Object3D, what: Request["edit"]): void {
   });
 }
 
+/** A white ball that is not of the file. */
+function whiteBall(place: readonly [number, number, number]): Mesh {
+  const ball = new Mesh(new SphereGeometry(0.25, 128, 64), new MeshStandardMaterial({ color: 0xffffff, roughness: 1, metalness: 0 }));
+  ball.position.set(...place);
+  return ball;
+}
+
 /** Materials that show a field without a `LearnedNodeScene`. */
 function showNode(gltf: Gltf, number: number): void {
   const record = learnedLight(gltf).fields[number]!;
@@ -215,6 +226,11 @@ async function run(request: Request): Promise<Answer> {
     if (request.moved) move(learned.root, camera);
     for (const [name, setting] of Object.entries(request.lamps ?? {})) learned.setLamp(name, setting);
     for (const [name, value] of Object.entries(request.movers ?? {})) learned.setMover(name, value);
+    const ball = request.lit ? whiteBall(request.lit) : null;
+    if (ball) {
+      (request.litUnder ? learned.root : scene).add(ball);
+      await learned.addLit(ball);
+    }
     const frame = () => {
       if (request.parts) learned.show(request.parts);
       learned.update();
@@ -233,6 +249,8 @@ async function run(request: Request): Promise<Answer> {
     lamps = learned.lamps.map(({ value, color, intensity }) => ({ value: value.toArray(), color: color.toArray(), intensity }));
     learned.dispose();
     learned.root.removeFromParent();
+    ball?.removeFromParent();
+    ball?.geometry.dispose();
     renderer.render(scene, camera);
     memory.push(memoryOf(renderer));
   }

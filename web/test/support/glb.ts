@@ -30,6 +30,8 @@ export interface Fixture {
   materials: Record<string, unknown>[];
   variables: Record<string, unknown>[];
   fields: FixtureField[];
+  /** The light of what is added; files with it are of version 2. */
+  probes?: FixtureField[];
   /** Last word on the document, for hostile files. */
   tamper?: (json: Record<string, never> & { [key: string]: unknown }) => void;
 }
@@ -68,13 +70,15 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
     const indices = add(new Uint16Array(mesh.indices), 5123, "SCALAR", mesh.indices.length);
     return { primitives: [{ attributes, indices, material: mesh.material }] };
   });
-  const fields = fixture.fields.map((field) => {
+  const stored = (field: FixtureField) => {
     const buffers = Object.entries(field.graph.buffers ?? {}).map(([id, { values, ...buffer }]) => {
       const accessor = add(ARRAY[buffer.type].from(values), COMPONENT[buffer.type], "SCALAR", values.length);
       return [id, { ...buffer, accessor }];
     });
     return { ...field, graph: { ...field.graph, buffers: Object.fromEntries(buffers) } };
-  });
+  };
+  const fields = fixture.fields.map(stored);
+  const probes = fixture.probes ? { version: 2, probes: fixture.probes.map(stored) } : {};
   const json = {
     asset: { version: "2.0", generator: "lightwell tests" },
     scene: 0,
@@ -87,7 +91,7 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
     buffers: [{ byteLength: length }],
     // Those that are there alone: what passes a file on drops the names of others.
     extensionsUsed: [...new Set(["LIGHTWELL_neural_radiance", ...fixture.materials.flatMap(({ extensions }) => Object.keys(extensions ?? {}))])],
-    extensions: { LIGHTWELL_neural_radiance: { version: 1, variables: fixture.variables, fields } },
+    extensions: { LIGHTWELL_neural_radiance: { version: 1, variables: fixture.variables, fields, ...probes } },
   };
   const document = structuredClone(json);
   fixture.tamper?.(document as never);

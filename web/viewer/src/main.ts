@@ -16,6 +16,7 @@ import { LampHandle } from "./ui/lamp-handle.ts";
 import { createLegends } from "./ui/legend.ts";
 import { createModeBar } from "./ui/mode-bar.ts";
 import { createNotices } from "./ui/notices.ts";
+import { listenToObject } from "./ui/object-controls.ts";
 import { createPanel } from "./ui/panel.ts";
 import { Shortcuts } from "./ui/shortcuts.ts";
 import { createSplitHandle } from "./ui/split-handle.ts";
@@ -74,6 +75,7 @@ function addControls(viewer: Viewer): void {
   root.append(createSplitHandle(viewer), lamps, header, bottom, panel, help.element);
   panel.prepend(help.button, createCopyLink(viewer));
   listenToFlight(viewer);
+  listenToObject(viewer);
   listenToKeys(viewer, shortcuts, {
     help: help.toggle,
     link: () => void copyLink(viewer),

@@ -4,11 +4,14 @@ import { type Lamp, LearnedScene, type Look, type Parts, type WeightPlacement } 
 import { type PerspectiveCamera, Scene, type WebGLRenderer, type WebGLRenderTarget } from "three";
 import type { LoadedAsset } from "./asset.ts";
 import { Surroundings } from "./surroundings.ts";
+import { TestObject } from "./test-object.ts";
 
 /** Owns the scene graph. */
 export class Stage {
   readonly scene = new Scene();
   learned: LearnedScene | null = null;
+  /** What the probes of the file light; null where it has none. */
+  object: TestObject | null = null;
   private readonly renderer: WebGLRenderer;
   private surroundings: Surroundings | null = null;
 
@@ -29,8 +32,14 @@ export class Stage {
     this.learned = learned;
     scene.add(learned.root);
     this.surroundings = new Surroundings(scene, learned);
+    this.object = learned.hasProbes ? new TestObject(learned.bounds) : null;
     scene.background = this.surroundings.sky?.texture ?? null;
     return learned;
+  }
+
+  /** Light the test object, where there is one. */
+  async lightObject(): Promise<void> {
+    if (this.learned) await this.object?.light(this.learned);
   }
 
   /** Give every point lamp a visible body. */
@@ -67,6 +76,7 @@ export class Stage {
     this.learned?.show(parts);
     this.learned?.update();
     this.surroundings?.update(exposure, glowing);
+    if (this.object) this.object.mesh.visible = glowing && this.object.shown;
   }
 
   /** Intensity and colour as they were baked: the references were traced with them. */
@@ -81,6 +91,8 @@ export class Stage {
   clear(): void {
     this.surroundings?.dispose();
     this.surroundings = null;
+    this.object?.dispose();
+    this.object = null;
     this.learned?.dispose();
     this.learned = null;
     this.scene.background = null;

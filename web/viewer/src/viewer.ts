@@ -9,6 +9,7 @@ import { AGAINST, type Against, type Mode, whyNot } from "./modes.ts";
 import type { Options } from "./options.ts";
 import { needsReference } from "./presenter.ts";
 import { onContextLoss, seen } from "./renderer.ts";
+import type { TestObject } from "./test-object.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
 import { nearestReference } from "./reference-pictures.ts";
 import { ViewerFrames } from "./viewer-frames.ts";
@@ -49,6 +50,7 @@ export class Viewer extends ViewerFrames {
     this.against = this.options.against ?? "direct";
     this.rig.fit(learned.bounds);
     this.goHome();
+    this.object?.meet(this.rig.camera.position, this.rig.controls.target);
     if (!learned.hasIndirectLight && !learned.hasStillLight) {
       this.emit("notice", "This file carries no learned light; it is shown with direct light alone.");
     }
@@ -60,12 +62,24 @@ export class Viewer extends ViewerFrames {
     this.emit("lamps", undefined);
     this.changed();
     await seen();
+    if (this.learned === learned) await this.stage.lightObject();
     if (this.learned === learned) await this.compile();
     if (this.learned !== learned) return;
     if (metered) meter();
     this.renderOnce();
     // The first frame carried the upload of everything; the second says what a frame costs.
     if (this.options.ui) this.measure(1);
+    this.changed();
+  }
+
+  /** What the probes of the file light; null where it has none. Call `touch` after a change. */
+  get object(): TestObject | null {
+    return this.stage.object;
+  }
+
+  /** Draw what was changed beside the scene. */
+  touch(): void {
+    this.scale.touch();
     this.changed();
   }
 

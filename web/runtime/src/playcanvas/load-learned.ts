@@ -36,7 +36,7 @@ export async function loadLearned(app: AppBase, source: string | ArrayBuffer, op
     app.assets.add(asset);
     app.assets.load(asset);
   });
-  return new LearnedLight(app, asset, radiance ?? { variables: [], movers: [], lamps: [], fields: [], exposure: null }, options);
+  return new LearnedLight(app, asset, radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }, options);
 }
 
 async function download(url: string): Promise<ArrayBuffer> {

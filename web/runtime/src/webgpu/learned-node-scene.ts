@@ -5,6 +5,7 @@ import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { lights, materialEmissive, vec3 } from "three/tsl";
 import type { FieldRecord } from "../extension.ts";
 import { learnedLight } from "../loaded-light.ts";
+import type { LitParts } from "../lit-objects.ts";
 import { FULL, type Look, looksOf, SEGMENT_OUTPUTS } from "../look.ts";
 import { type DisposeOptions, SceneCore, type SceneOptions } from "../scene-core.ts";
 import { type Finisher, type SurfaceLook, SurfaceMaterials } from "../surface-materials.ts";
@@ -56,14 +57,11 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   private look: Look = FULL;
 
   constructor(gltf: GLTF, options: LearnedNodeSceneOptions = {}) {
-    const placementOf = ({ graph }: FieldRecord) => options.weights ?? (graph.macs <= INLINE_LIMIT ? "inline" : "texture");
-    super(gltf, options, (record, i) => new FieldNodes(record, `lightwellField${i}`, placementOf(record)));
+    super(gltf, options, (record, i) => new FieldNodes(record, `lightwellField${i}`, placementOf(record, options)));
     const segmented = learnedLight(gltf).fields.find((record) => record.graph.outputs.has("segment"));
-    this.segments = segmented ? new FieldNodes(segmented, "lightwellSegment", placementOf(segmented), SEGMENT_OUTPUTS) : null;
+    this.segments = segmented ? new FieldNodes(segmented, "lightwellSegment", placementOf(segmented, options), SEGMENT_OUTPUTS) : null;
     this.finishes = this.createFinishes();
-    const patch: Finisher["patch"] = (material, look, original) => new NodePatch(material, this.finishes.get(look)!, original as NodePatch | undefined);
-    // Lights that are not of the file are tested by three.js, which needs the sides that it chooses.
-    this.materials = new SurfaceMaterials({ looks: this.finishes, patch, shadowSide: null }, this.lightmaps);
+    this.materials = new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps);
     this.begin();
   }
 
@@ -137,12 +135,19 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   protected showRaster(on: boolean): void {
     if (on === this.raster) return;
     this.raster = on;
-    this.materials.renew();
+    this.renew();
   }
 
   protected demands(renderer: DeviceOwner | undefined) {
     const wgsl = takesWgsl(renderer);
     return { fields: this.fields.map((field) => field.demand(wgsl)), capabilities: capabilitiesOf(renderer) };
+  }
+
+  protected litParts(records: readonly FieldRecord[]): LitParts<FieldNodes> {
+    const fields = records.map((record, i) => new FieldNodes(record, `lightwellProbes${i}`, placementOf(record, this.options)));
+    const finish = this.finish("learned", (own, surface) => this.withRaster(own, reflectanceNode().mul(radianceOf(fields, surface))), fields);
+    const looks = new Map([...this.finishes].filter(([look]) => look === "plain")).set("learned", finish);
+    return { fields, materials: () => new SurfaceMaterials(finisherOf(looks)) };
   }
 
   private drawSmall(renderer: NodeRenderer, half: HalfNodes, camera: Camera, width: number, height: number): void {
@@ -189,15 +194,15 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
   }
 
   /** A finish from the nodes of the surface that fields are told of. */
-  private finish(look: SurfaceLook, properties: (own: SurfaceProperties, surface: SurfaceNodes) => SurfaceProperties): NodeFinish {
-    const name = look === "plain" ? look : `${look}${this.id}`;
+  private finish(look: SurfaceLook, properties: (own: SurfaceProperties, surface: SurfaceNodes) => SurfaceProperties, probes?: readonly FieldNodes[]): NodeFinish {
+    const name = look === "plain" ? look : `${probes ? "probes" : look}${this.id}`;
     return {
       key: (material) =>
-        `${name}:${this.fields.map((field) => field.lamps).join()}:${this.raster}:${this.keepsEnvironment}:${TO_REST.has(material) ? material.uuid : ""}`,
+        `${name}:${(probes ?? this.fields).map((field) => field.lamps).join()}:${this.raster}:${this.keepsEnvironment}:${TO_REST.has(material) ? material.uuid : ""}`,
       properties: (own, material) => {
         // What moves is told where it rests.
         const toRest = TO_REST.get(material);
-        return properties(own, surfaceNodes(this.programs, { toRoot: this.placement.toRoot, ...(toRest ? { toRest } : {}) }));
+        return properties(own, surfaceNodes(probes ?? this.programs, { toRoot: this.placement.toRoot, ...(toRest ? { toRest } : {}) }));
       },
     };
   }
@@ -218,8 +223,18 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
 
   /** The sum of all fields, demodulated by the reflectance. */
   private radiance(surface: SurfaceNodes): AnyNode {
-    return this.fields.map((field) => field.radiance(surface)).reduce((a, b) => a.add(b));
+    return radianceOf(this.fields, surface);
   }
+}
+
+const radianceOf = (fields: readonly FieldNodes[], surface: SurfaceNodes): AnyNode => fields.map((field) => field.radiance(surface)).reduce((a, b) => a.add(b));
+
+const placementOf = ({ graph }: FieldRecord, { weights }: LearnedNodeSceneOptions) => weights ?? (graph.macs <= INLINE_LIMIT ? "inline" : "texture");
+
+function finisherOf(looks: ReadonlyMap<SurfaceLook, NodeFinish>): Finisher {
+  const patch: Finisher["patch"] = (material, look, original) => new NodePatch(material, looks.get(look)!, original as NodePatch | undefined);
+  // Lights that are not of the file are tested by three.js, which needs the sides that it chooses.
+  return { looks, patch, shadowSide: null };
 }
 
 /** A material that shows this and no light. */

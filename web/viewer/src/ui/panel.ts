@@ -7,6 +7,7 @@ import { createLensControls } from "./lens-controls.ts";
 import { createLights } from "./lights.ts";
 import { createMovers } from "./mover-controls.ts";
 import { createNumbers } from "./numbers.ts";
+import { createObjectControls } from "./object-controls.ts";
 import { createPictureControls } from "./picture-controls.ts";
 import { createSwitches } from "./switches.ts";
 import { createTextures } from "./textures.ts";
@@ -38,8 +39,8 @@ export function createPanel(viewer: Viewer): HTMLElement {
   body.classList.add("glass");
   viewer.on("loaded", () => {
     const switches = createSwitches(viewer);
-    const movers = createMovers(viewer);
-    body.replaceChildren(...(movers ? [movers] : []), ...(switches ? [switches] : []), createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
+    const own = [createMovers(viewer), switches, createObjectControls(viewer)].filter((section) => section !== null);
+    body.replaceChildren(...own, createLights(viewer), createPictureControls(viewer), createLensControls(viewer), createKeepControls(viewer), createNumbers(viewer), ...createTextures(viewer));
   });
   return panel;
 }

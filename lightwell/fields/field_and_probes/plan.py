@@ -1,0 +1,151 @@
+"""The plan of the probes beside a field: how far apart they are and how much is traced, in their share of the time.
+
+The plan is measured once and stored before the work that it plans. Notation: S states of the light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from lightwell.core.formats import JSON
+from lightwell.fields.probes.fit import ProbesPreset
+from lightwell.fields.protocol import Job
+from lightwell.probes.bake import Geometry
+from lightwell.probes.samples import ProbeSampling, places
+from lightwell.probes.trace import air_light
+from lightwell.scenes.scene import Scene
+
+# Share of the whole time that all probes take; the field is learned in the rest.
+PROBES_SHARE = 0.2
+# Share of that for rays, trust and weights; what it leaves is for tracing, and at least so much of it.
+GEOMETRY_SHARE, LEAST_TRACING = 0.5, 0.25
+# Probes are at most so many times farther apart than the preset has them.
+WIDEST = 2.0
+# Fewest states of a declared light.
+FEWEST_STATES = 12
+# Samples of noisy cells have more paths: all samples together about so many times those of the plan.
+NOISY = 2.0
+# Bricks trace about as much again: they need so many times the time of a volume without.
+BRICKS = 2.0
+# Points and paths of the call that measures the rate of tracing.
+TIMED_POINTS, TIMED_PATHS = 256, 128
+# Fewest paths of a sample, and of a probe.
+LEAST_PATHS, LEAST_PROBE_PATHS = 8, 16
+
+
+@dataclass(frozen=True)
+class ProbePlan:
+    """Counts of a probe bake."""
+
+    spacing: float
+    """Distance of neighbouring probes, metres."""
+    states: dict[str, int]
+    """States of the light by role."""
+    paths: float = 1.0
+    """Factor of the preset's paths, in (0, 1]."""
+    bricks: bool = True
+    """Whether cells with large errors get denser probes."""
+
+    def sampling(self, preset: ProbeSampling) -> ProbeSampling:
+        """Scale the paths of a preset.
+
+        Args:
+            preset: Numbers of the preset.
+
+        Returns:
+            Even numbers of paths.
+        """
+        if self.paths >= 1:
+            return preset
+        paths = _even(preset.paths * self.paths, LEAST_PATHS)
+        probe_paths = _even(preset.probe_paths * self.paths, LEAST_PROBE_PATHS)
+        return replace(preset, paths=paths, probe_paths=probe_paths, most=min(preset.most, 2))
+
+
+def probe_plan(
+    job: Job,
+    scene: Scene,
+    preset: ProbesPreset,
+    spacing: float,
+    wanted: dict[str, int],
+    geometry: Callable[[float], Geometry],
+) -> ProbePlan:
+    """Plan the probes of a bake; a plan that is stored is read.
+
+    Args:
+        job: The bake; ``options.spacing`` is kept where it is given.
+        scene: The scene.
+        preset: Settings of the probes.
+        spacing: Distance of the probes where the time allows it, metres.
+        wanted: States by role where the time allows them.
+        geometry: Computes the weights for a distance of the probes.
+
+    Returns:
+        The plan; that of the preset where the counts of the bake are fixed, or its budget is an error.
+    """
+    request = job.request
+    if (request.steps and request.shards) or not request.budget.seconds:
+        return ProbePlan(spacing, wanted, 1.0, preset.bricks > 0)
+    allowed = PROBES_SHARE * request.budget.seconds
+
+    def make() -> dict[str, object]:
+        begin = perf_counter()
+        distance = spacing if job.options.spacing else _affordable(spacing, GEOMETRY_SHARE * allowed, geometry)
+        found = geometry(distance)
+        rate = _rate(scene, found, request.seed)
+        left = max(allowed - (perf_counter() - begin), LEAST_TRACING * allowed)
+        return asdict(_within(found, preset, distance, wanted, left * rate))
+
+    stored = job.work.part(probes=True).get("plan.probes", make, JSON)
+    return ProbePlan(**stored)
+
+
+def _affordable(spacing: float, seconds: float, geometry: Callable[[float], Geometry]) -> float:
+    """The distance of probes whose weights take at most so long, by the time of twice the distance."""
+    begin = perf_counter()
+    nodes = len(geometry(WIDEST * spacing).volume.lattice)
+    cost = (perf_counter() - begin) / max(nodes, 1)
+    # Eight times as many nodes at half the distance; those around the scene make it a little less.
+    return spacing * float(np.clip((cost * nodes * WIDEST**3 / seconds) ** (1 / 3), 1.0, WIDEST))
+
+
+def _rate(scene: Scene, geometry: Geometry, seed: int) -> float:
+    """Paths per second through the air; the first call compiles."""
+    at = places(geometry, ProbeSampling(1))[0]
+    at = at[np.arange(TIMED_POINTS) % len(at)] if len(at) else np.zeros((TIMED_POINTS, 3))
+    air_light(scene, at, TIMED_PATHS, seed)
+    begin = perf_counter()
+    air_light(scene, at, TIMED_PATHS, seed)
+    return TIMED_POINTS * TIMED_PATHS / max(perf_counter() - begin, 1e-6)
+
+
+def _even(count: float, least: int) -> int:
+    return max(2 * round(count / 2), least)
+
+
+def _within(
+    geometry: Geometry, preset: ProbesPreset, spacing: float, wanted: dict[str, int], paths: float
+) -> ProbePlan:
+    """The counts that so many paths are enough for: first fewer states of a declared light, then fewer paths."""
+    alive = int(geometry.volume.alive.sum())
+
+    def of_state(sampling: ProbeSampling) -> float:
+        count = len(places(geometry, sampling)[0])
+        return alive * sampling.probe_paths + NOISY * count * sampling.paths
+
+    cost = {"indirect": of_state(preset.sampling), "static": of_state(preset.static_sampling)}
+
+    def total(states: dict[str, int]) -> float:
+        return sum(count * cost[role] for role, count in states.items())
+
+    share = paths / max(total(wanted), 1.0)
+    states = dict(wanted)
+    if share < 1 and "indirect" in states:
+        states["indirect"] = int(np.clip(states["indirect"] * share, FEWEST_STATES, states["indirect"]))
+        share = paths / max(total(states), 1.0)
+    bricks = preset.bricks > 0 and share >= BRICKS
+    return ProbePlan(spacing, states, float(min(share, 1.0)), bricks)

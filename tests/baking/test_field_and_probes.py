@@ -1,0 +1,168 @@
+"""A bake of ``factored+probes``: field and probes in one file, both scored, and the probes follow lamp and switches."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lightwell.asset.read import read_light
+from lightwell.asset.validate import validate_file
+from lightwell.baking.pipeline import bake
+from lightwell.engines.bake import read_bake
+from lightwell.fields.field_and_probes import light as probe_light
+from lightwell.fields.field_and_probes import plan
+from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
+from lightwell.fields.registry import find_field
+from lightwell.graph import evaluate
+from lightwell.probes.bake import bake_geometry
+from lightwell.probes.samples import ProbeSampling
+from lightwell.probes.trace import air_light
+from lightwell.scenes import load
+from tests.baking.conftest import small
+from tests.baking.test_lamps_bake import room
+
+FEW = ProbeSampling(4, 32, 64, most=1)
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    """(scene, folder, report) of a room with two lamps that have switches, and a light that roams."""
+    folder = tmp_path_factory.mktemp("both")
+    tiny = replace(probe_light.PRESETS["draft"], states=6, rank=3, sampling=FEW, static_sampling=FEW, bricks=0.0)
+    path = room(folder / "room.glb")
+    settings = small(
+        folder / "out",
+        scene=str(path),
+        field="factored+probes",
+        options={"spacing": "1m"},
+        shards=1,
+        steps=40,
+        lights_per_shard=8,
+        views=1,
+        quality="draft",
+        lamps=("name",),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(probe_light.PRESETS, "draft", tiny)
+        report = bake(settings)
+    return load(str(path)), folder / "out", report
+
+
+def asked(folder: Path, role: str, place, normal, **frame) -> np.ndarray:
+    """[3] radiance of a white surface that the probes of a role light."""
+    graph = next(entry.graph for entry in read_light(folder / "scene.glb")[1] if entry.role == role)
+    rows = {"position": place, "normal": normal, **frame}
+    inputs = {name: np.atleast_2d(np.float32(value)) for name, value in rows.items()}
+    return evaluate(graph, inputs)["radiance"][0]
+
+
+def test_one_file_has_both(baked):
+    _, folder, _ = baked
+    fields, probes, variables = read_light(folder / "scene.glb")
+    assert [f.role for f in fields] == [p.role for p in probes] == ["indirect", "static"]
+    assert [p.variable for p in probes] == [0, None] and len(variables) == 1
+    assert set(probes[0].graph.inputs) == {"position", "normal", "light"}
+    assert probes[1].graph.inputs == {"position": 3, "normal": 3, "lamps": 6}
+    assert validate_file(folder) == []
+
+
+def test_the_report_scores_both(baked):
+    _, folder, report = baked
+    assert report["field"] == "factored+probes" and report["relative_error"] > 0
+    for role in ("indirect", "static"):
+        told = report["facts"][f"{role}_probes"]
+        assert 0 < told["error_in_the_air"] < 1 and told["count"] > 0 and told["bytes"] > 0
+    assert report["facts"]["static_probes"]["follows"] == "the switches of the lamps"
+    text = (folder / "report.html").read_text()
+    assert "static probes, error in the air" in text and report["seconds"]["probes"] > 0
+    json.dumps(report)
+
+
+def test_switches_add_up_and_agree_with_path_tracing(baked):
+    scene, folder, _ = baked
+    place, up = (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+    ask = lambda *dimmers: asked(folder, "static", place, up, lamps=np.tile(dimmers, 3))  # noqa: E731
+    warm, cool, both = ask(1, 0), ask(0, 1), ask(1, 1)
+    np.testing.assert_allclose(warm + cool, both, rtol=1e-3)
+    np.testing.assert_allclose(ask(0.5, 0), 0.5 * warm, rtol=1e-3)
+    assert warm[0] > 3 * warm[2] and cool[2] > 3 * cool[0]
+    truth = air_light(scene, np.array([place]), 4096, 3, normals=np.array([up])).irradiance[0] / np.pi
+    # 64 paths a probe, a metre apart: a wrong unit or normal is farther off.
+    np.testing.assert_allclose(both, truth, rtol=0.5)
+
+
+def test_probes_follow_the_light_that_roams(baked):
+    _, folder, _ = baked
+    left, right = (asked(folder, "indirect", (-0.5, 1, 0), (-1, 0, 0), light=(x, 1.0, 0.0)) for x in (-0.7, 0.7))
+    assert left.max() > 0 and np.abs(left - right).max() > 0.05 * left.max()
+
+
+def test_engines_find_the_probes(baked):
+    assert read_bake(baked[1]).probes is not None
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (
+            {"vary": ("node:Door.rotation=y:0..90", "light.position=box(-2.2,0.4,-1,2.2,2,1)")},
+            "one light, node or clip, not 2 (Door, light)",
+        ),
+        ({"vary": ("day=2026-06-21,48.1,11.6",)}, "learns no sky; use --field factored"),
+        ({"options": {"rebake": "x"}}, "--rebake is an option of the field"),
+        ({"field": "factored+lightmap"}, "the one pair is --field factored+probes"),
+    ],
+)
+def test_what_probes_cannot_follow_is_refused(tmp_path, change, said):
+    settings = {"scene": "doorway", "field": "factored+probes"} | change
+    with pytest.raises(ValueError, match="factored") as error:
+        bake(small(tmp_path / "out", **settings))
+    assert said in str(error.value) and len(str(error.value).splitlines()) == 1
+
+
+def test_comparisons_and_many_groups_are_refused():
+    with pytest.raises(ValueError, match="compare factored and probes"):
+        find_field("factored+probes").prepare(SimpleNamespace(shared=True))
+    state = SimpleNamespace(scene=SimpleNamespace(movers=()), lamps=range(17), roles=("static",))
+    with pytest.raises(ValueError, match="at most 16 groups of lamps apart, found 17; join some"):
+        probe_light.check_probes(state)  # type: ignore[arg-type]
+
+
+def test_a_plan_scales_paths_and_keeps_them_even():
+    few = ProbePlan(1.0, {"static": 1}, paths=0.1).sampling(ProbeSampling(32, 256, 1024, most=8))
+    assert (few.samples, few.paths, few.probe_paths, few.most) == (32, 26, 102, 2)
+    assert ProbePlan(1.0, {}).sampling(FEW) is FEW
+
+
+def test_a_plan_fits_into_the_paths_that_there_is_time_for(tmp_path):
+    preset, scene = probe_light.PRESETS["default"], load(str(room(tmp_path / "room.glb")))
+    geometry, wanted = bake_geometry(scene, 1.0, preset.function), {"indirect": 48, "static": 2}
+    few, some, many = (plan._within(geometry, preset, 1.0, wanted, paths) for paths in (1e3, 1e6, 1e12))
+    assert few.states == {"indirect": 12, "static": 2} and 0 < few.paths < some.paths < 1 and not few.bricks
+    assert many == ProbePlan(1.0, wanted, 1.0, True)
+
+
+def test_probes_are_farther_apart_where_their_weights_take_too_long():
+    asked = []
+
+    def geometry(spacing: float) -> SimpleNamespace:
+        asked.append(spacing)
+        time.sleep(0.02)
+        return SimpleNamespace(volume=SimpleNamespace(lattice=range(100)))
+
+    assert plan._affordable(0.5, 1000.0, geometry) == 0.5  # type: ignore[arg-type]
+    assert plan._affordable(0.5, 1e-3, geometry) == 1.0 and asked == [1.0, 1.0]  # type: ignore[arg-type]
+
+
+def test_fixed_counts_and_goals_need_no_plan():
+    request = SimpleNamespace(steps=1, shards=1, budget=SimpleNamespace(seconds=60.0))
+    job = SimpleNamespace(request=request, options=SimpleNamespace(spacing=None))
+    preset = probe_light.PRESETS["default"]
+    found = probe_plan(job, None, preset, 0.5, {"static": 1}, None)  # type: ignore[arg-type]
+    assert found == ProbePlan(0.5, {"static": 1}, 1.0, True)
