@@ -1,6 +1,7 @@
-// Frames of a baked page while its lamp moves: node tools/moving-picture.mjs PAGE.html PLAN.json FRAMES.bin
-// PLAN: { size: [width, height], view or camera: [position, target, fovY], intensity?, lamps: [[x, y, z], ...] }. FRAMES: for each
-// lamp the canvas with direct light alone, then with learned light; RGBA, 8 bits. tools/moving_picture.py calls it.
+// Frames of a baked page while its light changes: node tools/moving-picture.mjs PAGE.html PLAN.json FRAMES.bin
+// PLAN: { size: [width, height], view or camera: [position, target, fovY], intensity?, exposure?, lamps: [[x, y, z], ...] or queries:
+// ["movers=Door:45", ...] }. FRAMES: for each of them the canvas with direct light alone, then with learned light; RGBA, 8 bits.
+// tools/moving_picture.py calls it.
 import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { pathToFileURL } from "node:url";
@@ -28,11 +29,13 @@ await tab.evaluate(async (plan) => {
 }, plan);
 
 const frames = [];
-for (const [index, lamp] of plan.lamps.entries()) {
+const steps = plan.queries ?? plan.lamps;
+for (const [index, step] of steps.entries()) {
   for (const mode of ["direct", "learned"]) {
     const text = await tab.evaluate(
-      async ([lamp, mode]) => {
-        window.lightwell.setLight(lamp);
+      async ([step, mode]) => {
+        if (typeof step === "string") await window.lightwell.apply(`?${step}`);
+        else window.lightwell.setLight(step);
         await window.lightwell.setMode(mode);
         window.lightwell.renderOnce();
         const { data } = window.lightwell.readPixels();
@@ -40,11 +43,11 @@ for (const [index, lamp] of plan.lamps.entries()) {
         for (let i = 0; i < data.length; i += 32768) text += String.fromCharCode(...data.subarray(i, i + 32768));
         return btoa(text);
       },
-      [lamp, mode],
+      [step, mode],
     );
     frames.push(Buffer.from(text, "base64"));
   }
-  if (index % 8 === 0) console.error(`${index + 1} of ${plan.lamps.length}`);
+  if (index % 8 === 0) console.error(`${index + 1} of ${steps.length}`);
 }
 writeFileSync(out, Buffer.concat(frames));
 await browser.close();

@@ -1,6 +1,9 @@
-"""The moving picture of the README: the lamp of a baked page goes around, direct light beside learned light.
+"""Moving pictures of README and docs: the light of a baked page changes, direct light beside learned light.
 
     python tools/moving_picture.py demo docs/images/lamp.webp
+    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 0,90 --back
+    python tools/moving_picture.py out/day docs/images/day.webp --query "day={}" --range 5,21
+    python tools/moving_picture.py out/loft docs/images/lamps.webp --queries "lamps=desk:1 lamps=desk:0" --learned
 
 Reads FOLDER/index.html and FOLDER/scene.glb, as `make demo` writes them. Needs Node and a Chromium.
 """
@@ -66,18 +69,43 @@ def photograph(folder: Path, plan: dict) -> np.ndarray:
         ]
         subprocess.run(["node", *script], check=True)
         pixels = np.fromfile(drawn, np.uint8)
-    return pixels.reshape(len(plan["lamps"]), 2, height, width, 4)[..., :3]
+    return pixels.reshape(len(plan.get("queries") or plan["lamps"]), 2, height, width, 4)[..., :3]
 
 
-def side_by_side(pair: np.ndarray) -> Image.Image:
+def queries_of(given: argparse.Namespace) -> list[str] | None:
+    """List the states of the page, one a frame; None where its lamp goes around.
+
+    Args:
+        given: Options.
+
+    Returns:
+        Queries of the page's address.
+    """
+    if given.queries:
+        words = given.queries.split()
+        return [word for word in words for _ in range(max(given.frames // len(words), 1))]
+    if not given.query:
+        return None
+    low, high = (float(number) for number in given.range.split(","))
+    share = np.linspace(0, 1, given.frames)
+    share = 0.5 - 0.5 * np.cos(2 * np.pi * share) if given.back else share
+    values = low + (high - low) * share
+    text = [f"{int(v)}:{int(v % 1 * 60):02d}" if given.query.startswith("day=") else f"{v:.4g}" for v in values]
+    return [given.query.replace("{}", value) for value in text]
+
+
+def side_by_side(pair: np.ndarray, learned: bool) -> Image.Image:
     """Join two pictures and write below what each is.
 
     Args:
         pair: [2, height, width, 3] uint8.
+        learned: Show the one with learned light alone.
 
     Returns:
         The picture.
     """
+    if learned:
+        return Image.fromarray(np.ascontiguousarray(pair[1]))
     _, height, width, _ = pair.shape
     whole = np.full((height, 2 * width + BAR, 3), 255, np.uint8)
     whole[:, :width], whole[:, width + BAR :] = pair
@@ -132,16 +160,26 @@ def main() -> None:
     parser.add_argument("--exposure", type=float, help="fixed exposure; that of the page by default")
     parser.add_argument("--share", type=float, default=0.8, help="share of its box in which the lamp goes around")
     parser.add_argument("--milliseconds", type=int, default=80, help="duration of a frame")
+    parser.add_argument("--query", help="state of the page with {} for a value of --range, such as 'movers=Door:{}'")
+    parser.add_argument("--range", default="0,1", help="first and last value of --query; hours where it is a day")
+    parser.add_argument("--back", action="store_true", help="go back to the first value of --range")
+    parser.add_argument("--queries", help="states of the page, separated by spaces")
+    parser.add_argument("--learned", action="store_true", help="learned light alone")
     given = parser.parse_args()
-    variable = lightwell.read(given.folder / "scene.glb").variables[0]
-    lamps = lamp_path(np.array(variable["low"]), np.array(variable["high"]), given.frames, given.share)
-    plan = {"size": [int(n) for n in given.size.split("x")], "view": given.view, "lamps": lamps.tolist()}
+    plan = {"size": [int(n) for n in given.size.split("x")], "view": given.view}
+    queries = queries_of(given)
+    if queries is None:
+        variable = lightwell.read(given.folder / "scene.glb").variables[0]
+        lamps = lamp_path(np.array(variable["low"]), np.array(variable["high"]), given.frames, given.share)
+        plan["lamps"] = lamps.tolist()
+    else:
+        plan["queries"] = queries
     if given.camera:
         eye, target, angle = given.camera.split("/")
         plan["camera"] = [[float(v) for v in eye.split(",")], [float(v) for v in target.split(",")], float(angle)]
     plan |= {name: value for name in ("intensity", "exposure") if (value := getattr(given, name))}
     frames = photograph(given.folder, plan)
-    images = [side_by_side(pair) for pair in frames]
+    images = [side_by_side(pair, given.learned) for pair in frames]
     quality = write(given.out, images, given.milliseconds)
     print(f"{given.out}: {len(images)} frames of {images[0].width}x{images[0].height}, quality {quality}, ", end="")
     print(f"{given.out.stat().st_size:,} bytes")

@@ -120,8 +120,8 @@ def _fitting_clearance(scene: Scene, default: PointLight) -> float:
 def declare(texts: Sequence[str], scene: Scene) -> Variable:
     """Make the variable that declarations describe.
 
-    Parameters that they do not declare come from the scene's own suggestion (``Scene.vary``), which a declared sun
-    replaces, and then from ``default_variable``.
+    Parameters that they do not declare come from the scene's own suggestion (``Scene.vary``), unless that is of a sun
+    and they are of a lamp or the other way round, and then from ``default_variable``.
 
     Args:
         texts: Declarations, see ``parse_vary``.
@@ -136,7 +136,9 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
     found = [d for d in map(parse_vary, texts) if d.learned and not d.moves]
     suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
     name = found[0].name if found else ""
-    if all(d.parameter not in OF_SUN for d in found):
+    suns = [any(d.parameter in OF_SUN for d in declared) for declared in (found, suggested)]
+    # A suggestion of the other kind says nothing about the light that is declared.
+    if not suns[0] and not (found and suns[1]):
         found = [replace(d, name=name or d.name) for d in suggested] + found
     names = list(dict.fromkeys(d.name for d in found))
     if len(names) > 1:

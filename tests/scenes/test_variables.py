@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lightwell.scenes import load
 from lightwell.scenes.variables import (
     PointLight,
     Sun,
@@ -140,6 +141,13 @@ def test_declarations_complete_each_other():
     assert declare(["lamp.radius=0.01", "lamp.clearance=0.1"], ROOM).low == default_variable(ROOM).low
     assert declare(["light.clearance=0.1"], ROOM) == replace(default_variable(ROOM), clearance=0.1)
     assert declare(["noon.direction=arc(90,10,270,10)"], ROOM) == sun_arc(90, 10, 270, 10, "noon")
+
+
+def test_a_lamp_replaces_a_day_that_the_scene_suggests():
+    day = load("courtyard-day")
+    assert declare((), day).kind == "sun"
+    lamp = declare(["light.position=box(-1,1,-1,1,2,1)"], day)
+    assert lamp.kind == "point" and lamp.low == (-1, 1, -1)
 
 
 def test_the_default_clearance_fits_into_low_rooms():

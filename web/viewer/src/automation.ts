@@ -68,6 +68,8 @@ export interface Automation {
   stats(): Stats;
   /** The address that shows the same. */
   link(): string;
+  /** Show what the query of an address asks for, such as `movers=Door:45&day=18:30`; what it leaves out stays. Resolves when it is drawn. */
+  apply(query: string): Promise<void>;
   /** The canvas as a PNG. */
   takePicture(): Promise<Blob>;
   /** A film (WebM) of a turn around what is looked at. */
@@ -137,6 +139,7 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
     },
     stats: () => stats(viewer, notice, trouble),
     link: () => linkTo(viewer, location.href),
+    apply: (query) => applyState(viewer, readOptions(query)),
     takePicture: () => takePicture(viewer),
     recordTurn: (seconds) => recordTurn(viewer, seconds),
     readPixels: () => viewer.readPixels(),
