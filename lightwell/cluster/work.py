@@ -130,6 +130,10 @@ class MadeInputs:
     def __len__(self) -> int:
         return len(self._held)
 
+    def clear(self) -> None:
+        """Forget all inputs."""
+        self._held.clear()
+
     @property
     def nbytes(self) -> int:
         """Bytes of the arrays that are kept."""

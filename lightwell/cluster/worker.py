@@ -183,3 +183,8 @@ def _written(files: Mapping[str, bytes], folder: Path, name: str) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(data)
     return root / name
+
+
+def forget_inputs() -> None:
+    """Forget the inputs that this worker has made by recipes."""
+    _MADE.clear()

@@ -49,7 +49,7 @@ def baked(tmp_path_factory):
         lamps=("name",),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(probe_light.PRESETS, "draft", tiny)
+        patch.setattr(probe_light, "preset_of", lambda quality: ("draft", tiny))
         report = bake(settings)
     return load(str(path)), folder / "out", report
 
@@ -143,7 +143,7 @@ def test_a_plan_scales_paths_and_keeps_them_even():
 def test_a_plan_fits_into_the_paths_that_there_is_time_for(tmp_path):
     preset, scene = probe_light.PRESETS["default"], load(str(room(tmp_path / "room.glb")))
     geometry, wanted = bake_geometry(scene, 1.0, preset.function), {"indirect": 48, "static": 2}
-    few, some, many = (plan._within(geometry, preset, 1.0, wanted, paths) for paths in (1e3, 1e6, 1e12))
+    few, some, many = (plan.counts_within(geometry, preset, 1.0, wanted, paths) for paths in (1e3, 1e6, 1e12))
     assert few.states == {"indirect": 12, "static": 2} and 0 < few.paths < some.paths < 1 and not few.bricks
     assert many == ProbePlan(1.0, wanted, 1.0, True)
 
@@ -156,8 +156,8 @@ def test_probes_are_farther_apart_where_their_weights_take_too_long():
         time.sleep(0.02)
         return SimpleNamespace(volume=SimpleNamespace(lattice=range(100)))
 
-    assert plan._affordable(0.5, 1000.0, geometry) == 0.5  # type: ignore[arg-type]
-    assert plan._affordable(0.5, 1e-3, geometry) == 1.0 and asked == [1.0, 1.0]  # type: ignore[arg-type]
+    assert plan.affordable_spacing(0.5, 1000.0, geometry) == 0.5  # type: ignore[arg-type]
+    assert plan.affordable_spacing(0.5, 1e-3, geometry) == 1.0 and asked == [1.0, 1.0]  # type: ignore[arg-type]
 
 
 def test_fixed_counts_and_goals_need_no_plan():

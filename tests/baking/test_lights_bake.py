@@ -10,7 +10,7 @@ from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
 from lightwell.baking.preview import Preview
 from lightwell.baking.reference import FurtherLight, ViewSetup
-from lightwell.fields.surface.training import _share
+from lightwell.fields.surface.training import role_share
 from lightwell.scenes import load
 from lightwell.scenes.variables import by_light, first_settings
 from tests.baking.conftest import small
@@ -51,11 +51,11 @@ def test_declarations_are_sorted_by_light():
 
 def test_the_time_is_shared_among_lights_and_the_scenes_own_light():
     roles = ("indirect", "indirect-sun", "static")
-    shares = [_share(role, roles) for role in roles]
+    shares = [role_share(role, roles) for role in roles]
     assert sum(shares) == pytest.approx(1) and shares[0] == shares[1] == pytest.approx(0.35)
-    assert _share("indirect", ("indirect",)) == 1 and _share("static", ("static",)) == 1
+    assert role_share("indirect", ("indirect",)) == 1 and role_share("static", ("static",)) == 1
     # Of what is left, the second light and the scene's own share the rest.
-    assert _share("indirect-sun", roles, roles[1:]) == pytest.approx(0.35 / 0.65)
+    assert role_share("indirect-sun", roles, roles[1:]) == pytest.approx(0.35 / 0.65)
 
 
 @pytest.mark.parametrize(

@@ -116,14 +116,14 @@ def test_rows_are_sent_where_a_worker_makes_others(scene, monkeypatch, fault):
         columns = made.columns | {"light": made.columns["light"] + np.float32(1e-6)}
         return Inputs(columns, made.shared)
 
-    remote._MADE._held.clear()
+    remote.forget_inputs()
     monkeypatch.setattr("lightwell.cluster.work.inputs_of", spoiled)
     monkeypatch.setattr(scene.executor, "say", said.append)
     found, moved = references(scene), scene.executor.moved
     assert all(a.tobytes() == b.tobytes() for a, b in zip(whole, found))
     assert moved.units == 4 and moved.again >= 1 and moved.bytes_sent > 40 * POINTS
     assert len(said) == 1 and "makes other rows of 'radiance'; they are sent" in said[0]
-    remote._MADE._held.clear()
+    remote.forget_inputs()
 
 
 def test_results_are_found_whether_rows_were_sent_or_made(scene):

@@ -46,6 +46,8 @@ def provide(folder: Path, baked: Path, settings: bool = False) -> None:
     (folder / "rooms").mkdir()
     for name in SCENES:
         (folder / name).write_bytes(without_learned_light((baked / "scene.glb").read_bytes()))
+    room = without_learned_light((baked / "scene.glb").read_bytes())
+    (folder / "house.glb").write_bytes(with_clip(room, "Open gate"))
     for name in ("room.xml", "house.xml"):
         (folder / name).write_text(ROOM)
     # Readers of a checkout have these where they are.
@@ -68,6 +70,37 @@ def without_learned_light(data: bytes) -> bytes:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    return head + text + rest
+
+
+def with_clip(data: bytes, name: str) -> bytes:
+    """Add a clip that lifts the first mesh of a GLB by 10 cm in two seconds.
+
+    Args:
+        data: The file.
+        name: Name of the clip.
+
+    Returns:
+        The file with the clip.
+    """
+    length = struct.unpack_from("<I", data, 12)[0]
+    document, binary = json.loads(data[20 : 20 + length]), bytearray(data[28 + length :])
+    node = next(k for k, entry in enumerate(document["nodes"]) if "mesh" in entry)
+    keys = []
+    for values, kind in ((np.float32([0, 2]), "SCALAR"), (np.float32([[0, 0, 0], [0, 0.1, 0]]), "VEC3")):
+        document["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": values.nbytes})
+        view = len(document["bufferViews"]) - 1
+        bounds = {"min": [0.0], "max": [2.0]} if kind == "SCALAR" else {}
+        document["accessors"].append({"bufferView": view, "componentType": 5126, "count": 2, "type": kind, **bounds})
+        keys.append(len(document["accessors"]) - 1)
+        binary += values.tobytes()
+    channels = [{"sampler": 0, "target": {"node": node, "path": "translation"}}]
+    document["animations"] = [{"name": name, "samplers": [{"input": keys[0], "output": keys[1]}], "channels": channels}]
+    document["buffers"] = [{"byteLength": len(binary)}]
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = struct.pack("<II", len(binary), 0x004E4942) + bytes(binary)
     head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
     return head + text + rest
 

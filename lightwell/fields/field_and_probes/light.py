@@ -116,6 +116,19 @@ def check_probes(state: State) -> None:
         )
 
 
+def preset_of(quality: str) -> tuple[str, ProbesPreset]:
+    """Choose the settings of the probes of a quality.
+
+    Args:
+        quality: 'draft', 'good' or 'best'.
+
+    Returns:
+        Name and settings.
+    """
+    name = QUALITY_PRESETS[quality]
+    return name, PRESETS[name]
+
+
 class ProbeLight:
     """Plans and solves the probes of a bake; what is solved is kept with the scene."""
 
@@ -126,8 +139,7 @@ class ProbeLight:
             state: The prepared scene.
         """
         self._state, request = state, state.job.request
-        self._name = QUALITY_PRESETS[request.quality]
-        self._preset = PRESETS[self._name]
+        self._name, self._preset = preset_of(request.quality)
 
     def solve(self) -> None:
         """Trace and solve the light of all roles, in the probes' share of the time."""

@@ -94,18 +94,27 @@ def probe_plan(
 
     def make() -> dict[str, object]:
         begin = perf_counter()
-        distance = spacing if job.options.spacing else _affordable(spacing, GEOMETRY_SHARE * allowed, geometry)
+        distance = spacing if job.options.spacing else affordable_spacing(spacing, GEOMETRY_SHARE * allowed, geometry)
         found = geometry(distance)
         rate = _rate(scene, found, request.seed)
         left = max(allowed - (perf_counter() - begin), LEAST_TRACING * allowed)
-        return asdict(_within(found, preset, distance, wanted, left * rate))
+        return asdict(counts_within(found, preset, distance, wanted, left * rate))
 
     stored = job.work.part(probes=True).get("plan.probes", make, JSON)
     return ProbePlan(**stored)
 
 
-def _affordable(spacing: float, seconds: float, geometry: Callable[[float], Geometry]) -> float:
-    """The distance of probes whose weights take at most so long, by the time of twice the distance."""
+def affordable_spacing(spacing: float, seconds: float, geometry: Callable[[float], Geometry]) -> float:
+    """Choose the distance of probes by the time that their weights take.
+
+    Args:
+        spacing: Distance that is asked for, metres.
+        seconds: Time of the weights.
+        geometry: Makes weights of a distance; that of ``WIDEST`` times the distance is timed.
+
+    Returns:
+        Distance, metres: the one asked for, up to ``WIDEST`` times it.
+    """
     begin = perf_counter()
     nodes = len(geometry(WIDEST * spacing).volume.lattice)
     cost = (perf_counter() - begin) / max(nodes, 1)
@@ -127,10 +136,21 @@ def _even(count: float, least: int) -> int:
     return max(2 * round(count / 2), least)
 
 
-def _within(
+def counts_within(
     geometry: Geometry, preset: ProbesPreset, spacing: float, wanted: dict[str, int], paths: float
 ) -> ProbePlan:
-    """The counts that so many paths are enough for: first fewer states of a declared light, then fewer paths."""
+    """Choose the counts that some paths are enough for: first fewer states of a declared light, then fewer paths.
+
+    Args:
+        geometry: The probes.
+        preset: Their settings.
+        spacing: Their distance, metres.
+        wanted: States of each role.
+        paths: Paths that there is time for.
+
+    Returns:
+        The plan.
+    """
     alive = int(geometry.volume.alive.sum())
 
     def of_state(sampling: ProbeSampling) -> float:

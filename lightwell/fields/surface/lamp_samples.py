@@ -97,7 +97,7 @@ def trace_lamps(state: State) -> LampTraining:
     """
     job, part = state.job, state.job.work.part(role="static", lamps=[group.name for group in state.lamps])
     begin = part.get("plan.lamps.begin", partial(_begin, state), JSON)
-    tracer, parts = _Tracer(state), []
+    tracer, parts = LampTracer(state), []
     with job.work.timed("trace"), job.progress.stage("trace lamps", MOST_BATCHES, "batches") as stage:
         count = part.find("plan.lamps.batches", JSON) or job.request.shards
         while len(parts) < (count or MOST_BATCHES):
@@ -128,11 +128,11 @@ def _batches(seconds: float, cost: float) -> int:
     return int(np.clip(2 + TRACE_SHARE * seconds / max(cost, 1e-3), 2, MOST_BATCHES))
 
 
-def _batch(part: WorkPart, tracer: _Tracer, index: int) -> LampSamples:
+def _batch(part: WorkPart, tracer: LampTracer, index: int) -> LampSamples:
     return part.part(batch=index).get("lamps.samples", partial(tracer.batch, index), RecordFormat(LampSamples))
 
 
-class _Tracer:
+class LampTracer:
     """Points and lit bins of a scene, made when the first batch is traced."""
 
     def __init__(self, state: State) -> None:

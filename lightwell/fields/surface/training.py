@@ -91,11 +91,20 @@ def role_seconds(state: State, role: Role) -> float:
     Returns:
         Seconds.
     """
-    return _share(role, state.roles) * state.job.request.budget.round_seconds
+    return role_share(role, state.roles) * state.job.request.budget.round_seconds
 
 
-def _share(role: Role, roles: Sequence[Role], left: Sequence[Role] | None = None) -> float:
-    """Share of a role in the time of those that are left of all; None: of all."""
+def role_share(role: Role, roles: Sequence[Role], left: Sequence[Role] | None = None) -> float:
+    """Compute the share of a role in the time of several.
+
+    Args:
+        role: The role.
+        roles: All roles.
+        left: Those among which the time is shared; None: all.
+
+    Returns:
+        The share, in (0, 1].
+    """
     lights = max(sum(other != "static" for other in roles), 1)
     weights = {other: STATIC_SHARE if other == "static" else (1 - STATIC_SHARE) / lights for other in roles}
     return weights[role] / sum(weights[other] for other in (roles if left is None else left))
@@ -155,7 +164,7 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     if request.budget.seconds and not state.job.shared:
         seconds = learning_seconds(request.budget, begin)
         # What a role leaves is for those after it.
-        seconds *= _share(role, state.roles, state.roles[state.roles.index(role) :])
+        seconds *= role_share(role, state.roles, state.roles[state.roles.index(role) :])
     gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
     if state.scene.movers:
         check_time(state, seconds, gathered)
