@@ -42,7 +42,8 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
         problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
-        return problems + _missing_coordinates(document, wanted) + _missing_nodes(document) + pointer_problems(document)
+        problems += _missing_coordinates(document, wanted) + _missing_nodes(document)
+        return problems + pointer_problems(document)
 
 
 def _missing_nodes(document: dict[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ from lightwell.scenes.assemble_lights import area_light, punctual
 from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
 from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.errors import SceneError
-from lightwell.scenes.light_clips import LightClips
+from lightwell.scenes.light_clips import NO_CLIPS, LightClips
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene, SceneNode
 
 
@@ -35,7 +35,7 @@ def assemble(
     nodes: Sequence[SceneNode] = (),
     clips: Sequence[str] = (),
     read_clip: Callable[[int], ClipMotion] | None = None,
-    light_clips: LightClips = LightClips(),
+    light_clips: LightClips = NO_CLIPS,
 ) -> Scene:
     """Build a ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
 

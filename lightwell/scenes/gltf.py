@@ -3,8 +3,8 @@
 Supported: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and
 KHR_mesh_quantization, Draco and meshopt compression, metallic-roughness materials with the extensions listed in
 ``gltf_materials``, KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest.
-Ignored, with a warning: animations of nodes, morph targets, points and lines, orthographic cameras. A file that requires another
-extension is refused.
+Ignored, with a warning: animations of nodes, morph targets, points and lines, orthographic cameras. A file that
+requires another extension is refused.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
-from lightwell.scenes.light_clips import Interpolation, Keys, LightClip, LightClips, LightTrack, LightPath
+from lightwell.scenes.light_clips import Interpolation, Keys, LightClip, LightClips, LightPath, LightTrack
 
 POINTER = "KHR_animation_pointer"
 LIGHTS, STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"

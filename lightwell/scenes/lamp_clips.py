@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lightwell.scenes.lamps import LampGroup, emitter_sources
-from lightwell.scenes.light_clips import Keys, LightClip, LightTrack, LightPath
+from lightwell.scenes.light_clips import Keys, LightClip, LightPath, LightTrack
 from lightwell.scenes.scene import Scene
 
 # Names that a warning lists.
@@ -98,8 +98,8 @@ def _warnings(split: Sequence[str], dark: Sequence[str]) -> list[str]:
     warnings = []
     if split:
         warnings.append(
-            f"animations: {_listed(split, quoted=True)}: only some of its lights change, or not alike, so that the lamp "
-            "stays as it is; group them apart with --lamps NAME=PATTERN, or animate all of them"
+            f"animations: {_listed(split, quoted=True)}: only some of its lights change, or not alike, so that the "
+            "lamp stays as it is; group them apart with --lamps NAME=PATTERN, or animate all of them"
         )
     if dark:
         warnings.append(

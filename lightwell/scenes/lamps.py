@@ -65,8 +65,8 @@ def emitter_sources(scene: Scene) -> list[tuple[str, int]]:
         scene: The scene.
 
     Returns:
-        For each emitter, in the order of the Mitsuba scene: "material" and its index in ``Scene.materials``, "light" and
-        its index in ``Scene.lights``, or "other" and its own index.
+        For each emitter, in the order of the Mitsuba scene: "material" and its index in ``Scene.materials``, "light"
+        and its index in ``Scene.lights``, or "other" and its own index.
     """
     found = []
     for index, emitter in enumerate(scene.mi.emitters()):

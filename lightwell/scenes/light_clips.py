@@ -1,4 +1,4 @@
-"""Animations of a file that change its lights: keys of intensities and colours, as factors of what the file has at rest."""
+"""Animations of a file that change its lights: keys of intensities and colours, as factors of those at rest."""
 
 from __future__ import annotations
 
@@ -92,3 +92,6 @@ class LightClips:
         if self.defect:
             raise SceneError(self.defect)
         return self.found
+
+
+NO_CLIPS = LightClips()

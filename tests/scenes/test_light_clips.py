@@ -99,8 +99,8 @@ def test_a_group_of_which_only_some_change_stays_as_it_is_and_says_so(tmp_path):
     (clip,), told = joined(scene, "all")
     assert not clip.lamps and len(clip.lights) == 1
     assert told == [
-        "animations: lamp 'lights' in 'Flicker': only some of its lights change, or not alike, so that the lamp stays as "
-        "it is; group them apart with --lamps NAME=PATTERN, or animate all of them"
+        "animations: lamp 'lights' in 'Flicker': only some of its lights change, or not alike, so that the lamp stays "
+        "as it is; group them apart with --lamps NAME=PATTERN, or animate all of them"
     ]
     # Alike: a lamp of a bulb and a screen that both fall to a half.
     both = lit(tmp_path, (BULB + "intensity", [4, 4, 2], "LINEAR"), (STRENGTH, [2, 2, 1], "LINEAR"))
