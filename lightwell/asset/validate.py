@@ -19,8 +19,8 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     """List the places where a GLB does not follow the specification.
 
     The JSON, every buffer and every graph are read as a viewer would read them. In addition the extension must be
-    declared and optional, meshes must have the texture coordinates that a field reads, and animations of lamps must name
-    lamps that exist.
+    declared and optional, meshes must have the texture coordinates that a field reads, and animations of lamps must
+    name lamps that exist.
 
     Args:
         path: A GLB, or the folder of a bake.

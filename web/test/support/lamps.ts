@@ -54,6 +54,10 @@ export function lampRoom(channels: readonly Channel[] = FLICKER, scale = 1, tamp
     plainRoom({
       variables: [],
       fields: [lampsField(scale)],
+      numbers: channels.flatMap(({ times, values, width }) => [
+        { values: times, type: "SCALAR" },
+        { values, type: width === 3 ? "VEC3" : "SCALAR" },
+      ]),
       tamper: (json: any) => {
         const lamps = [
           { name: "desk", nodes: ["Bulb", "Tube"], intensity: 1, color: [1, 1, 1] },
@@ -75,17 +79,10 @@ export function lampRoom(channels: readonly Channel[] = FLICKER, scale = 1, tamp
 }
 
 function animation(json: any, channels: readonly Channel[]) {
-  const store = (numbers: readonly number[], width: number) => {
-    const data = Buffer.from(new Float32Array(numbers).buffer);
-    json.buffers.push({ byteLength: data.length, uri: `data:application/octet-stream;base64,${data.toString("base64")}` });
-    json.bufferViews.push({ buffer: json.buffers.length - 1, byteLength: data.length });
-    const type = width === 3 ? "VEC3" : "SCALAR";
-    json.accessors.push({ bufferView: json.bufferViews.length - 1, componentType: 5126, type, count: numbers.length / width });
-    return json.accessors.length - 1;
-  };
+  const first = json.accessors.length - 2 * channels.length;
   return {
     name: "Flicker",
-    samplers: channels.map(({ times, values, interpolation, width = 1 }) => ({ input: store(times, 1), output: store(values, width), ...(interpolation ? { interpolation } : {}) })),
+    samplers: channels.map(({ interpolation }, i) => ({ input: first + 2 * i, output: first + 2 * i + 1, ...(interpolation ? { interpolation } : {}) })),
     channels: channels.map(({ pointer }, sampler) => ({ sampler, target: { path: "pointer", extensions: { KHR_animation_pointer: { pointer } } } })),
   };
 }
