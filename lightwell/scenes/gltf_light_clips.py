@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 
@@ -30,7 +31,8 @@ _TARGETS: tuple[tuple[re.Pattern[str], str, LightPath], ...] = (
 _WIDTHS: dict[LightPath, int] = {"intensity": 1, "color": 3}
 
 
-class _Target(NamedTuple):
+@dataclass(frozen=True)
+class _Target:
     """What a pointer names: a light or a material of the file, by its index, and which value of it."""
 
     kind: str

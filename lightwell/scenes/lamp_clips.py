@@ -59,7 +59,9 @@ def lamp_clips(scene: Scene, groups: Sequence[LampGroup]) -> tuple[list[LampClip
         ]
     sources = emitter_sources(scene)
     of_group = [{sources[emitter] for emitter in group.emitters} for group in groups]
-    clips, split, dark = [], [], []
+    clips: list[LampClip] = []
+    split: list[str] = []
+    dark: list[str] = []
     for clip in scene.light_clips.read():
         clips.append(LampClip(clip.name, tuple(_joined(clip, groups, of_group, split)), clip.tracks))
         dark += [f"'{name}' in '{clip.name}'" for name in clip.dark]
