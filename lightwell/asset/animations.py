@@ -19,6 +19,8 @@ POINTER = "KHR_animation_pointer"
 LIGHTS, STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
 _LAMPS = f"/extensions/{EXTENSION}/"
 _LAMP = re.compile(r"lamps/(0|[1-9]\d{0,3})/(intensity|color)\Z")
+# Animations of lamps in one file at most: the extension's limit (format/LIGHTWELL_neural_radiance.md).
+MOST_CLIPS = 64
 _TYPES = {"intensity": "SCALAR", "color": "VEC3"}
 
 
@@ -101,18 +103,21 @@ def pointer_problems(document: dict[str, Any]) -> list[str]:
     Returns:
         One line per problem.
     """
-    problems, used = [], False
+    problems: list[str] = []
+    used: set[int] = set()
     for i, animation in enumerate(document.get("animations", ())):
         for k, channel in enumerate(animation["channels"]):
             target = channel["target"].get("extensions", {}).get(POINTER, {})
             pointer = target.get("pointer")
             if not isinstance(pointer, str) or not pointer.startswith(_LAMPS):
                 continue
-            used = True
+            used.add(i)
             where = f"animations[{i}].channels[{k}]"
             problems += _problems(document, where, pointer, animation["samplers"][channel["sampler"]])
     if used and POINTER not in document.get("extensionsUsed", ()):
         problems.append(f"extensionsUsed: {POINTER} is missing; list it")
+    if len(used) > MOST_CLIPS:
+        problems.append(f"animations: {len(used)} change lamps, more than {MOST_CLIPS}; keep fewer of them")
     return problems
 
 

@@ -210,7 +210,7 @@ class _Reader:
 
 
 def _factors(keys: Keys, base: np.ndarray) -> Keys | None:
-    """Keys relative to the value at rest; None where they turn on what is off at rest."""
+    """Keys relative to the value at rest; None where they turn on what is off at rest, or nearly."""
     values = keys.values.copy()
     shown = values[:, 1] if values.ndim == 3 else values
     np.maximum(shown, 0, out=shown)
@@ -218,6 +218,9 @@ def _factors(keys: Keys, base: np.ndarray) -> Keys | None:
     off = (base <= 0) | (shown.max(axis=0) > MOST_FACTOR * np.maximum(base, 0))
     if (off & (values.reshape(-1, len(base)) != 0).any(axis=0)).any():
         return None
-    factors = values / np.where(off, 1.0, base)
+    with np.errstate(over="ignore"):
+        factors = values / np.where(off, 1.0, base)
+        if not np.isfinite(factors.astype(np.float32)).all():
+            return None
     factors[..., off] = factors[..., [int(base.argmax())]]
     return Keys(keys.times, factors, keys.interpolation)

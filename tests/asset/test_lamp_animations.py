@@ -106,6 +106,14 @@ def test_pointers_that_name_no_lamp_are_problems(tmp_path, flicker, change, prob
     assert found[1] == "extensionsUsed: KHR_animation_pointer is missing; list it"
 
 
+def test_more_than_64_animations_of_lamps_are_a_problem(tmp_path, flicker):
+    path = tmp_path / "scene.glb"
+    document = written(path, flicker)
+    document["animations"] *= 65
+    path.write_bytes(pack(document, read_file(path)[1]))
+    assert validate_file(path) == ["animations: 65 change lamps, more than 64; keep fewer of them"]
+
+
 @pytest.mark.skipif(not (WEB / "node_modules").is_dir(), reason="needs npm ci in web/")
 def test_the_validator_of_khronos_accepts_it(tmp_path, flicker):
     path = tmp_path / "scene.glb"

@@ -94,6 +94,14 @@ def test_a_cubic_spline_keeps_its_tangents(tmp_path):
     assert clip.lamps[0].keys.values[..., 0].tolist() == [[4, 2, -2], [0, 1, 0], [2, 3, 0]]
 
 
+def test_tangents_that_overflow_are_left_out(tmp_path):
+    def faint(file):
+        file.json["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] = 1e-300
+
+    scene = lit(tmp_path, (BULB + "intensity", [3e38, 0, 3e38] * 3, "CUBICSPLINE"), change=faint)
+    assert joined(scene, "name")[0] == []
+
+
 def test_a_group_of_which_only_some_change_stays_as_it_is_and_says_so(tmp_path):
     scene = lit(tmp_path, (BULB + "intensity", [4, 0, 8], "LINEAR"))
     (clip,), told = joined(scene, "all")
