@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from lightwell.asset.animations import pointer_problems
 from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION
@@ -18,7 +19,8 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     """List the places where a GLB does not follow the specification.
 
     The JSON, every buffer and every graph are read as a viewer would read them. In addition the extension must be
-    declared and optional, and meshes must have the texture coordinates that a field reads.
+    declared and optional, meshes must have the texture coordinates that a field reads, and animations of lamps must
+    name lamps that exist.
 
     Args:
         path: A GLB, or the folder of a bake.
@@ -40,7 +42,8 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
         problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
-        return problems + _missing_coordinates(document, wanted) + _missing_nodes(document)
+        problems += _missing_coordinates(document, wanted) + _missing_nodes(document)
+        return problems + pointer_problems(document)
 
 
 def _missing_nodes(document: dict[str, Any]) -> list[str]:

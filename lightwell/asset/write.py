@@ -11,6 +11,7 @@ import numpy as np
 
 import lightwell
 from lightwell.asset import geometry
+from lightwell.asset.animations import add_lamp_clips
 from lightwell.asset.container import Binary, pack
 from lightwell.asset.materials import MaterialTable, uv_sets
 from lightwell.asset.moving import add_movers, moving_nodes
@@ -28,6 +29,7 @@ from lightwell.asset.schema import validate
 from lightwell.files import write_atomically
 
 if TYPE_CHECKING:
+    from lightwell.scenes.lamp_clips import LampClip
     from lightwell.scenes.scene import Material, Mesh, Scene
 
 GENERATOR = f"lightwell {lightwell.__version__}"
@@ -44,6 +46,7 @@ def write_glb(
     exposure: float | None = None,
     pose: Sequence[float] | None = None,
     probes: Sequence[FieldEntry] = (),
+    clips: Sequence[LampClip] = (),
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -61,11 +64,12 @@ def write_glb(
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
         probes: The same light in the air, for what is added to the scene or moves; may be empty.
+        clips: Animations of the lamps; may be empty.
 
     Returns:
         Number of bytes written.
     """
-    data = glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose, probes)
+    data = glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose, probes, clips)
     return write_atomically(path, data)
 
 
@@ -79,6 +83,7 @@ def glb_bytes(
     exposure: float | None = None,
     pose: Sequence[float] | None = None,
     probes: Sequence[FieldEntry] = (),
+    clips: Sequence[LampClip] = (),
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -92,13 +97,14 @@ def glb_bytes(
         exposure: Factor on radiance before tone mapping that suits the scene, > 0; None: the file has none.
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
         probes: The same light in the air, for what is added to the scene or moves; may be empty.
+        clips: Animations of the lamps; may be empty.
 
     Returns:
         The bytes of the file.
     """
     binary = Binary()
     document: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
-    _add_surfaces(document, scene, binary)
+    materials = _add_surfaces(document, scene, binary)
     _add_lights_and_cameras(document, scene)
     roots = list(range(len(document["nodes"])))
     if scene.movers and pose is not None:
@@ -106,6 +112,7 @@ def glb_bytes(
         variables = [*variables, *add_movers(document, scene, pose, binary)]
         below = {child for node in document["nodes"] for child in node.get("children", ())}
         roots = [k for k in range(len(document["nodes"])) if k not in carried | below]
+    add_lamp_clips(document, clips, materials, binary)
     document["scenes"] = [{"name": scene.name, "nodes": roots}]
     document["scene"] = 0
     if fallback is not None:
@@ -121,8 +128,8 @@ def glb_bytes(
     return pack(document, bytes(binary.data))
 
 
-def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> None:
-    """Meshes with their materials, one node each in world space."""
+def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> dict[int, list[int]]:
+    """Meshes with their materials, one node each in world space; returns the written materials of each of the scene."""
     table = MaterialTable(binary)
     index_of: dict[tuple[int, tuple[float, ...]], int] = {}
     meshes: list[dict[str, Any]] = []
@@ -144,6 +151,7 @@ def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> Non
         if entries := getattr(table, name):
             document[name] = entries
     document["extensionsUsed"] = sorted(table.extensions)
+    return {k: [found for (of, _), found in index_of.items() if of == k] for k, _ in index_of}
 
 
 def _lit_material(material: Material, mesh: Mesh) -> Material:

@@ -42,6 +42,7 @@ from lightwell.files import write_atomically
 from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
+from lightwell.scenes.lamp_clips import lamp_clips
 from lightwell.scenes.posing import declared_movers
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import by_light, has_sky, to_json
@@ -107,6 +108,8 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     refuse_mover(name, field, state)
     if job.request.lamps and not state.lamps and parse_lamps(job.request.lamps).mode != "none":
         raise ValueError(f"bake: field '{name}' learns all lights together; use --field factored, or leave out --lamps")
+    # Damaged animations of lamps are refused before anything is traced.
+    state.warnings.extend(lamp_clips(job.scene, state.lamps)[1])
     _say_plan(settings, name, job.progress)
     for warning in warnings(state):
         job.progress.say(f"[yellow]warning[/] {warning}")
@@ -302,6 +305,7 @@ def write_asset(
         exposure=exposure,
         pose=view_pose(state.scene, 0),
         probes=probes,
+        clips=lamp_clips(state.job.scene, state.lamps)[0],
     )
 
 

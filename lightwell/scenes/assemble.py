@@ -14,6 +14,7 @@ from lightwell.scenes.assemble_lights import area_light, punctual
 from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
 from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.errors import SceneError
+from lightwell.scenes.light_clips import NO_CLIPS, LightClips
 from lightwell.scenes.scene import Camera, Light, Material, Mesh, Scene, SceneNode
 
 
@@ -34,6 +35,7 @@ def assemble(
     nodes: Sequence[SceneNode] = (),
     clips: Sequence[str] = (),
     read_clip: Callable[[int], ClipMotion] | None = None,
+    light_clips: LightClips = NO_CLIPS,
 ) -> Scene:
     """Build a ``Scene`` whose Mitsuba scene holds one mesh per entry of ``Scene.meshes``, in that order.
 
@@ -57,6 +59,7 @@ def assemble(
         nodes: Tree of nodes, whose meshes are indices into ``meshes``.
         clips: Names of the animations of the file.
         read_clip: Reads one of them by its number.
+        light_clips: Those that change lights.
 
     Returns:
         The scene.
@@ -88,6 +91,7 @@ def assemble(
         nodes=tuple(_of_kept(node, {number: index for index, (number, _) in enumerate(kept)}) for node in nodes),
         clips=tuple(clips),
         read_clip=read_clip if clips else None,
+        light_clips=light_clips,
     )
 
 

@@ -3,8 +3,8 @@
 Supported: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and
 KHR_mesh_quantization, Draco and meshopt compression, metallic-roughness materials with the extensions listed in
 ``gltf_materials``, KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest.
-Ignored, with a warning: animations, morph targets, points and lines, orthographic cameras. A file that requires another
-extension is refused.
+Ignored, with a warning: animations of nodes, morph targets, points and lines, orthographic cameras. A file that
+requires another extension is refused.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_geometry import DRACO, Geometry
 from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place, texts
+from lightwell.scenes.gltf_light_clips import POINTER, changes_nodes, clip_name, read_light_clips
 from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
 from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
 from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
 from lightwell.scenes.gltf_rest import poses_for_flat_nodes
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
+from lightwell.scenes.light_clips import LightClips
 from lightwell.scenes.scene import Camera, Light, LightKind, Material, Mesh, Scene, SceneNode
 
 KNOWN_EXTENSIONS = READ | {
@@ -43,6 +45,7 @@ KNOWN_EXTENSIONS = READ | {
     "EXT_texture_webp",
     "KHR_texture_basisu",
     INSTANCING,
+    POINTER,
 }
 # Intensity of one colour above which a light counts as a mistake, cd or lx: a lighthouse has 1e7 cd, the sun 1.3e5 lx.
 MOST_INTENSITY = 1e10
@@ -78,6 +81,7 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
         nodes=reader.tree,
         clips=reader.clips,
         read_clip=partial(read_clip, path, limits, unit, reader.document.digest),
+        light_clips=reader.light_clips,
     )
 
 
@@ -98,9 +102,12 @@ class _Reader:
         self._material_of: dict[int | None, int] = {}
         self.tree: list[SceneNode] = []
         self.clips: list[str] = []
+        self.light_clips = LightClips()
         # Meshes, lights and cameras of every node, by index.
         self._meshes_of: dict[int, list[int]] = {}
         self._lights_of: dict[int, int] = {}
+        # Indices into ``lights`` of each of the file's lights.
+        self._placed_lights: dict[int, list[int]] = {}
         self._cameras_of: dict[int, str] = {}
         # World matrix of every node in the scene, by index.
         self._worlds: dict[int, np.ndarray] = {}
@@ -125,15 +132,21 @@ class _Reader:
         # Joined placements belong to no node.
         if not any(placement.joined for placement in placed):
             self.tree = self._tree(nodes)
-        if count := self.document.count("animations"):
-            self.clips = [self.document.item("animations", i).text("name", "") or f"clip {i}" for i in range(count)]
-            self.warnings.append(
-                "animations are ignored, and the scene is loaded at rest; one that moves parts can be a variable: "
-                f'--vary "animation:{self.clips[0][:40]}=0..1"'
-            )
+        self._read_clips()
         if ignored := sorted(name[:40] for name in self._geometry.ignored):
             self.warnings.append(f"vertex attributes are ignored: {', '.join(ignored[:10])}")
         self._warn_of_size()
+
+    def _read_clips(self) -> None:
+        """Name the animations, and read those that change lights."""
+        animations = [self.document.item("animations", i) for i in range(self.document.count("animations"))]
+        self.clips = [clip_name(animation, i) for i, animation in enumerate(animations)]
+        self.light_clips = read_light_clips(self.document, self._accessors, self._placed_lights, self._material_of)
+        if moving := [name for name, animation in zip(self.clips, animations) if changes_nodes(animation)]:
+            self.warnings.append(
+                "animations are ignored, and the scene is loaded at rest; one that moves parts can be a variable: "
+                f'--vary "animation:{moving[0][:40]}=0..1"'
+            )
 
     def _tree(self, nodes: Sequence[PlacedNode]) -> list[SceneNode]:
         """Nodes, parents first, with what hangs on each; skinned meshes hang on their joints, not on their node."""
@@ -249,6 +262,7 @@ class _Reader:
         if number is None:
             extension.fail("has no light")
         self._lights_of[node.index] = len(self.lights)
+        self._placed_lights.setdefault(number, []).append(len(self.lights))
         light = self._possible(_light(Place(self.document.scene, f"light {number}", lights[number])), node.name)
         self.lights.append(
             replace(

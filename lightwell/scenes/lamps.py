@@ -58,9 +58,34 @@ def own_lights(scene: Scene) -> list[OwnLight]:
     return [_light(scene, index, emitter) for index, emitter in enumerate(scene.mi.emitters())]
 
 
-def _light(scene: Scene, index: int, emitter: Any) -> OwnLight:
+def emitter_sources(scene: Scene) -> list[tuple[str, int]]:
+    """Tell what makes each emitter shine.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        For each emitter, in the order of the Mitsuba scene: "material" and its index in ``Scene.materials``, "light"
+        and its index in ``Scene.lights``, or "other" and its own index.
+    """
+    found = []
+    for index, emitter in enumerate(scene.mi.emitters()):
+        mesh, light = _mesh_of(scene, emitter), _number(emitter.id(), "light_", len(scene.lights))
+        if mesh is not None:
+            found.append(("material", scene.meshes[mesh].material))
+        else:
+            found.append(("other", index) if light is None else ("light", light))
+    return found
+
+
+def _mesh_of(scene: Scene, emitter: Any) -> int | None:
+    """Index of the mesh that an emitter is the light of."""
     shape = emitter.get_shape()
-    if shape is not None and (number := _number(shape.id(), "mesh_", len(scene.meshes))) is not None:
+    return None if shape is None else _number(shape.id(), "mesh_", len(scene.meshes))
+
+
+def _light(scene: Scene, index: int, emitter: Any) -> OwnLight:
+    if (number := _mesh_of(scene, emitter)) is not None:
         mesh = scene.meshes[number]
         return OwnLight(index, mesh.name or f"mesh {number}", scene.materials[mesh.material].name, mesh.name)
     if emitter.is_environment():

@@ -19,6 +19,7 @@ from PIL import Image as PillowImage
 from lightwell.core.notebook import card, png_uri
 from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.executor import RowExecutor
+from lightwell.scenes.light_clips import NO_CLIPS, LightClips
 from lightwell.scenes.movers import Mover
 from lightwell.scenes.scene_cache import Derived, SceneCache
 
@@ -218,6 +219,8 @@ class Scene:
     """Names of the animations of the file; the scene is loaded at rest."""
     read_clip: Callable[[int], ClipMotion] | None = field(default=None, repr=False, compare=False)
     """Reads one of them; None: there are none."""
+    light_clips: LightClips = field(default=NO_CLIPS, repr=False, compare=False)
+    """Those of the animations that change lights."""
     movers: tuple[Mover, ...] = ()
     """What a bake moves (``lightwell.scenes.posing``). The records are at rest."""
     executor: RowExecutor | None = field(default=None, init=False, repr=False, compare=False)

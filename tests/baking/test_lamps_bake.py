@@ -18,6 +18,8 @@ from lightwell.fields.baked import Baked
 from lightwell.graph import Builder
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
+from lightwell.scenes.lamp_clips import LampClip
+from lightwell.scenes.light_clips import Keys, LightTrack
 from lightwell.scenes.scene import Material
 from lightwell.transport.queries import make_query
 from lightwell.transport.surface import draw_surface
@@ -26,7 +28,7 @@ from tests.transport.rooms import quad, room_walls
 
 
 def room(path: Path) -> Path:
-    """Write a closed room with a warm panel on the left and a cool one on the right."""
+    """Write a closed room with a warm panel on the left, which flickers, and a cool one on the right."""
     walls = [*room_walls(), quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
     panels = [
         quad("warm", (-0.98, 0.6, -0.4), (0, 0.6, 0), (0, 0, 0.8), material=1),
@@ -37,7 +39,10 @@ def room(path: Path) -> Path:
     scene = assemble("room", [*walls, *panels], [white, *lit], digest="room")
     b = Builder(position=3)
     plain = FieldEntry("none", "static", b.build(radiance=b.scale("position", 0.0)))
-    path.write_bytes(glb_bytes(scene, [plain], []))
+    # The warm panel goes out within a second.
+    keys = Keys(np.float32([0, 1]), np.array([[1.0] * 3, [0.0] * 3]), "LINEAR")
+    clip = LampClip("Flicker", (), (LightTrack("color", keys, material=1),))
+    path.write_bytes(glb_bytes(scene, [plain], [], clips=[clip]))
     return path
 
 
@@ -65,6 +70,11 @@ def test_the_file_has_a_switch_for_each_lamp(lamps):
     extension = json.loads(data[20 : 20 + length])["extensions"]["LIGHTWELL_neural_radiance"]
     assert extension["version"] == 2
     assert [(lamp["name"], lamp["nodes"]) for lamp in extension["lamps"]] == [("warm", ["warm"]), ("cool", ["cool"])]
+    (animation,) = json.loads(data[20 : 20 + length])["animations"]
+    targets = [channel["target"]["extensions"]["KHR_animation_pointer"]["pointer"] for channel in animation["channels"]]
+    assert animation["name"] == "Flicker"
+    assert targets[0] == "/extensions/LIGHTWELL_neural_radiance/lamps/0/intensity"
+    assert [target.split("/")[-1] for target in targets[1:]] == ["emissiveFactor"]
     fields, _ = read_fields(folder / "out" / "scene.glb")
     assert [field.graph.inputs.get("lamps") for field in fields] == [None, 6]
 

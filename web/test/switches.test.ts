@@ -8,36 +8,13 @@ import { LearnedField } from "../runtime/src/learned-field.ts";
 import type { LoadedLight } from "../runtime/src/loaded-light.ts";
 import { type LampRecord, Switches } from "../runtime/src/switches.ts";
 import { plainRoom } from "./support/fixtures.ts";
-import { type FixtureField, writeGlb } from "./support/glb.ts";
+import { writeGlb } from "./support/glb.ts";
+import { lampsField } from "./support/lamps.ts";
 
 const LAMPS: LampRecord[] = [
   { name: "desk", nodes: ["Desk lamp"], intensity: 1, color: [1, 1, 1] },
   { name: "bed", nodes: [], intensity: 0.5, color: [1, 0.5, 0] },
 ];
-
-/** radiance of lamp k = its factors times (k + 1). */
-function lampsField(): FixtureField {
-  const frame = { per_frame: true };
-  const layer = (channel: number) => [
-    { id: `f${channel}`, op: "slice", inputs: ["lamps"], start: 2 * channel, width: 2, ...frame },
-    { id: `m${channel}`, op: "linear", inputs: [`f${channel}`], weights: "w", bias: "b", ...frame },
-  ];
-  return {
-    role: "static",
-    graph: {
-      version: 1,
-      inputs: { position: 3, lamps: 6 },
-      buffers: { w: { shape: [1, 2], type: "float32", values: [1, 2] }, b: { shape: [1], type: "float32", values: [0] } },
-      nodes: [
-        ...[0, 1, 2].flatMap(layer),
-        { id: "m", op: "concat", inputs: ["m0", "m1", "m2"], ...frame },
-        { id: "zero", op: "affine", inputs: ["position"], scale: [0, 0, 0], offset: [0, 0, 0] },
-        { id: "y", op: "add", inputs: ["zero", "m"] },
-      ],
-      outputs: { radiance: "y" },
-    },
-  };
-}
 
 function load(change: (extension: Record<string, unknown>) => void = () => {}, fields = [lampsField()]) {
   const tamper = (json: { [key: string]: any }) => {

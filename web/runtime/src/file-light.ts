@@ -38,14 +38,25 @@ async function download(url: string): Promise<ArrayBuffer> {
   return response.arrayBuffer();
 }
 
+/** An animation of a document whose form was checked. */
+interface Animated {
+  readonly channels: readonly { readonly target: { readonly node?: number; readonly extensions?: unknown } }[];
+}
+
 /** A document without its model. */
 function bare(json: GltfJson): object {
   const kept = Object.entries(json).filter(([name]) => KEPT.includes(name));
+  // The pointers to lamps; what else is animated belongs to the model.
+  const animations = ((json.animations ?? []) as Animated[]).map((animation) => ({
+    ...animation,
+    channels: animation.channels.filter(({ target }) => target.node === undefined && target.extensions),
+  }));
   const names = (list: unknown) => ((list ?? []) as string[]).filter((name) => KEPT_EXTENSIONS.test(name));
   return {
     ...Object.fromEntries(kept),
     extensionsUsed: names(json.extensionsUsed),
     extensionsRequired: names(json.extensionsRequired),
+    ...(animations.length > 0 ? { animations } : {}),
     scene: 0,
     scenes: [{}],
   };

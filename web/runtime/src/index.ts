@@ -10,6 +10,7 @@ export {
 } from "./extension.ts";
 export { FieldProgram } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
+export type { LampAnimation, PlayOptions } from "./lamp-clips.ts";
 export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky } from "./lamp.ts";
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions } from "./learned-scene.ts";

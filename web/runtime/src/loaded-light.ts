@@ -3,8 +3,10 @@
 import type { Material, Object3D } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { NeuralRadiance } from "./extension.ts";
+import type { LampPlayer } from "./lamp-clips.ts";
 import type { Lightmap } from "./lightmap.ts";
 import type { Mover } from "./movers.ts";
+import type { LampSwitch } from "./switches.ts";
 
 export type { Lightmap };
 
@@ -14,10 +16,12 @@ export interface LoadedLight extends NeuralRadiance {
   readonly lightmaps: ReadonlyMap<Material, Lightmap>;
   /** Makes what moves the nodes of `movers`, in their order; null where the file has none. */
   readonly moving: ((root: Object3D) => Mover[]) | null;
+  /** Makes what plays animations of `lamps`; null where the file has none. */
+  readonly playing: ((switches: readonly LampSwitch[]) => LampPlayer) | null;
 }
 
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
 export function learnedLight(gltf: GLTF): LoadedLight {
   const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { variables: [], movers: [], moving: null, lamps: [], fields: [], probes: [], exposure: null, lightmaps: new Map() };
+  return found ?? { variables: [], movers: [], moving: null, playing: null, lamps: [], fields: [], probes: [], exposure: null, lightmaps: new Map() };
 }

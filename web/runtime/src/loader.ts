@@ -87,7 +87,8 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     const lightmaps = await readLightmaps(gltf, parser);
     if (radiance || lightmaps.size > 0) {
       const moving = radiance?.movers.length ? await makerOf(radiance.movers, parser) : null;
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }), lightmaps, moving };
+      const playing = radiance?.lamps.length && (parser.json as GltfJson).animations ? await playerOf(radiance.lamps.length, parser) : null;
+      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }), lightmaps, moving, playing };
       gltf.userData.lightwell = loaded;
     }
   }
@@ -104,6 +105,13 @@ async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Pro
   };
   const loaded = await Promise.all(records.map(load));
   return (root) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip));
+}
+
+/** What plays the animations of lamps of a file, loaded where it may have some. */
+async function playerOf(lamps: number, parser: GLTFParser): Promise<LoadedLight["playing"]> {
+  const { LampPlayer, readLampClips } = await import("./lamp-clips.ts");
+  const clips = await readLampClips(parser.json as GltfJson, lamps, (index) => parser.getDependency("accessor", index) as Promise<BufferAttribute>);
+  return clips.length > 0 ? (switches) => new LampPlayer(clips, switches) : null;
 }
 
 /** The learned light of a document. What reads it is loaded when a file has some. */

@@ -2,14 +2,15 @@
 
 import { Light, Object3D } from "three";
 
-interface Taken {
+/** A light that was taken away, and the node in its place. */
+export interface Taken {
   readonly light: Light;
   readonly stand: Object3D;
 }
 
 /** The light of the file's own lights is in the static field, if anywhere; what hangs on them stays. */
 export class OwnLights {
-  private taken: readonly Taken[] = [];
+  taken: readonly Taken[] = [];
 
   /** Put an empty node in the place of every light under `root`. */
   remove(root: Object3D): void {
@@ -19,6 +20,9 @@ export class OwnLights {
     });
     this.taken = lights.map((light) => {
       const stand = new Object3D().copy(light as unknown as Object3D, false);
+      // What animates the light by its name or place in the tree finds these.
+      const intensity = { get: () => light.intensity, set: (value: number) => (light.intensity = value) };
+      Object.defineProperties(stand, { intensity, color: { value: light.color } });
       replace(light, stand);
       return { light, stand };
     });

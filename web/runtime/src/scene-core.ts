@@ -3,6 +3,7 @@
 import { type Box3, type Camera, Color, type Group, type Material, type Object3D, type Scene, type Texture, Vector3 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { FieldRecord } from "./extension.ts";
+import type { LampAnimation, LampClip, LampPlayer, PlayOptions } from "./lamp-clips.ts";
 import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import type { LitObjects, LitParts } from "./lit-objects.ts";
@@ -73,6 +74,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   /** Nodes that move, with their values; empty where everything stands still. */
   readonly movers: readonly Mover[];
   private readonly ownLamps: Switches;
+  private readonly player: LampPlayer | null;
   protected readonly options: SceneOptions<R>;
   protected readonly lightmaps: LoadedLight["lightmaps"];
   protected readonly placement: Placement;
@@ -89,11 +91,12 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, moving, lamps, fields, probes, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, moving, playing, lamps, fields, probes, lightmaps, exposure } = learnedLight(gltf);
     this.probes = probes;
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
     this.switches = this.ownLamps.all;
+    this.player = playing?.(this.switches) ?? null;
     this.root = gltf.scene;
     this.options = options;
     OWNERS.get(this.root)?.detach();
@@ -141,7 +144,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.attached = true;
     if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
     for (const lamp of this.lamps) lamp.attach();
-    this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>);
+    this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>, this.ownLights.taken);
     this.materials.attach(this.root);
     this.lit?.attach();
   }
@@ -245,6 +248,30 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.ownLamps.set(name, setting);
   }
 
+  /** Animations of the file that change its own lamps. */
+  get animations(): readonly LampAnimation[] {
+    return this.player?.clips ?? [];
+  }
+
+  /**
+   * Start the animations of this name: `update` then sets the lamps, until `stopAnimation`. `loop: false` stays at the end. Throws when
+   * the file has none of this name.
+   */
+  playAnimation(name: string, options?: PlayOptions): void {
+    for (const clip of this.clipsOf(name)) this.player!.play(clip, options);
+  }
+
+  /** Stop the animations of this name; the lamps are as they were before. Throws as `playAnimation` does. */
+  stopAnimation(name: string): void {
+    for (const clip of this.clipsOf(name)) this.player!.stop(clip);
+  }
+
+  private clipsOf(name: string): readonly LampClip[] {
+    const found = this.player?.clips.filter((clip) => clip.name === name) ?? [];
+    if (found.length === 0) throw new Error(`LearnedScene: expected one of the animations ${this.animations.map((clip) => clip.name)}, found '${name}'`);
+    return found;
+  }
+
   /**
    * Move a node or clip of the file: `setMover("Door", 45)`, in degrees, metres or shares of the clip; values outside of its range are brought into it. Throws
    * when the file has no mover of this name.
@@ -286,10 +313,11 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /**
    * Follow the root, the lamps and the materials, and bring the fields up to date; call before drawing. Throws when the root is
-   * scaled unevenly.
+   * scaled unevenly. Animations go on by `delta` seconds; by the clock unless it is given.
    */
-  update(renderer: R | undefined = this.options.renderer): void {
+  update(renderer: R | undefined = this.options.renderer, delta?: number): void {
     if (!this.attached) return;
+    this.player?.advance(delta);
     // All of them follow; the shadows of whatever moved are drawn anew.
     const moved = [...this.movers.map((mover) => mover.follow(this.root)), this.lit?.moved()].includes(true);
     if (this.placement.follow() || moved) for (const lamp of this.lamps) lamp.renewShadow();

@@ -1,8 +1,9 @@
 /** The scene's own lamps as switches: each has a dimmer and a colour, and its shining surfaces follow. */
 
-import { Color, type ColorRepresentation, type Material, Mesh, MeshStandardMaterial, type Object3D } from "three";
+import { Color, type ColorRepresentation, type Light, type Material, Mesh, MeshStandardMaterial, type Object3D } from "three";
 import { fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
 import type { Lightmap } from "./lightmap.ts";
+import type { Taken } from "./own-lights.ts";
 
 /** A group of lamps as a file declares it. */
 export interface LampRecord {
@@ -82,12 +83,17 @@ interface Follower {
   readonly shining: readonly { readonly material: MeshStandardMaterial; readonly emissive: Color }[];
 }
 
+/** What lights of the file were when they were first met: colour times intensity. */
+const AT_REST = new WeakMap<Light, Color>();
+
 /** All groups of a scene. */
 export class Switches {
   readonly all: readonly LampSwitch[];
   /** What each group is multiplied by: red of all groups, then green, then blue. */
   readonly factors: Float32Array;
   private followers: Follower[] = [];
+  /** Lights of three.js that belong to a group: what an application makes of them, the group follows. */
+  private lights = new Map<LampSwitch, Taken[]>();
   private readonly owners = new Map<string, LampSwitch>();
 
   constructor(lamps: readonly LampRecord[]) {
@@ -116,9 +122,15 @@ export class Switches {
     return null;
   }
 
-  /** Give surfaces that shine materials of their own, which follow their lamp. */
-  attach(root: Object3D, lightmaps: Map<Material, Lightmap>): void {
+  /** Give surfaces that shine materials of their own, which follow their lamp; lamps follow the lights that were taken away. */
+  attach(root: Object3D, lightmaps: Map<Material, Lightmap>, taken: readonly Taken[] = []): void {
     if (this.all.length === 0) return;
+    for (const one of taken) {
+      const lamp = this.of(one.stand);
+      if (!lamp) continue;
+      this.lights.set(lamp, [...(this.lights.get(lamp) ?? []), one]);
+      if (!AT_REST.has(one.light)) AT_REST.set(one.light, one.light.color.clone().multiplyScalar(one.light.intensity));
+    }
     root.traverse((object) => {
       const lamp = object instanceof Mesh ? this.of(object) : null;
       if (lamp) this.adopt(object as Mesh, lamp, lightmaps);
@@ -147,16 +159,29 @@ export class Switches {
       for (const { material } of shining) material.dispose();
     }
     this.followers = [];
+    this.lights.clear();
+  }
+
+  /** Colour times intensity of a group, and what an application made of its lights. */
+  private gainOf(lamp: LampSwitch): Color {
+    const [now, rest] = [new Color(0), new Color(0)];
+    for (const { light, stand } of this.lights.get(lamp) ?? []) {
+      rest.add(AT_REST.get(light)!);
+      if (light.visible && stand.visible) now.add(light.color.clone().multiplyScalar(light.intensity));
+    }
+    const share = (channel: "r" | "g" | "b") => (rest[channel] > 0 ? Math.max(now[channel] / rest[channel], 0) : 1);
+    return lamp.color.clone().multiplyScalar(lamp.intensity).multiply(now.setRGB(share("r"), share("g"), share("b")));
   }
 
   /** Bring factors and surfaces up to date. */
   follow(): void {
     const count = this.all.length;
-    for (const [i, { intensity, color }] of this.all.entries()) {
-      for (const [channel, value] of color.toArray().entries()) this.factors[channel * count + i] = intensity * (value as number);
-    }
+    const gains = new Map(this.all.map((lamp) => [lamp, this.gainOf(lamp)]));
+    [...gains.values()].forEach((gain, i) => {
+      for (const [channel, value] of gain.toArray().entries()) this.factors[channel * count + i] = value as number;
+    });
     for (const { lamp, shining } of this.followers) {
-      for (const { material, emissive } of shining) material.emissive.copy(emissive).multiply(lamp.color).multiplyScalar(lamp.intensity);
+      for (const { material, emissive } of shining) material.emissive.copy(emissive).multiply(gains.get(lamp)!);
     }
   }
 }

@@ -50,6 +50,8 @@ export interface Request {
   readonly background?: number;
   /** Lamps of the scene itself. */
   readonly lamps?: Readonly<Record<string, LampSetting>>;
+  /** An animation of lamps, at a time in seconds. */
+  readonly playing?: { readonly name: string; readonly time: number };
   /** Values of nodes that move. */
   readonly movers?: Readonly<Record<string, number>>;
   /** Move root and camera together: the picture stays. */
@@ -225,6 +227,7 @@ async function run(request: Request): Promise<Answer> {
     scene.add(learned.root);
     if (request.moved) move(learned.root, camera);
     for (const [name, setting] of Object.entries(request.lamps ?? {})) learned.setLamp(name, setting);
+    if (request.playing) learned.playAnimation(request.playing.name);
     for (const [name, value] of Object.entries(request.movers ?? {})) learned.setMover(name, value);
     const ball = request.lit ? whiteBall(request.lit) : null;
     if (ball) {
@@ -239,6 +242,10 @@ async function run(request: Request): Promise<Answer> {
       else stand.draw(learned, scene, camera);
     };
     frame();
+    if (request.playing) {
+      learned.update(undefined, request.playing.time);
+      stand.draw(learned, scene, camera);
+    }
     for (let i = 0; i < (request.added ?? 0); i++) learned.addLamp();
     if (request.added || request.look) await stand.compile(learned, scene, camera, request.look);
     if (request.edit === "detached") learned.detach();

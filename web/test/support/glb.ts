@@ -32,6 +32,8 @@ export interface Fixture {
   fields: FixtureField[];
   /** The light of what is added; files with it are of version 2. */
   probes?: FixtureField[];
+  /** Accessors of vectors, behind all others. */
+  numbers?: readonly { readonly values: readonly number[]; readonly type: "SCALAR" | "VEC3" }[];
   /** Last word on the document, for hostile files. */
   tamper?: (json: Record<string, never> & { [key: string]: unknown }) => void;
 }
@@ -79,6 +81,7 @@ export function writeGlb(fixture: Fixture): Uint8Array<ArrayBuffer> {
   };
   const fields = fixture.fields.map(stored);
   const probes = fixture.probes ? { version: 2, probes: fixture.probes.map(stored) } : {};
+  for (const { values, type } of fixture.numbers ?? []) add(new Float32Array(values), 5126, type, values.length / (type === "VEC3" ? 3 : 1));
   const json = {
     asset: { version: "2.0", generator: "lightwell tests" },
     scene: 0,

@@ -4,6 +4,7 @@
  */
 
 export type { WeightPlacement } from "../learned-field.ts";
+export type { LampAnimation, PlayOptions } from "../lamp-clips.ts";
 export { learnedLight } from "../loaded-light.ts";
 export { LightwellLoaderPlugin } from "../loader.ts";
 export type { DisposeOptions, Parts } from "../scene-core.ts";

@@ -119,12 +119,12 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     super.dispose(options);
   }
 
-  override update(renderer?: DeviceOwner): void {
+  override update(renderer?: DeviceOwner, delta?: number): void {
     for (const { object } of this.lamps) {
       const light = object as PointLight | DirectionalLight;
       light.shadow.shadowNode ??= new RendererShadows(light) as AnyNode;
     }
-    super.update(renderer);
+    super.update(renderer, delta);
   }
 
   protected override get programs(): readonly FieldNodes[] {
