@@ -113,7 +113,7 @@ def lamps(scene, variable, role):
     moving = variable if role == "indirect" else None
     state = SimpleNamespace(scene=scene, variable=moving, lamps=group_lamps(scene, LampRules("all")))
     state.job = SimpleNamespace(request=Request(shards=2, seed=3, quality="draft"))
-    tracer = lamp_samples._Tracer(state)
+    tracer = lamp_samples.LampTracer(state)
     assert len(tracer.points) == 128
     tracer.batch(1), tracer.held_out()
 
