@@ -33,6 +33,8 @@ from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Scene
 from lightwell.transport.moved import poses_of, with_rest
 
+# Points of a pose that are drawn, at least: fewer of them find too few bins, and indirect light is lost.
+FEWEST_DRAWN = 1 << 13
 # Held-out poses, at least: both end stops and two in between.
 FEWEST_HELD_OUT = 4
 # Random streams of the poses that are traced, and of those that are held out.
@@ -59,7 +61,7 @@ class PosedLampTracer:
         self._poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
         count = len(self._poses)
         self._size = max(BATCH // count // RUN, 1) * RUN
-        self._drawn = max(ALL_POINTS * points_drawn(state) // count, self._size)
+        self._drawn = max(ALL_POINTS * points_drawn(state) // count, FEWEST_DRAWN)
         self._tracers = [self._tracer(pose, (TRACED_STREAM, k)) for k, pose in enumerate(self._poses)]
 
     @property
