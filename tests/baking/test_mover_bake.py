@@ -48,7 +48,6 @@ def test_two_things_move_and_are_scored_each_from_end_to_end(tmp_path):
     "more, message",
     [
         ({"field": "mlp"}, "field 'mlp' learns one pose; use --field factored, or drop 'Door' from --vary"),
-        ({"lamps": ("name",)}, "switches of lamps are learned for one pose; leave out --lamps"),
         ({"vary": ("node:Dor.rotation=y:0..90",)}, "has no node 'Dor'; the nearest names are 'Door'"),
     ],
 )

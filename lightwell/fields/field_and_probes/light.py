@@ -99,7 +99,7 @@ def check_probes(state: State) -> None:
         state: The prepared scene.
 
     Raises:
-        ValueError: Several things vary, or there are too many groups of lamps.
+        ValueError: Several things vary, lamps are switched where something moves, or there are too many groups of them.
     """
     names = [mover.name for mover in state.scene.movers]
     if "indirect" in state.roles and state.variable is not None:
@@ -108,6 +108,11 @@ def check_probes(state: State) -> None:
         raise ValueError(
             f"bake: probes follow one light, node or clip, not {len(names)} ({', '.join(names)}); drop others from "
             "--vary, or use --field factored"
+        )
+    if names and state.scene.movers and state.lamps:
+        raise ValueError(
+            f"bake: probes follow the switches of lamps or '{names[0]}', not both; leave out --lamps, drop "
+            f"'{names[0]}' from --vary, or use --field factored"
         )
     if len(state.lamps) > MOST_GROUPS:
         raise ValueError(

@@ -21,10 +21,12 @@ from lightwell.fields.features import grid_point, light_features, local_features
 from lightwell.fields.protocol import Job, Role, State, further_role, kind_of
 from lightwell.fields.surface.field import SurfaceField, SurfaceFit
 from lightwell.fields.surface.lamp_samples import LampTraining, trace_lamps
-from lightwell.fields.surface.lamps import fit_lamps
+from lightwell.fields.surface.lamps import LampsFit, fit_lamps
 from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.fields.surface.options import SurfaceOptions
+from lightwell.fields.surface.posed_lamp_samples import PosedLampTracer
+from lightwell.fields.surface.posed_lamps import PosedLampsFit
 from lightwell.fields.surface.poses import moving_state
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.surface.training import SurfaceSamples
@@ -283,7 +285,7 @@ class FactoredField(SurfaceField):
             )
         state = self._lights(job)
         if movers:
-            return moving_state(state, job, movers)
+            state = moving_state(state, job, movers)
         if job.request.lamps:
             # Refused where the scene has no light, or none by these names, before anything is traced.
             lamps = group_lamps(job.scene, parse_lamps(job.request.lamps))
@@ -335,7 +337,9 @@ class FactoredField(SurfaceField):
         Returns:
             The samples; shares of all groups of lamps for the scene's own light.
         """
-        return trace_lamps(state) if role == "static" and state.lamps else super().sample(state, role)
+        if role == "static" and state.lamps:
+            return trace_lamps(state, PosedLampTracer if state.scene.movers else None)
+        return super().sample(state, role)
 
     def fit(
         self, state: State, role: Role, samples: SurfaceSamples | LampTraining, part: WorkPart | None = None
@@ -352,7 +356,7 @@ class FactoredField(SurfaceField):
             The finished fit.
         """
         if isinstance(samples, LampTraining):
-            return fit_lamps(state, samples)
+            return fit_lamps(state, samples, PosedLampsFit if state.scene.movers else LampsFit)
         return super().fit(state, role, samples, part)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
@@ -83,11 +84,25 @@ class LampTraining:
     traced: Traced
 
 
-def trace_lamps(state: State) -> LampTraining:
+class Tracer(Protocol):
+    """Makes samples of the lamps."""
+
+    rays: int
+    """Rays of a point."""
+
+    def batch(self, index: int) -> LampSamples:
+        """Trace one batch, of about ``BATCH`` points."""
+
+    def held_out(self) -> LampSamples:
+        """Trace the held-out points."""
+
+
+def trace_lamps(state: State, make: Callable[[State, float], Tracer] | None = None) -> LampTraining:
     """Trace as many points as the budget buys; those of an interrupted bake are read.
 
     Args:
         state: The prepared scene, with groups of lamps.
+        make: Makes what traces them, from the state and the seconds of the role; None: in the pose of the scene.
 
     Returns:
         The samples.
@@ -97,7 +112,8 @@ def trace_lamps(state: State) -> LampTraining:
     """
     job, part = state.job, state.job.work.part(role="static", lamps=[group.name for group in state.lamps])
     begin = part.get("plan.lamps.begin", partial(_begin, state), JSON)
-    tracer, parts = LampTracer(state), []
+    tracer = make(state, begin["seconds"]) if make else LampTracer(state)
+    parts: list[LampSamples] = []
     with job.work.timed("trace"), job.progress.stage("trace lamps", MOST_BATCHES, "batches") as stage:
         count = part.find("plan.lamps.batches", JSON) or job.request.shards
         while len(parts) < (count or MOST_BATCHES):
@@ -120,7 +136,7 @@ def _begin(state: State) -> dict[str, float]:
     """When the role should be learned, on the clock of the bake."""
     budget, begin = state.job.request.budget, state.job.work.elapsed
     seconds = learning_seconds(budget, begin) if budget.seconds else budget.round_seconds
-    return {"end": begin + seconds}
+    return {"end": begin + seconds, "seconds": seconds}
 
 
 def _batches(seconds: float, cost: float) -> int:
@@ -128,20 +144,42 @@ def _batches(seconds: float, cost: float) -> int:
     return int(np.clip(2 + TRACE_SHARE * seconds / max(cost, 1e-3), 2, MOST_BATCHES))
 
 
-def _batch(part: WorkPart, tracer: LampTracer, index: int) -> LampSamples:
+def _batch(part: WorkPart, tracer: Tracer, index: int) -> LampSamples:
     return part.part(batch=index).get("lamps.samples", partial(tracer.batch, index), RecordFormat(LampSamples))
+
+
+def points_drawn(state: State) -> int:
+    """Count the points that are drawn before the first batch: a power of two, for the budget or the fixed shards.
+
+    Args:
+        state: The prepared scene.
+
+    Returns:
+        Points, at least those of one batch.
+    """
+    request = state.job.request
+    wanted = request.shards * BATCH if request.shards else POINTS_PER_SECOND * request.budget.round_seconds
+    return int(np.clip(1 << int(wanted - 1).bit_length(), BATCH, MOST_BATCHES * BATCH))
 
 
 class LampTracer:
     """Points and lit bins of a scene, made when the first batch is traced."""
 
-    def __init__(self, state: State) -> None:
-        self._state, request = state, state.job.request
+    def __init__(
+        self, state: State, count: int | None = None, size: int | None = None, stream: tuple[int, ...] = ()
+    ) -> None:
+        """Prepare to trace; nothing is traced yet.
+
+        Args:
+            state: The prepared scene, with groups of lamps; nothing moves.
+            count: Points that batches choose from; None: ``points_drawn``.
+            size: Points of a batch; None: ``BATCH``.
+            stream: Numbers beside the seed of the bake, so that no two tracers share a random number.
+        """
+        self._state, self._size, request = state, size or BATCH, state.job.request
         self.rays = RAYS[request.quality] // RAYS_SHARE
-        self._seeds = np.random.SeedSequence([request.seed, 0x1A]).generate_state(5)
-        seconds = request.budget.round_seconds
-        wanted = request.shards * BATCH if request.shards else POINTS_PER_SECOND * seconds
-        self._count = int(np.clip(1 << int(wanted - 1).bit_length(), BATCH, MOST_BATCHES * BATCH))
+        self._seeds = np.random.SeedSequence([request.seed, 0x1A, *stream]).generate_state(5)
+        self._count = count or points_drawn(state)
         self._light: LampLight | None = None
         settings = ShardSettings(seed=request.seed)
         floor = max(self._count * settings.floor // settings.size, 1)
@@ -150,27 +188,44 @@ class LampTracer:
 
     @property
     def points(self) -> SurfacePoints:
+        """The points that batches choose from."""
         return self._seen.make(self._state.scene)[0]
 
     @property
     def light(self) -> LampLight:
+        """The lit bins."""
         if self._light is None:
             radiosity = self._seen.make(self._state.scene)[1]
             self._light = LampLight(radiosity, self._state.lamps, int(self._seeds[2]))
         return self._light
 
     def batch(self, index: int) -> LampSamples:
-        """Trace one batch; where all points are used, the same ones with other rays."""
-        rows = (np.arange(BATCH) + index * BATCH) % len(self.points)
-        recipe = lambda first, count: self._seen.recipe((index * BATCH + first, count))  # noqa: E731
-        return self._samples(self.points[rows], self.rays, int(self._seeds[3]) + index * BATCH, recipe)
+        """Trace one batch; where all points are used, the same ones with other rays.
 
-    def held_out(self) -> LampSamples:
-        """Trace the held-out points."""
-        scene, variable = self._state.scene, self._state.variable
+        Args:
+            index: Number of the batch.
+
+        Returns:
+            The samples.
+        """
+        first = index * self._size
+        rows = (np.arange(self._size) + first) % len(self.points)
+        recipe = lambda start, count: self._seen.recipe((first + start, count))  # noqa: E731
+        return self._samples(self.points[rows], self.rays, int(self._seeds[3]) + first, recipe)
+
+    def held_out(self, count: int | None = None) -> LampSamples:
+        """Trace held-out points.
+
+        Args:
+            count: How many; None: ``VALIDATION_POINTS``.
+
+        Returns:
+            The samples, which have more rays.
+        """
+        scene, variable, count = self._state.scene, self._state.variable, count or VALIDATION_POINTS
         seed = int(self._seeds[4])
-        points = draw_seen(scene, variable, VALIDATION_POINTS, seed, floor=FLOOR).points
-        recipe = lambda *rows: self._seen.recipe(rows, (VALIDATION_POINTS, seed, FLOOR))  # noqa: E731
+        points = draw_seen(scene, variable, count, seed, floor=FLOOR).points
+        recipe = lambda *rows: self._seen.recipe(rows, (count, seed, FLOOR))  # noqa: E731
         return self._samples(points, VALIDATION_RAYS * self.rays, seed, recipe)
 
     def _samples(self, points: SurfacePoints, rays: int, seed: int, recipe: Callable[..., Recipe]) -> LampSamples:

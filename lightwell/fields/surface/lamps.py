@@ -26,7 +26,7 @@ from lightwell.fields.surface.lowering import graph_layers
 from lightwell.fields.surface.plan import FEWEST_STEPS
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
-from lightwell.graph import Builder, Graph, pack
+from lightwell.graph import Buffer, Builder, Graph, pack
 from lightwell.graph.layers import add_layers
 from lightwell.networks import Trainer, TrainingSettings
 from lightwell.networks.checkpoint import restore
@@ -100,22 +100,20 @@ class LampsFit:
         Args:
             samples: Shares at N points.
         """
-        groups = len(self.names)
         self._inputs = Tabulated(self._input_graph())
-        self.network = LampNetwork(self.preset.grid, self._inputs.width("pixel"), groups, self.preset.hidden)
+        self.network = self._network(samples)
         self._trainer = Trainer(self.network, self.preset.training, self.seed)
         target = samples.radiance / samples.query.reflectance[:, None]
         # Each group has a unit of its own: a dim lamp alone is looked at with another exposure.
         self.units = np.maximum(4 * target.mean(axis=(0, 2), dtype=np.float64), 1e-12 * self.setup.unit)
-        self._states = state_matrix(groups, self.seed)
+        self._states = state_matrix(len(self.names), self.seed)
         whole = self._states @ self.units
         # [3 K, 3 S]: the same for red, green and blue.
         matrix = np.kron((self._states * self.units / whole[:, None]).T, np.eye(3))
-        order = np.random.default_rng((self.seed, len(samples.shape))).permutation(len(samples.shape))
-        points, pixel = self._rows(samples.query)
+        order = self._order(samples)
         weight = by_object(samples.shape, np.ones(len(samples.shape)))[order]
-        rows = (target / self.units[:, None]).reshape(len(order), -1)[order]
-        self._data = LampSet.from_numpy(points[order], pixel[order], rows, weight / weight.mean(), matrix)
+        rows = (target / self.units[:, None]).reshape(len(target), -1)[order]
+        self._data = self._set(samples.query, order, rows, weight / weight.mean(), matrix)
 
     def validate_on(self, samples: LampSamples) -> None:
         """Set the held-out samples of early stopping.
@@ -123,7 +121,7 @@ class LampsFit:
         Args:
             samples: Shares at N points.
         """
-        self._validation = (*self._rows(samples.query), samples.radiance, samples.query.reflectance[:, None])
+        self._validation = (self._rows(samples.query), samples.radiance, samples.query.reflectance[:, None])
 
     def train(self, until: int, total: int, progress: Any = None, checkpoint: Callable[[], None] | None = None) -> bool:
         """Train; ``learn_from`` and ``validate_on`` come first.
@@ -175,9 +173,9 @@ class LampsFit:
         Returns:
             One number per row of ``state_matrix``.
         """
-        points, pixel, reference, scale = self._validation
+        rows, reference, scale = self._validation
         identity = np.eye(3 * len(self.names), dtype=np.float32)
-        output = self.network.evaluate(parameters, (points, pixel, identity)).reshape(reference.shape)
+        output = self.network.evaluate(parameters, (*rows, identity)).reshape(reference.shape)
         shares, errors = output * self.units[:, None] * scale, []
         for state in self._states:
             f, y = (np.einsum("k,nkc->nc", state, x) for x in (shares, reference))
@@ -189,7 +187,33 @@ class LampsFit:
     def _error(self, parameters: dict[str, np.ndarray]) -> float:
         return float(np.mean(self.state_errors(parameters, bounded=True)))
 
+    # ------------------------------------------------------------------ data
+
+    def _network(self, samples: LampSamples) -> LampNetwork:
+        """The untrained network for samples."""
+        return LampNetwork(self.preset.grid, self._inputs.width("pixel"), len(self.names), self.preset.hidden)
+
+    def _order(self, samples: LampSamples) -> np.ndarray:
+        """Rows that are trained, in random order."""
+        return np.random.default_rng((self.seed, len(samples.shape))).permutation(len(samples.shape))
+
+    def _rows(self, query: Query) -> tuple[np.ndarray, ...]:
+        """Grid points [N, 3] and other inputs [N, G]."""
+        table = self._inputs(query)
+        return table["point"], table["pixel"]
+
+    def _set(
+        self, query: Query, order: np.ndarray, target: np.ndarray, weight: np.ndarray, states: np.ndarray
+    ) -> LampSet:
+        """The rows of an order on the device; ``target`` and ``weight`` are in that order."""
+        points, pixel = self._rows(query)
+        return LampSet.from_numpy(points[order], pixel[order], target, weight, states)
+
     # ------------------------------------------------------------------ graph
+
+    def _builder(self) -> Builder:
+        """A graph with the inputs of the field."""
+        return open_builder(self.setup.relief, len(self.names))
 
     def _nodes(self, b: Builder) -> tuple[str, str]:
         """(place in the grid, other inputs of a pixel)."""
@@ -198,14 +222,9 @@ class LampsFit:
         return grid_point(b, self.setup, lift), b.concat(*local_features(b, self.setup, normal))
 
     def _input_graph(self) -> Graph:
-        b = open_builder(self.setup.relief)
+        b = open_builder(self.setup.relief, movers=self.setup.movers)
         point, pixel = self._nodes(b)
         return b.build(point=point, pixel=pixel)
-
-    def _rows(self, query: Query) -> tuple[np.ndarray, np.ndarray]:
-        """Grid points [N, 3] and other inputs [N, G]."""
-        table = self._inputs(query)
-        return table["point"], table["pixel"]
 
     def lower(self) -> Graph:
         """Return the shading graph: the layers of the groups added up per frame; grid, trunk and the sum per pixel.
@@ -213,57 +232,73 @@ class LampsFit:
         Returns:
             The graph.
         """
-        groups, width = len(self.names), self.network.hidden[-1]
-        b = open_builder(self.setup.relief, groups)
+        b, small = self._builder(), partial(pack, type=self.preset.storage)
+        x = self._trunk(b, small)
+        merged = self._merged(b, small)
+        return b.build(radiance=b.matvec(b.concat(*merged, per_frame=True), x, 3))
+
+    def _trunk(self, b: Builder, small: Callable[[np.ndarray], Buffer]) -> str:
+        """Features of the trunk."""
+        weights = self._trainer.best
+        x = b.activate(self._first(b, small, weights["b0"][0]), self.network.activations[0])
+        rest = graph_layers(weights, range(1, len(self.network.hidden)), small)
+        return add_layers(b, x, rest, self.network.activations[1:])
+
+    def _first(self, b: Builder, small: Callable[[np.ndarray], Buffer], bias: np.ndarray) -> str:
+        """The trunk's first layer, without its activation."""
         point, pixel = self._nodes(b)
         weights, grid = self._trainer.best, self.preset.grid
         values, steps = grid.even(weights["grid"])
         table = pack(values, self.preset.table_storage, per_row=False)
         u = b.hashgrid(point, table, grid.levels, grid.base, grid.growth, grid.entries_log2)
-        small = partial(pack, type=self.preset.storage)
         first = np.concatenate([weights["grid_w"] * steps[:, None], weights["pixel_w"]])
-        x = b.linear(b.concat(u, pixel), small(first.T), small(weights["b0"][0]))
-        x = b.activate(x, self.network.activations[0])
-        rest = graph_layers(weights, range(1, len(self.network.hidden)), small)
-        x = add_layers(b, x, rest, self.network.activations[1:])
+        return b.linear(b.concat(u, pixel), small(first.T), small(bias))
+
+    def _dimmers(self, b: Builder) -> str:
+        """What each group's layer is multiplied by: red of all groups, then green, then blue."""
         # Units are numbers of the graph, not of the buffers: a dim lamp keeps its precision.
-        dimmers = b.affine("lamps", np.tile(self.units, 3), np.zeros(3 * groups), per_frame=True)
-        layers, none = np.square(weights["lamps"]).reshape(width, groups, 3), small(np.zeros(width))
-        merged = [
+        return b.affine("lamps", np.tile(self.units, 3), np.zeros(3 * len(self.names)), per_frame=True)
+
+    def _merged(self, b: Builder, small: Callable[[np.ndarray], Buffer]) -> list[str]:
+        """The layers of all groups, added up; one node per colour."""
+        groups, width = len(self.names), self.network.hidden[-1]
+        dimmers = self._dimmers(b)
+        layers, none = np.square(self._trainer.best["lamps"]).reshape(width, groups, 3), small(np.zeros(width))
+        return [
             b.linear(
                 b.slice(dimmers, channel * groups, groups, per_frame=True), small(layers[..., channel]), none,
                 per_frame=True,
             )
             for channel in range(3)
         ]  # fmt: skip
-        return b.build(radiance=b.matvec(b.concat(*merged, per_frame=True), x, 3))
 
 
 # ---------------------------------------------------------------------- fit
 
 
-def fit_lamps(state: State, samples: LampTraining) -> SurfaceFit:
+def fit_lamps(state: State, samples: LampTraining, kind: type[LampsFit] = LampsFit) -> SurfaceFit:
     """Train the field of the lamps in the time that is left of the budget, from the checkpoint where there is one.
 
     Args:
         state: The prepared scene.
         samples: Its samples.
+        kind: The learner.
 
     Returns:
         The finished fit.
     """
     job = state.job
     part = job.work.part(role="static", lamps=[group.name for group in state.lamps])
-    learner, found = _prepared(state, samples), part.find(CHECKPOINT, ARRAYS)
+    learner, found = _prepared(state, samples, kind), part.find(CHECKPOINT, ARRAYS)
     clock = Clock(found.pop(CLOCK, None)) if found else Clock()
     if found:
         try:
             restore(learner.trainer, found)
         except ValueError as error:
             job.progress.say(f"[yellow]lamps: trained anew:[/] {error}")
-            learner, clock = _prepared(state, samples), Clock()
+            learner, clock = _prepared(state, samples, kind), Clock()
     with job.work.timed("plan"):
-        steps = job.request.steps or part.get("plan.lamps.steps", partial(_steps, state, samples), JSON)
+        steps = job.request.steps or part.get("plan.lamps.steps", partial(_steps, state, samples, kind), JSON)
     with job.work.timed("train"), job.progress.stage("train lamps", steps, "steps") as stage:
 
         def look(training: Any, _: int) -> None:
@@ -294,20 +329,20 @@ class _LampSurfaceFit(SurfaceFit):
         return replace(Lowered(graph), frame={"lamps": np.ones(graph.inputs["lamps"], np.float32)})
 
 
-def _prepared(state: State, samples: LampTraining) -> LampsFit:
+def _prepared(state: State, samples: LampTraining, kind: type[LampsFit]) -> LampsFit:
     request = state.job.request
     setup = FieldSetup.of(state.scene, samples.unit, "static")
     setup = around_samples(setup, samples.training.whole())
     names = tuple(group.name for group in state.lamps)
-    learner = LampsFit(setup, PRESETS[request.quality], names, request.seed)
+    learner = kind(setup, PRESETS[request.quality], names, request.seed)
     learner.learn_from(samples.training)
     learner.validate_on(samples.validation)
     return learner
 
 
-def _steps(state: State, samples: LampTraining) -> int:
+def _steps(state: State, samples: LampTraining, kind: type[LampsFit]) -> int:
     """Steps for the time that is left, by the time of some on a learner of their own."""
-    scratch = _prepared(state, samples)
+    scratch = _prepared(state, samples, kind)
     scratch.train(TIMED_STEPS, 1 << 16)
     start = perf_counter()
     scratch.train(2 * TIMED_STEPS, 1 << 16)

@@ -56,8 +56,6 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
     request, names = job.request, ", ".join(f"'{mover.name}'" for mover in movers)
     if job.scene.executor is not None:
         raise ValueError(f"bake: --cluster traces one pose; leave it out, or drop {names} from --vary")
-    if request.lamps:
-        raise ValueError(f"bake: switches of lamps are learned for one pose; leave out --lamps, or drop {names}")
     if getattr(job.options, "rebake", None):
         raise ValueError(f"bake: --rebake knows one pose; bake whole, or drop {names} from --vary")
     if job.shared:
