@@ -1,6 +1,6 @@
 /** Animations of lamps: what is read, what the lamps are at the time of a key, what is learned and drawn of it; lights of three.js that change. */
 
-import { LearnedScene, LightwellLoaderPlugin, parseLearned } from "lightwell";
+import { LearnedScene, LightwellLoaderPlugin, loadLight, parseLearned } from "lightwell";
 import { AnimationClip, AnimationMixer, ColorKeyframeTrack, NumberKeyframeTrack, type PointLight } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import type { Browser, Page } from "playwright-core";
@@ -83,6 +83,15 @@ describe("an animation of lamps", () => {
     expect(() => plain.playAnimation("Flicker")).toThrow("expected one of the animations");
     const { playing } = (await load(lampRoom(FLICKER.slice(2)))).userData.lightwell as LoadedLight;
     expect(playing).toBeNull();
+  });
+
+  it("comes with the light for a model that was loaded elsewhere", async () => {
+    const { scene } = await load(lampRoom());
+    const learned = await loadLight(lampRoom().slice().buffer, scene);
+    learned.playAnimation("Flicker");
+    learned.update();
+    learned.update(undefined, 0.5);
+    expect(factorsOf(learned)[0]).toBe(0.75);
   });
 
   const LAMP = "/extensions/LIGHTWELL_neural_radiance/";

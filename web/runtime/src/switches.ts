@@ -169,7 +169,7 @@ export class Switches {
       rest.add(AT_REST.get(light)!);
       if (light.visible && stand.visible) now.add(light.color.clone().multiplyScalar(light.intensity));
     }
-    const share = (channel: "r" | "g" | "b") => (rest[channel] > 0 ? Math.max(now[channel] / rest[channel], 0) : 1);
+    const share = (channel: "r" | "g" | "b") => (rest[channel] > 0 ? Math.max(now[channel] / rest[channel], 0) || 0 : 1);
     return lamp.color.clone().multiplyScalar(lamp.intensity).multiply(now.setRGB(share("r"), share("g"), share("b")));
   }
 
