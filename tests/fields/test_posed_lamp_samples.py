@@ -36,17 +36,21 @@ def room() -> Scene:
     return with_movers(scene, (mover,))
 
 
+def prepared(**request) -> State:
+    """The room with a switch for each lamp, prepared for a draft."""
+    scene, lamps = room(), ("each",)
+    progress = SimpleNamespace(say=lambda text: None)
+    job = SimpleNamespace(request=Request(seed=3, quality="draft", lamps=lamps, **request), progress=progress)
+    return State(job, scene, None, ("static",), lamps=group_lamps(scene, parse_lamps(lamps)))
+
+
 @pytest.fixture(scope="module")
 def tracer():
     with pytest.MonkeyPatch.context() as patch:
         for module in (lamp_samples, posed_lamp_samples):
             patch.setattr(module, "BATCH", 1024)
             patch.setattr(module, "VALIDATION_POINTS", 512)
-        scene, lamps = room(), ("each",)
-        progress = SimpleNamespace(say=lambda text: None)
-        job = SimpleNamespace(request=Request(shards=1, seed=3, quality="draft", lamps=lamps), progress=progress)
-        state = State(job, scene, None, ("static",), lamps=group_lamps(scene, parse_lamps(lamps)))
-        yield PosedLampTracer(state, seconds=60.0)
+        yield PosedLampTracer(prepared(shards=1), seconds=60.0)
 
 
 def test_batches_have_as_many_rows_of_every_pose_and_the_lamps_of_each(tracer):
@@ -84,3 +88,9 @@ def test_groups_are_the_same_in_every_pose():
     found = lamps_in(moved, ("each",), groups[::-1])
     lights = {light.emitter: light.name for light in own_lights(moved)}
     assert [lights[group.emitters[0]] for group in found] == ["bulb", "panel"]
+
+
+def test_time_has_poses_and_too_little_is_refused():
+    assert [len(PosedLampTracer(prepared(), seconds)._poses) for seconds in (9.0, 60.0)] == [4, 8]
+    with pytest.raises(ValueError, match="flag take at least 4 poses, about 8 s, of 5 s that this budget leaves"):
+        PosedLampTracer(prepared(), 5.0)

@@ -91,10 +91,21 @@ class Tracer(Protocol):
     """Rays of a point."""
 
     def batch(self, index: int) -> LampSamples:
-        """Trace one batch, of about ``BATCH`` points."""
+        """Trace one batch, of about ``BATCH`` points.
+
+        Args:
+            index: Number of the batch.
+
+        Returns:
+            The samples.
+        """
 
     def held_out(self) -> LampSamples:
-        """Trace the held-out points."""
+        """Trace the held-out points.
+
+        Returns:
+            The samples.
+        """
 
 
 def trace_lamps(state: State, make: Callable[[State, float], Tracer] | None = None) -> LampTraining:
