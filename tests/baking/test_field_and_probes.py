@@ -62,6 +62,7 @@ def asked(folder: Path, role: str, place, normal, **frame) -> np.ndarray:
     return evaluate(graph, inputs)["radiance"][0]
 
 
+@pytest.mark.slow
 def test_one_file_has_both(baked):
     _, folder, _ = baked
     fields, probes, variables = read_light(folder / "scene.glb")
@@ -72,6 +73,7 @@ def test_one_file_has_both(baked):
     assert validate_file(folder) == []
 
 
+@pytest.mark.slow
 def test_the_report_scores_both(baked):
     _, folder, report = baked
     assert report["field"] == "factored+probes" and report["relative_error"] > 0
@@ -84,6 +86,7 @@ def test_the_report_scores_both(baked):
     json.dumps(report)
 
 
+@pytest.mark.slow
 def test_switches_add_up_and_agree_with_path_tracing(baked):
     scene, folder, _ = baked
     place, up = (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
@@ -97,12 +100,14 @@ def test_switches_add_up_and_agree_with_path_tracing(baked):
     np.testing.assert_allclose(both, truth, rtol=0.5)
 
 
+@pytest.mark.slow
 def test_probes_follow_the_light_that_roams(baked):
     _, folder, _ = baked
     left, right = (asked(folder, "indirect", (-0.5, 1, 0), (-1, 0, 0), light=(x, 1.0, 0.0)) for x in (-0.7, 0.7))
     assert left.max() > 0 and np.abs(left - right).max() > 0.05 * left.max()
 
 
+@pytest.mark.slow
 def test_engines_find_the_probes(baked):
     assert read_bake(baked[1]).probes is not None
 

@@ -79,6 +79,7 @@ def seen(baked):
     return scene, points, query_of_lightmap(scene, baked[2].state.atlas, points)
 
 
+@pytest.mark.slow
 def test_the_file_has_a_switch_for_each_lamp(baked, field):
     folder, report, _ = baked
     assert validate_file(folder / "out") == []
@@ -96,6 +97,7 @@ def test_the_file_has_a_switch_for_each_lamp(baked, field):
     assert facts["error_of_random_lamps"] > 0
 
 
+@pytest.mark.slow
 def test_each_lamp_alone_is_as_path_traced(baked, field, seen):
     """The stored irradiance of a lamp is that of the scene in which the others are dark; its radiance about that."""
     scene, points, query = seen
@@ -113,6 +115,7 @@ def test_each_lamp_alone_is_as_path_traced(baked, field, seen):
         assert np.abs(shown(field, query, *dimmers) - radiance).mean() < 0.25 * radiance.mean(), name
 
 
+@pytest.mark.slow
 def test_light_adds_up_and_a_lamp_that_is_off_is_dark(field, seen):
     query = seen[2]
     warm, cool = shown(field, query, 1, 0), shown(field, query, 0, 1)
@@ -123,6 +126,7 @@ def test_light_adds_up_and_a_lamp_that_is_off_is_dark(field, seen):
     assert not shown(field, query, 0, 0).any()
 
 
+@pytest.mark.slow
 def test_all_lamps_are_the_light_map_of_all(baked, field):
     """With every dimmer at 1 the file has the path traced map of the whole scene, but for the codec of its pictures."""
     made, fit = baked[2].chart, baked[2].map

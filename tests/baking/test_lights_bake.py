@@ -19,6 +19,7 @@ BOX = "light.position=box(-0.5,1.2,-0.5,0.5,1.6,0.5)"
 ARC = "sun.direction=arc(150,20,210,20)"
 
 
+@pytest.mark.slow
 def test_a_lamp_and_a_sun_have_a_field_each(tmp_path):
     vary = (BOX, "light.intensity=3", ARC, "sun.color=1,0.5,0.25")
     report = bake(small(tmp_path / "out", steps=20, views=1, shards=1, vary=vary))

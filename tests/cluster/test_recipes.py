@@ -142,7 +142,7 @@ def views_of_a_light_map(scene, variable, role):
      (validation, {"lit-points"}), (seen, {"seen-bins"}), (lamps, {"seen-bins"}), (patches, {"patches"}),
      (air, {"air-points"}), (atlas, {"sides", "texels"}), (views_of_a_light_map, {"moving-points", "eye-points"})],
 )  # fmt: skip
-@pytest.mark.parametrize("role", ["indirect", "static"])
+@pytest.mark.parametrize("role", ["indirect", pytest.param("static", marks=pytest.mark.slow)])
 def test_workers_make_the_rows_of_a_call(room, trace, recipes, role, monkeypatch):
     scene, variable = room
     for name, few in FEW.items():

@@ -10,7 +10,7 @@ import pytest
 from lightwell.core.lamps import parse_lamps
 from lightwell.fields.protocol import State
 from lightwell.fields.request import Request
-from lightwell.fields.surface import lamp_samples, posed_lamp_samples
+from lightwell.fields.surface.lamp_samples import BATCH
 from lightwell.fields.surface.posed_lamp_samples import PosedLampTracer, lamps_in
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.lamps import group_lamps, own_lights
@@ -46,17 +46,14 @@ def prepared(**request) -> State:
 
 @pytest.fixture(scope="module")
 def tracer():
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (lamp_samples, posed_lamp_samples):
-            patch.setattr(module, "BATCH", 1024)
-            patch.setattr(module, "VALIDATION_POINTS", 512)
-        yield PosedLampTracer(prepared(shards=1), seconds=60.0)
+    return PosedLampTracer(prepared(shards=1), seconds=60.0)
 
 
+@pytest.mark.slow
 def test_batches_have_as_many_rows_of_every_pose_and_the_lamps_of_each(tracer):
     batch, scene = tracer.batch(0), room()
     pose = batch.query.pose[:, 0]
-    assert np.unique(pose, return_counts=True)[1].tolist() == [256] * 4
+    assert np.unique(pose, return_counts=True)[1].tolist() == [BATCH // 4] * 4
     assert np.allclose(np.unique(pose), POSES) and batch.groups == 2
     # What moves is at rest where the file has it.
     flag = batch.shape == 7
@@ -64,8 +61,8 @@ def test_batches_have_as_many_rows_of_every_pose_and_the_lamps_of_each(tracer):
     assert np.allclose(batch.query.position[flag, 0], -0.7 + pose[flag], atol=1e-5)
     for k, at in enumerate(POSES):
         # The light of all groups is that of the scene that stands so, by paths; the panel itself is left out.
-        own = np.flatnonzero(tracer._tracers[k].points[np.arange(256)].shape != 6)
-        whole = np.mean(static(posed(scene, (at,)), tracer._tracers[k].points[own], 256, 7))
+        own = np.flatnonzero(tracer.tracers[k].points[np.arange(256)].shape != 6)
+        whole = np.mean(static(posed(scene, (at,)), tracer.tracers[k].points[own], 256, 7))
         found = batch.radiance[np.flatnonzero(pose == np.float32(at))[own]].sum(axis=1).mean()
         assert abs(found / whole - 1) < 0.1, (at, found, whole)
     # The bulb is the second group: the wall that it has come near is brighter.
@@ -91,6 +88,6 @@ def test_groups_are_the_same_in_every_pose():
 
 
 def test_time_has_poses_and_too_little_is_refused():
-    assert [len(PosedLampTracer(prepared(), seconds)._poses) for seconds in (9.0, 60.0)] == [4, 8]
+    assert [len(PosedLampTracer(prepared(), seconds).poses) for seconds in (9.0, 60.0)] == [4, 8]
     with pytest.raises(ValueError, match="flag take at least 4 poses, about 8 s, of 5 s that this budget leaves"):
         PosedLampTracer(prepared(), 5.0)

@@ -62,7 +62,7 @@ def test_shares_add_and_are_never_negative_in_any_pose(three):
 def test_the_graph_is_the_network_at_poses_and_dimmers(three):
     graph, query = three.lower(), moving(3, seed=2).query[:320]
     for pose, dimmers in ((0.0, (1, 0, 0)), (0.23, (0.5, 1, 2)), (0.8, (0, 0, 3)), (1.0, (1, 1, 1))):
-        rows = three._rows(at(query, pose))
+        rows = three.rows(at(query, pose))
         states = np.kron((np.array([dimmers]) * three.units).T, np.eye(3)).astype(np.float32)
         network = three.network.evaluate(three.trainer.best, (*rows, states))
         shown = radiance(graph, at(query, pose), np.array(dimmers)[:, None] * np.ones(3))

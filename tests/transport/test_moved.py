@@ -97,7 +97,7 @@ def test_poses_are_added_between_those_with_large_errors():
     assert np.linalg.norm(np.subtract(found, [0.9, 0.1])) < 0.35 and len(found) == 2
 
 
-@pytest.mark.parametrize("kind", [OwnLightShards, GatheredShards])
+@pytest.mark.parametrize("kind", [pytest.param(OwnLightShards, marks=pytest.mark.slow), GatheredShards])
 def test_adaptive_shards_have_poses_that_are_new(scene, kind):
     sliders = [0.0, 0.3, 0.6, 1.0]
     size = lambda own: GatherSize(1 << 10, 512, 32, rays=4)  # noqa: E731

@@ -121,7 +121,7 @@ class LampsFit:
         Args:
             samples: Shares at N points.
         """
-        self._validation = (self._rows(samples.query), samples.radiance, samples.query.reflectance[:, None])
+        self._validation = (self.rows(samples.query), samples.radiance, samples.query.reflectance[:, None])
 
     def train(self, until: int, total: int, progress: Any = None, checkpoint: Callable[[], None] | None = None) -> bool:
         """Train; ``learn_from`` and ``validate_on`` come first.
@@ -197,8 +197,15 @@ class LampsFit:
         """Rows that are trained, in random order."""
         return np.random.default_rng((self.seed, len(samples.shape))).permutation(len(samples.shape))
 
-    def _rows(self, query: Query) -> tuple[np.ndarray, ...]:
-        """Grid points [N, 3] and other inputs [N, G]."""
+    def rows(self, query: Query) -> tuple[np.ndarray, ...]:
+        """Compute what the network reads at points.
+
+        Args:
+            query: N points.
+
+        Returns:
+            Grid points [N, 3] and other inputs [N, G].
+        """
         table = self._inputs(query)
         return table["point"], table["pixel"]
 
@@ -206,7 +213,7 @@ class LampsFit:
         self, query: Query, order: np.ndarray, target: np.ndarray, weight: np.ndarray, states: np.ndarray
     ) -> LampSet:
         """The rows of an order on the device; ``target`` and ``weight`` are in that order."""
-        points, pixel = self._rows(query)
+        points, pixel = self.rows(query)
         return LampSet.from_numpy(points[order], pixel[order], target, weight, states)
 
     # ------------------------------------------------------------------ graph

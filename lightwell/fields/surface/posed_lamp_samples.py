@@ -58,16 +58,18 @@ class PosedLampTracer:
         # As many poses as half of the time that tracing has can prepare.
         gathered = request.shards or int(TRACE_SHARE * seconds / POSE_SECONDS / ALL_POINTS)
         check_time(state, seconds, gathered)
-        self._poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
-        count = len(self._poses)
+        self.poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
+        """[K, M] poses that are traced."""
+        count = len(self.poses)
         self._size = max(BATCH // count // RUN, 1) * RUN
         self._drawn = max(ALL_POINTS * points_drawn(state) // count, FEWEST_DRAWN)
-        self._tracers = [self._tracer(pose, (TRACED_STREAM, k)) for k, pose in enumerate(self._poses)]
+        # What traces the lamps in each of them.
+        self.tracers = [self._tracer(pose, (TRACED_STREAM, k)) for k, pose in enumerate(self.poses)]
 
     @property
     def rays(self) -> int:
         """Rays of a point."""
-        return self._tracers[0].rays
+        return self.tracers[0].rays
 
     def _tracer(self, pose: np.ndarray, stream: tuple[int, ...]) -> LampTracer:
         """What traces one pose."""
@@ -85,7 +87,7 @@ class PosedLampTracer:
         Returns:
             The samples, pose by pose.
         """
-        return self._joined([tracer.batch(index) for tracer in self._tracers], self._poses)
+        return self._joined([tracer.batch(index) for tracer in self.tracers], self.poses)
 
     def held_out(self) -> LampSamples:
         """Trace the held-out points, at held-out poses.
@@ -93,9 +95,9 @@ class PosedLampTracer:
         Returns:
             The samples, pose by pose.
         """
-        number = int(np.clip(len(self._poses) // 2, FEWEST_HELD_OUT, VALIDATION_POSES))
-        poses, points = held_out_poses(self._poses, number), VALIDATION_POINTS // VALIDATION_POSES
-        known = {tuple(pose.tolist()): tracer for pose, tracer in zip(self._poses, self._tracers)}
+        number = int(np.clip(len(self.poses) // 2, FEWEST_HELD_OUT, VALIDATION_POSES))
+        poses, points = held_out_poses(self.poses, number), VALIDATION_POINTS // VALIDATION_POSES
+        known = {tuple(pose.tolist()): tracer for pose, tracer in zip(self.poses, self.tracers)}
         parts = []
         for k, pose in enumerate(poses):
             # End stops are among the traced poses: their bins are lit.

@@ -59,15 +59,22 @@ class PosedLampsFit(LampsFit):
     def _order(self, samples: LampSamples) -> np.ndarray:
         return pose_order(samples.query.pose, self.seed)
 
-    def _rows(self, query: Query) -> tuple[np.ndarray, ...]:
-        """Grid points [N, 3], other inputs [N, G]; pose features [P, F] and weights of the bases [P, M] of the runs."""
+    def rows(self, query: Query) -> tuple[np.ndarray, ...]:
+        """Compute what the network reads at points.
+
+        Args:
+            query: N points.
+
+        Returns:
+            Grid points [N, 3], other inputs [N, G], pose features [P, F] and weights of the bases [P, M] of the runs.
+        """
         table = self._poses(query[:: light_runs(query.pose, RUN)])
-        return (*super()._rows(query), table["frame"], table["basis"])
+        return (*super().rows(query), table["frame"], table["basis"])
 
     def _set(
         self, query: Query, order: np.ndarray, target: np.ndarray, weight: np.ndarray, states: np.ndarray
     ) -> LampSet:
-        points, pixel, frame, basis = self._rows(query[order])
+        points, pixel, frame, basis = self.rows(query[order])
         return PosedLampSet.of_runs(LampSet.from_numpy(points, pixel, target, weight, states), frame, basis)
 
     # ------------------------------------------------------------------ graph
