@@ -77,14 +77,6 @@ class SamplePlan:
             return self
         return replace(self, shards=max(most, FEWEST_SHARDS), adaptive_shards=0)
 
-    def with_adaptive(self) -> SamplePlan:
-        """Return the plan with adaptive shards: a quarter of all at least.
-
-        Returns:
-            The plan.
-        """
-        return replace(self, adaptive_shards=max(self.adaptive_shards, -(-self.shards // 3)))
-
     def extended(self) -> SamplePlan:
         """Return the plan of the next round: half as many shards again, all of them adaptive.
 

@@ -182,9 +182,7 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
     cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
     # Adaptive shards are gathered as the others are.
     cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
-    plan = plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
-    # Poses are added where a fit errs, also where shards hold all points of those that are known.
-    return plan.with_adaptive() if state.scene.movers else plan
+    return plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
