@@ -3,15 +3,13 @@
 import { LearnedScene, LightwellLoaderPlugin, loadLight, parseLearned } from "lightwell";
 import { AnimationClip, AnimationMixer, ColorKeyframeTrack, NumberKeyframeTrack, type PointLight } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { describe, expect, it } from "vitest";
 import { valuesAt } from "../runtime/src/lamp-clips.ts";
 import type { LoadedLight } from "../runtime/src/loaded-light.ts";
 import type { Answer, Request } from "./pages/renderers.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, modulePage } from "./support/bundle.ts";
 import { CAMERA, WHITE } from "./support/fixtures.ts";
 import { type Channel, FLICKER, lampRoom } from "./support/lamps.ts";
+import { openModule } from "./support/module-page.ts";
 
 const load = (bytes: Uint8Array<ArrayBuffer>) => parseLearned(new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser)), bytes.slice().buffer);
 
@@ -156,31 +154,14 @@ describe("a light of three.js that belongs to a lamp", () => {
 
 describe("the learned picture", () => {
   const [WIDTH, HEIGHT] = [32, 24];
-  const site = new Site();
-  let browser: Browser;
-  let page: Page;
-  let errors: string[];
-
-  beforeAll(async () => {
-    await site.open();
-    browser = await launch("swiftshader");
-    ({ page, errors } = await openPage(browser));
-    await page.goto(site.put("/index.html", modulePage(await bundle("pages/renderers.ts"))));
-    await page.waitForFunction(() => window.ready);
-  }, 120_000);
-
-  afterAll(async () => {
-    await browser?.close();
-    await site.close();
-    expect(errors).toEqual([]);
-  });
+  const opened = openModule("renderers.ts", "ready");
 
   it.each(["webgl", "webgpu"] as const)("%s: follows the lamps that an animation sets", async (kind) => {
     const glb = Buffer.from(lampRoom(FLICKER, 0.1)).toString("base64");
     const camera = { position: CAMERA.position, target: CAMERA.target, fovY: CAMERA.fov_y } as Request["camera"];
     const draw = async (time: number): Promise<number[]> => {
       const request = { glb, kind, width: WIDTH, height: HEIGHT, camera, playing: { name: "Flicker", time } };
-      const { data }: Answer = await page.evaluate((asked) => window.draw(asked), request);
+      const { data }: Answer = await opened.page.evaluate((asked) => window.draw(asked), request);
       const at = 4 * ((HEIGHT / 2) * WIDTH + WIDTH / 2);
       return data.slice(at, at + 3).map((x) => x / (WHITE[0] + 0.04));
     };

@@ -3,11 +3,9 @@
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { LampSetting } from "lightwell";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { describe, expect, it } from "vitest";
 import type { Request } from "./pages/renderers.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, modulePage } from "./support/bundle.ts";
+import { openModule } from "./support/module-page.ts";
 
 const [WIDTH, HEIGHT] = [96, 72];
 const file = (name: string) => readFileSync(fileURLToPath(new URL(`fixtures/${name}`, import.meta.url)));
@@ -40,28 +38,11 @@ function wall(settings: Settings): number[] {
 }
 
 describe("a light map of lamps", () => {
-  let browser: Browser;
-  let page: Page;
-  let errors: string[];
-  const site = new Site();
-
-  beforeAll(async () => {
-    await site.open();
-    browser = await launch("swiftshader");
-    ({ page, errors } = await openPage(browser));
-    await page.goto(site.put("/index.html", modulePage(await bundle("pages/renderers.ts"))));
-    await page.waitForFunction(() => window.ready);
-  }, 90_000);
-
-  afterAll(async () => {
-    await browser?.close();
-    await site.close();
-    expect(errors).toEqual([]);
-  });
+  const opened = openModule("renderers.ts", "ready");
 
   const draw = async (kind: Request["kind"], lamps: Settings) => {
     const request: Request = { glb: GLB, kind, width: WIDTH, height: HEIGHT, camera: CAMERA, lamps };
-    const { data } = await page.evaluate((asked) => window.draw(asked), request);
+    const { data } = await opened.page.evaluate((asked) => window.draw(asked), request);
     return (x: number, y: number) => data.slice(4 * (y * WIDTH + x), 4 * (y * WIDTH + x) + 3);
   };
 

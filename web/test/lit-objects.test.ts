@@ -3,17 +3,15 @@
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { Matrix4, PerspectiveCamera, Vector3 } from "three";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { describe, expect, it } from "vitest";
 import { readContainer } from "../runtime/src/container.ts";
 import { readExtension } from "../runtime/src/extension.ts";
 import { evaluate } from "../runtime/src/graph/evaluate.ts";
 import type { Answer, Request } from "./pages/renderers.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, modulePage } from "./support/bundle.ts";
 import { CAMERA, LAMP, linearField, linearRadiance, plainRoom, stillField, STILL, WHITE } from "./support/fixtures.ts";
 import { type Fixture, type FixtureField, writeGlb } from "./support/glb.ts";
 import { backWallPoint } from "./support/optics.ts";
+import { openModule } from "./support/module-page.ts";
 
 type Point = [number, number, number];
 
@@ -59,27 +57,10 @@ function onBall(x: number, y: number, { position, target, fovY }: Request["camer
 
 const eye = (place: Point): Request["camera"] => ({ position: [place[0], place[1], place[2] + 1], target: place, fovY: 40 });
 
-let browser: Browser;
-let page: Page;
-let errors: string[];
-const site = new Site();
-
-beforeAll(async () => {
-  await site.open();
-  browser = await launch("swiftshader");
-  ({ page, errors } = await openPage(browser));
-  await page.goto(site.put("/index.html", modulePage(await bundle("pages/renderers.ts"))));
-  await page.waitForFunction(() => window.ready);
-}, 180_000);
-
-afterAll(async () => {
-  await browser?.close();
-  await site.close();
-  expect(errors).toEqual([]);
-});
+const opened = openModule("renderers.ts", "ready");
 
 const draw = (kind: Request["kind"], glb: Uint8Array, change: Partial<Request>): Promise<Answer> =>
-  page.evaluate((request) => window.draw(request), {
+  opened.page.evaluate((request) => window.draw(request), {
     glb: Buffer.from(glb).toString("base64"),
     kind,
     width: WIDTH,

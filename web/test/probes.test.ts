@@ -2,13 +2,12 @@
 
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { describe, expect, it } from "vitest";
 import { MeshStandardMaterial } from "three";
 import { readProbes } from "../runtime/src/probes/file.ts";
 import { ProbeVolume } from "../runtime/src/probes/volume.ts";
-import { launch, openPage, Site } from "./support/browser.ts";
-import { bundle, gzipped, modulePage, NOT_OURS } from "./support/bundle.ts";
+import { bundle, gzipped, NOT_OURS } from "./support/bundle.ts";
+import { openModule } from "./support/module-page.ts";
 
 const fixture = (name: string) => readFileSync(fileURLToPath(new URL(`fixtures/${name}`, import.meta.url)));
 const [MADE_UP, ROOMS] = [fixture("probes.lwp"), fixture("probe-rooms.lwp")];
@@ -19,30 +18,13 @@ const MORE = JSON.parse(fixture("probe-functions.json").toString()) as { functio
 /** Trust is the sum of hat · ρ: the shaders' tolerance of ρ. */
 const TOLERANCE = 2 / 255;
 
-let browser: Browser;
-let page: Page;
-let errors: string[];
-const site = new Site();
-
-beforeAll(async () => {
-  await site.open();
-  browser = await launch("swiftshader");
-  ({ page, errors } = await openPage(browser));
-  await page.goto(site.put("/index.html", modulePage(await bundle("pages/probes.ts"))));
-  await page.waitForFunction(() => window.probes);
-}, 90_000);
-
-afterAll(async () => {
-  await browser?.close();
-  await site.close();
-  expect(errors).toEqual([]);
-});
+const opened = openModule("probes.ts", "probes");
 
 describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
   it("answers as the definition does, bricks and fallback included", async () => {
     const { place, normal, irradiance, trust } = TRUTH;
     const asked = { file: MADE_UP.toString("base64"), place, normal };
-    const { data } = await page.evaluate(([k, q]) => window.probes[k](q), [kind, asked] as const);
+    const { data } = await opened.page.evaluate(([k, q]) => window.probes[k](q), [kind, asked] as const);
     let [worst, error] = [0, 0];
     trust.forEach((z, i) => {
       worst = Math.max(worst, Math.abs(data[4 * i + 3]! - z));
@@ -53,7 +35,7 @@ describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
     expect(error).toBeLessThan(TOLERANCE);
     // A planted bug: the wrong normal shows.
     const turned = { ...asked, normal: normal.map(([x, y, z]) => [y!, z!, x!]) };
-    const wrong = await page.evaluate(([k, q]) => window.probes[k](q), [kind, turned] as const);
+    const wrong = await opened.page.evaluate(([k, q]) => window.probes[k](q), [kind, turned] as const);
     expect(Math.max(...irradiance.map((e, i) => Math.abs(wrong.data[4 * i]! - e[0]!)))).toBeGreaterThan(0.05);
   });
 });
@@ -61,7 +43,7 @@ describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
 describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
   it.each(Object.keys(MORE.functions))("runs the weight function %s", async (name) => {
     const { file, place, normal, trust, irradiance } = MORE.functions[name]!;
-    const { data } = await page.evaluate(([k, q]) => window.probes[k](q), [kind, { file, place, normal }] as const);
+    const { data } = await opened.page.evaluate(([k, q]) => window.probes[k](q), [kind, { file, place, normal }] as const);
     let [worst, error] = [0, 0];
     trust.forEach((z, i) => {
       worst = Math.max(worst, Math.abs(data[4 * i + 3]! - z));
@@ -75,11 +57,11 @@ describe.each(["webgl", "webgpu"] as const)("on %s", (kind) => {
 it.each(Object.keys(MORE.baselines.modes))("answers by a baseline: mode %s", async (mode) => {
   const { place, normal, irradiance } = MORE.baselines.modes[mode]!;
   const file = MORE.baselines.file;
-  const { data } = await page.evaluate((q) => window.probes.webgl(q), { file, place, normal, mode: Number(mode) });
+  const { data } = await opened.page.evaluate((q) => window.probes.webgl(q), { file, place, normal, mode: Number(mode) });
   const errors = irradiance.map((e, i) => Math.abs(data[4 * i]! - e[0]!) / (1 + e[0]!));
   // Weights below 0.2 are crushed to their cube: rounding beside the edge shows.
   expect(errors.sort((a, b) => a - b)[Math.floor(0.99 * errors.length)]).toBeLessThan(0.01);
-  const learned = await page.evaluate((q) => window.probes.webgl(q), { file, place, normal });
+  const learned = await opened.page.evaluate((q) => window.probes.webgl(q), { file, place, normal });
   expect(Math.max(...irradiance.map((e, i) => Math.abs(learned.data[4 * i]! - e[0]!)))).toBeGreaterThan(0.05);
 });
 
@@ -88,11 +70,11 @@ const KINDS = ["webgl", "webgpu", "fallback"] as const;
 it.each(KINDS)("lights a standard material: %s", async (kind) => {
   const place: [number, number, number] = [-1.5, 1.3, 1.5];
   const file = ROOMS.toString("base64");
-  const data = await page.evaluate(([k, f, p]) => window.probes.ball(k, f, p), [kind, file, place] as const);
+  const data = await opened.page.evaluate(([k, f, p]) => window.probes.ball(k, f, p), [kind, file, place] as const);
   const size = Math.sqrt(data.length / 4);
   const middle = 4 * ((size / 2) * size + size / 2);
   const front = { file, place: [[place[0], place[1], place[2] + 0.4]], normal: [[0, 0, 1]] };
-  const { data: expected } = await page.evaluate((q) => window.probes.webgl(q), front);
+  const { data: expected } = await opened.page.evaluate((q) => window.probes.webgl(q), front);
   // Diffuse light alone: albedo 1, E / π.
   for (let c = 0; c < 3; c++) expect(Math.abs((data[middle + c]! * Math.PI) / expected[c]! - 1)).toBeLessThan(0.05);
   expect(Math.min(...data.filter((_, i) => i % 4 === 0))).toBeGreaterThanOrEqual(0);
@@ -102,7 +84,7 @@ it("stops light at the wall that trilinear weights leak through", async () => {
   const place = Array.from({ length: 24 }, (_, i) => [0.04 + 0.01 * i, 1.2, 0.4]);
   const asked = { file: ROOMS.toString("base64"), place, normal: place.map(() => [1, 0, 0]) };
   const mean = async (mode: number) => {
-    const { data } = await page.evaluate((q) => window.probes.webgl(q), { ...asked, mode });
+    const { data } = await opened.page.evaluate((q) => window.probes.webgl(q), { ...asked, mode });
     return place.reduce((sum, _, i) => sum + data[4 * i]!, 0) / place.length;
   };
   const [learned, plain] = [await mean(0), await mean(1)];
@@ -144,7 +126,7 @@ it.each(process.env.LIGHTWELL_MEASURE ? [""] : [])("takes a time, which the benc
   const nanoseconds: Record<string, number> = {};
   const take = async (name: string, query: typeof asked & { mode?: number }) => {
     const times: number[] = [];
-    for (let k = 0; k < 5; k++) times.push((await page.evaluate((q) => window.probes.webgl(q), query)).milliseconds);
+    for (let k = 0; k < 5; k++) times.push((await opened.page.evaluate((q) => window.probes.webgl(q), query)).milliseconds);
     nanoseconds[name] = (1e6 * times.sort((a, b) => a - b)[2]!) / (1024 * 256);
   };
   await take("learned", { ...asked, mode: 0 });
