@@ -10,19 +10,18 @@ from lightwell.core.lamps import parse_lamps
 from lightwell.fields.protocol import State
 from lightwell.fields.surface.lamp_samples import (
     BATCH,
-    TRACE_SHARE,
     VALIDATION_POINTS,
     LampSamples,
     LampTracer,
     join_lamps,
     points_drawn,
 )
+from lightwell.fields.surface.plan import MOST_GATHERED
 from lightwell.fields.surface.posed_lamps import RUN
 from lightwell.fields.surface.poses import (
     ALL_POINTS,
-    POSE_SECONDS,
     VALIDATION_POSES,
-    check_time,
+    gather_in_time,
     held_out_poses,
     traced_poses,
 )
@@ -55,14 +54,12 @@ class PosedLampTracer:
             ValueError: The time is too short for the fewest poses.
         """
         self._state, request, movers = state, state.job.request, len(state.scene.movers)
-        # As many poses as half of the time that tracing has can prepare.
-        gathered = request.shards or int(TRACE_SHARE * seconds / POSE_SECONDS / ALL_POINTS)
-        check_time(state, seconds, gathered)
+        gathered = gather_in_time(state, seconds, request.shards or MOST_GATHERED)
         self.poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
         """[K, M] poses that are traced."""
         count = len(self.poses)
         self._size = max(BATCH // count // RUN, 1) * RUN
-        self._drawn = max(ALL_POINTS * points_drawn(state) // count, FEWEST_DRAWN)
+        self._drawn = max(ALL_POINTS["draft"] * points_drawn(state) // count, FEWEST_DRAWN)
         # What traces the lamps in each of them.
         self.tracers = [self._tracer(pose, (TRACED_STREAM, k)) for k, pose in enumerate(self.poses)]
 

@@ -27,13 +27,18 @@ from lightwell.transport.shards import ShardSettings
 POSES, FEWEST_POSES = {"draft": 8, "good": 16, "best": 32}, 4
 # Seconds that a pose takes on two cores, most of them before its first ray; and what is asked for beyond the least.
 POSE_SECONDS, SPARE = 2.0, 1.1
+# Share of the time of a role in which poses are prepared.
+POSE_SHARE = 0.5
 # Times as many for two and three movers.
 POSES_OF = (1, 2, 3)
 HELD_OUT_SEED = 0x905E
 # Held-out poses of early stopping, both end stops among them.
 VALIDATION_POSES = 8
-# Points of all poses together, relative to those of a scene that stands still in the same time.
-ALL_POINTS = 2
+# Poses for each shard that the gather of a scene that stands still would be made for.
+POSES_PER_SHARD = 2
+# Points of all poses together, relative to those of a scene that stands still in the same time. Poses see much alike,
+# but each finds its own bins of surface: half as many points as these cost doorway 3 points of error.
+ALL_POINTS = {"draft": 2, "good": 4, "best": 4}
 
 
 def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
@@ -68,29 +73,35 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
     return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
 
 
-def check_time(state: State, seconds: float, gathered: int) -> None:
-    """Say what the poses of a scene take, and refuse a budget that has no time for the fewest.
+def gather_in_time(state: State, seconds: float, gathered: int) -> int:
+    """Bound the gather by the poses that there is time for, and say what they take.
 
     Args:
         state: The prepared scene, with movers.
         seconds: Time of the role.
         gathered: As for ``traced_poses``.
 
+    Returns:
+        The same, or less.
+
     Raises:
-        ValueError: The time is too short.
+        ValueError: The time is too short for the fewest poses.
     """
     request, movers = state.job.request, state.scene.movers
-    names = " and ".join(mover.name for mover in movers)
-    count = len(traced_poses(request.quality, request.lights_per_shard, gathered, len(movers)))
-    needed = POSE_SECONDS * count
-    if seconds < needed and not request.shards:
-        fields, share = len(state.roles), needed / max(seconds, 1e-3)
+    names, fewest = " and ".join(mover.name for mover in movers), FEWEST_POSES * POSES_OF[len(movers) - 1]
+    if request.shards:
+        return gathered
+    if seconds < POSE_SECONDS * fewest:
+        fields, share = len(state.roles), POSE_SECONDS * fewest / max(seconds, 1e-3)
         asked = math.ceil((request.budget.seconds or seconds * fields) * share * SPARE / 10) * 10
         raise ValueError(
-            f"bake: {names} take at least {count} poses, about {needed:.0f} s, of {seconds:.0f} s that this budget "
-            f"leaves; give --budget {asked}s, or vary fewer things"
+            f"bake: {names} take at least {fewest} poses, about {POSE_SECONDS * fewest:.0f} s, of {seconds:.0f} s that "
+            f"this budget leaves; give --budget {asked}s, or vary fewer things"
         )
-    state.job.progress.say(f"{names}: {count} poses, about {needed:.0f} s of tracing")
+    gathered = max(min(gathered, int(POSE_SHARE * seconds / POSE_SECONDS / POSES_PER_SHARD)), 1)
+    count = len(traced_poses(request.quality, request.lights_per_shard, gathered, len(movers)))
+    state.job.progress.say(f"{names}: {count} poses, about {POSE_SECONDS * count:.0f} s of tracing")
+    return gathered
 
 
 def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> np.ndarray:
@@ -106,7 +117,7 @@ def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> n
         [K, M] sliders, both end stops among them.
     """
     most, fewest = POSES[quality] * POSES_OF[movers - 1], FEWEST_POSES * POSES_OF[movers - 1]
-    count = int(np.clip(ALL_POINTS * gathered, fewest, most))
+    count = int(np.clip(POSES_PER_SHARD * gathered, fewest, most))
     while lights % count:
         count -= 1
     return pose_nodes(max(count, 2), movers)
@@ -145,7 +156,7 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
     """
     quality = state.job.request.quality
     poses = traced_poses(quality, shards.lights, gathered, len(state.scene.movers))
-    rays, wanted = RAYS[quality], max(ALL_POINTS * gathered // len(poses), 1)
+    rays, wanted = RAYS[quality], max(ALL_POINTS[quality] * gathered // len(poses), 1)
     kind = OwnLightShards if role == "static" else GatheredShards
     return PosedShards(
         state.scene, variable, shards, lambda own: GatherSize.of(wanted, own, rays), kind, poses.tolist()

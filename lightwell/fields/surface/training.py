@@ -34,7 +34,7 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
 )
-from lightwell.fields.surface.poses import check_time, posed_maker, posed_validation
+from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation
 from lightwell.fields.surface.tracing import PathRate, TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
@@ -167,7 +167,7 @@ def _start_plan(state: State, role: Role) -> StartPlan:
         seconds *= role_share(role, state.roles, state.roles[state.roles.index(role) :])
     gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
     if state.scene.movers:
-        check_time(state, seconds, gathered)
+        gathered = gather_in_time(state, seconds, gathered)
     return StartPlan(begin + seconds, rate.short, first.gathered if first else gathered, rate.sustained)
 
 
@@ -353,7 +353,8 @@ class SurfaceTraining:
         cost = self._stepping / self._stepped if self._stepped else self._plan.seconds_per_step
 
         def make() -> LastPlan:
-            left = self.samples.end - self.state.job.work.elapsed - self.samples.make.before_adaptive
+            left = self.samples.end - self.state.job.work.elapsed
+            left -= self.samples.make.before_adaptive if self._sample_plan.adaptive_shards else 0.0
             return plan_last(left, self._sample_plan, step, cost, self._preparing)
 
         last = kept_plan(self._part, LastPlan, make)
